@@ -1,0 +1,1 @@
+"""What an agent is, what counts as an infraction, scores, benchmarks, the runner and reports."""

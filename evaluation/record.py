@@ -1,0 +1,173 @@
+"""EpisodeRecord: the facts of one episode, from which every score can be recomputed.
+
+A record is two files: `NAME.json` (facts) and `NAME.parquet` (trajectories). The JSON is written last and atomically,
+so a record either exists whole or not at all. Its hash covers the facts and the trajectories, and nothing that depends
+on the wall clock or the machine's load.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from sumo_networks.scenario import Config, Scenario
+
+
+class InfractionKind(StrEnum):
+    """What went wrong. The first seven enter the driving score; the last three end the episode."""
+
+    COLLISION_PEDESTRIAN = "collision_pedestrian"
+    COLLISION_VEHICLE = "collision_vehicle"
+    COLLISION_STATIC = "collision_static"
+    RED_LIGHT = "red_light"
+    STOP_SIGN = "stop_sign"
+    OUTSIDE_LANES = "outside_lanes"
+    MINIMUM_SPEED = "minimum_speed"
+    ROUTE_DEVIATION = "route_deviation"
+    BLOCKED = "blocked"
+    ROUTE_TIMEOUT = "route_timeout"
+
+
+class Status(StrEnum):
+    """How an ego's episode ended."""
+
+    PERFECT = "perfect"
+    COMPLETED = "completed"
+    COLLIDED = "failed: collision"
+    DEVIATED = "failed: agent deviated from the route"
+    BLOCKED = "failed: agent got blocked"
+    TIMED_OUT = "failed: agent ran out of time"
+    AGENT_SETUP = "failed: agent could not be set up"
+    AGENT_RAISED = "failed: agent raised"
+    AGENT_ACTION = "failed: agent's action was invalid"
+    AGENT_DEADLINE = "failed: agent did not answer in time"
+    SIMULATION = "lost: simulation failed"
+
+    @property
+    def completed(self) -> bool:
+        """Whether the goal was reached."""
+        return self in (Status.PERFECT, Status.COMPLETED)
+
+    @property
+    def infrastructure_fault(self) -> bool:
+        """Whether the episode says nothing about the agent, and must be run again."""
+        return self is Status.SIMULATION
+
+
+class Infraction(Config):
+    """One thing that went wrong, at one moment.
+
+    Attributes:
+        kind: What.
+        time_s: Simulated time since the ego's start.
+        x_m: Where the ego's centre was, network frame.
+        y_m: Where the ego's centre was, network frame.
+        route_m: Progress along the route then.
+        actor: SUMO id of the other, of the traffic light or of the lane; None where there is none.
+        magnitude: How much; its unit is in `unit`.
+        unit: "m/s" closing speed (collisions), ego speed (lights, stop signs); "m" driven outside lanes;
+            "%" of the surrounding traffic's speed; "s" standing or elapsed.
+        at_fault: Whether the ego caused it (nuPlan's rules); None where the question does not arise.
+    """
+
+    kind: InfractionKind
+    time_s: float
+    x_m: float
+    y_m: float
+    route_m: float
+    actor: str | None = None
+    magnitude: float = 0.0
+    unit: Literal["m/s", "m", "%", "s"] = "m/s"
+    at_fault: bool | None = None
+
+
+class AgentInfo(Config):
+    """Who drove: enough to drive again."""
+
+    name: str
+    entry: str
+    track: Literal["sensors", "map", "privileged"]
+    sensors: tuple[str, ...]
+    control: str
+    settings: dict[str, Any] = {}
+
+
+class EgoRecord(Config):
+    """What one ego did.
+
+    Attributes:
+        name: The mission's name.
+        agent: Who drove.
+        status: How it ended.
+        failure: One line for a human where the agent or the simulation failed, else None.
+        duration_s: Simulated time from start to end.
+        route_length_m: Length of the planned route.
+        progress_m: Furthest progress along the route.
+        driven_m: Distance driven.
+        outside_lanes_m: Distance driven with the centre outside the lanes.
+        contacts: Number of distinct actors ever touched, at fault or not.
+        infractions: In the order of time.
+    """
+
+    name: str
+    agent: AgentInfo
+    status: Status
+    failure: str | None = None
+    duration_s: Annotated[float, Field(ge=0)]
+    route_length_m: Annotated[float, Field(gt=0)]
+    progress_m: Annotated[float, Field(ge=0)]
+    driven_m: Annotated[float, Field(ge=0)]
+    outside_lanes_m: Annotated[float, Field(ge=0)] = 0.0
+    contacts: Annotated[int, Field(ge=0)] = 0
+    infractions: tuple[Infraction, ...] = ()
+
+
+class Versions(Config):
+    """What produced the record; part of its hash, since any of them may change the numbers."""
+
+    dohyo: str
+    sumo: str
+    network_sha256: str
+    record: Literal[1] = 1
+
+
+class Timing(Config):
+    """Wall-clock facts; never part of the hash.
+
+    Attributes:
+        created: ISO 8601, UTC.
+        wall_s: Time of the whole episode.
+        ticks_per_s: Simulation ticks per wall second.
+        decision_ms: Milliseconds per decision by ego: p50, p95, p99.
+    """
+
+    created: str
+    wall_s: float
+    ticks_per_s: float
+    decision_ms: dict[str, tuple[float, float, float]] = {}
+
+
+class EpisodeRecord(Config):
+    """The facts of one episode.
+
+    Attributes:
+        scenario: Everything needed to replay it.
+        benchmark: Name and content hash of the benchmark it belongs to, or None.
+        egos: One per mission, in the scenario's order.
+        ticks: Number of ticks simulated.
+        versions: What produced it.
+        trajectory_sha256: Digest of the trajectories' values (not of the Parquet file, whose bytes may vary).
+        record_hash: Digest of all of the above.
+        timing: Wall-clock facts, outside the hash.
+    """
+
+    scenario: Scenario
+    benchmark: tuple[str, str] | None = None
+    egos: tuple[EgoRecord, ...]
+    ticks: int
+    versions: Versions
+    trajectory_sha256: str
+    record_hash: str = ""
+    timing: Timing | None = None

@@ -1,0 +1,1 @@
+"""The world: SUMO road networks wrapped as a multi-agent environment."""

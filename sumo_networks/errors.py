@@ -1,0 +1,40 @@
+"""Every error dohyo raises on purpose: what was expected, what came, and where."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class DohyoError(Exception):
+    """Root of all errors a user of dohyo may meet; its message is one clear line."""
+
+
+class InvalidInputError(DohyoError):
+    """Something the caller gave cannot be used: an unknown name, a broken file, an impossible mission."""
+
+
+class UnknownNameError(InvalidInputError):
+    """A name that is in no registry; the message names the nearest match and the command that lists them."""
+
+    def __init__(self, what: str, name: str, known: Iterable[str]) -> None:
+        known = sorted(known)
+        near = difflib.get_close_matches(name, known, n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        super().__init__(f"no {what} named '{name}'{hint} (dohyo {what}s list knows {len(known)})")
+
+
+class AgentError(DohyoError):
+    """The agent is at fault: it raised, answered nonsense, or did not answer in time."""
+
+
+class AgentSetupError(AgentError):
+    """The agent could not be built or reset."""
+
+
+class AgentTimeoutError(AgentError):
+    """The agent did not answer before its deadline."""
+
+
+class SimulationError(DohyoError):
+    """The infrastructure is at fault: SUMO failed or lost a vehicle. Never counted against an agent."""

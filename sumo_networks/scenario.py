@@ -1,0 +1,118 @@
+"""Scenario: all that is needed to replay an episode, with its seed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+
+class Config(BaseModel):
+    """Base of everything read from TOML or stored in a record: immutable, and unknown keys are errors."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Place(Config):
+    """A point on a lane.
+
+    Attributes:
+        lane: SUMO lane id, such as "28639688#1_2".
+        position_m: Arc length from the lane's start; negative counts from its end, as in SUMO.
+    """
+
+    lane: str
+    position_m: float = 0.0
+
+
+class Mission(Config):
+    """What one ego has to do: drive from start to goal.
+
+    Attributes:
+        name: The ego's name, unique in its scenario.
+        start: Where the ego's box centre stands at the first tick, at rest.
+        goal: Where the route ends.
+        via: Edges the route must pass, in order.
+    """
+
+    name: str = "ego"
+    start: Place
+    goal: Place
+    via: tuple[str, ...] = ()
+
+
+class Traffic(Config):
+    """The population around the egos, held constant while they drive.
+
+    Attributes:
+        vehicles: Cars, vans, trucks and buses.
+        bicycles: Bicycles.
+        pedestrians: People on foot.
+        warm_up_s: Simulated time before the egos start.
+    """
+
+    vehicles: Annotated[int, Field(ge=0, le=20_000)] = 0
+    bicycles: Annotated[int, Field(ge=0, le=20_000)] = 0
+    pedestrians: Annotated[int, Field(ge=0, le=20_000)] = 0
+    warm_up_s: Annotated[float, Field(ge=0, le=3600)] = 30.0
+
+
+class Obstacle(Config):
+    """A static box on the road (barrier, skip, fallen tree); SUMO's own traffic does not know it.
+
+    Attributes:
+        x_m: Centre, network frame.
+        y_m: Centre, network frame.
+        heading_rad: Direction of its length.
+        length_m: Extent along the heading.
+        width_m: Extent across.
+    """
+
+    x_m: float
+    y_m: float
+    heading_rad: float = 0.0
+    length_m: Annotated[float, Field(gt=0)] = 2.0
+    width_m: Annotated[float, Field(gt=0)] = 2.0
+
+
+class Scenario(Config):
+    """All that is needed to replay an episode.
+
+    Attributes:
+        name: Unique within its benchmark.
+        network: Name in the catalog, or path of a .net.xml[.gz].
+        missions: One per ego.
+        traffic: The population around the egos.
+        obstacles: Static boxes.
+        time_limit_s: Ends the episode; None: from the route (see `evaluation.criteria.timeout`).
+        stop_on_collision: End an ego's episode at its first collision (NoCrash) instead of driving on.
+        seed: Decides everything random in the world.
+    """
+
+    name: str = "scenario"
+    network: str
+    missions: Annotated[tuple[Mission, ...], Field(min_length=1)]
+    traffic: Traffic = Traffic()
+    obstacles: tuple[Obstacle, ...] = ()
+    time_limit_s: Annotated[float, Field(gt=0)] | None = None
+    stop_on_collision: bool = False
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> Scenario:
+        names = [mission.name for mission in self.missions]
+        if len(set(names)) != len(names):
+            raise ValueError(f"mission names must be unique, got {names}")
+        return self
+
+    def content_hash(self) -> str:
+        """Hex digest of everything that decides the episode."""
+        return content_hash(self.model_dump(mode="json"))
+
+
+def content_hash(document: object) -> str:
+    """Hex sha256 of a JSON document in canonical form (sorted keys, no spaces)."""
+    text = json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,166 @@
+"""World: what is true after a tick, as arrays. Written by the simulation, read by criteria, sensors and rewards."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sumo_networks.arrays import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from sumo_networks.network import RoadNetwork
+    from sumo_networks.routing import Route
+
+
+class ActorKind(IntEnum):
+    """What an actor is."""
+
+    CAR = 0
+    VAN = 1
+    TRUCK = 2
+    BUS = 3
+    BICYCLE = 4
+    EMERGENCY = 5
+    PEDESTRIAN = 6
+    STATIC = 7
+    EGO = 8
+
+
+class LightState(IntEnum):
+    """State of one signal. SUMO's G and g are both GREEN, y and Y YELLOW, u (red-yellow) RED, o and O OFF."""
+
+    OFF = 0
+    RED = 1
+    YELLOW = 2
+    GREEN = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Egos:
+    """The vehicles that agents drive, in the order of the scenario's missions.
+
+    Attributes:
+        names: Mission names, E of them.
+        active: (E,) False once the episode of this ego has ended; its other rows then keep their last value.
+        position: (E, 2), m, network frame: centre of the box.
+        heading: (E,), rad, counter-clockwise from +x.
+        speed: (E,), m/s, along the heading, never negative.
+        acceleration: (E,), m/s^2, longitudinal.
+        yaw_rate: (E,), rad/s.
+        steering: (E,), rad, front wheel angle.
+        length: (E,), m.
+        width: (E,), m.
+        progress: (E,), m, arc length of the box centre projected on the route (local window).
+        lateral: (E,), m, signed distance to the route, left positive.
+        route_heading_error: (E,), rad, heading minus the route's heading there, in [-pi, pi].
+        lane: (E,) index of the nearest drivable lane, -1 if none within 30 m; among overlapping lanes (junctions) the
+            route's own lane wins, then the one best aligned with the heading.
+        lane_offset: (E,), m, signed distance to that lane's centreline, left positive; NaN if none.
+        lane_heading_error: (E,), rad, heading minus that lane's direction, in [-pi, pi]; NaN if none.
+        driven: (E,), m, distance driven so far.
+    """
+
+    names: tuple[str, ...]
+    active: BoolArray
+    position: FloatArray
+    heading: FloatArray
+    speed: FloatArray
+    acceleration: FloatArray
+    yaw_rate: FloatArray
+    steering: FloatArray
+    length: FloatArray
+    width: FloatArray
+    progress: FloatArray
+    lateral: FloatArray
+    route_heading_error: FloatArray
+    lane: IntArray
+    lane_offset: FloatArray
+    lane_heading_error: FloatArray
+    driven: FloatArray
+
+    def box(self, ego: int) -> FloatArray:
+        """(5,) x, y [m], heading [rad], length, width [m] of one ego."""
+        return np.array(
+            [*self.position[ego], self.heading[ego], self.length[ego], self.width[ego]], dtype=np.float64
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Actors:
+    """Everything within sight of an ego that moves or stands, and is no ego.
+
+    Attributes:
+        key: (M,) number of the actor, unique and stable within the episode (`World.name_of(key)` gives its SUMO id).
+        kind: (M,) ActorKind.
+        position: (M, 2), m, network frame: centre of the box.
+        heading: (M,), rad.
+        speed: (M,), m/s.
+        length: (M,), m.
+        width: (M,), m.
+    """
+
+    key: IntArray
+    kind: IntArray
+    position: FloatArray
+    heading: FloatArray
+    speed: FloatArray
+    length: FloatArray
+    width: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.key)
+
+    def boxes(self) -> FloatArray:
+        """(M, 5) x, y [m], heading [rad], length, width [m]."""
+        return np.column_stack([self.position, self.heading, self.length, self.width])
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """Two boxes that share a point after this tick, as seen by one ego.
+
+    Attributes:
+        ego: Index of the ego.
+        key: The actor's key; for another ego, -1 - its index.
+        kind: What was touched (ActorKind.EGO for another ego).
+        row: Row in `Actors`, or the other ego's index where kind is EGO.
+    """
+
+    ego: int
+    key: int
+    kind: ActorKind
+    row: int
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """What is true after a tick.
+
+    Attributes:
+        tick: Number of ticks since the egos started.
+        time: Simulated seconds since the egos started.
+        network: The roads; immutable.
+        routes: One per ego.
+        egos: The driven vehicles.
+        actors: Everything else within sight.
+        signals: (K,) LightState of each signal, indexed as `RoadNetwork.connections.signal`.
+        contacts: Boxes that touch after this tick.
+        names: SUMO id by actor key.
+    """
+
+    tick: int
+    time: float
+    network: RoadNetwork
+    routes: tuple[Route, ...]
+    egos: Egos
+    actors: Actors
+    signals: IntArray
+    contacts: tuple[Contact, ...]
+    names: tuple[str, ...] | list[str]
+
+    def name_of(self, key: int) -> str:
+        """The SUMO id of an actor, or the mission name of an ego (negative keys)."""
+        return self.names[key] if key >= 0 else self.egos.names[-1 - key]
