@@ -1,0 +1,189 @@
+"""Numba kernels of plane geometry: box overlap, projection, segment crossing, nearest lanes.
+
+Boxes are rows of x, y [m], heading [rad], length, width [m]; all in the network frame unless said otherwise.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from sumo_networks.arrays import BoolArray, FloatArray, IntArray
+
+
+def wrap_angle(angle: FloatArray | float) -> FloatArray:
+    """Angle brought into [-pi, pi), rad."""
+    return np.asarray((np.asarray(angle) + np.pi) % (2 * np.pi) - np.pi)
+
+
+@njit(cache=True)
+def wrap(angle: float) -> float:
+    """Scalar angle brought into [-pi, pi), rad."""
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+
+
+@njit(cache=True)
+def _separated(a: FloatArray, b: FloatArray) -> bool:
+    """Whether one of the axes of box a separates it from box b."""
+    cos_a, sin_a = math.cos(a[2]), math.sin(a[2])
+    cos_d, sin_d = abs(math.cos(b[2] - a[2])), abs(math.sin(b[2] - a[2]))
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    along = abs(dx * cos_a + dy * sin_a)
+    across = abs(-dx * sin_a + dy * cos_a)
+    return (along > 0.5 * (a[3] + b[3] * cos_d + b[4] * sin_d)) or (
+        across > 0.5 * (a[4] + b[3] * sin_d + b[4] * cos_d)
+    )
+
+
+@njit(cache=True)
+def boxes_overlap(a: FloatArray, b: FloatArray) -> BoolArray:
+    """Separating-axis test of oriented boxes, pairwise.
+
+    Args:
+        a: (N, 5) boxes.
+        b: (M, 5) boxes.
+
+    Returns:
+        (N, M) whether the closed boxes share a point.
+    """
+    out = np.zeros((a.shape[0], b.shape[0]), dtype=np.bool_)
+    for i in range(a.shape[0]):
+        for j in range(b.shape[0]):
+            reach = 0.5 * (a[i, 3] + a[i, 4] + b[j, 3] + b[j, 4])
+            if abs(a[i, 0] - b[j, 0]) > reach or abs(a[i, 1] - b[j, 1]) > reach:
+                continue
+            out[i, j] = not (_separated(a[i], b[j]) or _separated(b[j], a[i]))
+    return out
+
+
+@njit(cache=True)
+def project_on_path(
+    x: float, y: float, path: FloatArray, spacing: float, first: int, last: int
+) -> tuple[float, float, float]:
+    """Projects a point on a window of a polyline of equally spaced points.
+
+    Args:
+        x: m.
+        y: m.
+        path: (N, 2) points, m.
+        spacing: m between consecutive points.
+        first: First segment to look at.
+        last: One past the last segment to look at.
+
+    Returns:
+        Arc length [m], signed distance [m, left positive], direction of the segment [rad].
+    """
+    best, best_s, best_offset, best_heading = math.inf, 0.0, 0.0, 0.0
+    for i in range(max(first, 0), min(last, path.shape[0] - 1)):
+        ux, uy = path[i + 1, 0] - path[i, 0], path[i + 1, 1] - path[i, 1]
+        length = math.hypot(ux, uy)
+        if length == 0.0:
+            continue
+        dx, dy = x - path[i, 0], y - path[i, 1]
+        t = min(max((dx * ux + dy * uy) / (length * length), 0.0), 1.0)
+        distance = math.hypot(dx - t * ux, dy - t * uy)
+        if distance < best:
+            side = ux * dy - uy * dx
+            best = distance
+            best_s = (i + t) * spacing
+            best_offset = math.copysign(distance, side)
+            best_heading = math.atan2(uy, ux)
+    return best_s, best_offset, best_heading
+
+
+@njit(cache=True)
+def nearest_lane(
+    x: float,
+    y: float,
+    heading: float,
+    segments: FloatArray,
+    segment_lane: IntArray,
+    half_width: FloatArray,
+    cells: IntArray,
+    members: IntArray,
+    origin: FloatArray,
+    cell: float,
+    columns: int,
+    rows: int,
+    preferred: BoolArray,
+) -> tuple[int, float, float]:
+    """The lane a point drives on.
+
+    A lane that contains the point wins over one that does not; among those that do, a preferred one (on the route),
+    then the one best aligned with the heading.
+
+    Args:
+        x: m.
+        y: m.
+        heading: rad, of the vehicle.
+        segments: (S, 4) x0, y0, x1, y1 of every lane segment, m.
+        segment_lane: (S,) lane of each segment.
+        half_width: (L,) m.
+        cells: (rows * columns + 1,) start of each grid cell in `members`.
+        members: Segments by cell.
+        origin: (2,) lower left corner of the grid, m.
+        cell: Edge of a grid cell, m.
+        columns: Of the grid.
+        rows: Of the grid.
+        preferred: (L,) lanes to prefer.
+
+    Returns:
+        Lane index or -1, signed distance to its centreline [m, left positive], heading minus lane direction [rad].
+    """
+    column = int(math.floor((x - origin[0]) / cell))
+    row = int(math.floor((y - origin[1]) / cell))
+    best, best_lane, best_offset, best_error = math.inf, -1, math.nan, math.nan
+    for r in range(max(row - 1, 0), min(row + 2, rows)):
+        for c in range(max(column - 1, 0), min(column + 2, columns)):
+            for k in range(cells[r * columns + c], cells[r * columns + c + 1]):
+                i = members[k]
+                ux, uy = segments[i, 2] - segments[i, 0], segments[i, 3] - segments[i, 1]
+                dx, dy = x - segments[i, 0], y - segments[i, 1]
+                t = min(max((dx * ux + dy * uy) / (ux * ux + uy * uy), 0.0), 1.0)
+                distance = math.hypot(dx - t * ux, dy - t * uy)
+                lane = segment_lane[i]
+                error = wrap(heading - math.atan2(uy, ux))
+                cost = 100.0 * max(distance - half_width[lane], 0.0) + abs(error) + 0.1 * distance
+                if not preferred[lane]:
+                    cost += 2.0
+                if cost < best:
+                    best = cost
+                    best_lane = lane
+                    best_offset = math.copysign(distance, ux * dy - uy * dx)
+                    best_error = error
+    return best_lane, best_offset, best_error
+
+
+@njit(cache=True)
+def crossed_segments(x0: float, y0: float, x1: float, y1: float, lines: FloatArray) -> IntArray:
+    """Indices of the lines that a motion crosses from their back to their front.
+
+    Args:
+        x0: Start of the motion, m.
+        y0: Start of the motion, m.
+        x1: End of the motion, m.
+        y1: End of the motion, m.
+        lines: (S, 4) right end x, y and left end x, y of each line, m; its front is to the right of right-to-left,
+            so that a vehicle driving over a stop line drawn from the right kerb to the left crosses back to front.
+
+    Returns:
+        (C,) indices. Touching the line at the end of the motion does not count; starting on it does.
+    """
+    found = np.empty(lines.shape[0], dtype=np.int64)
+    count = 0
+    for i in range(lines.shape[0]):
+        rx, ry, lx, ly = lines[i, 0], lines[i, 1], lines[i, 2], lines[i, 3]
+        wx, wy = lx - rx, ly - ry
+        before = wx * (y0 - ry) - wy * (x0 - rx)
+        after = wx * (y1 - ry) - wy * (x1 - rx)
+        if before < 0.0 or after >= 0.0:
+            continue
+        mx, my = x1 - x0, y1 - y0
+        right = mx * (ry - y0) - my * (rx - x0)
+        left = mx * (ly - y0) - my * (lx - x0)
+        if right <= 0.0 <= left:
+            found[count] = i
+            count += 1
+    return found[:count]

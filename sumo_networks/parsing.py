@@ -1,0 +1,176 @@
+"""From a SUMO net file to arrays, by sumolib."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import xml.sax
+import zlib
+from collections.abc import Iterable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import sumolib
+
+from sumo_networks.errors import InvalidInputError
+
+Tables = dict[str, np.ndarray]
+
+
+def file_hash(path: Path) -> str:
+    """Hex sha256 of a net file's bytes.
+
+    Raises:
+        InvalidInputError: There is no such file.
+    """
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InvalidInputError(f"cannot read network file '{path}': {error.strerror}") from error
+
+
+def parse_net(path: Path) -> Tables:
+    """Reads a SUMO net into flat arrays, named "group.field" as in `network.py`.
+
+    Raises:
+        InvalidInputError: The file is no SUMO net, or has no lane open to cars.
+    """
+    net = _read(path)
+    edges = sorted(net.getEdges(), key=lambda edge: str(edge.getID()))
+    lanes = [lane for edge in edges for lane in edge.getLanes()]
+    if not any(_drives(lane) for lane in lanes):
+        raise InvalidInputError(f"network file '{path}' has no lane open to passenger cars")
+    order = {lane.getID(): i for i, lane in enumerate(lanes)}
+    signals = sorted({(c.getTLSID(), c.getTLLinkIndex()) for c in _connections(lanes) if c.getTLSID()})
+    tables = _lane_tables(edges, lanes, order)
+    tables |= _connection_tables(lanes, order, {key: i for i, key in enumerate(signals)})
+    tables |= _signal_tables(signals)
+    tables |= _stop_line_tables(tables)
+    tables |= _junction_tables(net)
+    return tables
+
+
+def _read(path: Path) -> Any:
+    try:
+        opened = gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb")
+        with opened as file:
+            head = file.read(65536)
+        if b"<net" not in head:
+            raise InvalidInputError(f"'{path}' is no SUMO network: expected a <net> element near its start")
+        return sumolib.net.readNet(
+            str(path), withInternal=True, withPedestrianConnections=False, withLatestPrograms=False
+        )
+    except (xml.sax.SAXException, EOFError, gzip.BadGzipFile, zlib.error, OSError) as error:
+        raise InvalidInputError(f"network file '{path}' is broken: {error}") from error
+    except (KeyError, ValueError, AttributeError, IndexError) as error:
+        raise InvalidInputError(f"network file '{path}' is no complete SUMO network: {error!r}") from error
+
+
+def _drives(lane: Any) -> bool:
+    return bool(lane.allows("passenger")) and lane.getEdge().getFunction() not in ("crossing", "walkingarea")
+
+
+def _connections(lanes: Iterable[Any]) -> list[Any]:
+    return [c for lane in lanes for c in lane.getOutgoing() if c.getFrom().getFunction() not in _ON_FOOT]
+
+
+_ON_FOOT = ("crossing", "walkingarea")
+
+
+def _lane_tables(edges: list[Any], lanes: list[Any], order: dict[str, int]) -> Tables:
+    edge_order = {edge.getID(): i for i, edge in enumerate(edges)}
+    shapes = [np.array([point[:2] for point in lane.getShape()], dtype=np.float64) for lane in lanes]
+    drivable = np.array([_drives(lane) for lane in lanes])
+    left, right = np.full(len(lanes), -1), np.full(len(lanes), -1)
+    for edge in edges:
+        if edge.getFunction() != "internal":
+            open_lanes = [order[lane.getID()] for lane in edge.getLanes() if _drives(lane)]
+            for a, b in pairwise(open_lanes):
+                if b == a + 1:
+                    left[a], right[b] = b, a
+    function = [lane.getEdge().getFunction() for lane in lanes]
+    return {
+        "lanes.ids": np.array([lane.getID() for lane in lanes], dtype=np.str_),
+        "lanes.edge": np.array([edge_order[lane.getEdge().getID()] for lane in lanes]),
+        "lanes.index": np.array([lane.getIndex() for lane in lanes]),
+        "lanes.length": np.array([lane.getLength() for lane in lanes], dtype=np.float64),
+        "lanes.width": np.array([lane.getWidth() for lane in lanes], dtype=np.float64),
+        "lanes.speed": np.array([lane.getSpeed() for lane in lanes], dtype=np.float64),
+        "lanes.drivable": drivable,
+        "lanes.bicycle": np.array([lane.allows("bicycle") for lane in lanes]),
+        "lanes.pedestrian": np.array([lane.allows("pedestrian") for lane in lanes]),
+        "lanes.internal": np.array([f == "internal" for f in function]),
+        "lanes.crossing": np.array([f == "crossing" for f in function]),
+        "lanes.left": left,
+        "lanes.right": right,
+        "lanes.start": np.concatenate([[0], np.cumsum([len(shape) for shape in shapes])]),
+        "lanes.points": np.concatenate(shapes),
+        "lanes.edge_ids": np.array(list(edge_order), dtype=np.str_),
+    }
+
+
+def _connection_tables(lanes: list[Any], order: dict[str, int], signals: dict[tuple[str, int], int]) -> Tables:
+    rows = []
+    for c in _connections(lanes):
+        via = c.getViaLaneID()
+        inside = c.getFrom().getFunction() == "internal"
+        rows.append(
+            (
+                order[c.getFromLane().getID()],
+                order[via] if via else order[c.getToLane().getID()],
+                "i" if inside else c.getDirection(),
+                signals[(c.getTLSID(), c.getTLLinkIndex())] if c.getTLSID() and not inside else -1,
+                c.getState(),
+            )
+        )
+    rows.sort()
+    source = np.array([row[0] for row in rows], dtype=np.int64)
+    return {
+        "connections.source": source,
+        "connections.target": np.array([row[1] for row in rows], dtype=np.int64),
+        "connections.direction": np.array([row[2] for row in rows], dtype="<U1"),
+        "connections.signal": np.array([row[3] for row in rows], dtype=np.int64),
+        "connections.control": np.array([row[4] for row in rows], dtype="<U1"),
+        "connections.first": np.searchsorted(source, np.arange(len(lanes) + 1)),
+    }
+
+
+def _signal_tables(signals: list[tuple[str, int]]) -> Tables:
+    lights = sorted({light for light, _ in signals})
+    return {
+        "signals.light_ids": np.array(lights, dtype=np.str_),
+        "signals.light": np.array([lights.index(light) for light, _ in signals], dtype=np.int64),
+        "signals.link": np.array([link for _, link in signals], dtype=np.int64),
+    }
+
+
+def _stop_line_tables(tables: Tables) -> Tables:
+    source, control = tables["connections.source"], tables["connections.control"]
+    lit = np.unique(source[tables["connections.signal"] >= 0])
+    signed = np.unique(source[np.isin(control, ["s", "w"])])
+    lanes = np.array(sorted(i for i in {*lit, *signed} if tables["lanes.drivable"][i]), dtype=np.int64)
+    segments = np.empty((len(lanes), 4))
+    for row, lane in enumerate(lanes):
+        end = tables["lanes.points"][tables["lanes.start"][lane] : tables["lanes.start"][lane + 1]][-2:]
+        along = (end[1] - end[0]) / np.hypot(*(end[1] - end[0]))
+        across = np.array([-along[1], along[0]]) * tables["lanes.width"][lane] / 2
+        segments[row] = [*(end[1] - across), *(end[1] + across)]
+    return {
+        "stop_lines.lane": lanes,
+        "stop_lines.segment": segments,
+        "stop_lines.lit": np.isin(lanes, lit),
+        "stop_lines.stop_sign": np.isin(lanes, signed),
+    }
+
+
+def _junction_tables(net: Any) -> Tables:
+    nodes = sorted((n for n in net.getNodes() if n.getType() != "internal"), key=lambda n: str(n.getID()))
+    shapes = [np.array([p[:2] for p in node.getShape()], dtype=np.float64).reshape(-1, 2) for node in nodes]
+    return {
+        "junctions.ids": np.array([node.getID() for node in nodes], dtype=np.str_),
+        "junctions.kind": np.array([node.getType() for node in nodes], dtype=np.str_),
+        "junctions.start": np.concatenate([[0], np.cumsum([len(shape) for shape in shapes])]),
+        "junctions.points": np.concatenate(shapes),
+    }
