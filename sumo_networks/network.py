@@ -16,7 +16,7 @@ from sumo_networks.arrays import BoolArray, FloatArray, IntArray, StringArray
 from sumo_networks.geometry import crossed_segments, nearest_lane
 from sumo_networks.parsing import file_hash, parse_net
 
-CACHE_VERSION = 3
+CACHE_VERSION = 4
 GRID_CELL_M = 30.0
 
 
@@ -72,6 +72,7 @@ class Connections:
         signal: (C,) signal that controls it, -1 if none.
         control: (C,) SUMO's letter for the right of way without signals: M major, m minor, s stop, w all-way stop, ...
         first: (L + 1,) first connection out of each lane; connections are sorted by source.
+        yields: (Y, 2) pairs of connections of one junction: the first must give way to the second.
     """
 
     source: IntArray
@@ -80,6 +81,7 @@ class Connections:
     signal: IntArray
     control: StringArray
     first: IntArray
+    yields: IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,6 +169,11 @@ class RoadNetwork:
         for lane in np.lexsort((self.lanes.index, self.lanes.edge)):
             out[self.edge_id(int(lane))].append(int(lane))
         return out
+
+    @cached_property
+    def gives_way_to(self) -> set[tuple[int, int]]:
+        """Pairs of connections (a, b): whoever takes a must give way to whoever takes b."""
+        return {(int(a), int(b)) for a, b in self.connections.yields}
 
     def edge_id(self, lane: int) -> str:
         """SUMO id of the edge a lane belongs to."""

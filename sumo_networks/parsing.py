@@ -60,7 +60,7 @@ def _read(path: Path) -> Any:
         if b"<net" not in head:
             raise InvalidInputError(f"'{path}' is no SUMO network: expected a <net> element near its start")
         return sumolib.net.readNet(
-            str(path), withInternal=True, withPedestrianConnections=False, withLatestPrograms=False
+            str(path), withInternal=True, withPedestrianConnections=False, withFoes=True
         )
     except (xml.sax.SAXException, EOFError, gzip.BadGzipFile, zlib.error, OSError) as error:
         raise InvalidInputError(f"network file '{path}' is broken: {error}") from error
@@ -112,8 +112,8 @@ def _lane_tables(edges: list[Any], lanes: list[Any], order: dict[str, int]) -> T
 
 
 def _connection_tables(lanes: list[Any], order: dict[str, int], signals: dict[tuple[str, int], int]) -> Tables:
-    rows = []
-    for c in _connections(lanes):
+    rows, links = [], []
+    for number, c in enumerate(_connections(lanes)):
         via = c.getViaLaneID()
         inside = c.getFrom().getFunction() == "internal"
         rows.append(
@@ -123,8 +123,10 @@ def _connection_tables(lanes: list[Any], order: dict[str, int], signals: dict[tu
                 "i" if inside else c.getDirection(),
                 signals[(c.getTLSID(), c.getTLLinkIndex())] if c.getTLSID() and not inside else -1,
                 c.getState(),
+                number,
             )
         )
+        links.append(c)
     rows.sort()
     source = np.array([row[0] for row in rows], dtype=np.int64)
     return {
@@ -134,7 +136,25 @@ def _connection_tables(lanes: list[Any], order: dict[str, int], signals: dict[tu
         "connections.signal": np.array([row[3] for row in rows], dtype=np.int64),
         "connections.control": np.array([row[4] for row in rows], dtype="<U1"),
         "connections.first": np.searchsorted(source, np.arange(len(lanes) + 1)),
+        "connections.yields": _yields([links[row[-1]] for row in rows]),
     }
+
+
+def _yields(links: list[Any]) -> np.ndarray:
+    """(Y, 2) pairs of connections of one junction: the first must give way to the second."""
+    by_junction: dict[str, list[int]] = {}
+    for i, link in enumerate(links):
+        if link.getFrom().getFunction() != "internal":
+            by_junction.setdefault(link.getFrom().getToNode().getID(), []).append(i)
+    pairs = []
+    for members in by_junction.values():
+        node = links[members[0]].getFrom().getToNode()
+        index = {i: node.getLinkIndex(links[i]) for i in members}
+        for i in members:
+            # sumolib's node.forbids() says the same, but looks both indices up again for every pair.
+            response = node._prohibits.get(index[i], "")[::-1]
+            pairs += [(i, j) for j in members if response[index[j] : index[j] + 1] == "1"]
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 def _signal_tables(signals: list[tuple[str, int]]) -> Tables:

@@ -100,6 +100,8 @@ class Actors:
         speed: (M,), m/s.
         length: (M,), m.
         width: (M,), m.
+        lane: (M,) lane it is on (crossings and sidewalks for people), -1 where it is on none.
+        indicator: (M,) turn indicator: 1 left, -1 right, 0 off.
     """
 
     key: IntArray
@@ -109,6 +111,8 @@ class Actors:
     speed: FloatArray
     length: FloatArray
     width: FloatArray
+    lane: IntArray
+    indicator: IntArray
 
     def __len__(self) -> int:
         return len(self.key)

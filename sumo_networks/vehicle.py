@@ -1,0 +1,187 @@
+"""The ego's dynamics: a single-track model with actuator lags and limited tyre friction."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from sumo_networks.arrays import FloatArray
+
+GRAVITY = 9.81
+SUBSTEP_S = 0.01
+X, Y, HEADING, SPEED, DRIVE, STEERING, ACCELERATION, YAW_RATE = range(8)
+STATE_SIZE = 8
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleParameters:
+    """A compact car.
+
+    Attributes:
+        length: m.
+        width: m.
+        wheelbase: m.
+        rear_overhang: Rear bumper to rear axle, m.
+        max_steering: Front wheel angle at full lock, rad.
+        max_steering_rate: Of the front wheels, rad/s.
+        max_traction: Acceleration the drive can give from standstill, m/s^2.
+        power_to_mass: Bounds the traction at speed, W/kg.
+        max_braking: Deceleration at full brake on dry road, m/s^2.
+        drag: Air resistance over mass, 1/m.
+        rolling_resistance: m/s^2.
+        drive_lag: Time constant of traction and brakes, s.
+        steering_lag: Time constant of the steering, s.
+        friction: Tyre-road coefficient.
+    """
+
+    length: float = 4.5
+    width: float = 1.8
+    wheelbase: float = 2.7
+    rear_overhang: float = 0.9
+    max_steering: float = 0.6
+    max_steering_rate: float = 1.2
+    max_traction: float = 4.0
+    power_to_mass: float = 65.0
+    max_braking: float = 8.0
+    drag: float = 0.0003
+    rolling_resistance: float = 0.12
+    drive_lag: float = 0.1
+    steering_lag: float = 0.08
+    friction: float = 0.9
+
+    @property
+    def axle_to_centre(self) -> float:
+        """Distance from the rear axle forward to the centre of the box, m."""
+        return self.length / 2 - self.rear_overhang
+
+    def traction_limit(self, speed: float) -> float:
+        """Largest acceleration the drive can give at a speed, m/s^2."""
+        return min(self.max_traction, self.power_to_mass / max(speed, 0.1))
+
+    def resistance(self, speed: float) -> float:
+        """Deceleration by air and rolling resistance, m/s^2."""
+        return self.drag * speed * speed + (self.rolling_resistance if speed > 0 else 0.0)
+
+
+@njit(cache=True)
+def advance(
+    states: FloatArray,
+    commands: FloatArray,
+    ticks: int,
+    dt: float,
+    wheelbase: float,
+    max_steering: float,
+    max_steering_rate: float,
+    max_traction: float,
+    power_to_mass: float,
+    max_braking: float,
+    drag: float,
+    rolling_resistance: float,
+    drive_lag: float,
+    steering_lag: float,
+    grip: float,
+) -> None:
+    """Integrates the single-track model in place.
+
+    The rear axle follows the bicycle's path as long as the tyres hold: longitudinal and lateral acceleration share the
+    friction circle, what the brakes take is missing in the curve, and the car then runs wide (understeers).
+
+    Args:
+        states: (E, 8) rear axle x, y [m], heading [rad], speed [m/s], drive [m/s^2], steering [rad],
+            acceleration [m/s^2], yaw rate [rad/s].
+        commands: (E, 2) demanded drive (traction minus brakes) [m/s^2] and front wheel angle [rad].
+        ticks: Number of substeps.
+        dt: Length of a substep, s.
+        wheelbase: See VehicleParameters, as for all that follow.
+        max_steering: rad.
+        max_steering_rate: rad/s.
+        max_traction: m/s^2.
+        power_to_mass: W/kg.
+        max_braking: m/s^2.
+        drag: 1/m.
+        rolling_resistance: m/s^2.
+        drive_lag: s.
+        steering_lag: s.
+        grip: Friction coefficient times gravity, m/s^2.
+    """
+    for e in range(states.shape[0]):
+        x, y, heading, speed, drive, steering = states[e, :6]
+        acceleration = yaw_rate = 0.0
+        for _ in range(ticks):
+            traction = min(max_traction, power_to_mass / max(speed, 0.1))
+            demand = min(max(commands[e, 0], -max_braking), traction)
+            drive += (demand - drive) * dt / drive_lag
+            wanted = min(max(commands[e, 1], -max_steering), max_steering)
+            rate = (wanted - steering) / steering_lag
+            steering += min(max(rate, -max_steering_rate), max_steering_rate) * dt
+            force = min(max(drive, -grip), grip)
+            resistance = drag * speed * speed + (rolling_resistance if speed > 0.0 else 0.0)
+            faster = speed + (force - resistance) * dt
+            if speed == 0.0 and force <= rolling_resistance:
+                faster = 0.0
+            faster = max(faster, 0.0)
+            acceleration = (faster - speed) / dt
+            speed = faster
+            sideways = math.sqrt(max(grip * grip - force * force, 0.04 * grip * grip))
+            curvature = math.tan(steering) / wheelbase
+            yaw_rate = speed * curvature
+            if abs(yaw_rate * speed) > sideways:
+                yaw_rate = math.copysign(sideways / speed, curvature)
+            middle = heading + 0.5 * yaw_rate * dt
+            x += speed * math.cos(middle) * dt
+            y += speed * math.sin(middle) * dt
+            heading += yaw_rate * dt
+        states[e, 0], states[e, 1], states[e, 3], states[e, 4], states[e, 5] = x, y, speed, drive, steering
+        states[e, 2] = (heading + math.pi) % (2.0 * math.pi) - math.pi
+        states[e, 6], states[e, 7] = acceleration, yaw_rate
+
+
+class Vehicles:
+    """The egos' vehicles, advanced together.
+
+    Attributes:
+        parameters: The same for all.
+        states: (E, 8), see `advance`.
+    """
+
+    def __init__(self, parameters: VehicleParameters, count: int) -> None:
+        self.parameters = parameters
+        self.states: FloatArray = np.zeros((count, STATE_SIZE))
+        p = parameters
+        self._arguments = (
+            p.wheelbase,
+            p.max_steering,
+            p.max_steering_rate,
+            p.max_traction,
+            p.power_to_mass,
+            p.max_braking,
+            p.drag,
+            p.rolling_resistance,
+            p.drive_lag,
+            p.steering_lag,
+            p.friction * GRAVITY,
+        )
+
+    def place(self, vehicle: int, x: float, y: float, heading: float) -> None:
+        """Puts a vehicle at rest with the centre of its box at x, y [m]."""
+        back = self.parameters.axle_to_centre
+        self.states[vehicle] = 0.0
+        self.states[vehicle, :3] = x - back * math.cos(heading), y - back * math.sin(heading), heading
+
+    def advance(self, commands: FloatArray, seconds: float) -> None:
+        """Drives all vehicles for a while.
+
+        Args:
+            commands: (E, 2) demanded drive [m/s^2] and front wheel angle [rad].
+            seconds: A multiple of the substep of 0.01 s.
+        """
+        advance(self.states, commands, round(seconds / SUBSTEP_S), SUBSTEP_S, *self._arguments)
+
+    def centres(self) -> FloatArray:
+        """(E, 2), m: centres of the boxes."""
+        heading = self.states[:, HEADING]
+        forward = np.column_stack([np.cos(heading), np.sin(heading)])
+        return self.states[:, :2] + self.parameters.axle_to_centre * forward
