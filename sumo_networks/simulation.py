@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import ClassVar
 
 import libsumo
 import numpy as np
@@ -63,13 +64,14 @@ class Simulation:
         vehicle: The egos' parameters.
     """
 
+    _running: ClassVar[Simulation | None] = None
+
     def __init__(self, network: RoadNetwork, scenario: Scenario, vehicle: VehicleParameters | None = None) -> None:
         self.network = network
         self.scenario = scenario
         self.vehicle = vehicle or VehicleParameters()
         self.routes: tuple[Route, ...] = tuple(plan_route(network, mission) for mission in scenario.missions)
         self._names = tuple(mission.name for mission in scenario.missions)
-        self._started = False
 
     def start(self) -> World:
         """Starts SUMO, lets the traffic warm up, puts the egos at their starts, and reads the world at tick 0.
@@ -127,8 +129,8 @@ class Simulation:
 
     def close(self) -> None:
         """Ends SUMO; safe to call twice."""
-        if self._started:
-            self._started = False
+        if Simulation._running is self:
+            Simulation._running = None
             libsumo.close()
 
     # What the population asks for: traffic.Stage.
@@ -158,13 +160,15 @@ class Simulation:
 
     def _start_sumo(self, seed: int) -> None:
         self.close()
+        if Simulation._running is not None:
+            raise SimulationError("another simulation of this process is still open; close it, or use a process each")
         if not self.network.path.exists():
             raise InvalidInputError(f"network file '{self.network.path}' is gone")
         try:
             libsumo.start(["sumo", "-n", str(self.network.path), "-a", str(_TYPES), "--seed", str(seed), *_OPTIONS])
         except libsumo.TraCIException as error:
             raise SimulationError(f"SUMO could not load network '{self.network.name}': {error}") from error
-        self._started = True
+        Simulation._running = self
 
     def _step_sumo(self) -> None:
         try:
@@ -285,6 +289,9 @@ class _Registry:
         libsumo.poi.setPosition(name, centre[0], centre[1])
 
     def forget_ego(self, name: str) -> None:
+        # SUMO fails at its next step if a subscribed object is removed.
+        for domain in (libsumo.CMD_GET_VEHICLE_VARIABLE, libsumo.CMD_GET_PERSON_VARIABLE):
+            libsumo.poi.unsubscribeContext(name, domain, SIGHT_M)
         libsumo.poi.remove(name)
         libsumo.vehicle.remove(name)
 

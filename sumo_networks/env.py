@@ -1,0 +1,179 @@
+"""DrivingEnv: a scenario as a PettingZoo environment with any number of egos."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from pettingzoo import ParallelEnv
+
+from sumo_networks.arrays import Float32Array
+from sumo_networks.catalog import load_network
+from sumo_networks.control import Control, make_control
+from sumo_networks.reward import Reward, make_reward
+from sumo_networks.scenario import Scenario
+from sumo_networks.sensors import Sensor, make_sensors
+from sumo_networks.simulation import TICK_S, Simulation
+from sumo_networks.world import World
+
+Observation = dict[str, Float32Array]
+
+GOAL_SHARE = 0.99
+GOAL_DISTANCE_M = 10.0
+DEFAULT_SENSORS = ("speedometer", "route", "objects", "lights")
+
+
+class DrivingEnv(ParallelEnv[str, Observation, np.ndarray]):
+    """A scenario whose egos are driven by actions, 10 per second.
+
+    An ego's episode terminates at its goal or when its reward function says so, and is truncated at the time limit;
+    it then leaves the road. There can be one started environment per process, since libsumo is global.
+
+    Attributes:
+        scenario: What is simulated.
+        world: What is true after the last tick; the first one after `reset`.
+        possible_agents: Names of the missions.
+        agents: Names of the egos still driving.
+
+    Source: PettingZoo's ParallelEnv interface.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"name": "dohyo_driving_v0", "render_modes": []}
+    world: World
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        sensors: Sequence[str] | Mapping[str, Sequence[str]] = DEFAULT_SENSORS,
+        control: str | Mapping[str, str] = "target_speed_steering",
+        reward: str | None = "roach",
+    ) -> None:
+        """Plans the routes and checks every name; SUMO starts at `reset`.
+
+        Args:
+            scenario: What to simulate.
+            sensors: Names from `sensors.SENSORS`, for all egos or by ego name.
+            control: Name from `control.CONTROLS`, for all egos or by ego name.
+            reward: Name from `reward.REWARDS`; None: rewards are 0 and only the goal terminates.
+
+        Raises:
+            InvalidInputError: An unknown name, or a mission that cannot be driven.
+        """
+        self.scenario = scenario
+        self.possible_agents = [mission.name for mission in scenario.missions]
+        self.agents: list[str] = []
+        self._index = {name: i for i, name in enumerate(self.possible_agents)}
+        chosen = sensors if isinstance(sensors, Mapping) else dict.fromkeys(self.possible_agents, sensors)
+        self._sensors: dict[str, tuple[Sensor, ...]] = {
+            name: make_sensors(chosen[name]) for name in self.possible_agents
+        }
+        self._control_names = (
+            dict(control) if isinstance(control, Mapping) else dict.fromkeys(self.possible_agents, control)
+        )
+        self._reward_name = reward
+        self._simulation = Simulation(load_network(scenario.network), scenario)
+        self._controls = self._new_controls()
+        self._rewards: dict[str, Reward] = {name: make_reward(reward) for name in self.possible_agents if reward}
+        self._action_spaces = {name: control.space for name, control in self._controls.items()}
+        self._observation_spaces = {
+            name: gymnasium.spaces.Dict({sensor.name: sensor.space for sensor in chosen})
+            for name, chosen in self._sensors.items()
+        }
+
+    def observation_space(self, agent: str) -> gymnasium.spaces.Dict:
+        """One Box per sensor."""
+        return self._observation_spaces[agent]
+
+    def action_space(self, agent: str) -> gymnasium.spaces.Box:
+        """The control interface's space."""
+        return self._action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
+        """Starts the scenario from its first tick.
+
+        Args:
+            seed: Replaces the scenario's own.
+            options: Unused.
+
+        Raises:
+            InvalidInputError: The network cannot carry this traffic.
+            SimulationError: SUMO failed, or another environment of this process is still open.
+        """
+        if seed is not None and seed != self.scenario.seed:
+            self.scenario = self.scenario.model_copy(update={"seed": int(seed) % 2**31})
+            self._simulation.scenario = self.scenario
+        self._controls = self._new_controls()
+        self._rewards = {name: make_reward(self._reward_name) for name in self._rewards if self._reward_name}
+        self.agents = list(self.possible_agents)
+        self.world = self._simulation.start()
+        return self._observe(self.agents), {name: {} for name in self.agents}
+
+    def step(
+        self, actions: Mapping[str, Any]
+    ) -> tuple[
+        dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]
+    ]:
+        """Drives every ego for one tick of 0.1 s.
+
+        Args:
+            actions: One action per name in `agents`.
+
+        Returns:
+            Observations, rewards, terminations, truncations and infos of the egos that drove in this tick.
+
+        Raises:
+            InvalidActionError: An action has a wrong shape or is not finite; nothing has moved then.
+            SimulationError: SUMO failed.
+        """
+        drove, before = list(self.agents), self.world
+        commands = np.zeros((len(self.possible_agents), 2))
+        for name in drove:
+            ego = self._index[name]
+            commands[ego] = self._controls[name].command(actions[name], before, ego)
+        self.world = self._simulation.tick(commands)
+        rewards, terminations, truncations = {}, {}, {}
+        for name in drove:
+            ego = self._index[name]
+            value, ended = self._rewards[name](before, self.world, ego) if name in self._rewards else (0.0, False)
+            rewards[name] = value
+            terminations[name] = ended or reached_goal(self.world, ego)
+            limit = self.scenario.time_limit_s
+            truncations[name] = limit is not None and self.world.time >= limit - TICK_S / 2
+        observations = self._observe(drove)
+        for name in drove:
+            if terminations[name] or truncations[name]:
+                self.retire(name)
+        return observations, rewards, terminations, truncations, {name: {} for name in drove}
+
+    def retire(self, name: str) -> None:
+        """Ends the episode of one ego and takes it off the road."""
+        self.agents.remove(name)
+        self._simulation.retire(self._index[name])
+
+    def close(self) -> None:
+        """Ends SUMO."""
+        self.agents = []
+        self._simulation.close()
+
+    def _new_controls(self) -> dict[str, Control]:
+        return {
+            name: make_control(self._control_names[name], self._simulation.vehicle, TICK_S)
+            for name in self.possible_agents
+        }
+
+    def _observe(self, names: Sequence[str]) -> dict[str, Observation]:
+        return {
+            name: {sensor.name: sensor.read(self.world, self._index[name]) for sensor in self._sensors[name]}
+            for name in names
+        }
+
+
+def reached_goal(world: World, ego: int) -> bool:
+    """Whether an ego is at its goal: over 99 % of the route driven and less than 10 m left (CARLA Leaderboard)."""
+    route, progress = world.routes[ego], float(world.egos.progress[ego])
+    aside = abs(float(world.egos.lateral[ego]))
+    return progress > GOAL_SHARE * route.length and route.length - progress + aside < GOAL_DISTANCE_M

@@ -1,0 +1,137 @@
+"""Reward functions by name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from sumo_networks.errors import UnknownNameError
+from sumo_networks.world import ActorKind, LightState, World
+
+
+class Reward(Protocol):
+    """A reward of one ego; one instance per ego and episode."""
+
+    def __call__(self, before: World, after: World, ego: int) -> tuple[float, bool]:
+        """The reward of one tick, and whether it ends the episode."""
+
+
+@dataclass(slots=True)
+class Progress:
+    """Metres of route driven in the tick; a contact costs 10 and ends the episode."""
+
+    def __call__(self, before: World, after: World, ego: int) -> tuple[float, bool]:
+        """See `Reward`."""
+        hit = any(contact.ego == ego for contact in after.contacts)
+        return float(after.egos.progress[ego] - before.egos.progress[ego]) - 10.0 * hit, hit
+
+
+@dataclass(slots=True)
+class Roach:
+    """The reward of Roach, as RLAD and RLfOLD use it: speed, position, rotation, action, termination.
+
+    r = r_speed + r_position + r_rotation + r_action + r_termination, with the desired speed falling linearly to 0
+    towards vehicles, pedestrians, red and yellow lights and stop signs.
+
+    Attributes:
+        max_speed: Desired speed on a free road, m/s (6 in RLAD, 5 in RLfOLD).
+        lateral_limit: Distance from the route that ends the episode, m.
+        obey_lights: False for the NoCrash variant, which ignores lights.
+
+    Source: Zhang et al. 2021 (Roach); Coelho 2024, section 3.
+    """
+
+    max_speed: float = 6.0
+    lateral_limit: float = 3.5
+    obey_lights: bool = True
+
+    def __call__(self, before: World, after: World, ego: int) -> tuple[float, bool]:
+        """See `Reward`."""
+        egos = after.egos
+        speed = float(egos.speed[ego])
+        value = 1.0 - abs(speed - self.desired_speed(after, ego)) / self.max_speed
+        value -= abs(float(egos.lateral[ego])) / 2
+        value -= abs(float(egos.route_heading_error[ego]))
+        value -= 0.1 * (abs(float(egos.steering[ego] - before.egos.steering[ego])) > 0.01)
+        hit = any(contact.ego == ego for contact in after.contacts)
+        ran = self.obey_lights and _ran_red(before, after, ego)
+        ended = hit or ran or abs(float(egos.lateral[ego])) > self.lateral_limit
+        if ended:
+            value -= 1.0 + (speed if hit or ran else 0.0)
+        return value, ended
+
+    def desired_speed(self, world: World, ego: int) -> float:
+        """The speed an expert would drive, m/s."""
+        share = 1.0
+        vehicle, pedestrian = _hazards(world, ego)
+        share = min(share, float(np.clip(vehicle - 8.0, 0.0, 5.0)) / 5)
+        share = min(share, float(np.clip(pedestrian - 6.0, 0.0, 5.0)) / 5)
+        if self.obey_lights:
+            share = min(share, float(np.clip(_closed_line(world, ego) - 5.0, 0.0, 5.0)) / 5)
+        return self.max_speed * share
+
+
+HAZARD_M = 9.5
+LIGHT_M = 18.0
+
+
+def _hazards(world: World, ego: int) -> tuple[float, float]:
+    """Distances to the nearest hazardous vehicle and pedestrian, m; infinite where there is none."""
+    egos, actors = world.egos, world.actors
+    if not len(actors):
+        return math.inf, math.inf
+    offset = actors.position - egos.position[ego]
+    distance = np.hypot(*offset.T)
+    bearing = np.abs(_wrapped(np.arctan2(offset[:, 1], offset[:, 0]) - egos.heading[ego]))
+    turned = np.abs(_wrapped(actors.heading - egos.heading[ego]))
+    on_foot = actors.kind == ActorKind.PEDESTRIAN
+    vehicle = ~on_foot & (distance < HAZARD_M) & (bearing < math.radians(45)) & (turned <= math.radians(150))
+    lanes = world.network.lanes
+    off_road = (actors.lane >= 0) & lanes.pedestrian[actors.lane] & ~lanes.crossing[actors.lane]
+    cone = np.radians(162.0 / (np.clip(distance, 1.5, 10.5) + 0.3))
+    pedestrian = on_foot & ~off_road & (distance < HAZARD_M) & (bearing < cone)
+    nearest = [float(distance[mask].min()) if mask.any() else math.inf for mask in (vehicle, pedestrian)]
+    return nearest[0], nearest[1]
+
+
+def _wrapped(angle: np.ndarray) -> np.ndarray:
+    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
+
+
+def _closed_line(world: World, ego: int) -> float:
+    """Distance from the ego's centre to the next stop line that is red or yellow, within 18 m; else infinite."""
+    progress = float(world.egos.progress[ego])
+    for passage in world.routes[ego].passages:
+        ahead = passage.entry - progress
+        if 0.0 <= ahead < LIGHT_M and passage.signal >= 0:
+            closed = world.signals[passage.signal] in (LightState.RED, LightState.YELLOW)
+            return ahead if closed else math.inf
+    return math.inf
+
+
+def _ran_red(before: World, after: World, ego: int) -> bool:
+    """Whether the ego's front passed a red line of its route in this tick."""
+    half = float(after.egos.length[ego]) / 2
+    start, end = float(before.egos.progress[ego]) + half, float(after.egos.progress[ego]) + half
+    return any(
+        start < passage.entry <= end and passage.signal >= 0 and after.signals[passage.signal] == LightState.RED
+        for passage in after.routes[ego].passages
+    )
+
+
+REWARDS: dict[str, Callable[[], Reward]] = {"roach": Roach, "progress": Progress}
+
+
+def make_reward(name: str) -> Reward:
+    """A reward function by name.
+
+    Raises:
+        UnknownNameError: There is none of that name.
+    """
+    if name not in REWARDS:
+        raise UnknownNameError("reward", name, REWARDS)
+    return REWARDS[name]()

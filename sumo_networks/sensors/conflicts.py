@@ -1,0 +1,186 @@
+"""Conflicts: who will cross or join the ego's path, where, and who has the right of way.
+
+What an attentive driver who knows the junction sees: others follow their lane, turn where their indicator says, and
+people on foot keep walking the way they walk, on a crossing to its other side.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from gymnasium.spaces import Box
+from numba import njit
+
+from sumo_networks.arrays import Float32Array, FloatArray
+from sumo_networks.network import RoadNetwork
+from sumo_networks.routing import Passage
+from sumo_networks.sensors.base import Sensor, Track
+from sumo_networks.world import ActorKind, LightState, World
+
+ROWS = 16
+COLUMNS = 8
+EGO_LOOKAHEAD_M = 60
+ACTOR_LOOKAHEAD_M = 60.0
+PEDESTRIAN_LOOKAHEAD_S = 6.0
+PEDESTRIAN_LOOKAHEAD_M = 9.0
+MARGIN_M = 0.4
+_INDICATED = {1: "lLt", -1: "rR", 0: "s"}
+
+
+class Conflicts(Sensor):
+    """(16, 8) actors whose expected path meets the ego's route within 60 m, nearest conflict first.
+
+    Columns: distance from the ego's front to where the paths meet [m], distance to where they part [m] (1000 where
+    the other joins the ego's lane), distance of the other's front to where they meet [m] (negative: it is there now),
+    distance of the other's front at which its rear has left [m], its speed [m/s], right of way (1 the ego must give
+    way, 0 undecided, -1 the other must), kind (`world.ActorKind`), key. Actors already ahead in the ego's path are
+    left out: they are leaders, not conflicts. Unused rows have distances of 1000 and kind -1.
+    """
+
+    name = "conflicts"
+    track = Track.PRIVILEGED
+    space = Box(-np.inf, np.inf, (ROWS, COLUMNS), np.float32)
+
+    def __init__(self) -> None:
+        self._paths: dict[tuple[int, int], tuple[FloatArray, int, float]] = {}
+        self._network: RoadNetwork | None = None
+
+    def read(self, world: World, ego: int) -> Float32Array:
+        """See the class."""
+        if self._network is not world.network:
+            self._network, self._paths = world.network, {}
+        route, egos, actors = world.routes[ego], world.egos, world.actors
+        first = route.index(float(egos.progress[ego]))
+        path = route.position[first : first + EGO_LOOKAHEAD_M]
+        half_width = float(egos.width[ego]) / 2
+        front = float(egos.length[ego]) / 2
+        ahead = np.hypot(*(actors.position - egos.position[ego]).T) < EGO_LOOKAHEAD_M + 40.0
+        rows = []
+        for i in np.flatnonzero(ahead):
+            expected, connection, to_junction = self._expected_path(world, int(i))
+            if len(expected) < 2:
+                continue
+            half_length, reach = float(actors.length[i]) / 2, half_width + float(actors.width[i]) / 2 + MARGIN_M
+            meets = _meeting(path, expected, reach)
+            if meets[0] < 0:
+                continue
+            enter, leave, other_enter, other_leave = meets
+            priority = self._priority(world, ego, float(first + enter), int(i), connection, to_junction)
+            rows.append(
+                (
+                    enter - front,
+                    leave + front if leave < len(path) - 1 else 1000.0,
+                    other_enter - half_length,
+                    other_leave + half_length,
+                    float(actors.speed[i]),
+                    priority,
+                    float(actors.kind[i]),
+                    float(actors.key[i]),
+                )
+            )
+        rows.sort()
+        out = np.zeros((ROWS, COLUMNS), dtype=np.float32)
+        out[:, :4], out[:, 6] = 1000.0, -1.0
+        if rows:
+            out[: min(len(rows), ROWS)] = rows[:ROWS]
+        return out
+
+    def _expected_path(self, world: World, actor: int) -> tuple[FloatArray, int, float]:
+        """Points a metre apart from the actor's centre on, the connection it will take, and metres to that junction."""
+        actors = world.actors
+        x, y = actors.position[actor]
+        if actors.kind[actor] == ActorKind.PEDESTRIAN:
+            speed, heading = float(actors.speed[actor]), float(actors.heading[actor])
+            reach = min(speed * PEDESTRIAN_LOOKAHEAD_S, PEDESTRIAN_LOOKAHEAD_M) if speed > 0.1 else 0.0
+            steps = np.arange(0.0, reach, 0.5)
+            return np.column_stack([x + steps * math.cos(heading), y + steps * math.sin(heading)]), -1, 1000.0
+        lane = int(actors.lane[actor])
+        if lane < 0 or world.network.lanes.crossing[lane]:
+            return np.empty((0, 2)), -1, 1000.0
+        key = (lane, int(actors.indicator[actor]))
+        if key not in self._paths:
+            self._paths[key] = _lane_path(world.network, *key)
+        points, connection, junction = self._paths[key]
+        offset = points[:, 0] - x, points[:, 1] - y
+        nearest = int(np.argmin(np.hypot(*offset)[: int(world.network.lanes.length[lane]) + 2]))
+        return points[nearest:], connection, junction - nearest - float(actors.length[actor]) / 2
+
+    def _priority(
+        self, world: World, ego: int, meets_at: float, actor: int, connection: int, to_junction: float
+    ) -> float:
+        """1 where the ego must give way, -1 where the other must, 0 where nothing decides."""
+        actors, network = world.actors, world.network
+        if actors.kind[actor] == ActorKind.PEDESTRIAN:
+            return 1.0
+        passage = _passage_at(world.routes[ego].passages, meets_at)
+        if passage is None:
+            return 1.0
+        if network.lanes.internal[actors.lane[actor]] or to_junction < 0.0:
+            return 1.0 if world.egos.progress[ego] < passage.entry else 0.0
+        if connection < 0:
+            return 0.0
+        signal = int(network.connections.signal[connection])
+        if signal >= 0 and world.signals[signal] == LightState.RED:
+            return -1.0
+        if (passage.connection, connection) in network.gives_way_to:
+            return 1.0
+        return -1.0 if (connection, passage.connection) in network.gives_way_to else 0.0
+
+
+def _passage_at(passages: tuple[Passage, ...], s: float) -> Passage | None:
+    """The junction passage that contains, or comes last before, an arc length."""
+    found = None
+    for passage in passages:
+        if passage.entry - 2.0 <= s:
+            found = passage
+    return found
+
+
+def _lane_path(network: RoadNetwork, lane: int, indicator: int) -> tuple[FloatArray, int, float]:
+    """The path of somebody on a lane: points a metre apart, the first connection taken, metres from lane start to it."""
+    shapes, connection, length, to_junction = [network.lane_shape(lane)], -1, float(network.lanes.length[lane]), 1000.0
+    while length < float(network.lanes.length[lane]) + ACTOR_LOOKAHEAD_M:
+        onward = network.connections_from(lane if len(shapes) == 1 else following)
+        if not onward:
+            break
+        wanted = _INDICATED[indicator] if connection < 0 else "s"
+        chosen = min(onward, key=lambda c: (network.connections.direction[c] not in wanted + "i", c))
+        if connection < 0 and network.connections.direction[chosen] != "i":
+            connection, to_junction = chosen, length
+        following = int(network.connections.target[chosen])
+        shapes.append(network.lane_shape(following))
+        length += float(network.lanes.length[following])
+    raw = np.concatenate(shapes)
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(raw, axis=0).T))])
+    at = np.arange(0.0, arc[-1], 1.0)
+    return np.column_stack([np.interp(at, arc, raw[:, i]) for i in (0, 1)]), connection, to_junction
+
+
+@njit(cache=True)
+def _meeting(ego: FloatArray, other: FloatArray, reach: float) -> tuple[float, float, float, float]:
+    """Where two paths of points a metre apart come within reach of each other.
+
+    Returns:
+        Index on the ego's path where they meet and part, index on the other's path likewise; -1 first where they
+        never meet, or where the other is in the ego's path already and heads the same way.
+    """
+    enter, leave, other_enter, other_leave = -1, -1, 1_000_000, -1
+    spacing = math.hypot(other[1, 0] - other[0, 0], other[1, 1] - other[0, 1])
+    for i in range(ego.shape[0]):
+        for j in range(other.shape[0]):
+            dx, dy = ego[i, 0] - other[j, 0], ego[i, 1] - other[j, 1]
+            if dx * dx + dy * dy < reach * reach:
+                if enter < 0:
+                    enter = i
+                leave = i
+                other_enter = min(other_enter, j)
+                other_leave = max(other_leave, j)
+    if enter < 0:
+        return -1.0, 0.0, 0.0, 0.0
+    if other_enter == 0 and ego.shape[0] > enter + 1:
+        ex, ey = ego[enter + 1, 0] - ego[enter, 0], ego[enter + 1, 1] - ego[enter, 1]
+        ox, oy = other[1, 0] - other[0, 0], other[1, 1] - other[0, 1]
+        if ex * ox + ey * oy > 0.7 * math.hypot(ex, ey) * math.hypot(ox, oy):
+            return -1.0, 0.0, 0.0, 0.0
+    return float(enter), float(leave), other_enter * spacing, other_leave * spacing

@@ -1,0 +1,46 @@
+"""Lights: the next junctions of the route, their signals and their right of way."""
+
+from __future__ import annotations
+
+import numpy as np
+from gymnasium.spaces import Box
+
+from sumo_networks.arrays import Float32Array
+from sumo_networks.sensors.base import Sensor, Track
+from sumo_networks.world import World
+
+ROWS = 4
+SIGHT_M = 100.0
+MAJOR, YIELDS, STOPS = 0, 1, 2
+_CONTROL = {"m": YIELDS, "=": YIELDS, "s": STOPS, "w": STOPS}
+
+
+class Lights(Sensor):
+    """(4, 4) the next junctions within 100 m of the ego's front, nearest first.
+
+    Columns: distance from the front bumper to the junction (its stop line, where there is one) [m, negative once
+    passed], distance to the junction's end [m], signal (`world.LightState`, -1 where there is none), right of way
+    (0 major, 1 yield, 2 stop sign). A junction stays until the ego's front has left it. Unused rows have distances of
+    1000 and signal -1.
+    """
+
+    name = "lights"
+    track = Track.PRIVILEGED
+    space = Box(-np.inf, np.inf, (ROWS, 4), np.float32)
+
+    def read(self, world: World, ego: int) -> Float32Array:
+        """See the class."""
+        front = float(world.egos.progress[ego] + world.egos.length[ego] / 2)
+        out = np.zeros((ROWS, 4), dtype=np.float32)
+        out[:, :2], out[:, 2] = 1000.0, -1.0
+        row = 0
+        for passage in world.routes[ego].passages:
+            if passage.exit < front:
+                continue
+            if passage.entry - front > SIGHT_M or row == ROWS:
+                break
+            signal = world.signals[passage.signal] if passage.signal >= 0 else -1
+            control = _CONTROL.get(passage.control, MAJOR)
+            out[row] = passage.entry - front, passage.exit - front, signal, control
+            row += 1
+        return out

@@ -1,0 +1,88 @@
+"""Route: the reference path ahead, and what the navigation says."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from gymnasium.spaces import Box
+from numba import njit
+
+from sumo_networks.arrays import Float32Array, FloatArray, IntArray
+from sumo_networks.geometry import wrap
+from sumo_networks.sensors.base import Sensor, Track
+from sumo_networks.world import World
+
+POINTS = 80
+
+
+class Route(Sensor):
+    """(80, 7) the path ahead, a point every metre from the ego's projection on it.
+
+    Columns: x, y [m, ego frame: centre, x forward, y left], heading relative to the ego [rad], curvature [1/m, left
+    positive], speed limit [m/s], lane width [m], navigation command (`routing.Command`). Past the goal the last point
+    repeats.
+    """
+
+    name = "route"
+    track = Track.MAP
+    space = Box(-np.inf, np.inf, (POINTS, 7), np.float32)
+
+    def read(self, world: World, ego: int) -> Float32Array:
+        """See the class."""
+        route, egos = world.routes[ego], world.egos
+        x, y = egos.position[ego]
+        return _ahead(  # type: ignore[no-any-return]
+            route.index(float(egos.progress[ego])),
+            float(x),
+            float(y),
+            float(egos.heading[ego]),
+            route.position,
+            route.heading,
+            route.curvature,
+            route.speed_limit,
+            route.width,
+            route.command,
+        )
+
+
+class Navigation(Sensor):
+    """(3,) command (`routing.Command`), metres of route left, metres of route driven."""
+
+    name = "navigation"
+    track = Track.SENSORS
+    space = Box(np.zeros(3, np.float32), np.array([5, 1e6, 1e6], np.float32))
+
+    def read(self, world: World, ego: int) -> Float32Array:
+        """See the class."""
+        route, progress = world.routes[ego], float(world.egos.progress[ego])
+        command = route.command[route.index(progress)]
+        return np.array([command, max(route.length - progress, 0.0), progress], dtype=np.float32)
+
+
+@njit(cache=True)
+def _ahead(
+    first: int,
+    x: float,
+    y: float,
+    heading: float,
+    position: FloatArray,
+    direction: FloatArray,
+    curvature: FloatArray,
+    limit: FloatArray,
+    width: FloatArray,
+    command: IntArray,
+) -> Float32Array:
+    out = np.empty((POINTS, 7), dtype=np.float32)
+    cos, sin = math.cos(heading), math.sin(heading)
+    for row in range(POINTS):
+        i = min(first + row, position.shape[0] - 1)
+        dx, dy = position[i, 0] - x, position[i, 1] - y
+        out[row, 0] = dx * cos + dy * sin
+        out[row, 1] = dy * cos - dx * sin
+        out[row, 2] = wrap(direction[i] - heading)
+        out[row, 3] = curvature[i]
+        out[row, 4] = limit[i]
+        out[row, 5] = width[i]
+        out[row, 6] = command[i]
+    return out
