@@ -84,10 +84,21 @@ class Infraction(Config):
 
 
 class AgentInfo(Config):
-    """Who drove: enough to drive again."""
+    """Who drove: enough to drive again.
+
+    Attributes:
+        name: For people.
+        entry: "module:Class" that makes it.
+        source_sha256: Of the file that defines it, so that a changed agent is not mistaken for the old one.
+        track: Which sensors it may use.
+        sensors: What it sees.
+        control: How it acts.
+        settings: What it was made with.
+    """
 
     name: str
     entry: str
+    source_sha256: str = ""
     track: Literal["sensors", "map", "privileged"]
     sensors: tuple[str, ...]
     control: str

@@ -51,12 +51,17 @@ class Control(ABC):
         Raises:
             InvalidActionError: The action has a wrong shape or type, or is not finite.
         """
-        return self._command(self._checked(action), world, ego)
+        return self._command(self.checked(action), world, ego)
 
     @abstractmethod
     def _command(self, action: FloatArray, world: World, ego: int) -> tuple[float, float]: ...
 
-    def _checked(self, action: object) -> FloatArray:
+    def checked(self, action: object) -> FloatArray:
+        """The action as an array within the space's bounds.
+
+        Raises:
+            InvalidActionError: It has a wrong shape or type, or is not finite.
+        """
         try:
             array = np.asarray(action, dtype=np.float64)
         except (TypeError, ValueError) as error:

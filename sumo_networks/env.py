@@ -13,6 +13,7 @@ from sumo_networks.arrays import Float32Array
 from sumo_networks.catalog import load_network
 from sumo_networks.control import Control, make_control
 from sumo_networks.reward import Reward, make_reward
+from sumo_networks.routing import Route
 from sumo_networks.scenario import Scenario
 from sumo_networks.sensors import Sensor, make_sensors
 from sumo_networks.simulation import TICK_S, Simulation
@@ -82,6 +83,11 @@ class DrivingEnv(ParallelEnv[str, Observation, np.ndarray]):
             for name, chosen in self._sensors.items()
         }
 
+    @property
+    def routes(self) -> tuple[Route, ...]:
+        """The planned routes, one per ego."""
+        return self._simulation.routes
+
     def observation_space(self, agent: str) -> gymnasium.spaces.Dict:
         """One Box per sensor."""
         return self._observation_spaces[agent]
@@ -148,6 +154,10 @@ class DrivingEnv(ParallelEnv[str, Observation, np.ndarray]):
             if terminations[name] or truncations[name]:
                 self.retire(name)
         return observations, rewards, terminations, truncations, {name: {} for name in drove}
+
+    def check_action(self, name: str, action: object) -> None:
+        """Raises InvalidActionError where an action has a wrong shape or type, or is not finite."""
+        self._controls[name].checked(action)
 
     def retire(self, name: str) -> None:
         """Ends the episode of one ego and takes it off the road."""

@@ -1,0 +1,260 @@
+"""Autopilot: a rule-based expert with privileged sensors. The demonstrator for learners, the bar for planners.
+
+It follows its route's path by pure pursuit and takes the smallest of the accelerations that its rules ask for: the
+speed limit and the curve ahead, leaders in its path (IDM), red and yellow lights, stop signs, and actors that cross or
+join its path and have the right of way, or do not look as if they would give it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
+from sumo_networks.arrays import Float32Array
+from sumo_networks.control import pure_pursuit, pursuit_distance
+from sumo_networks.vehicle import VehicleParameters
+from sumo_networks.world import ActorKind, LightState
+
+RED, YELLOW = int(LightState.RED), int(LightState.YELLOW)
+PEDESTRIAN = int(ActorKind.PEDESTRIAN)
+FREE = math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class Style:
+    """How the autopilot drives.
+
+    Attributes:
+        max_speed: m/s, however high the limit.
+        acceleration: m/s^2.
+        comfortable_braking: m/s^2.
+        lateral_acceleration: In curves, m/s^2.
+        headway: To leaders, s.
+        gap: To a standing leader, m.
+        line_gap: Front bumper to a stop line, m.
+        corridor_margin: Beside the ego's body, within which somebody ahead is a leader, m.
+        patience: Standing longer than this, it no longer waits for others that stand too, s.
+    """
+
+    max_speed: float = 14.0
+    acceleration: float = 2.0
+    comfortable_braking: float = 2.5
+    lateral_acceleration: float = 2.0
+    headway: float = 1.3
+    gap: float = 2.5
+    line_gap: float = 1.0
+    corridor_margin: float = 0.3
+    patience: float = 12.0
+
+
+class Autopilot(Agent):
+    """The rule-based expert; its settings are the fields of `Style`.
+
+    Source: IDM (Treiber, Hennecke, Helbing 2000) for gaps; gap acceptance and the braking rules are ours.
+    """
+
+    spec = AgentSpec(
+        name="autopilot",
+        track="privileged",
+        sensors=("speedometer", "route", "objects", "lights", "conflicts", "navigation"),
+        control="acceleration_steering",
+    )
+
+    def __init__(self, **style: float) -> None:
+        self.style = Style(**style)
+        self._vehicle = VehicleParameters()
+        self._half_length = self._vehicle.length / 2
+        self._reset_memory()
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        """Forgets the last episode."""
+        self._reset_memory()
+
+    def _reset_memory(self) -> None:
+        self._standing = 0.0
+        self._stopped_at_sign = False
+        self._reason: Explanation = {}
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """The most careful of the accelerations asked for, and the steering along the path."""
+        speed = float(observation["speedometer"][0])
+        self._standing = self._standing + 0.1 if speed < 0.2 else 0.0
+        wishes = {
+            "free road": self._free_road(speed, observation["route"]),
+            "leader": self._leader(speed, observation),
+            "light": self._lights(speed, observation["lights"]),
+            "conflict": self._conflicts(speed, observation["conflicts"]),
+        }
+        cause = min(wishes, key=lambda name: wishes[name])
+        self._reason = {"rule": cause, "acceleration": {name: round(a, 2) for name, a in wishes.items()}}
+        acceleration = float(np.clip(wishes[cause], -8.0, self.style.acceleration))
+        return np.array([acceleration, self._steering(speed, observation["route"])])
+
+    def explain(self) -> Explanation | None:
+        """The rule that decided, and what each rule asked for."""
+        return self._reason
+
+    def _steering(self, speed: float, route: Float32Array) -> float:
+        aim = route[round(pursuit_distance(speed))]
+        return pure_pursuit(self._vehicle, float(aim[0]), float(aim[1])) / self._vehicle.max_steering
+
+    def _free_road(self, speed: float, route: Float32Array) -> float:
+        """Towards the limit here, braking in time for lower limits and curves ahead."""
+        s = self.style
+        curve = np.sqrt(s.lateral_acceleration / np.maximum(np.abs(route[:, 3]), 1e-3))
+        allowed = np.minimum(np.minimum(route[:, 4], curve), s.max_speed)
+        ahead = np.arange(len(route), dtype=np.float64)
+        # Speed now from which comfortable braking reaches each allowed speed in time.
+        target = float(np.sqrt(allowed**2 + 2 * 0.7 * s.comfortable_braking * ahead).min())
+        if speed > target:
+            return max(-s.comfortable_braking * 1.6, (target - speed) / 0.5)
+        return s.acceleration * (1.0 - (speed / max(target, 0.1)) ** 4)
+
+    def _leader(self, speed: float, observation: Observation) -> float:
+        reach = self._vehicle.width / 2 + self.style.corridor_margin
+        gap, leader_speed = _leader(observation["objects"], observation["route"], reach, self._half_length)
+        return self._follow(speed, gap, leader_speed)
+
+    def _follow(self, speed: float, gap: float, leader_speed: float) -> float:
+        """IDM's interaction with a leader; beyond what IDM asks, whatever still avoids the impact."""
+        s = self.style
+        if gap == FREE:
+            return FREE
+        gap = max(gap, 0.05)
+        closing = speed * (speed - leader_speed) / (2 * math.sqrt(s.acceleration * s.comfortable_braking))
+        wanted = s.gap + max(0.0, speed * s.headway + closing)
+        idm = s.acceleration * (1.0 - (wanted / gap) ** 2)
+        if speed > leader_speed:
+            needed = (speed - leader_speed) ** 2 / (2 * max(gap - 0.8, 0.1))
+            if needed > 3.5:
+                return -needed * 1.3
+        return max(idm, -5.0)
+
+    def _stop_at(self, speed: float, distance: float) -> float:
+        """Towards standing with the front a little before a line."""
+        return self._follow(speed, max(distance + self.style.gap - self.style.line_gap, 0.05), 0.0)
+
+    def _lights(self, speed: float, lights: Float32Array) -> float:
+        """Stops at red lines, at yellow ones where that is comfortable, and once at every stop sign."""
+        wish = FREE
+        for row, (distance, _, signal, control) in enumerate(lights):
+            if distance < -0.5 or distance >= 1000.0:
+                continue
+            braking = speed**2 / (2 * max(float(distance) - 0.3, 0.1))
+            if signal == RED or (signal == YELLOW and braking < 3.5):
+                wish = min(wish, self._stop_at(speed, float(distance)))
+            if control == 2 and row == 0:
+                self._stopped_at_sign = self._stopped_at_sign or (speed < 0.05 and distance < 2.5)
+                if not self._stopped_at_sign:
+                    wish = min(wish, self._stop_at(speed, float(distance)))
+        if lights[0, 3] != 2 or lights[0, 0] < -0.5:
+            self._stopped_at_sign = False
+        return wish
+
+    def _conflicts(self, speed: float, conflicts: Float32Array) -> float:
+        """Stops before the paths of those it must, or had better, let pass."""
+        wish = FREE
+        for row in conflicts:
+            if row[6] < 0:
+                break
+            if self._must_wait(speed, row):
+                distance = float(row[0])
+                wish = min(wish, self._stop_at(speed, distance - 0.5))
+        return wish
+
+    def _must_wait(self, speed: float, row: Float32Array) -> bool:
+        enter, leave, other_enter, other_leave, other_speed, priority, kind, _ = (float(v) for v in row)
+        if enter < 0.3 or other_leave < 0.0:
+            return False
+        needed = speed**2 / (2 * max(enter - 0.3, 0.1))
+        if needed > 7.0 and kind != PEDESTRIAN:
+            return False  # too late to stop before it: clear it instead
+        if other_speed < 0.3 and other_enter > 0.5 and (self._standing > self.style.patience or kind == PEDESTRIAN):
+            return False
+        arrive, clear = self._window(speed, enter, leave)
+        joins = leave >= 1000.0
+        other_arrive = _earliest(other_enter, other_speed, kind)
+        other_clear = _latest(other_leave, other_speed)
+        if priority < 0:
+            # The other must give way; doubt it only when it is about to be there, or is there.
+            return other_enter < max(0.8 * other_speed, 0.3) and other_arrive < clear + 0.5 and arrive < other_clear + 0.3
+        before, after = (1.5, 1.0) if kind != PEDESTRIAN else (1.2, 0.6)
+        if joins:
+            # Whoever follows behind must not have to brake hard.
+            before = 2.0 + max(other_speed - speed - 2.0, 0.0) / 2.0
+            clear = arrive + 0.5
+        return other_arrive < clear + before and arrive < other_clear + after
+
+    def _window(self, speed: float, enter: float, leave: float) -> tuple[float, float]:
+        """When the ego would enter and leave a stretch, accelerating gently up to 8 m/s."""
+        leave = min(leave, enter + 12.0) + self.style.line_gap
+        return _travel_time(enter, speed, 1.5, 8.0), _travel_time(leave + 2 * self._half_length, speed, 1.5, 8.0)
+
+
+def _travel_time(distance: float, speed: float, acceleration: float, top: float) -> float:
+    """Time to cover a distance, accelerating up to a top speed, s."""
+    top = max(top, speed)
+    ramp = (top**2 - speed**2) / (2 * acceleration)
+    if distance <= ramp:
+        return (math.sqrt(speed**2 + 2 * acceleration * max(distance, 0.0)) - speed) / acceleration
+    return (top - speed) / acceleration + (distance - ramp) / top
+
+
+def _earliest(distance: float, speed: float, kind: float) -> float:
+    """When another may arrive at the earliest, s: vehicles may accelerate, people keep their pace."""
+    if distance <= 0.0:
+        return 0.0
+    if kind == PEDESTRIAN:
+        return distance / max(speed, 0.1)
+    return _travel_time(distance, speed, 1.5, max(speed, 8.0))
+
+
+def _latest(distance: float, speed: float) -> float:
+    """When another has left at the latest, if it keeps its speed, s."""
+    return distance / max(speed, 0.3)
+
+
+@njit(cache=True)
+def _leader(objects: Float32Array, route: Float32Array, reach: float, half_length: float) -> tuple[float, float]:
+    """The nearest actor in the corridor around the path.
+
+    Args:
+        objects: (48, 8), see `sensors.objects`.
+        route: (80, 7), see `sensors.route`.
+        reach: Half the width of the corridor, m.
+        half_length: Of the ego, m.
+
+    Returns:
+        Gap between bumpers [m] (infinite where there is nobody), its speed along the path [m/s].
+    """
+    best, best_speed = np.inf, 0.0
+    for k in range(objects.shape[0]):
+        if objects[k, 0] < 0:
+            break
+        x, y, heading, speed, length, width = objects[k, 1:7]
+        cos, sin = math.cos(heading), math.sin(heading)
+        nearest, low, high = 1_000_000, math.inf, -math.inf
+        for a in (-0.5, 0.0, 0.5):
+            for b in (-0.5, 0.0, 0.5):
+                px, py = x + a * length * cos - b * width * sin, y + a * length * sin + b * width * cos
+                i, distance = 0, math.inf
+                for j in range(route.shape[0]):
+                    d = (route[j, 0] - px) ** 2 + (route[j, 1] - py) ** 2
+                    if d < distance:
+                        i, distance = j, d
+                if i == 0 and px < 0.0 or i == route.shape[0] - 1:
+                    continue
+                side = math.cos(route[i, 2]) * (py - route[i, 1]) - math.sin(route[i, 2]) * (px - route[i, 0])
+                low, high = min(low, side), max(high, side)
+                nearest = min(nearest, i)
+        if low > reach or high < -reach:
+            continue
+        gap = nearest - half_length
+        if gap < best and nearest > 0:
+            best = gap
+            best_speed = max(speed * math.cos(heading - route[nearest, 2]), 0.0)
+    return best, best_speed

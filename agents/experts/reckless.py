@@ -1,0 +1,31 @@
+"""Reckless: full concern for the lane, none for anybody in it. The benchmark's honesty check: it must fail."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from evaluation.agent import Agent, AgentSpec, Mission, Observation
+from sumo_networks.vehicle import VehicleParameters
+
+AIM_M = 6
+
+
+class Reckless(Agent):
+    """Constant throttle, steering along the route."""
+
+    spec = AgentSpec(name="reckless", track="map", sensors=("route",), control="pedals_steering")
+
+    def __init__(self, throttle: float = 0.5) -> None:
+        self.throttle = throttle
+        self._vehicle = VehicleParameters()
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        """Nothing to prepare."""
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Throttle, no brake, pure pursuit of a point 6 m ahead."""
+        x, y = observation["route"][AIM_M, :2]
+        angle = math.atan2(2 * self._vehicle.wheelbase * float(y), float(x) ** 2 + float(y) ** 2)
+        return np.array([self.throttle, 0.0, angle / self._vehicle.max_steering])

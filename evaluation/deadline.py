@@ -1,0 +1,46 @@
+"""A wall-clock deadline for code that is not ours."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from sumo_networks.errors import AgentTimeoutError
+
+
+class _Expired(BaseException):
+    """Raised inside the late code; no Exception, so that a broad `except` there does not swallow it."""
+
+
+@contextmanager
+def deadline(seconds: float, what: str) -> Iterator[None]:
+    """Bounds the time of the code within; without effect outside the main thread.
+
+    Code that never returns to the Python interpreter is not interrupted; the executor ends its process.
+
+    Args:
+        seconds: Wall-clock time allowed.
+        what: For the message.
+
+    Raises:
+        AgentTimeoutError: The time is over.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def expire(number: int, frame: FrameType | None) -> None:
+        raise _Expired
+
+    previous = signal.signal(signal.SIGALRM, expire)
+    signal.setitimer(signal.ITIMER_REAL, seconds, 0.5)
+    try:
+        yield
+    except _Expired:
+        raise AgentTimeoutError(f"{what} took longer than {seconds:g} s") from None
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, previous)
