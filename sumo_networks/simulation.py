@@ -31,6 +31,8 @@ _TYPES = Path(__file__).with_name("vehicle_types.add.xml")
 _OPTIONS = (
     *("--step-length", str(TICK_S), "--time-to-teleport", "-1", "--lanechange.duration", "2"),
     *("--collision.action", "warn", "--collision.check-junctions", "true", "--collision.mingap-factor", "0"),
+    # Two vehicles that each wait for the other inside a junction would stand for ever.
+    *("--ignore-junction-blocker", "10"),
     *("--xml-validation", "never", "--no-step-log", "true", "--no-warnings", "true", "--duration-log.disable", "true"),
 )
 _KINDS = {
