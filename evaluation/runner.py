@@ -65,7 +65,7 @@ def drive_episode(
     infos: Mapping[str, AgentInfo] | None = None,
     benchmark: tuple[str, str] | None = None,
     act_deadline_s: float = ACT_DEADLINE_S,
-    watch: Callable[[bool], None] = lambda busy: None,
+    watch: Callable[[float], None] = lambda seconds: None,
 ) -> tuple[EpisodeRecord, Trajectory]:
     """Drives one scenario to the end of every ego's episode.
 
@@ -78,7 +78,7 @@ def drive_episode(
         infos: What the record says of each agent; by default from the agents themselves.
         benchmark: Name and content hash, for the record.
         act_deadline_s: Wall-clock time an agent may take for one decision.
-        watch: Called with True before and False after every call of an agent.
+        watch: Called with the deadline in seconds before every call of an agent, and with 0 after it.
 
     Raises:
         InvalidInputError: The scenario cannot be driven at all, or a mission has no agent.
@@ -127,7 +127,7 @@ class _Episode:
         scenario: Scenario,
         agents: Mapping[str, Agent],
         act_deadline_s: float,
-        watch: Callable[[bool], None],
+        watch: Callable[[float], None],
     ) -> None:
         self.env, self.scenario = env, scenario
         self.act_deadline_s, self.watch = act_deadline_s, watch
@@ -197,7 +197,7 @@ class _Episode:
 
     def _call(self, drive: _Drive, call: Callable[[], None], seconds: float, status: Status) -> None:
         """Calls an agent; its failure ends its episode."""
-        self.watch(True)
+        self.watch(seconds)
         try:
             with deadline(seconds, f"agent '{drive.agent.spec.name}'"):
                 call()
@@ -206,7 +206,7 @@ class _Episode:
         except Exception as error:  # an agent may raise anything; the batch must survive
             self._end(drive, status, _describe(error))
         finally:
-            self.watch(False)
+            self.watch(0.0)
 
     def _judge(self, drive: _Drive, before: World, after: World, reached: bool) -> None:
         egos, ego = after.egos, drive.index

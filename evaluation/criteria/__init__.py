@@ -1,1 +1,42 @@
-"""."""
+"""One file per infraction; each criterion watches one ego for one episode."""
+
+from __future__ import annotations
+
+from evaluation.criteria.base import ENDS, Criterion
+from evaluation.criteria.blocked import Blocked
+from evaluation.criteria.collision import Collision
+from evaluation.criteria.minimum_speed import MinimumSpeed
+from evaluation.criteria.outside_lanes import OutsideLanes
+from evaluation.criteria.red_light import RedLight
+from evaluation.criteria.route_deviation import RouteDeviation
+from evaluation.criteria.stop_sign import StopSign
+from evaluation.criteria.timeout import RouteTimeout
+from sumo_networks.scenario import Scenario
+
+__all__ = [
+    "ENDS",
+    "Blocked",
+    "Collision",
+    "Criterion",
+    "MinimumSpeed",
+    "OutsideLanes",
+    "RedLight",
+    "RouteDeviation",
+    "RouteTimeout",
+    "StopSign",
+    "criteria_for",
+]
+
+
+def criteria_for(scenario: Scenario) -> tuple[Criterion, ...]:
+    """Fresh instances of all criteria, for one ego of a scenario."""
+    return (
+        Collision(),
+        RedLight(),
+        StopSign(),
+        OutsideLanes(),
+        MinimumSpeed(),
+        RouteDeviation(),
+        Blocked(),
+        RouteTimeout(limit_s=scenario.time_limit_s),
+    )

@@ -1,0 +1,90 @@
+"""Minimum speed: the ego is slower than the traffic around it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from numba import njit
+
+from evaluation.criteria.base import Criterion, infraction
+from evaluation.record import Infraction, InfractionKind
+from sumo_networks.arrays import FloatArray, IntArray
+from sumo_networks.world import ActorKind, World
+
+
+@dataclass(slots=True)
+class MinimumSpeed(Criterion):
+    """Compares the ego with background cars, vans, trucks and buses, on equal parts of its route.
+
+    Only vehicles within sight of the ego are known, so "the traffic" is what surrounds it, standing vehicles included.
+    Every tick in which some are seen weighs the same; other ticks do not count, for the ego neither. A part on which
+    none was seen is no infraction. The last part ends with the episode, and is judged only near the goal.
+
+    Attributes:
+        checkpoints: Number of parts.
+        sight_m: How far from the ego's centre a vehicle's may be, m.
+        near_goal_m: How far from the route's end the last part counts as driven, m.
+
+    Source: CARLA Leaderboard 2.1, MinimumSpeedRouteTest, which averages all vehicles of the background activity.
+    """
+
+    checkpoints: int = 4
+    sight_m: float = 100.0
+    near_goal_m: float = 10.0
+    _passed: int = field(default=0, init=False, repr=False)
+    _ego_sum: float = field(default=0.0, init=False, repr=False)
+    _traffic_sum: float = field(default=0.0, init=False, repr=False)
+
+    def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
+        """Yields at most one infraction at each checkpoint but the last."""
+        egos, actors = after.egos, after.actors
+        traffic = _mean_traffic_speed(egos.position, ego, self.sight_m, actors.kind, actors.position, actors.speed)
+        if traffic >= 0.0:
+            self._ego_sum += egos.speed.item(ego)
+            self._traffic_sum += traffic
+        reached = egos.progress.item(ego) * self.checkpoints >= (self._passed + 1) * after.routes[ego].length
+        if reached and self._passed < self.checkpoints - 1:
+            yield from self._judge(after, ego)
+
+    def finish(self, world: World, ego: int) -> Iterator[Infraction]:
+        """Yields at most one infraction for the last part, if it was driven."""
+        to_goal = world.routes[ego].length - world.egos.progress.item(ego)
+        if self._passed == self.checkpoints - 1 and to_goal <= self.near_goal_m:
+            yield from self._judge(world, ego)
+
+    def _judge(self, world: World, ego: int) -> Iterator[Infraction]:
+        if self._ego_sum < self._traffic_sum:
+            percent = 100.0 * self._ego_sum / self._traffic_sum
+            yield infraction(InfractionKind.MINIMUM_SPEED, world, ego, percent, "%")
+        self._passed += 1
+        self._ego_sum = self._traffic_sum = 0.0
+
+
+_LAST_MOTOR_VEHICLE = int(ActorKind.BUS)
+
+
+@njit(cache=True)
+def _mean_traffic_speed(
+    egos: FloatArray, ego: int, sight: float, kind: IntArray, position: FloatArray, speed: FloatArray
+) -> float:
+    """Mean speed of the motor vehicles around an ego.
+
+    Args:
+        egos: (E, 2) centres, m, network frame.
+        ego: Which one.
+        sight: m.
+        kind: (M,) ActorKind.
+        position: (M, 2), m, network frame.
+        speed: (M,), m/s.
+
+    Returns:
+        m/s; -1 if there is none.
+    """
+    total, count = 0.0, 0
+    for i in range(kind.shape[0]):
+        dx, dy = position[i, 0] - egos[ego, 0], position[i, 1] - egos[ego, 1]
+        if kind[i] <= _LAST_MOTOR_VEHICLE and dx * dx + dy * dy <= sight * sight:
+            total += speed[i]
+            count += 1
+    return total / count if count else -1.0

@@ -1,0 +1,52 @@
+"""Outside lanes: metres driven beside all lanes, or in one for the opposite direction."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from evaluation.criteria.base import Criterion, infraction
+from evaluation.record import Infraction, InfractionKind
+from sumo_networks.world import World
+
+
+@dataclass(slots=True)
+class OutsideLanes(Criterion):
+    """Measures the distance driven outside the lanes; one infraction per episode, where the ego first left them.
+
+    Attributes:
+        margin_m: How far beyond the nearest lane's edge the ego's centre may be, m.
+        metres: Driven outside so far, m.
+
+    Source: CARLA Leaderboard 2.1, OutsideRouteLanesTest.
+    """
+
+    margin_m: float = 0.5
+    metres: float = field(default=0.0, init=False)
+    _first: Infraction | None = field(default=None, init=False, repr=False)
+
+    def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
+        """Yields nothing: the infraction's size is known at the end."""
+        if self._is_outside(after, ego):
+            self.metres += after.egos.driven.item(ego) - before.egos.driven.item(ego)
+            if self._first is None and self.metres > 0.0:
+                self._first = infraction(InfractionKind.OUTSIDE_LANES, after, ego, 0.0, "m", actor=_lane(after, ego))
+        return iter(())
+
+    def finish(self, world: World, ego: int) -> Iterator[Infraction]:
+        """Yields one infraction if the ego ever drove outside its lanes; its time and place are the first departure."""
+        if self._first is not None:
+            yield self._first.model_copy(update={"magnitude": self.metres})
+
+    def _is_outside(self, world: World, ego: int) -> bool:
+        egos, lanes = world.egos, world.network.lanes
+        lane = egos.lane.item(ego)
+        if lane < 0 or abs(egos.lane_offset.item(ego)) > 0.5 * lanes.width.item(lane) + self.margin_m:
+            return True
+        return abs(egos.lane_heading_error.item(ego)) > math.pi / 2 and not lanes.internal[lane]
+
+
+def _lane(world: World, ego: int) -> str | None:
+    lane = world.egos.lane.item(ego)
+    return str(world.network.lanes.ids[lane]) if lane >= 0 else None

@@ -1,0 +1,82 @@
+"""Red light: the ego crosses a stop line while its light is red."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from evaluation.criteria.base import Criterion, Point, axis_point, crossed_stop_lines, front, infraction
+from evaluation.record import Infraction, InfractionKind
+from sumo_networks.world import LightState, World
+
+
+@dataclass(slots=True)
+class RedLight(Criterion):
+    """Detects running a red light; yellow is no infraction.
+
+    The light is the one after the tick, under which SUMO moved the traffic in that tick. Where the ego's route goes
+    through the stop line, the route's own signal decides; elsewhere the light is red if every signal of the lane is.
+    The same light, which is one approach to a junction, is not counted twice in a row.
+
+    Attributes:
+        reference: What of the ego must cross: "front" (default), the middle of the front bumper, or "tail", CARLA's
+            test, by which entering late on yellow can count: a piece of the ego's axis from 0.8 half-lengths behind
+            its centre to 1 m behind its rear bumper.
+
+    Source: CARLA Leaderboard 2.1, RunningRedLightTest.
+    """
+
+    reference: Literal["front", "tail"] = "front"
+    _any_lit: bool = field(default=True, init=False, repr=False)
+    _last_approach: int = field(default=-1, init=False, repr=False)
+
+    def start(self, world: World, ego: int) -> None:
+        """Notes whether the network has lights at all."""
+        self._any_lit = bool(world.network.stop_lines.lit.any())
+
+    def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
+        """Yields an infraction per red light and passage."""
+        if not self._any_lit:
+            return
+        motion = _front_motion if self.reference == "front" else _tail
+        for row in crossed_stop_lines(after, ego, *motion(before, after, ego)):
+            network = after.network
+            lane = int(network.stop_lines.lane[row])
+            signal = red_signal(after, ego, lane) if network.stop_lines.lit[row] else -1
+            approach = int(network.lanes.edge[lane])
+            if signal < 0 or approach == self._last_approach:
+                continue
+            self._last_approach = approach
+            light = str(network.signals.light_ids[network.signals.light[signal]])
+            speed = after.egos.speed.item(ego)
+            yield infraction(InfractionKind.RED_LIGHT, after, ego, speed, "m/s", actor=light)
+
+
+def red_signal(world: World, ego: int, lane: int) -> int:
+    """The signal that is red for an ego at the end of a lane, -1 if none is."""
+    connections, progress = world.network.connections, world.egos.progress[ego]
+    through = [p for p in world.routes[ego].passages if connections.source[p.connection] == lane]
+    if through:
+        signals = np.array([min(through, key=lambda p: abs(p.entry - progress)).signal])
+    else:
+        signals = connections.signal[world.network.connections_from(lane)]
+    signals = signals[signals >= 0]
+    if len(signals) and bool((world.signals[signals] == LightState.RED).all()):
+        return int(signals[0])
+    return -1
+
+
+def _front_motion(before: World, after: World, ego: int) -> tuple[Point, Point]:
+    return front(before.egos, ego), front(after.egos, ego)
+
+
+def _tail(before: World, after: World, ego: int) -> tuple[Point, Point]:
+    """CARLA's piece of the ego's axis, lengthened where the ego is so fast that it would jump over a line."""
+    half = 0.5 * after.egos.length.item(ego)
+    rear, fore = axis_point(after.egos, ego, -half - 1.0), axis_point(after.egos, ego, -0.8 * half)
+    fore_before = axis_point(before.egos, ego, -0.8 * half)
+    return (rear if math.dist(fore_before, fore) < math.dist(rear, fore) else fore_before), fore

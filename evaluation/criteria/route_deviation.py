@@ -1,0 +1,39 @@
+"""Route deviation: the ego has left its route for good."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from evaluation.criteria.base import Criterion, infraction
+from evaluation.record import Infraction, InfractionKind
+from sumo_networks.world import World
+
+
+@dataclass(slots=True)
+class RouteDeviation(Criterion):
+    """Detects an ego that is far from the part of the route around its progress, once per episode.
+
+    Attributes:
+        far_m: This far away at any moment is a deviation, m.
+        away_m: This far away may be, for a part of the route, m.
+        away_share: Largest part of the route along which the ego may progress while it is away.
+
+    Source: CARLA Leaderboard 2.1, InRouteTest.
+    """
+
+    far_m: float = 30.0
+    away_m: float = 15.0
+    away_share: float = 0.3
+    _progress_away: float = field(default=0.0, init=False, repr=False)
+    _reported: bool = field(default=False, init=False, repr=False)
+
+    def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
+        """Yields one infraction when the ego has deviated; its magnitude is the distance from the route."""
+        distance = abs(after.egos.lateral.item(ego))
+        if distance < self.away_m or self._reported:
+            return
+        self._progress_away += max(after.egos.progress.item(ego) - before.egos.progress.item(ego), 0.0)
+        if distance >= self.far_m or self._progress_away > self.away_share * after.routes[ego].length:
+            self._reported = True
+            yield infraction(InfractionKind.ROUTE_DEVIATION, after, ego, distance, "m")

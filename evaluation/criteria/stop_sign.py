@@ -1,0 +1,55 @@
+"""Stop sign: the ego's front crosses a stop sign's line without having stood before it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from evaluation.criteria.base import Criterion, crossed_stop_lines, front, infraction
+from evaluation.record import Infraction, InfractionKind
+from sumo_networks.world import World
+
+
+@dataclass(slots=True)
+class StopSign(Criterion):
+    """Detects rolling over a stop sign's line.
+
+    The ego must have stood in the last metres that it drove before its front crossed the line. CARLA's trigger area is
+    a box around the sign, which SUMO does not place.
+
+    Attributes:
+        within_m: How far before the line its front may stand, m.
+        standing_mps: Slower than this is standing, m/s.
+
+    Source: CARLA Leaderboard 2.1, RunningStopTest.
+    """
+
+    within_m: float = 4.0
+    standing_mps: float = 0.1
+    _any_signed: bool = field(default=True, init=False, repr=False)
+    _stood_at: float = field(default=-math.inf, init=False, repr=False)
+
+    def start(self, world: World, ego: int) -> None:
+        """Notes whether the network has stop signs at all."""
+        self._any_signed = bool(world.network.stop_lines.stop_sign.any())
+
+    def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
+        """Yields an infraction per line crossed without standing."""
+        if not self._any_signed:
+            return
+        if before.egos.speed[ego] < self.standing_mps:
+            self._stood_at = before.egos.driven.item(ego)
+        fore = front(before.egos, ego)
+        for row in crossed_stop_lines(after, ego, fore, front(after.egos, ego)):
+            stop_lines = after.network.stop_lines
+            to_line = _distance_to_line(*fore, *stop_lines.segment[row].tolist())
+            if stop_lines.stop_sign[row] and before.egos.driven[ego] - self._stood_at + to_line > self.within_m:
+                lane = str(after.network.lanes.ids[stop_lines.lane[row]])
+                yield infraction(InfractionKind.STOP_SIGN, after, ego, after.egos.speed.item(ego), "m/s", actor=lane)
+
+
+def _distance_to_line(x: float, y: float, right_x: float, right_y: float, left_x: float, left_y: float) -> float:
+    """Distance of a point from the straight line through two others, m."""
+    along_x, along_y = left_x - right_x, left_y - right_y
+    return abs(along_x * (y - right_y) - along_y * (x - right_x)) / math.hypot(along_x, along_y)

@@ -1,0 +1,49 @@
+"""Route timeout: the ego takes too long."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from evaluation.criteria.base import Criterion, infraction
+from evaluation.record import Infraction, InfractionKind
+from sumo_networks.routing import Route
+from sumo_networks.world import World
+
+
+@dataclass(slots=True)
+class RouteTimeout(Criterion):
+    """Detects an ego that has not arrived in time, once per episode.
+
+    Attributes:
+        limit_s: Time allowed, s; None: a fixed time, and what the route takes at a part of the local speed limits.
+        fixed_s: The fixed time, s.
+        speed_share: The part of the speed limits.
+
+    Source: CARLA Leaderboard 2.1, RouteTimeoutBehavior.
+    """
+
+    limit_s: float | None = None
+    fixed_s: float = 300.0
+    speed_share: float = 0.1
+    _limit: float = field(default=0.0, init=False, repr=False)
+    _reported: bool = field(default=False, init=False, repr=False)
+
+    def start(self, world: World, ego: int) -> None:
+        """Works out the time allowed."""
+        driving_s = travel_time(world.routes[ego]) / self.speed_share
+        self._limit = self.fixed_s + driving_s if self.limit_s is None else self.limit_s
+
+    def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
+        """Yields one infraction when the time is up."""
+        if after.time > self._limit and not self._reported:
+            self._reported = True
+            yield infraction(InfractionKind.ROUTE_TIMEOUT, after, ego, after.time, "s")
+
+
+def travel_time(route: Route) -> float:
+    """Time a route takes at the local speed limits, s."""
+    spacing = route.length / (len(route.position) - 1)
+    return float(np.sum(spacing / route.speed_limit[:-1]))

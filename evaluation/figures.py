@@ -1,0 +1,417 @@
+"""Figures of evaluations: one plotly template, one mark per kind, one colour per agent; records in, Figure out."""
+
+from __future__ import annotations
+
+import hashlib
+import html
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from evaluation.record import EgoRecord, EpisodeRecord, Infraction, InfractionKind, Status
+from evaluation.scores.driving import Rules, driving_score
+from evaluation.statistics import Estimate, mean_estimate
+from sumo_networks.arrays import FloatArray
+
+Scheme = Literal["light", "dark"]
+Records = Mapping[str, Sequence[EpisodeRecord]]
+"""The records of each agent, by its name."""
+
+OKABE_ITO = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442", "#000000")
+SANS = "ui-sans-serif, system-ui, sans-serif"
+MISSING = "\N{EM DASH}"
+
+
+@dataclass(frozen=True, slots=True)
+class Palette:
+    """The colours that change between light and dark.
+
+    Attributes:
+        panel: Behind figures and tables.
+        ink: Text.
+        quiet: Second text.
+        line: Hairlines and grids.
+        success: The goal was reached.
+        warning: The agent failed as a program.
+        infraction: The agent failed as a driver.
+        infrastructure: Nobody's driving failed.
+    """
+
+    panel: str
+    ink: str
+    quiet: str
+    line: str
+    success: str
+    warning: str
+    infraction: str
+    infrastructure: str
+
+
+PALETTES: Mapping[Scheme, Palette] = MappingProxyType(
+    {
+        "light": Palette("#FFFFFF", "#1F2328", "#6B7280", "#E5E0D8", "#2E7D5B", "#B7791F", "#B3362E", "#6B7280"),
+        "dark": Palette("#1C1F25", "#E8E6E1", "#9AA3AF", "#2C3038", "#4CAF86", "#D69A3A", "#E5675E", "#9AA3AF"),
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """How one kind of infraction is drawn, on every page.
+
+    Attributes:
+        label: Its name for a reader.
+        symbol: Its plotly symbol.
+        path: The same shape as an SVG path within -5..5, y down.
+    """
+
+    label: str
+    symbol: str
+    path: str
+
+
+MARKS: Mapping[InfractionKind, Mark] = MappingProxyType(
+    {
+        InfractionKind.COLLISION_PEDESTRIAN: Mark(
+            "pedestrian hit", "circle", "M-4.5 0a4.5 4.5 0 1 0 9 0a4.5 4.5 0 1 0-9 0z"
+        ),
+        InfractionKind.COLLISION_VEHICLE: Mark("vehicle hit", "square", "M-4-4h8v8h-8z"),
+        InfractionKind.COLLISION_STATIC: Mark("obstacle hit", "triangle-up", "M0-5 5 4h-10z"),
+        InfractionKind.RED_LIGHT: Mark("red light run", "diamond", "M0-5.5 5 0 0 5.5-5 0z"),
+        InfractionKind.STOP_SIGN: Mark("stop sign run", "octagon", "M-2-5h4l3 3v4l-3 3h-4l-3-3v-4z"),
+        InfractionKind.OUTSIDE_LANES: Mark("outside lanes", "bowtie", "M-5-4.5 5 4.5v-9l-10 9z"),
+        InfractionKind.MINIMUM_SPEED: Mark("too slow", "triangle-down", "M0 5 5-4h-10z"),
+        InfractionKind.ROUTE_DEVIATION: Mark(
+            "left the route", "x", "M-5-3-3-5 0-2 3-5 5-3 2 0 5 3 3 5 0 2-3 5-5 3-2 0z"
+        ),
+        InfractionKind.BLOCKED: Mark("blocked", "cross", "M-1.7-5h3.4v3.3h3.3v3.4h-3.3v3.3h-3.4v-3.3h-3.3v-3.4h3.3z"),
+        InfractionKind.ROUTE_TIMEOUT: Mark("out of time", "hourglass", "M-4.5-5h9l-9 10h9z"),
+    }
+)
+
+ENDINGS: Mapping[Status, tuple[str, str]] = MappingProxyType(
+    {
+        Status.PERFECT: ("success", ""),
+        Status.COMPLETED: ("success", "/"),
+        Status.COLLIDED: ("infraction", ""),
+        Status.DEVIATED: ("infraction", "x"),
+        Status.BLOCKED: ("infraction", "/"),
+        Status.TIMED_OUT: ("infraction", "."),
+        Status.AGENT_SETUP: ("warning", ""),
+        Status.AGENT_RAISED: ("warning", "x"),
+        Status.AGENT_ACTION: ("warning", "/"),
+        Status.AGENT_DEADLINE: ("warning", "."),
+        Status.SIMULATION: ("infrastructure", "/"),
+    }
+)
+"""What each status means (a field of Palette), and the pattern that tells it apart without colour."""
+
+
+def agent_colours(agents: Iterable[str]) -> dict[str, str]:
+    """A colour per agent that follows from its name, so that it is the same on every page.
+
+    Two agents of one page that would share a colour are told apart by moving the later name on to the next free one.
+    """
+    colours: dict[str, str] = {}
+    free = list(OKABE_ITO)
+    for agent in sorted(set(agents)):
+        first = int.from_bytes(hashlib.sha256(agent.encode()).digest()[:4]) % len(OKABE_ITO)
+        free = free or list(OKABE_ITO)
+        order = (OKABE_ITO[(first + step) % len(OKABE_ITO)] for step in range(len(OKABE_ITO)))
+        colours[agent] = next(colour for colour in order if colour in free)
+        free.remove(colours[agent])
+    return colours
+
+
+def template(scheme: Scheme = "light") -> go.layout.Template:
+    """The look that all figures share."""
+    palette = PALETTES[scheme]
+    axis = {
+        "gridcolor": palette.line,
+        "linecolor": palette.line,
+        "zeroline": False,
+        "automargin": True,
+        "fixedrange": True,
+        "title": {"font": {"size": 12, "color": palette.quiet}, "standoff": 8},
+    }
+    layout = {
+        "font": {"family": SANS, "size": 13, "color": palette.ink},
+        "paper_bgcolor": palette.panel,
+        "plot_bgcolor": palette.panel,
+        "colorway": OKABE_ITO,
+        "title": {
+            "x": 0,
+            "xref": "paper",
+            "xanchor": "left",
+            "font": {"size": 16, "weight": 600},
+            "subtitle": {"font": {"size": 12, "color": palette.quiet}},
+        },
+        "xaxis": axis,
+        "yaxis": axis,
+        "legend": {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom", "yref": "paper", "traceorder": "normal"},
+        "hoverlabel": {
+            "bgcolor": palette.panel,
+            "bordercolor": palette.quiet,
+            "font": {"family": SANS, "color": palette.ink},
+            "align": "left",
+        },
+        "margin": {"l": 8, "r": 16, "t": 88, "b": 48},
+        "dragmode": False,
+        "bargap": 0.4,
+    }
+    scatter = {
+        "marker": {"size": 9, "line": {"width": 1, "color": palette.ink}},
+        "error_x": {"thickness": 1.3, "width": 0, "color": palette.quiet},
+    }
+    bar = {"marker": {"line": {"width": 1, "color": palette.panel}, "pattern": {"solidity": 0.25, "size": 6}}}
+    return go.layout.Template(layout=layout, data={"scatter": [scatter], "bar": [bar]})
+
+
+def scored(records: Iterable[EpisodeRecord]) -> Iterator[tuple[EpisodeRecord, EgoRecord]]:
+    """Every drive that enters a score; an episode that the infrastructure lost is left out whole."""
+    return ((record, ego) for record in records if not lost(record) for ego in record.egos)
+
+
+def lost(record: EpisodeRecord) -> bool:
+    """Whether the infrastructure failed, so that the episode says nothing about its agent."""
+    return any(ego.status.infrastructure_fault for ego in record.egos)
+
+
+def mission_name(record: EpisodeRecord, ego: EgoRecord) -> str:
+    """The scenario, and which of its egos where there are several."""
+    return record.scenario.name if len(record.egos) == 1 else f"{record.scenario.name} / {ego.name}"
+
+
+def label(text: str) -> str:
+    """A name from a record as plotly text, which would otherwise read markup in it."""
+    return html.escape(text, quote=False)
+
+
+def interval(estimate: Estimate) -> str:
+    """An estimate in the project's words, such as `78.4 [75.9, 80.6] n=75`."""
+    if estimate.mean is None:
+        return MISSING
+    if estimate.low is None or estimate.high is None:
+        return f"{number(estimate.mean)} n={estimate.n}"
+    return f"{number(estimate.mean)} [{number(estimate.low)}, {number(estimate.high)}] n={estimate.n}"
+
+
+def number(value: float) -> str:
+    """A number to three significant digits, in plain notation and without a trailing point."""
+    if value == 0 or abs(value) < 5e-4:
+        return "0"
+    if abs(value) >= 999.5:
+        return f"{value:.0f}"
+    return f"{value:#.3g}".removesuffix(".")
+
+
+def score_by_mission(records: Records, *, rules: Rules = "2.0") -> go.Figure:
+    """Driving score of every agent on every mission, hardest at the top, with intervals over seeds.
+
+    Args:
+        records: By agent.
+        rules: Version of the leaderboard's rules.
+    """
+    estimates = {agent: _mission_estimates(some, rules) for agent, some in records.items()}
+    missions = _hardest_first(estimates)
+    colours = agent_colours(records)
+    figure = go.Figure()
+    for agent, shift in zip(records, _shifts(len(records)), strict=True):
+        found = [(mission, estimates[agent][mission]) for mission in missions if mission in estimates[agent]]
+        means = [one.mean or 0.0 for _, one in found]
+        figure.add_scatter(
+            x=means,
+            y=[missions.index(mission) + shift for mission, _ in found],
+            mode="markers",
+            name=label(agent),
+            marker_color=colours[agent],
+            error_x={
+                "symmetric": False,
+                "array": [_reach(one.high, mean) for (_, one), mean in zip(found, means, strict=True)],
+                "arrayminus": [_reach(one.low, mean) for (_, one), mean in zip(found, means, strict=True)],
+            },
+            hovertext=[f"<b>{label(name)}</b><br>{label(agent)}: DS {interval(one)}" for name, one in found],
+            hoverinfo="text",
+        )
+    episodes = sum(one.n for by_mission in estimates.values() for one in by_mission.values())
+    _entitle(figure, _mission_finding(estimates, missions), f"Mean and 95 % interval over seeds; {episodes} drives.")
+    figure.update_xaxes(title_text=f"driving score, rules {rules}, %", range=[-1, 101])
+    figure.update_yaxes(
+        tickvals=list(range(len(missions))),
+        ticktext=[label(mission) for mission in missions],
+        range=[len(missions) - 0.5, -0.5],
+        showgrid=False,
+    )
+    return figure.update_layout(height=160 + len(missions) * max(24, 13 * len(records)), showlegend=True)
+
+
+def infractions_along_route(records: Records) -> go.Figure:
+    """Where along its route each agent errs: the rate in every tenth, over each single infraction by kind.
+
+    Args:
+        records: By agent.
+    """
+    kinds = [kind for kind in InfractionKind if any(one.kind is kind for one, _ in _infractions(records))]
+    figure = make_subplots(rows=2, shared_xaxes=True, vertical_spacing=0.06, row_heights=[150, 60 + 30 * len(kinds)])
+    colours = agent_colours(records)
+    for agent, shift in zip(records, _shifts(len(records)), strict=True):
+        figure.add_bar(
+            x=[10 * tenth + 5 for tenth in range(10)],
+            y=_rate_by_tenth(records[agent]),
+            name=label(agent),
+            legendgroup=label(agent),
+            marker_color=colours[agent],
+            hovertemplate="%{y:.2f} per km<extra>" + label(agent) + "</extra>",
+            row=1,
+            col=1,
+        )
+        own = list(_infractions({agent: records[agent]}))
+        figure.add_scatter(
+            x=[100 * min(1.0, one.route_m / ego.route_length_m) for one, ego in own],
+            y=[kinds.index(one.kind) + shift for one, _ in own],
+            mode="markers",
+            marker={
+                "color": colours[agent],
+                "symbol": [MARKS[one.kind].symbol for one, _ in own],
+                "opacity": 0.85,
+            },
+            hovertext=[f"{label(agent)}: {MARKS[one.kind].label} at {number(one.route_m)} m" for one, _ in own],
+            hoverinfo="text",
+            legendgroup=label(agent),
+            showlegend=False,
+            row=2,
+            col=1,
+        )
+    shares = [one.route_m / ego.route_length_m for one, ego in _infractions(records)]
+    _entitle(
+        figure,
+        f"Half of the {len(shares)} infractions lie in the first {100 * float(np.median(shares)):.0f} % of the route"
+        if len(shares) > 1
+        else f"{len(shares) or 'No'} infraction along the routes",
+        "Above: infractions per km driven in that tenth of the route. Below: each infraction.",
+    )
+    figure.update_xaxes(range=[-1.5, 101.5])
+    figure.update_xaxes(title_text="share of the route, %", row=2, col=1)
+    figure.update_yaxes(title_text="per km", rangemode="tozero", row=1, col=1)
+    figure.update_yaxes(
+        tickvals=list(range(len(kinds))),
+        ticktext=[MARKS[kind].label for kind in kinds],
+        range=[len(kinds) - 0.5, -0.5],
+        showgrid=False,
+        row=2,
+        col=1,
+    )
+    return figure.update_layout(height=360 + 32 * len(kinds), barmode="group", showlegend=True)
+
+
+def episode_endings(records: Records) -> go.Figure:
+    """How each agent's drives ended; those lost to the infrastructure are shown, and belong to nobody's score.
+
+    Args:
+        records: By agent.
+    """
+    counts = {agent: Counter(ego.status for one in some for ego in one.egos) for agent, some in records.items()}
+    palette = PALETTES["light"]
+    figure = go.Figure()
+    for status, (meaning, pattern) in ENDINGS.items():
+        if not any(count[status] for count in counts.values()):
+            continue
+        figure.add_bar(
+            y=[label(agent) for agent in records],
+            x=[counts[agent][status] for agent in records],
+            orientation="h",
+            name=status.value,
+            marker={"color": getattr(palette, meaning), "pattern": {"shape": pattern}},
+            text=[counts[agent][status] or "" for agent in records],
+            textposition="inside",
+            insidetextanchor="middle",
+            textangle=0,
+            hovertemplate=f"%{{y}}: %{{x}} {status.value}<extra></extra>",
+        )
+    reached = "; ".join(
+        f"{label(agent)} reaches the goal in {sum(n for status, n in count.items() if status.completed)}"
+        f" of {sum(n for status, n in count.items() if not status.infrastructure_fault)} drives"
+        for agent, count in counts.items()
+    )
+    _entitle(figure, reached[:1].upper() + reached[1:], "Number of drives by how they ended.")
+    figure.update_xaxes(title_text="drives")
+    figure.update_yaxes(autorange="reversed", showgrid=False)
+    return figure.update_layout(
+        height=200 + 44 * len(records),
+        barmode="stack",
+        showlegend=True,
+        legend={"y": -0.25, "yanchor": "top"},
+    )
+
+
+def _mission_estimates(records: Iterable[EpisodeRecord], rules: Rules) -> dict[str, Estimate]:
+    scores: dict[str, list[float]] = {}
+    for record, ego in scored(records):
+        scores.setdefault(mission_name(record, ego), []).append(driving_score(ego, rules))
+    return {mission: mean_estimate(values) for mission, values in scores.items()}
+
+
+def _hardest_first(estimates: Mapping[str, Mapping[str, Estimate]]) -> list[str]:
+    """Missions by the agents' mean driving score, then by name."""
+    means: dict[str, list[float]] = {}
+    for by_mission in estimates.values():
+        for mission, one in by_mission.items():
+            means.setdefault(mission, []).append(one.mean or 0.0)
+    return sorted(means, key=lambda mission: (float(np.mean(means[mission])), mission))
+
+
+def _mission_finding(estimates: Mapping[str, Mapping[str, Estimate]], missions: Sequence[str]) -> str:
+    if not missions:
+        return "No mission was driven to an end that counts"
+    hardest = f"'{label(missions[0])}' is the hardest of {len(missions)} missions"
+    if len(missions) == 1:
+        hardest = f"'{label(missions[0])}' is the only mission"
+    wins = Counter(_best(estimates, mission) for mission in missions)
+    del wins[None]
+    if len(estimates) < 2 or not wins:
+        return hardest
+    (best, won), *_ = wins.most_common(1)
+    return f"{label(str(best))} has the best mean on {won} of {len(missions)} missions; {hardest}"
+
+
+def _best(estimates: Mapping[str, Mapping[str, Estimate]], mission: str) -> str | None:
+    """The agent with the highest mean on a mission; None where two share it."""
+    means = {agent: by_mission[mission].mean or 0.0 for agent, by_mission in estimates.items() if mission in by_mission}
+    best = max(means.values())
+    leaders = [agent for agent, mean in means.items() if mean == best]
+    return leaders[0] if len(leaders) == 1 else None
+
+
+def _infractions(records: Records) -> Iterator[tuple[Infraction, EgoRecord]]:
+    return ((one, ego) for some in records.values() for _, ego in scored(some) for one in ego.infractions)
+
+
+def _rate_by_tenth(records: Iterable[EpisodeRecord]) -> list[float | None]:
+    """Infractions per km driven in each tenth of the route; None where less than 100 m were driven."""
+    km, counts = np.zeros(10), np.zeros(10)
+    for _, ego in scored(records):
+        tenth_m = ego.route_length_m / 10
+        km += np.clip(ego.progress_m - tenth_m * np.arange(10), 0.0, tenth_m) / 1000
+        for one in ego.infractions:
+            counts[min(9, max(0, int(one.route_m / tenth_m)))] += 1
+    return [float(count / driven) if driven >= 0.1 else None for count, driven in zip(counts, km, strict=True)]
+
+
+def _shifts(n: int) -> FloatArray:
+    """(n,) offsets within a row of height 1, so that n agents do not cover each other."""
+    return (np.arange(n, dtype=np.float64) - (n - 1) / 2) * min(0.22, 0.7 / max(n, 1))
+
+
+def _reach(end: float | None, mean: float) -> float:
+    """How far one end of an interval lies from its mean; 0 where there is no interval."""
+    return 0.0 if end is None else abs(end - mean)
+
+
+def _entitle(figure: go.Figure, finding: str, caption: str) -> None:
+    figure.update_layout(template=template(), title={"text": finding, "subtitle": {"text": caption}})

@@ -1,0 +1,39 @@
+"""NoCrash: any collision fails the drive, whoever caused it."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from evaluation.record import EgoRecord, Infraction, InfractionKind
+from evaluation.scores.driving import route_completion
+
+COLLISIONS: Final = frozenset(
+    {InfractionKind.COLLISION_PEDESTRIAN, InfractionKind.COLLISION_VEHICLE, InfractionKind.COLLISION_STATIC}
+)
+
+
+def success(ego: EgoRecord) -> bool:
+    """Whether the goal was reached without any collision; red lights do not fail it.
+
+    Source: Codevilla et al. 2019, NoCrash.
+    """
+    return ego.status.completed and first_collision(ego) is None
+
+
+def road_completed(ego: EgoRecord) -> float:
+    """Percent in [0, 100] of the route completed before the first collision.
+
+    100 * progress at the first collision / route length; route completion where there was none. Some theses print this
+    under the name NoCrash beside others' success rates; it is another number.
+    """
+    collision = first_collision(ego)
+    if collision is None:
+        return route_completion(ego)
+    share = collision.route_m / ego.route_length_m
+    return 100.0 * min(max(share, 0.0), 1.0)
+
+
+def first_collision(ego: EgoRecord) -> Infraction | None:
+    """The earliest collision of the record, or None."""
+    collisions = (one for one in ego.infractions if one.kind in COLLISIONS)
+    return min(collisions, key=lambda one: one.time_s, default=None)

@@ -1,0 +1,33 @@
+"""Infractions per kilometre, pooled over drives."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable
+
+from evaluation.record import EgoRecord, InfractionKind
+from evaluation.scores.driving import MIN_KM, route_completion
+
+
+def route_km(ego: EgoRecord) -> float:
+    """Kilometres of the route completed: route length * RC / 100."""
+    return ego.route_length_m * route_completion(ego) / 100_000.0
+
+
+def infraction_counts(ego: EgoRecord) -> dict[InfractionKind, int]:
+    """Number of infractions of every kind, zeros included; one OUTSIDE_LANES event counts one, however long."""
+    counts = Counter(one.kind for one in ego.infractions)
+    return {kind: counts[kind] for kind in InfractionKind}
+
+
+def infractions_per_km(egos: Iterable[EgoRecord]) -> dict[InfractionKind, float]:
+    """Infractions of every kind per kilometre of route completed, pooled.
+
+    sum of counts / max(0.001 km, sum of route length * RC). Pooled, so that a drive that ended after a metre weighs a
+    metre. Source: CARLA Leaderboard 2.0 (1.0 averaged the rates of the routes).
+    """
+    egos = list(egos)
+    km = max(MIN_KM, math.fsum(route_km(ego) for ego in egos))
+    total = Counter(one.kind for ego in egos for one in ego.infractions)
+    return {kind: total[kind] / km for kind in InfractionKind}

@@ -1,0 +1,193 @@
+"""Summary: what an agent's records on a benchmark come to, and how two agents compare."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from evaluation.record import AgentInfo, EgoRecord, EpisodeRecord, InfractionKind, Status
+from evaluation.scores import nocrash
+from evaluation.scores.driving import (
+    MIN_KM,
+    IrsLength,
+    Rules,
+    driving_score,
+    infraction_penalty,
+    infraction_rate_score,
+    outside_fraction,
+    route_completion,
+)
+from evaluation.scores.rates import infraction_counts, route_km
+from evaluation.statistics import Comparison, Estimate, mean_estimate, paired, ratio_estimate
+from sumo_networks.errors import InvalidInputError
+
+SCORES = ("success", "nocrash_success", "route_completion", "infraction_penalty", "driving_score", "irs")
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """One agent on one benchmark; every mean is over drives (one ego of one episode).
+
+    Attributes:
+        agent: Its name.
+        benchmark: Name of the benchmark, or None.
+        benchmark_hash: Content hash of the benchmark, or None.
+        rules: Version of the leaderboard's rules behind the penalty and the driving score.
+        irs_length: What length the infraction rate score divides by.
+        episodes: Number of episodes in the means.
+        lost: Number of episodes lost to infrastructure faults: in no mean, and to be run again.
+        scores: Estimate by name (`SCORES`): percent, except infraction_penalty in [0, 1].
+        per_km: Infractions per km of route completed, pooled, for every kind of infraction.
+        statuses: Number of drives by status, lost episodes left out.
+        km: Kilometres of route completed.
+    """
+
+    agent: str
+    benchmark: str | None
+    benchmark_hash: str | None
+    rules: Rules
+    irs_length: IrsLength
+    episodes: int
+    lost: int
+    scores: dict[str, Estimate]
+    per_km: dict[str, Estimate]
+    statuses: dict[str, int]
+    km: float
+
+
+def summarise(records: Iterable[EpisodeRecord], *, rules: Rules = "2.0", irs_length: IrsLength = "driven") -> Summary:
+    """Scores every drive of every record, and gives the means with their intervals.
+
+    An episode in which the infrastructure failed is left out whole, whatever its other egos did: it will be run again.
+    The result does not depend on the order of the records.
+
+    Raises:
+        InvalidInputError: If there is no record, they mix agents or benchmarks, or one scenario comes twice.
+    """
+    records = list(records)
+    agent, benchmark = _only_agent(records), _only_benchmark(records)
+    counted = [record for record in records if not _lost(record)]
+    _reject_repeats(counted)
+    drives = [ego for record in counted for ego in record.egos]
+    scored = [score_drive(ego, rules=rules, irs_length=irs_length) for ego in drives]
+    statuses = Counter(ego.status for ego in drives)
+    return Summary(
+        agent=agent.name,
+        benchmark=benchmark[0] if benchmark else None,
+        benchmark_hash=benchmark[1] if benchmark else None,
+        rules=rules,
+        irs_length=irs_length,
+        episodes=len(counted),
+        lost=len(records) - len(counted),
+        scores={name: mean_estimate([drive[name] for drive in scored]) for name in SCORES},
+        per_km=_per_km(drives),
+        statuses={status.value: statuses[status] for status in Status if statuses[status]},
+        km=math.fsum(map(route_km, drives)),
+    )
+
+
+def compare(
+    records_a: Iterable[EpisodeRecord],
+    records_b: Iterable[EpisodeRecord],
+    *,
+    rules: Rules = "2.0",
+    irs_length: IrsLength = "driven",
+) -> dict[str, Comparison]:
+    """Compares two agents by the drives both have made: same scenario name, seed and ego name.
+
+    Drives of one side only, and lost episodes, are left out; each comparison's `difference.n` says how many pairs
+    remain.
+
+    Returns:
+        A comparison (a - b) for every name in `SCORES`.
+
+    Raises:
+        InvalidInputError: If no drive matches, one comes twice on a side, or matched scenarios differ in content.
+    """
+    side_a, side_b = _by_drive(records_a), _by_drive(records_b)
+    keys = sorted(side_a.keys() & side_b.keys())
+    if not keys:
+        raise InvalidInputError(
+            f"no drive in common: {len(side_a)} on one side, {len(side_b)} on the other, none with the same scenario "
+            "name, seed and ego name"
+        )
+    for key in keys:
+        if side_a[key][0] != side_b[key][0]:
+            raise InvalidInputError(f"scenario '{key[0]}' with seed {key[1]} is not the same on both sides")
+    scored_a = [score_drive(side_a[key][1], rules=rules, irs_length=irs_length) for key in keys]
+    scored_b = [score_drive(side_b[key][1], rules=rules, irs_length=irs_length) for key in keys]
+    return {name: paired([one[name] for one in scored_a], [one[name] for one in scored_b]) for name in SCORES}
+
+
+def score_drive(ego: EgoRecord, *, rules: Rules = "2.0", irs_length: IrsLength = "driven") -> dict[str, float]:
+    """Every score of one drive, by its name in `SCORES`."""
+    return {
+        "success": 100.0 * ego.status.completed,
+        "nocrash_success": 100.0 * nocrash.success(ego),
+        "route_completion": route_completion(ego),
+        "infraction_penalty": infraction_penalty(ego.infractions, rules, outside_fraction(ego)),
+        "driving_score": driving_score(ego, rules),
+        "irs": infraction_rate_score(ego, length=irs_length),
+    }
+
+
+def as_document(summary: Summary) -> dict[str, Any]:
+    """The summary as plain JSON: dicts, strings, numbers and None."""
+    return dataclasses.asdict(summary)
+
+
+def _per_km(drives: Sequence[EgoRecord]) -> dict[str, Estimate]:
+    km = [route_km(ego) for ego in drives]
+    counts = [infraction_counts(ego) for ego in drives]
+    return {kind.value: ratio_estimate([count[kind] for count in counts], km, floor=MIN_KM) for kind in InfractionKind}
+
+
+def _by_drive(records: Iterable[EpisodeRecord]) -> dict[tuple[str, int, str], tuple[str, EgoRecord]]:
+    """Scenario hash and drive by scenario name, seed and ego name; lost episodes left out."""
+    drives: dict[tuple[str, int, str], tuple[str, EgoRecord]] = {}
+    for record in records:
+        if _lost(record):
+            continue
+        scenario = record.scenario
+        digest = scenario.content_hash()
+        for ego in record.egos:
+            key = (scenario.name, scenario.seed, ego.name)
+            if key in drives:
+                raise InvalidInputError(f"ego '{ego.name}' of scenario '{key[0]}' with seed {key[1]} comes twice")
+            drives[key] = (digest, ego)
+    return drives
+
+
+def _lost(record: EpisodeRecord) -> bool:
+    return any(ego.status.infrastructure_fault for ego in record.egos)
+
+
+def _only_agent(records: Sequence[EpisodeRecord]) -> AgentInfo:
+    agents = [ego.agent for record in records for ego in record.egos]
+    if not agents:
+        raise InvalidInputError("expected at least one record, got none")
+    for agent in agents:
+        if agent != agents[0]:
+            names = sorted({one.name for one in agents})
+            raise InvalidInputError(f"expected records of one agent with one set of settings, got {', '.join(names)}")
+    return agents[0]
+
+
+def _only_benchmark(records: Sequence[EpisodeRecord]) -> tuple[str, str] | None:
+    benchmarks = {record.benchmark for record in records}
+    if len(benchmarks) > 1:
+        names = sorted("none" if one is None else f"{one[0]} ({one[1][:12]})" for one in benchmarks)
+        raise InvalidInputError(f"expected records of one benchmark version, got {', '.join(names)}")
+    return benchmarks.pop()
+
+
+def _reject_repeats(records: Sequence[EpisodeRecord]) -> None:
+    """The same scenario driven twice by the same agent adds no evidence, and would narrow the intervals."""
+    for digest, count in Counter(record.scenario.content_hash() for record in records).items():
+        if count > 1:
+            scenario = next(one.scenario for one in records if one.scenario.content_hash() == digest)
+            raise InvalidInputError(f"scenario '{scenario.name}' with seed {scenario.seed} comes {count} times")

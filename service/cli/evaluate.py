@@ -1,0 +1,144 @@
+"""`dohyo evaluate`: one agent on one benchmark."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from agents.registry import resolve
+from evaluation.evaluation import Result, run_benchmark
+from evaluation.executors import ProcessPool
+from evaluation.record import EpisodeRecord
+from evaluation.runner import ACT_DEADLINE_S
+from evaluation.summary import as_document, summarise
+from service.cli.output import console, print_comparison, print_json
+from sumo_networks.errors import InvalidInputError
+
+
+def evaluate(
+    agent: Annotated[str, typer.Option(help="Registered name, or module:Class of your own.")],
+    benchmark: Annotated[str, typer.Option(help="Name, or path of a .toml file.")],
+    seeds: Annotated[str | None, typer.Option(help="Such as 0,1,2 or 0-4; default: the benchmark's own.")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: one per core.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Result folder; default: out/BENCHMARK/AGENT.")] = None,
+    settings: Annotated[list[str] | None, typer.Option("--set", help="key=value for the agent; repeatable.")] = None,
+    deadline: Annotated[float, typer.Option(min=0.1, help="Seconds an agent may take to decide.")] = ACT_DEADLINE_S,
+    reverse: Annotated[bool, typer.Option(help="Drive in reverse order; the records are the same.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """Evaluates an agent on a benchmark. The same command again goes on where it stopped."""
+    sys.path.insert(0, os.getcwd())
+    with _progress(hidden=json) as bar:
+        task = bar.add_task(f"{agent} on {benchmark}", total=None, note="")
+
+        def show(record: EpisodeRecord | None, done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total, note=_note(record))
+
+        result = run_benchmark(
+            benchmark,
+            resolve(agent),
+            settings=_parse_settings(settings or []),
+            seeds=_parse_seeds(seeds) if seeds is not None else None,
+            out=out or Path("out") / Path(benchmark).stem / re.sub(r"[^\w.-]", "_", agent),
+            executor=ProcessPool(workers or os.cpu_count() or 1),
+            act_deadline_s=deadline,
+            progress=show,
+            reverse=reverse,
+        )
+    summary = summarise(result.records, rules=result.manifest.benchmark.rules)
+    if json:
+        print_json(as_document(summary) | {"episodes": _episodes(result)})
+        return
+    print_comparison([summary])
+    _print_failures(result)
+    console.print(f"records in {result.paths[0].parent}")
+
+
+def _progress(hidden: bool) -> Progress:
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}"),
+    )
+    return Progress(*columns, console=console, disable=hidden)
+
+
+def _note(record: EpisodeRecord | None) -> str:
+    if record is None:
+        return ""
+    statuses = ", ".join(sorted({ego.status.value for ego in record.egos}))
+    return f"{record.scenario.name} s{record.scenario.seed}: {statuses}"
+
+
+def _print_failures(result: Result) -> None:
+    """One line for every drive that failed: what, where, when."""
+    for record, path in zip(result.records, result.paths, strict=True):
+        for ego in record.egos:
+            if ego.status.completed:
+                continue
+            last = f"; last infraction {ego.infractions[-1].kind} at {ego.infractions[-1].time_s:.1f} s"
+            console.print(
+                f"  {path.stem}: {ego.status.value}{'; ' + ego.failure if ego.failure else ''}"
+                f"{last if ego.infractions else ''}",
+                markup=False,
+            )
+
+
+def _episodes(result: Result) -> list[dict[str, Any]]:
+    return [
+        {
+            "scenario": record.scenario.name,
+            "seed": record.scenario.seed,
+            "egos": [
+                {
+                    "name": ego.name,
+                    "status": ego.status.value,
+                    "failure": ego.failure,
+                    "infractions": [infraction.model_dump(mode="json") for infraction in ego.infractions],
+                }
+                for ego in record.egos
+            ],
+            "record_hash": record.record_hash,
+            "record": str(path),
+        }
+        for record, path in zip(result.records, result.paths, strict=True)
+    ]
+
+
+def _parse_seeds(text: str) -> list[int]:
+    """The seeds of "0,1,2", "0-4" or both mixed."""
+    seeds: list[int] = []
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
+        if not match:
+            raise InvalidInputError(f"--seeds '{text}': expected numbers such as 0,1,2 or 0-4, got '{part}'")
+        first = int(match[1])
+        seeds += range(first, int(match[2] or first) + 1)
+    if not seeds or len(set(seeds)) != len(seeds) or max(seeds) >= 2**31:
+        raise InvalidInputError(f"--seeds '{text}': expected different numbers below 2^31")
+    return seeds
+
+
+def _parse_settings(pairs: list[str]) -> dict[str, Any]:
+    """Values are Python literals where they read as such, else text."""
+    settings: dict[str, Any] = {}
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        if not equals or not key.isidentifier():
+            raise InvalidInputError(f"--set '{pair}': expected key=value")
+        try:
+            settings[key] = ast.literal_eval(value)
+        except (ValueError, SyntaxError):
+            settings[key] = value
+    return settings

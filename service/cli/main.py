@@ -1,0 +1,39 @@
+"""The root command, and what happens to errors."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from service.cli import catalogs, evaluate, records
+from sumo_networks.errors import DohyoError
+
+BAD_INPUT, INTERRUPTED = 2, 130
+
+app = typer.Typer(
+    name="dohyo",
+    help="Evaluates driving agents in SUMO traffic: real city networks, reproducible scores.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.add_typer(catalogs.networks, name="networks")
+app.add_typer(catalogs.agents, name="agents")
+app.add_typer(catalogs.benchmarks, name="benchmarks")
+app.command("evaluate")(evaluate.evaluate)
+app.command("report")(records.report)
+app.command("verify")(records.verify)
+app.command("score")(records.score)
+
+
+def main() -> None:
+    """Runs the command line; whatever dohyo refuses becomes one line and exit code 2."""
+    try:
+        app()
+    except DohyoError as error:
+        print(f"dohyo: {error}", file=sys.stderr)
+        sys.exit(BAD_INPUT)
+    except KeyboardInterrupt:
+        print("dohyo: interrupted; the same command goes on where this one stopped", file=sys.stderr)
+        sys.exit(INTERRUPTED)

@@ -1,0 +1,91 @@
+"""How the command line shows things: tables for people, one JSON document for programs."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from evaluation.statistics import Estimate
+from evaluation.summary import Summary
+
+console = Console()
+DASH = "—"
+
+SCORES = {
+    "success": "success %",
+    "route_completion": "RC %",
+    "infraction_penalty": "IP",
+    "driving_score": "DS",
+    "irs": "IRS",
+}
+
+
+def print_json(document: object) -> None:
+    """Prints one JSON document on standard output."""
+    json.dump(document, sys.stdout, indent=1, ensure_ascii=False)
+    sys.stdout.write("\n")
+
+
+def print_rows(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Prints a table."""
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
+
+
+def print_listing(entries: Sequence[Mapping[str, Any]], as_json: bool) -> None:
+    """Prints entries that all have the same keys."""
+    if as_json:
+        print_json(list(entries))
+        return
+    columns = list(entries[0]) if entries else []
+    print_rows(columns, [[_cell(entry[column]) for column in columns] for entry in entries])
+
+
+def print_comparison(summaries: Sequence[Summary]) -> None:
+    """Prints agents side by side: scores with intervals, then infractions per km."""
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    table.add_column("")
+    for summary in summaries:
+        table.add_column(summary.agent, justify="right")
+    for key, title in SCORES.items():
+        table.add_row(title, *[interval(summary.scores[key]) for summary in summaries])
+    table.add_section()
+    table.add_row("[bold]infractions per km[/bold]")
+    for kind in summaries[0].per_km:
+        table.add_row(kind.replace("_", " "), *[interval(summary.per_km[kind]) for summary in summaries])
+    table.add_section()
+    table.add_row("episodes", *[str(summary.episodes) for summary in summaries])
+    table.add_row("lost to infrastructure", *[str(summary.lost) for summary in summaries])
+    console.print(table)
+    console.print(f"rules {summaries[0].rules}, IRS over km {summaries[0].irs_length}, 95 % bootstrap intervals")
+
+
+def interval(estimate: Estimate) -> str:
+    """Mean and interval, such as "78.4 [75.9, 80.6]"."""
+    if estimate.mean is None:
+        return DASH
+    if estimate.low is None or estimate.high is None:
+        return number(estimate.mean)
+    return f"{number(estimate.mean)} [{number(estimate.low)}, {number(estimate.high)}]"
+
+
+def number(value: float) -> str:
+    """Three significant digits."""
+    if value == 0:
+        return "0"
+    if abs(value) >= 100:
+        return f"{value:.0f}"
+    return f"{value:.1f}" if abs(value) >= 10 else f"{value:.2f}"
+
+
+def _cell(value: Any) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)

@@ -1,0 +1,110 @@
+"""`dohyo report`, `dohyo verify`, `dohyo score`: what to do with finished episodes."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from evaluation.agent import agent_info, make_agent
+from evaluation.evaluation import read_result
+from evaluation.record import AgentInfo, EpisodeRecord
+from evaluation.report import Evaluation, write_report
+from evaluation.runner import drive_episode, versions
+from evaluation.scores.driving import IrsLength, Rules
+from evaluation.store import read_record
+from evaluation.summary import as_document, score_drive, summarise
+from service.cli.output import console, number, print_comparison, print_json, print_rows
+from sumo_networks.catalog import load_network
+from sumo_networks.errors import InvalidInputError
+
+RulesOption = Annotated[Literal["1.0", "2.0", "2.1"], typer.Option(help="CARLA Leaderboard rules of the score.")]
+IrsOption = Annotated[Literal["driven", "route"], typer.Option(help="Kilometres that IRS divides by.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
+DIFFERS = 1
+
+
+def report(
+    folders: Annotated[list[Path], typer.Argument(help="Result folders of dohyo evaluate.")],
+    out: Annotated[Path, typer.Option(help="The HTML file to write.")] = Path("report.html"),
+    rules: RulesOption = "2.0",
+    irs_length: IrsOption = "driven",
+) -> None:
+    """Compares evaluations: a table here, and one self-contained HTML file."""
+    results = [read_result(folder) for folder in folders]
+    benchmarks = {result.manifest.benchmark_sha256 for result in results}
+    if len(benchmarks) > 1:
+        raise InvalidInputError(f"these folders hold {len(benchmarks)} different benchmarks; compare one at a time")
+    evaluations = [
+        Evaluation(
+            agent=result.manifest.agent.name,
+            benchmark=result.manifest.benchmark.name,
+            benchmark_hash=result.manifest.benchmark_sha256,
+            records=result.records,
+            record_paths=result.paths,
+        )
+        for result in results
+    ]
+    print_comparison([summarise(result.records, rules=rules, irs_length=irs_length) for result in results])
+    path = write_report(evaluations, out, rules=rules, irs_length=irs_length)
+    console.print(f"report: {path.resolve()}")
+
+
+def verify(record: Annotated[Path, typer.Argument(help="A record, NAME.json.")], json: Json = False) -> None:
+    """Replays an episode and compares the hashes; exit code 1 where they differ."""
+    sys.path.insert(0, os.getcwd())
+    old = read_record(record)
+    now = versions(load_network(old.scenario.network))
+    if now != old.versions:
+        raise InvalidInputError(f"'{record}' was made by {old.versions}, here is {now}: the replay would prove nothing")
+    agents = {ego.name: make_agent(ego.agent.entry, ego.agent.settings) for ego in old.egos}
+    infos: dict[str, AgentInfo] = {}
+    for ego in old.egos:
+        infos[ego.name] = agent_info(agents[ego.name], ego.agent.entry, ego.agent.settings)
+        if infos[ego.name] != ego.agent:
+            raise InvalidInputError(f"'{record}': agent '{ego.agent.name}' has changed since; nothing to compare")
+    new, _ = drive_episode(old.scenario, agents, infos=infos, benchmark=old.benchmark)
+    same = new.record_hash == old.record_hash
+    if json:
+        print_json({"record": str(record), "expected": old.record_hash, "replayed": new.record_hash, "same": same})
+    else:
+        console.print(f"{'same' if same else 'DIFFERS'}: {old.record_hash} in the record, {new.record_hash} replayed")
+    if not same:
+        raise typer.Exit(DIFFERS)
+
+
+def score(
+    records: Annotated[list[Path], typer.Argument(help="Records, NAME.json, all of one agent and benchmark.")],
+    rules: RulesOption = "2.0",
+    irs_length: IrsOption = "driven",
+    json: Json = False,
+) -> None:
+    """Recomputes every score from the raw events."""
+    loaded = [read_record(path) for path in records]
+    summary = summarise(loaded, rules=rules, irs_length=irs_length)
+    if json:
+        drives = _drives(records, loaded, rules, irs_length)
+        print_json(as_document(summary) | {"drives": [dict(record=str(p), ego=e, **s) for p, e, s in drives]})
+        return
+    rows = [
+        (path.stem, ego, *(number(value) for value in scores.values()))
+        for path, ego, scores in _drives(records, loaded, rules, irs_length)
+    ]
+    names = next(iter(_drives(records, loaded, rules, irs_length)))[2]
+    print_rows(["record", "ego", *names], rows)
+    print_comparison([summary])
+
+
+def _drives(
+    paths: Sequence[Path], records: Sequence[EpisodeRecord], rules: Rules, irs_length: IrsLength
+) -> list[tuple[Path, str, dict[str, float]]]:
+    return [
+        (path, ego.name, score_drive(ego, rules=rules, irs_length=irs_length))
+        for path, record in zip(paths, records, strict=True)
+        for ego in record.egos
+        if not ego.status.infrastructure_fault
+    ]

@@ -1,0 +1,47 @@
+from __future__ import annotations
+
+import pytest
+
+from evaluation.criteria import ENDS, Blocked
+from evaluation.record import InfractionKind, Status
+from tests.worlds import Speed, run, straight_road
+
+
+def kinds(speed: Speed, seconds: float) -> list[InfractionKind]:
+    return run(straight_road().with_ego(x=50, speed=speed), Blocked(), seconds=seconds).kinds
+
+
+@pytest.mark.parametrize(("seconds", "count"), [(179.9, 0), (180.1, 1), (190.0, 1)])
+def test_standing_for_more_than_three_minutes_counts_once(seconds: float, count: int) -> None:
+    assert kinds(0.0, seconds) == [InfractionKind.BLOCKED] * count
+
+
+@pytest.mark.parametrize(("speed", "count"), [(0.09, 1), (0.1, 0)])
+def test_creeping_at_a_tenth_of_a_metre_per_second_is_driving(speed: float, count: int) -> None:
+    assert kinds(speed, 185) == [InfractionKind.BLOCKED] * count
+
+
+def test_a_short_move_starts_the_clock_anew() -> None:
+    def nudges(time: float) -> float:
+        return 1.0 if 99.95 < time < 100.15 else 0.0
+
+    assert kinds(nudges, 200) == []
+    assert kinds(nudges, 285) == [InfractionKind.BLOCKED]
+
+
+def test_the_clock_starts_when_the_ego_stops() -> None:
+    def drives_first(time: float) -> float:
+        return 5.0 if time < 10 else 0.0
+
+    assert kinds(drives_first, 189.9) == []
+    assert kinds(drives_first, 190.3) == [InfractionKind.BLOCKED]
+
+
+def test_the_infraction_says_for_how_long() -> None:
+    (infraction,) = run(straight_road().with_ego(x=50), seconds=181).infractions
+    assert (infraction.kind, infraction.unit) == (InfractionKind.BLOCKED, "s")
+    assert infraction.magnitude == pytest.approx(180.1)
+
+
+def test_it_ends_the_episode() -> None:
+    assert ENDS[InfractionKind.BLOCKED] is Status.BLOCKED

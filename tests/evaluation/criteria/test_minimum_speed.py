@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from evaluation.criteria import MinimumSpeed
+from evaluation.record import InfractionKind
+from sumo_networks.scenario import Mission, Place
+from sumo_networks.world import ActorKind
+from tests.worlds import LANE_M, Scene, Speed, run, straight_road
+
+
+def hundred_metres(speed: Speed = 10.0) -> Scene:
+    mission = Mission(start=Place(lane="w_e_0"), goal=Place(lane="w_e_0", position_m=100.0))
+    return dataclasses.replace(straight_road(), mission=mission).with_ego(x=0, speed=speed)
+
+
+def test_without_traffic_nothing_is_too_slow() -> None:
+    assert run(hundred_metres(1.0), MinimumSpeed(), seconds=100).infractions == []
+
+
+@pytest.mark.parametrize("traffic", [5.0, 9.9])
+def test_faster_than_the_traffic_is_fine(traffic: float) -> None:
+    scene = hundred_metres().with_actor(x=5, speed=traffic, left=LANE_M)
+    assert run(scene, MinimumSpeed(), seconds=10).infractions == []
+
+
+def test_slower_than_the_traffic_counts_on_each_of_four_parts() -> None:
+    scene = hundred_metres().with_actor(x=5, speed=12.5, left=LANE_M)
+    verdict = run(scene, MinimumSpeed(), seconds=10)
+    assert verdict.kinds == [InfractionKind.MINIMUM_SPEED] * 4
+    assert [one.magnitude for one in verdict.infractions] == pytest.approx([80.0] * 4)
+    assert {one.unit for one in verdict.infractions} == {"%"}
+    assert [one.route_m for one in verdict.infractions] == pytest.approx([25, 50, 75, 100], abs=1.01)
+
+
+def test_a_part_that_was_not_driven_to_its_end_is_not_judged() -> None:
+    scene = hundred_metres().with_actor(x=5, speed=12.5, left=LANE_M)
+    assert len(run(scene, MinimumSpeed(), seconds=8.5).infractions) == 3
+    assert len(run(scene, MinimumSpeed(), seconds=2).infractions) == 0
+
+
+def test_each_part_is_judged_by_itself() -> None:
+    scene = hundred_metres(lambda time: 10.0 if time < 5.05 else 5.0).with_actor(x=5, speed=8, left=LANE_M)
+    verdict = run(scene, MinimumSpeed(), seconds=15)
+    assert [one.magnitude for one in verdict.infractions] == pytest.approx([62.5] * 2, rel=0.02)
+
+
+def test_the_traffic_is_the_mean_of_all_standing_ones_included() -> None:
+    scene = hundred_metres().with_actor(x=5, speed=20, left=LANE_M)
+    assert len(run(scene, MinimumSpeed(), seconds=4).infractions) == 1
+    mixed = scene.with_actor(x=30, speed=0.0, left=2 * LANE_M).with_actor(x=40, speed=0.0, left=2 * LANE_M)
+    assert run(mixed, MinimumSpeed(), seconds=4).infractions == []
+
+
+@pytest.mark.parametrize("kind", [ActorKind.BICYCLE, ActorKind.PEDESTRIAN, ActorKind.STATIC, ActorKind.EMERGENCY])
+def test_only_motor_vehicles_are_the_traffic(kind: ActorKind) -> None:
+    scene = hundred_metres().with_actor(x=5, speed=20, left=LANE_M, kind=kind)
+    assert run(scene, MinimumSpeed(), seconds=10).infractions == []
+
+
+def test_another_ego_is_no_traffic() -> None:
+    assert run(hundred_metres().with_ego(x=5, speed=20, left=LANE_M), MinimumSpeed(), seconds=10).infractions == []
+
+
+def test_vehicles_out_of_sight_are_not_known() -> None:
+    scene = hundred_metres().with_actor(x=150, speed=20, left=LANE_M)
+    assert run(scene, MinimumSpeed(), seconds=10).infractions == []
+
+
+def test_ticks_without_traffic_do_not_count_against_the_ego() -> None:
+    def waits_alone(time: float) -> float:
+        return 0.0 if time < 5 else 12.0
+
+    def comes_into_sight(time: float) -> float:
+        return 100.0 if time < 4.95 else 11.0
+
+    scene = hundred_metres(waits_alone).with_actor(x=-590, speed=comes_into_sight, left=LANE_M)
+    assert run(scene, MinimumSpeed(), seconds=8).infractions == []
