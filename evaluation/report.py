@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import itertools
 import json
@@ -11,7 +12,6 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from urllib.parse import quote
 
@@ -33,6 +33,7 @@ from evaluation.scores.driving import (
     route_completion,
 )
 from evaluation.statistics import Comparison, Estimate
+from evaluation.store import write_atomically
 from evaluation.summary import Summary, compare, summarise
 from sumo_networks.arrays import FloatArray
 from sumo_networks.catalog import load_network
@@ -196,7 +197,9 @@ def drivable_lanes(network: str) -> list[LaneShape]:
         InvalidInputError: If there is no such network here.
     """
     roads = load_network(network)
-    return [(roads.lane_shape(int(lane)), float(roads.lanes.width[lane])) for lane in np.flatnonzero(roads.lanes.drivable)]
+    return [
+        (roads.lane_shape(int(lane)), float(roads.lanes.width[lane])) for lane in np.flatnonzero(roads.lanes.drivable)
+    ]
 
 
 def write_report(
@@ -229,31 +232,35 @@ def write_report(
     counted = [drive for drive in drives if not figures.lost(drive.record)]
     records = {one.name: one.evaluation.records for one in contenders}
     pairs = [_pair(a, b, rules, irs_length) for a, b in itertools.combinations(contenders, 2)]
-    html = _environment().get_template("report.html.j2").render(
-        evaluation=evaluations[0],
-        facts=_facts(evaluations, rules, irs_length),
-        contenders=contenders,
-        columns=COLUMNS,
-        kinds=[kind for kind in InfractionKind if any(one.summary.per_km[kind].mean for one in contenders)],
-        per_km_top=_per_km_top(contenders),
-        pairs=pairs,
-        pictures=[
-            _picture("score-by-mission", figures.score_by_mission(records, rules=rules)),
-            _picture("infractions-along-route", figures.infractions_along_route(records)),
-            _picture("episode-endings", figures.episode_endings(records)),
-        ],
-        maps=[_map(network, counted, lanes) for network in sorted({one.record.scenario.network for one in drives})],
-        drives=counted,
-        lost=[drive for drive in drives if figures.lost(drive.record)],
-        tables={
-            "scores": _score_table(contenders),
-            "pairs": _pair_table(pairs),
-            "rates": _rate_table(contenders),
-            "drives": _drive_table(counted),
-        },
+    html = (
+        _environment()
+        .get_template("report.html.j2")
+        .render(
+            evaluation=evaluations[0],
+            facts=_facts(evaluations, rules, irs_length),
+            contenders=contenders,
+            columns=COLUMNS,
+            kinds=[kind for kind in InfractionKind if any(one.summary.per_km[kind].mean for one in contenders)],
+            per_km_top=_per_km_top(contenders),
+            pairs=pairs,
+            pictures=[
+                _picture("score-by-mission", figures.score_by_mission(records, rules=rules)),
+                _picture("infractions-along-route", figures.infractions_along_route(records)),
+                _picture("episode-endings", figures.episode_endings(records)),
+            ],
+            maps=[_map(network, counted, lanes) for network in sorted({one.record.scenario.network for one in drives})],
+            drives=counted,
+            lost=[drive for drive in drives if figures.lost(drive.record)],
+            tables={
+                "scores": _estimate_table(contenders, lambda summary: summary.scores),
+                "rates": _estimate_table(contenders, lambda summary: summary.per_km),
+                "pairs": _pair_table(pairs),
+                "drives": _drive_table(counted),
+            },
+        )
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(html, encoding="utf-8")
+    write_atomically(path, html.encode())
     return path
 
 
@@ -310,18 +317,25 @@ def _facts(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLengt
     records = [record for one in evaluations for record in one.records]
     seeds = sorted({record.scenario.seed for record in records})
     per_agent = "; ".join(f"{one.agent}: {len(one.records)}" for one in evaluations)
-    joined: Callable[[Iterable[str]], str] = lambda values: ", ".join(sorted(set(values)))
     return [
         ("benchmark hash", evaluations[0].benchmark_hash[:12] or MISSING, evaluations[0].benchmark_hash),
         ("rules", rules, "Version of the CARLA Leaderboard's rules behind IP and DS"),
-        ("IRS length", irs_length, "The infraction rate score divides by the distance driven, or by the route's length"),
+        (
+            "IRS length",
+            irs_length,
+            "The infraction rate score divides by the distance driven, or by the route's length",
+        ),
         ("seeds", str(len(seeds)), ", ".join(map(str, seeds))),
         ("episodes", str(len(records)), per_agent),
         ("lost", str(sum(map(figures.lost, records))), "Episodes lost to the infrastructure; they enter no mean"),
-        ("network", joined(record.scenario.network for record in records), "Where the episodes took place"),
-        ("SUMO", joined(record.versions.sumo for record in records), "Version of the traffic simulation"),
-        ("dohyo", joined(record.versions.dohyo for record in records), "Version that drove the episodes"),
+        ("network", _listed(record.scenario.network for record in records), "Where the episodes took place"),
+        ("SUMO", _listed(record.versions.sumo for record in records), "Version of the traffic simulation"),
+        ("dohyo", _listed(record.versions.dohyo for record in records), "Version that drove the episodes"),
     ]
+
+
+def _listed(values: Iterable[str]) -> str:
+    return ", ".join(sorted(set(values)))
 
 
 def _drives(contenders: Sequence[Contender], path: Path, rules: Rules) -> Iterator[Drive]:
@@ -450,11 +464,13 @@ def _spots(drives: Iterable[Drive]) -> Iterator[Spot]:
 
 def _spot_text(spot: Spot) -> str:
     """What a mark on the map says on hover: one fact per line."""
-    return "\n".join((
-        f"{MARKS[spot.infraction.kind].label}: {spot.drive.contender.name}",
-        f"{spot.drive.mission}, seed {spot.drive.record.scenario.seed}",
-        *_details(spot.infraction),
-    ))
+    return "\n".join(
+        (
+            f"{MARKS[spot.infraction.kind].label}: {spot.drive.contender.name}",
+            f"{spot.drive.mission}, seed {spot.drive.record.scenario.seed}",
+            *_details(spot.infraction),
+        )
+    )
 
 
 def _route_text(infraction: Infraction) -> str:
@@ -485,17 +501,39 @@ def _csv_cell(value: object) -> object:
     return f"'{value}" if isinstance(value, str) and value[:1] in ("=", "+", "-", "@") else value
 
 
-ESTIMATE = ("mean", "low", "high", "n")
+def _estimate_table(contenders: Iterable[Contender], estimates: Callable[[Summary], dict[str, Estimate]]) -> str:
+    rows = (
+        (one.name, name, *dataclasses.astuple(estimate))
+        for one in contenders
+        for name, estimate in estimates(one.summary).items()
+    )
+    return _csv(("agent", "quantity", "mean", "low", "high", "n"), rows)
 
 
-def _fields(name: str) -> list[str]:
-    return [f"{name} {field}" for field in ESTIMATE]
+def _pair_table(pairs: Iterable[Pair]) -> str:
+    rows = (
+        (pair.a.name, pair.b.name, name, one.verdict, one.probability, *dataclasses.astuple(one.difference))
+        for pair in pairs
+        for name, one in pair.comparisons.items()
+    )
+    header = ("a", "b", "quantity", "verdict", "probability", "difference mean", "low", "high", "n")
+    return _csv(header, rows)
 
 
-def _values(estimate: Estimate) -> list[float | None]:
-    return [estimate.mean, estimate.low, estimate.high, estimate.n]
-
-
-def _score_table(contenders: Sequence[Contender]) -> str:
-    header = ["agent", *itertools.chain(*(_fields(column.key) for column in COLUMNS)), "episodes", "lost", "km"]
-    return _csv(header, ([one.name, *_flat(one.summary), one.summary.episodes] for one in contenders))
+def _drive_table(drives: Iterable[Drive]) -> str:
+    rows = (
+        (
+            drive.contender.name,
+            drive.mission,
+            drive.record.scenario.seed,
+            drive.ego.status.value,
+            drive.ego.failure,
+            drive.score,
+            route_completion(drive.ego),
+            len(drive.ego.infractions),
+            drive.record.record_hash,
+        )
+        for drive in drives
+    )
+    header = ("agent", "mission", "seed", "status", "failure", "DS", "RC", "infractions", "record_hash")
+    return _csv(header, rows)

@@ -109,7 +109,7 @@ def read_record(path: Path) -> EpisodeRecord:
         return EpisodeRecord.model_validate(document)
     except ValidationError as error:
         first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
+        where = ".".join(str(part) for part in first["loc"]) or "record"
         raise InvalidInputError(
             f"{path}: expected an episode record as this version of dohyo writes it, but {where}: {first['msg']}"
         ) from error
@@ -134,7 +134,7 @@ def read_trajectory(path: Path) -> Trajectory:
     if digest != document.get(_PARQUET_DIGEST):
         raise InvalidInputError(f"{table}: changed since it was written, or truncated: {path.name} has another digest")
     trajectory = Trajectory.read_parquet(table)
-    if trajectory.sha256() != document["trajectory_sha256"]:
+    if trajectory.sha256() != document.get("trajectory_sha256"):
         raise InvalidInputError(f"{table}: expected the trajectories of {path.name}, got another episode's")
     return trajectory
 
@@ -148,17 +148,6 @@ def read_records(directory: Path) -> list[EpisodeRecord]:
     if not directory.is_dir():
         raise InvalidInputError(f"{directory}: expected a folder of records, and there is none")
     return [read_record(path) for path in sorted(directory.glob("*.json")) if not path.name.startswith(".")]
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Writes a small file whole or not at all."""
-    staged = _staged(path)
-    try:
-        staged.write_bytes(content)
-        _flush(staged)
-        os.replace(staged, path)
-    finally:
-        staged.unlink(missing_ok=True)
 
 
 def _document(path: Path) -> dict[str, Any]:

@@ -70,7 +70,7 @@ class Control(ABC):
             raise InvalidActionError(f"expected an action of shape {self.space.shape}, got shape {array.shape}")
         if not np.isfinite(array).all():
             raise InvalidActionError(f"expected finite numbers, got {array.tolist()}")
-        return np.clip(array, self.space.low, self.space.high)
+        return np.minimum(np.maximum(array, self.space.low), self.space.high)
 
 
 class PedalsSteering(Control):
@@ -116,7 +116,7 @@ class SpeedPid:
             return -3.0
         error = target - speed
         share = self.integral_gain * error * self.dt
-        self._integral = float(np.clip(self._integral + share, -self.integral_limit, self.integral_limit))
+        self._integral = min(max(self._integral + share, -self.integral_limit), self.integral_limit)
         return self.gain * error + self._integral + self.vehicle.resistance(speed)
 
 
@@ -175,7 +175,7 @@ class LaneCommand(Control):
 
 def pursuit_distance(speed: float) -> float:
     """How far ahead pure pursuit aims, m."""
-    return float(np.clip(0.7 * speed, 3.5, 15.0))
+    return min(max(0.7 * speed, 3.5), 15.0)
 
 
 def pure_pursuit(vehicle: VehicleParameters, x: float, y: float) -> float:

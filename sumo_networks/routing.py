@@ -131,7 +131,8 @@ class Route:
 
     def index(self, s: float) -> int:
         """Row of the path point nearest to an arc length, m."""
-        return int(np.clip(round(s * (len(self.position) - 1) / self.length), 0, len(self.position) - 1))
+        last = len(self.position) - 1
+        return min(max(round(s * last / self.length), 0), last)
 
 
 def plan_route(network: RoadNetwork, mission: Mission) -> Route:

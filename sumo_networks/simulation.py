@@ -110,14 +110,15 @@ class Simulation:
         Raises:
             SimulationError: SUMO failed.
         """
-        before = self._vehicles.centres()
+        before = self._centres
         frozen = self._vehicles.states[~self._active].copy()
         self._vehicles.advance(commands, TICK_S)
         self._vehicles.states[~self._active] = frozen
-        self._driven += np.hypot(*(self._vehicles.centres() - before).T)
+        self._centres = self._vehicles.centres()
+        self._driven += np.hypot(*(self._centres - before).T)
         for ego in np.flatnonzero(self._active):
             self._show_ego(int(ego))
-        self._population.replace_arrived(self, self._vehicles.centres())
+        self._population.replace_arrived(self, self._centres)
         self._step_sumo()
         self._tick += 1
         self._world = self._read(self._world)
@@ -191,15 +192,17 @@ class Simulation:
         for ego, (name, route) in enumerate(zip(self._names, self.routes, strict=True)):
             self._vehicles.place(ego, *route.position[0], float(route.heading[0]))
             self._registry.add_ego(name, route, self.vehicle)
+        self._centres = self._vehicles.centres()
+        for ego in range(len(self._names)):
             self._show_ego(ego)
 
     def _show_ego(self, ego: int) -> None:
         """Moves an ego's image in SUMO; its front bumper is SUMO's point of reference."""
-        centre = self._vehicles.centres()[ego]
-        heading = float(self._vehicles.states[ego, HEADING])
-        front = centre + 0.5 * self.vehicle.length * np.array([math.cos(heading), math.sin(heading)])
+        x, y = self._centres[ego].tolist()
+        heading, half = self._vehicles.states.item(ego, HEADING), 0.5 * self.vehicle.length
+        front = (x + half * math.cos(heading), y + half * math.sin(heading))
         lane = self.network.nearest_lane(*front, heading, self.routes[ego].on_route)[0]
-        self._registry.move_ego(self._names[ego], self.network, lane, front, centre, 90.0 - math.degrees(heading))
+        self._registry.move_ego(self._names[ego], self.network, lane, front, (x, y), 90.0 - math.degrees(heading))
 
     # Reading.
 
@@ -219,7 +222,7 @@ class Simulation:
         )
 
     def _read_egos(self, before: World | None) -> Egos:
-        states, centres = self._vehicles.states, self._vehicles.centres()
+        states, centres = self._vehicles.states, self._centres
         count = len(self._names)
         progress, lateral, error = np.zeros(count), np.zeros(count), np.zeros(count)
         lane, lane_offset, lane_error = np.full(count, -1), np.full(count, np.nan), np.full(count, np.nan)
@@ -250,6 +253,7 @@ class Simulation:
         )
 
 
+_Point = tuple[float, float]
 _Row = tuple[float, float, float, float, int, int]  # x, y, angle, speed, lane, indicator
 
 
@@ -261,7 +265,9 @@ class _Registry:
         self._egos = {mission.name for mission in scenario.missions}
         self._lane_index = network.lane_index
         self._keys: dict[str, int] = {}
-        self._fixed: list[tuple[int, float, float]] = []  # kind, length, width
+        self._kind: IntArray = np.zeros(256, dtype=np.int64)
+        self._length: FloatArray = np.zeros(256)
+        self._width: FloatArray = np.zeros(256)
         self._routes: dict[str, tuple[Route, str]] = {}
         self._obstacles = np.array(
             [
@@ -284,7 +290,7 @@ class _Registry:
         libsumo.poi.subscribeContext(name, libsumo.CMD_GET_PERSON_VARIABLE, SIGHT_M, _PERSON_VARIABLES)
 
     def move_ego(
-        self, name: str, network: RoadNetwork, lane: int, front: FloatArray, centre: FloatArray, angle: float
+        self, name: str, network: RoadNetwork, lane: int, front: _Point, centre: _Point, angle: float
     ) -> None:
         edge, index = (network.edge_id(lane), int(network.lanes.index[lane])) if lane >= 0 else ("", -1)
         libsumo.vehicle.moveToXY(name, edge, index, front[0], front[1], angle, 2)
@@ -318,27 +324,22 @@ class _Registry:
         return self._table(seen)
 
     def _table(self, seen: dict[int, _Row]) -> Actors:
-        keys = sorted(seen)
-        moving = np.array([seen[key] for key in keys]).reshape(-1, 6)
-        standing = self._obstacles
-        rows = np.concatenate([standing[:, 0], keys]).astype(np.int64)
-        fixed = np.array([self._fixed[key] for key in rows]).reshape(-1, 3)
-        heading = (math.pi / 2 - np.radians(moving[:, 2]) + math.pi) % (2 * math.pi) - math.pi
+        moving_keys = sorted(seen)
+        moving = np.array([seen[key] for key in moving_keys]).reshape(-1, 6)
+        still = len(self._obstacles)
+        keys = np.empty(still + len(moving), dtype=np.int64)
+        keys[:still], keys[still:] = self._obstacles[:, 0], moving_keys
+        kind, length, width = self._kind[keys], self._length[keys], self._width[keys]
+        position, heading, speed = np.empty((len(keys), 2)), np.empty(len(keys)), np.zeros(len(keys))
+        lane, indicator = np.full(len(keys), -1), np.zeros(len(keys), dtype=np.int64)
+        position[:still], heading[:still] = self._obstacles[:, 1:3], self._obstacles[:, 3]
+        heading[still:] = (1.5 * math.pi - np.radians(moving[:, 2])) % (2 * math.pi) - math.pi
         # SUMO gives a vehicle's front bumper, a person's centre.
-        back = np.where(fixed[len(standing) :, 0] == ActorKind.PEDESTRIAN, 0.0, fixed[len(standing) :, 1] / 2)
-        centre = moving[:, :2] - back[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
-        nothing = np.zeros(len(standing))
-        return Actors(
-            key=rows,
-            kind=fixed[:, 0].astype(np.int64),
-            position=np.concatenate([standing[:, 1:3], centre]),
-            heading=np.concatenate([standing[:, 3], heading]),
-            speed=np.concatenate([nothing, moving[:, 3]]),
-            length=fixed[:, 1],
-            width=fixed[:, 2],
-            lane=np.concatenate([nothing - 1, moving[:, 4]]).astype(np.int64),
-            indicator=np.concatenate([nothing, moving[:, 5]]).astype(np.int64),
-        )
+        back = np.where(kind == ActorKind.PEDESTRIAN, 0.0, 0.5 * length)[still:]
+        position[still:, 0] = moving[:, 0] - back * np.cos(heading[still:])
+        position[still:, 1] = moving[:, 1] - back * np.sin(heading[still:])
+        speed[still:], lane[still:], indicator[still:] = moving[:, 3], moving[:, 4], moving[:, 5]
+        return Actors(keys, kind, position, heading, speed, length, width, lane, indicator)
 
     def _first_sight(self, name: str) -> int:
         domain = libsumo.person if name.startswith("pedestrian") else libsumo.vehicle
@@ -348,7 +349,11 @@ class _Registry:
     def _register(self, name: str, kind: ActorKind, length: float, width: float) -> int:
         key = self._keys[name] = len(self.names)
         self.names.append(name)
-        self._fixed.append((kind, length, width))
+        if key == len(self._kind):
+            self._kind = np.concatenate([self._kind, np.zeros_like(self._kind)])
+            self._length = np.concatenate([self._length, np.zeros_like(self._length)])
+            self._width = np.concatenate([self._width, np.zeros_like(self._width)])
+        self._kind[key], self._length[key], self._width[key] = kind, length, width
         return key
 
 

@@ -183,5 +183,7 @@ class Vehicles:
     def centres(self) -> FloatArray:
         """(E, 2), m: centres of the boxes."""
         heading = self.states[:, HEADING]
-        forward = np.column_stack([np.cos(heading), np.sin(heading)])
-        return self.states[:, :2] + self.parameters.axle_to_centre * forward
+        out = np.empty((len(self.states), 2))
+        out[:, 0] = self.states[:, X] + self.parameters.axle_to_centre * np.cos(heading)
+        out[:, 1] = self.states[:, Y] + self.parameters.axle_to_centre * np.sin(heading)
+        return out

@@ -119,7 +119,9 @@ class Actors:
 
     def boxes(self) -> FloatArray:
         """(M, 5) x, y [m], heading [rad], length, width [m]."""
-        return np.column_stack([self.position, self.heading, self.length, self.width])
+        out = np.empty((len(self.key), 5))
+        out[:, :2], out[:, 2], out[:, 3], out[:, 4] = self.position, self.heading, self.length, self.width
+        return out
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
 from evaluation.criteria.base import Criterion, axis_point, infraction
 from evaluation.record import Infraction, InfractionKind
-from sumo_networks.arrays import FloatArray
+from sumo_networks.arrays import BoolArray, FloatArray
 from sumo_networks.geometry import boxes_overlap
 from sumo_networks.network import RoadNetwork
 from sumo_networks.world import ActorKind, Contact, World
@@ -134,41 +135,29 @@ def is_at_fault(world: World, ego: int, speed: float, other: FloatArray, other_s
 
 
 def keeps_to_one_lane(world: World, ego: int) -> bool:
-    """Whether the four corners of an ego share a lane, or the rear ones' lane leads to the front ones'."""
+    """Whether the four corners of an ego are on its centre's lane, or on lanes that lead into or out of it."""
     network, egos = world.network, world.egos
+    if egos.lane[ego] < 0:
+        return False
+    own = _connected(network, egos.lane.item(ego))
     heading, half = egos.heading.item(ego), 0.5 * egos.length.item(ego)
     left_x, left_y = -0.5 * egos.width.item(ego) * math.sin(heading), 0.5 * egos.width.item(ego) * math.cos(heading)
-    lanes = []
-    for ahead in (half, -half):
+    for ahead, side in product((half, -half), (1.0, -1.0)):
         x, y = axis_point(egos, ego, ahead)
-        lanes += [_lane_under(network, x + side * left_x, y + side * left_y, heading) for side in (1.0, -1.0)]
-    front_left, front_right, rear_left, rear_right = lanes
-    if -1 in lanes or front_left != front_right or rear_left != rear_right:
-        return False
-    return front_left in _reachable(network, rear_left)
+        # Of the lanes that overlap inside a junction, a corner is on the ego's own if it can be.
+        lane, offset, _ = network.nearest_lane(x + side * left_x, y + side * left_y, heading, own)
+        if lane < 0 or not own[lane] or abs(offset) > 0.5 * network.lanes.width[lane] + BESIDE_LANE_M:
+            return False
+    return True
 
 
-def _lane_under(network: RoadNetwork, x: float, y: float, heading: float) -> int:
-    """The lane under a point, -1 off the road; inside a junction the lane from which its own comes.
-
-    Paths that leave one lane overlap where they begin, and which of them is nearest means nothing there.
-    """
-    no_preference = np.zeros(len(network.lanes.ids), dtype=np.bool_)
-    lane, offset, _ = network.nearest_lane(x, y, heading, no_preference)
-    if lane < 0 or abs(offset) > 0.5 * network.lanes.width[lane] + BESIDE_LANE_M:
-        return -1
-    while network.lanes.internal[lane]:
-        into = np.flatnonzero(network.connections.target == lane)
-        if not len(into):
-            break
-        lane = int(network.connections.source[into[0]])
-    return lane
-
-
-def _reachable(network: RoadNetwork, lane: int) -> set[int]:
-    """A lane and those it leads to within a vehicle's length."""
-    found, edge = {lane}, {lane}
+def _connected(network: RoadNetwork, lane: int) -> BoolArray:
+    """(L,) the lane, those it leads to, and those that lead to it, within about a vehicle's length."""
+    source, target = network.connections.source, network.connections.target
+    following = np.zeros(len(network.lanes.ids), dtype=np.bool_)
+    following[lane] = True
+    leading = following.copy()
     for _ in range(_CONNECTED_HOPS):
-        edge = {int(network.connections.target[c]) for a in edge for c in network.connections_from(a)}
-        found |= edge
-    return found
+        following[target[following[source]]] = True
+        leading[source[leading[target]]] = True
+    return following | leading

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 from evaluation.criteria import Collision
 from evaluation.criteria.collision import keeps_to_one_lane
 from evaluation.record import Infraction, InfractionKind
+from sumo_networks.scenario import Mission, Place
 from sumo_networks.world import ActorKind
 from tests.worlds import (
     LANE_M,
@@ -110,9 +112,26 @@ def test_a_side_swipe_is_the_egos_fault_only_if_it_straddles_lanes(left: float, 
     assert collision.magnitude == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_side_swipe_beside_the_road_is_the_egos_fault() -> None:
-    scene = straight_road().with_ego(x=50, speed=10, left=-3.0).with_actor(x=49, speed=10, left=-0.5, drift=-1.0)
+@pytest.mark.parametrize("left", [-3.0, -5.0])
+def test_a_side_swipe_beside_the_road_is_the_egos_fault(left: float) -> None:
+    scene = straight_road().with_ego(x=50, speed=10, left=left).with_actor(x=49, speed=10, left=left + 2.5, drift=-1.0)
     assert the_collision(scene).at_fault is True
+
+
+@pytest.mark.parametrize(("degrees", "at_fault"), [(145, True), (155, False)])
+def test_even_a_straddling_ego_is_not_at_fault_for_what_comes_from_behind(degrees: float, at_fault: bool) -> None:
+    # A bicycle so small that its place is the point of contact, at the rear corner of a long or a short ego.
+    angle = math.radians(degrees)
+    length = 2 * 0.9 / -math.tan(angle)
+    scene = straight_road().with_ego(x=50, speed=5, left=LANE_M / 2, length=length)
+    x, left = 50 - length / 2, LANE_M / 2 + 0.9
+    scene = scene.with_actor(x=x - 0.05, left=left, speed=6, kind=ActorKind.BICYCLE, length=0.02, width=0.02)
+    assert the_collision(scene).at_fault is at_fault
+
+
+def test_an_ego_that_comes_from_another_lane_is_in_two() -> None:
+    changing = straight_road().with_ego(x=50, left=0.5, heading=-0.5)
+    assert not keeps_to_one_lane(changing.world(), 0)
 
 
 @pytest.mark.parametrize("x", [-14.0, -10.4, -5.0, 0.0, 5.0, 10.4, 14.0])
@@ -120,6 +139,16 @@ def test_a_lane_through_a_junction_is_one_lane(x: float) -> None:
     in_lane, straddling = lit_crossing().with_ego(x=x), lit_crossing().with_ego(x=x, left=LANE_M / 2)
     assert keeps_to_one_lane(in_lane.world(), 0)
     assert not keeps_to_one_lane(straddling.world(), 0)
+
+
+@pytest.mark.parametrize(("start", "goal"), [("w_c_0", "c_s_0"), ("w_c_0", "c_e_0"), ("w_c_1", "c_n_1")])
+def test_who_follows_a_turn_keeps_to_one_lane(start: str, goal: str) -> None:
+    mission = Mission(start=Place(lane=start), goal=Place(lane=goal, position_m=-1.0))
+    scene = dataclasses.replace(lit_crossing(), mission=mission)
+    route = scene.route
+    for i in range(route.index(180.0), route.index(225.0)):
+        x, y = route.position[i]
+        assert keeps_to_one_lane(scene.with_ego(x=x, y=y, heading=float(route.heading[i])).world(), 0), (x, y)
 
 
 @pytest.mark.parametrize(

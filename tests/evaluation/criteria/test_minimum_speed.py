@@ -69,12 +69,12 @@ def test_vehicles_out_of_sight_are_not_known() -> None:
     assert run(scene, MinimumSpeed(), seconds=10).infractions == []
 
 
-def test_ticks_without_traffic_do_not_count_against_the_ego() -> None:
-    def waits_alone(time: float) -> float:
-        return 0.0 if time < 5 else 12.0
-
-    def comes_into_sight(time: float) -> float:
-        return 100.0 if time < 4.95 else 11.0
-
-    scene = hundred_metres(waits_alone).with_actor(x=-590, speed=comes_into_sight, left=LANE_M)
-    assert run(scene, MinimumSpeed(), seconds=8).infractions == []
+@pytest.mark.parametrize(("alone", "in_traffic", "count"), [(0.0, 9.0, 0), (20.0, 5.0, 1)])
+def test_ticks_without_traffic_count_neither_against_the_ego_nor_for_it(
+    alone: float, in_traffic: float, count: int
+) -> None:
+    scene = hundred_metres(lambda time: alone if time < 1.05 else in_traffic)
+    # The other jumps into sight after 1.1 s.
+    coming = scene.with_actor(x=0, speed=8, y=500, drift=lambda time: -5000.0 if 1.05 < time < 1.15 else 0.0)
+    verdict = run(coming, MinimumSpeed(), seconds=4)
+    assert [one.magnitude for one in verdict.infractions] == pytest.approx([62.5] * count)

@@ -77,6 +77,20 @@ def test_off_the_route_every_signal_of_the_lane_must_be_red(lights: dict[str, Li
     assert len(run(scene, RedLight()).infractions) == count
 
 
+def test_the_neighbouring_lanes_line_counts_while_the_centre_is_still_on_the_route() -> None:
+    scene = lit_crossing().with_ego(x=-12.5, left=1.0, heading=0.6, speed=5).with_lights(RED)
+    worlds = scene.worlds(TICK_S)
+    assert worlds[-1].routes[0].on_route[worlds[-1].egos.lane[0]]
+    assert len(run(worlds, RedLight()).infractions) == 1
+
+
+def test_the_neighbouring_lanes_line_counts_for_the_tail_of_an_ego_back_on_the_route() -> None:
+    scene = lit_crossing().with_ego(x=-8.5, left=1.2, heading=-0.5, speed=0).with_lights(RED)
+    worlds = scene.worlds(TICK_S)
+    assert worlds[-1].routes[0].on_route[worlds[-1].egos.lane[0]]
+    assert len(run(worlds, RedLight("tail")).infractions) == 1
+
+
 def test_crossing_a_line_backwards_does_not_count() -> None:
     scene = lit_crossing().with_ego(x=-6, speed=10, heading=math.pi).with_lights(RED)
     assert run(scene, RedLight()).infractions == []

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import pytest
@@ -46,6 +47,13 @@ def test_stopping_with_the_front_past_the_line_is_too_late() -> None:
     assert len(run(late, StopSign(), seconds=3).infractions) == 1
 
 
+def test_coming_to_rest_in_the_very_tick_of_the_crossing_is_too_late() -> None:
+    scene = stop_sign_crossing()
+    x = scene.stop_line("w_c_0") - 2.25 - 0.005
+    late = scene.with_ego(x=x, speed=lambda time: 2.0 if time < 0.05 else 0.09)
+    assert len(run(late, StopSign(), seconds=3).infractions) == 1
+
+
 def test_one_stop_does_not_serve_two_signs() -> None:
     first = standing_then_driving(1.0).worlds(3)
     scene = stop_sign_crossing()
@@ -65,3 +73,11 @@ def test_a_line_crossed_backwards_does_not_count() -> None:
 
 def test_a_light_is_no_stop_sign() -> None:
     assert run(lit_crossing().with_ego(x=-20, speed=10), StopSign()).infractions == []
+
+
+def test_a_line_without_a_sign_does_not_count_in_a_network_with_signs() -> None:
+    scene = lit_crossing()
+    stop_lines = scene.network.stop_lines
+    elsewhere = stop_lines.lane == scene.network.lane_index["e_c_0"]
+    network = dataclasses.replace(scene.network, stop_lines=dataclasses.replace(stop_lines, stop_sign=elsewhere))
+    assert run(dataclasses.replace(scene, network=network).with_ego(x=-20, speed=10), StopSign()).infractions == []

@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from evaluation import statistics
+from evaluation.statistics import Estimate, mean_estimate, paired, ratio_estimate
+from sumo_networks.errors import InvalidInputError
+
+values = st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=30)
+
+
+def test_nothing_and_one_value_have_no_interval() -> None:
+    assert mean_estimate([]) == Estimate(None, None, None, 0)
+    assert mean_estimate([7.0]) == Estimate(7.0, None, None, 1)
+    assert ratio_estimate([], [], floor=0.001) == Estimate(None, None, None, 0)
+    assert ratio_estimate([3.0], [2.0], floor=0.001) == Estimate(1.5, None, None, 1)
+
+
+def test_interval_agrees_with_theory() -> None:
+    sample = np.random.default_rng(1).normal(50.0, 10.0, 400).tolist()
+    estimate = mean_estimate(sample)
+    half = 1.96 * np.std(sample, ddof=1) / math.sqrt(len(sample))
+    assert estimate.mean == pytest.approx(np.mean(sample))
+    assert estimate.low == pytest.approx(np.mean(sample) - half, abs=0.1)
+    assert estimate.high == pytest.approx(np.mean(sample) + half, abs=0.1)
+
+
+def test_interval_covers_the_truth_about_95_times_in_100() -> None:
+    generator = np.random.default_rng(2)
+    hits = 0
+    for _ in range(200):
+        estimate = mean_estimate(generator.normal(0.0, 1.0, 40).tolist(), n_resamples=500)
+        assert estimate.low is not None
+        assert estimate.high is not None
+        hits += estimate.low <= 0.0 <= estimate.high
+    assert 0.88 <= hits / 200 <= 0.99
+
+
+def test_ratio_is_pooled_not_averaged() -> None:
+    estimate = ratio_estimate([2.0, 1.0], [0.01, 2.99], floor=0.001)
+    assert estimate.mean == pytest.approx(1.0)
+    assert estimate.high == pytest.approx(200.0)
+
+
+def test_ratio_never_divides_by_less_than_the_floor() -> None:
+    assert ratio_estimate([1.0, 1.0], [0.0, 0.0], floor=0.001).mean == pytest.approx(2000.0)
+
+
+@given(values, st.randoms())
+def test_order_does_not_matter(some: list[float], random: Callable[..., float]) -> None:
+    mixed = some.copy()
+    random.shuffle(mixed)  # type: ignore[attr-defined]
+    assert mean_estimate(mixed, n_resamples=50) == mean_estimate(some, n_resamples=50)
+
+
+@given(values)
+def test_interval_lies_within_the_values(some: list[float]) -> None:
+    estimate = mean_estimate(some, n_resamples=50)
+    slack = 1e-9 * max(map(abs, some))
+    assert estimate.low is not None
+    assert estimate.high is not None
+    assert min(some) - slack <= estimate.low <= estimate.high <= max(some) + slack
+
+
+def test_blocks_of_resamples_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
+    sample = np.random.default_rng(3).random(50).tolist()
+    whole = mean_estimate(sample)
+    monkeypatch.setattr(statistics, "_BLOCK", 1000)
+    assert mean_estimate(sample) == whole
+
+
+def test_pairing_sees_what_the_scenarios_spread_hides() -> None:
+    generator = np.random.default_rng(4)
+    difficulty = generator.uniform(0.0, 100.0, 60)
+    a = difficulty + generator.normal(2.0, 1.0, 60)
+    comparison = paired(a.tolist(), difficulty.tolist())
+    assert comparison.verdict == ">"
+    assert comparison.probability == 1.0
+    assert comparison.difference.mean == pytest.approx(2.0, abs=0.5)
+    assert paired(difficulty.tolist(), a.tolist()).verdict == "<"
+
+
+def test_what_is_alike_is_not_told_apart() -> None:
+    assert paired([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]).verdict == "="
+    noise = np.random.default_rng(5).normal(0.0, 1.0, 30)
+    assert paired(noise.tolist(), (-noise).tolist()).difference.n == 30
+
+
+def test_one_pair_decides_nothing() -> None:
+    comparison = paired([100.0], [0.0])
+    assert comparison.difference == Estimate(100.0, None, None, 1)
+    assert comparison.verdict == "="
+
+
+def test_bad_input_is_rejected() -> None:
+    with pytest.raises(InvalidInputError, match="NaN"):
+        mean_estimate([1.0, math.nan])
+    with pytest.raises(InvalidInputError, match=r"\[2, 1\]"):
+        paired([1.0, 2.0], [1.0])
+    with pytest.raises(InvalidInputError, match="at least one"):
+        paired([], [])
+    with pytest.raises(InvalidInputError, match="floor"):
+        ratio_estimate([1.0], [1.0], floor=0.0)
+    with pytest.raises(InvalidInputError, match="resample"):
+        mean_estimate([1.0, 2.0], n_resamples=0)
