@@ -10,7 +10,7 @@ GROUP = "dohyo.agents"
 
 
 def agent_entries() -> dict[str, str]:
-    """ "module:Class" by name, sorted by name.
+    """Each agent's "module:Class" by its name, sorted.
 
     Raises:
         InvalidInputError: Two installed packages offer the same name.

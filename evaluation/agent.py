@@ -69,7 +69,6 @@ class Agent(Protocol):
 
     def close(self) -> None:
         """Frees what the agent holds."""
-        return None
 
 
 def make_agent(entry: str, settings: Mapping[str, Any] | None = None) -> Agent:

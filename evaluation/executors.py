@@ -151,7 +151,7 @@ class _Worker:
     def _answer(self) -> EpisodeRecord | str | None:
         """What the worker sent: a record, or why there is none; None where it died silently."""
         try:
-            return self.pipe.recv() if self.pipe.poll() else None  # type: ignore[no-any-return]
+            return self.pipe.recv() if self.pipe.poll() else None
         except (EOFError, OSError):
             return None
 

@@ -84,7 +84,7 @@ MARKS: Mapping[InfractionKind, Mark] = MappingProxyType(
         InfractionKind.COLLISION_VEHICLE: Mark("vehicle hit", "square", "M-4-4h8v8h-8z"),
         InfractionKind.COLLISION_STATIC: Mark("obstacle hit", "triangle-up", "M0-5 5 4h-10z"),
         InfractionKind.RED_LIGHT: Mark("red light run", "diamond", "M0-5.5 5 0 0 5.5-5 0z"),
-        InfractionKind.STOP_SIGN: Mark("stop sign run", "octagon", "M-2-5h4l3 3v4l-3 3h-4l-3-3v-4z"),
+        InfractionKind.STOP_SIGN: Mark("stop sign run", "star", "M0-5.6 1.4-1.9 5.3-1.7 2.3 0.7 3.3 4.5 0 2.4-3.3 4.5-2.3 0.7-5.3-1.7-1.4-1.9z"),
         InfractionKind.OUTSIDE_LANES: Mark("outside lanes", "bowtie", "M-5-4.5 5 4.5v-9l-10 9z"),
         InfractionKind.MINIMUM_SPEED: Mark("too slow", "triangle-down", "M0 5 5-4h-10z"),
         InfractionKind.ROUTE_DEVIATION: Mark(
@@ -169,7 +169,7 @@ def template(scheme: Scheme = "light") -> go.layout.Template:
         "marker": {"size": 9, "line": {"width": 1, "color": palette.ink}},
         "error_x": {"thickness": 1.3, "width": 0, "color": palette.quiet},
     }
-    bar = {"marker": {"line": {"width": 1, "color": palette.panel}, "pattern": {"solidity": 0.25, "size": 6}}}
+    bar = {"marker": {"line": {"width": 1, "color": palette.panel}, "pattern": {"fillmode": "overlay", "fgcolor": palette.panel, "fgopacity": 0.4, "size": 7}}}
     return go.layout.Template(layout=layout, data={"scatter": [scatter], "bar": [bar]})
 
 
@@ -186,6 +186,11 @@ def lost(record: EpisodeRecord) -> bool:
 def mission_name(record: EpisodeRecord, ego: EgoRecord) -> str:
     """The scenario, and which of its egos where there are several."""
     return record.scenario.name if len(record.egos) == 1 else f"{record.scenario.name} / {ego.name}"
+
+
+def ending(status: Status) -> str:
+    """A status without the word before its colon, which colour and sign already say."""
+    return status.value.rpartition(": ")[2].removeprefix("agent ").removeprefix("agent's ")
 
 
 def label(text: str) -> str:
@@ -279,7 +284,7 @@ def infractions_along_route(records: Records) -> go.Figure:
             marker={
                 "color": colours[agent],
                 "symbol": [MARKS[one.kind].symbol for one, _ in own],
-                "opacity": 0.85,
+                "line": {"width": 0.7},
             },
             hovertext=[f"{label(agent)}: {MARKS[one.kind].label} at {number(one.route_m)} m" for one, _ in own],
             hoverinfo="text",
@@ -326,27 +331,28 @@ def episode_endings(records: Records) -> go.Figure:
             y=[label(agent) for agent in records],
             x=[counts[agent][status] for agent in records],
             orientation="h",
-            name=status.value,
+            name=ending(status),
             marker={"color": getattr(palette, meaning), "pattern": {"shape": pattern}},
             text=[counts[agent][status] or "" for agent in records],
             textposition="inside",
             insidetextanchor="middle",
             textangle=0,
-            hovertemplate=f"%{{y}}: %{{x}} {status.value}<extra></extra>",
+            hovertemplate=f"%{{y}}: %{{x}} {ending(status)}<extra></extra>",
         )
-    reached = "; ".join(
-        f"{label(agent)} reaches the goal in {sum(n for status, n in count.items() if status.completed)}"
-        f" of {sum(n for status, n in count.items() if not status.infrastructure_fault)} drives"
+    reached = ", ".join(
+        f"{label(agent)} {sum(n for status, n in count.items() if status.completed)}"
+        f" of {sum(n for status, n in count.items() if not status.infrastructure_fault)}"
         for agent, count in counts.items()
     )
-    _entitle(figure, reached[:1].upper() + reached[1:], "Number of drives by how they ended.")
+    _entitle(figure, f"Goals reached: {reached}", "Number of drives by how they ended; those lost count for nobody.")
     figure.update_xaxes(title_text="drives")
     figure.update_yaxes(autorange="reversed", showgrid=False)
     return figure.update_layout(
-        height=200 + 44 * len(records),
+        height=264 + 40 * len(records),
         barmode="stack",
         showlegend=True,
-        legend={"y": -0.25, "yanchor": "top"},
+        legend={"yref": "container", "y": 0, "yanchor": "bottom"},
+        margin_b=128,
     )
 
 

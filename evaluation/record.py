@@ -102,7 +102,7 @@ class AgentInfo(Config):
     track: Literal["sensors", "map", "privileged"]
     sensors: tuple[str, ...]
     control: str
-    settings: dict[str, Any] = {}
+    settings: dict[str, Any] = Field(default_factory=dict)
 
 
 class EgoRecord(Config):
@@ -157,7 +157,7 @@ class Timing(Config):
     created: str
     wall_s: float
     ticks_per_s: float
-    decision_ms: dict[str, tuple[float, float, float]] = {}
+    decision_ms: dict[str, tuple[float, float, float]] = Field(default_factory=dict)
 
 
 class EpisodeRecord(Config):

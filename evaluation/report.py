@@ -293,6 +293,7 @@ def _environment() -> Environment:
     environment.filters.update(
         number=number,
         share=lambda value, top: f"{100 * min(1.0, max(0.0, value / top)):.2f}%",
+        ending=figures.ending,
         meaning=lambda status: ENDINGS[status][0],
         spot_text=_spot_text,
         route_text=_route_text,
@@ -363,20 +364,25 @@ def _worst_first(drive: Drive) -> tuple[float, str, int, str]:
 
 def _why(ego: EgoRecord, rules: Rules) -> Iterator[Term]:
     """The driving score, factor by factor, such as 80 x 0.6 x 0.7 = 33.6."""
-    yield Term(number(route_completion(ego)), "route completed, %")
+    yield Term(_factor(route_completion(ego)), "route completed, %")
     if outside := outside_fraction(ego):
-        yield Term(f" × {number(1 - outside)}", f"{number(ego.outside_lanes_m)} m driven outside lanes")
+        yield Term(f" × {_factor(1 - outside)}", f"{number(ego.outside_lanes_m)} m driven outside lanes")
     factors = [(one, infraction_penalty((one,), rules, 0.0)) for one in ego.infractions]
     notes = [(factor, f"{MARKS[one.kind].label} at {number(one.time_s)} s") for one, factor in factors if factor < 1]
     if rules == "2.1" and notes:
         yield Term(" / (1", "rules 2.1 divide by one plus the costs")
-        yield from (Term(f" + {number(1 / factor - 1)}", note) for factor, note in notes)
+        yield from (Term(f" + {_factor(1 / factor - 1)}", note) for factor, note in notes)
         yield Term(")", "rules 2.1 divide by one plus the costs")
     else:
-        yield from (Term(f" × {number(factor)}", note) for factor, note in notes)
+        yield from (Term(f" × {_factor(factor)}", note) for factor, note in notes)
     if not outside and not notes:
         yield Term(" × 1", "no infraction lowers the score")
     yield Term(f" = {number(driving_score(ego, rules))}", "driving score DS, %")
+
+
+def _factor(value: float) -> str:
+    """Like `number`, without trailing zeros: people write 0.6, not 0.600."""
+    return f"{value:.3g}"
 
 
 def _pair(a: Contender, b: Contender, rules: Rules, irs_length: IrsLength) -> Pair:
@@ -398,7 +404,7 @@ def _picture(name: str, figure: go.Figure) -> Picture:
     layout = document["layout"]
     title = layout.pop("title")
     del layout["template"]
-    layout["margin"] = {"l": 8, "r": 16, "t": 32, "b": 48}
+    layout["margin"] = {"t": 32, **layout.get("margin", {})}
     return Picture(
         name=name,
         title=Markup(title["text"]),

@@ -182,9 +182,7 @@ class _Episode:
         """The agent's action, or None once its episode has ended by its own fault."""
         began = time.perf_counter()
         answer: list[np.ndarray] = []
-        self._call(
-            drive, lambda: answer.append(drive.agent.act(observation)), self.act_deadline_s, Status.AGENT_RAISED
-        )
+        self._call(drive, lambda: answer.append(drive.agent.act(observation)), self.act_deadline_s, Status.AGENT_RAISED)
         if drive.status is not None:
             return None
         drive.latencies.append(time.perf_counter() - began)

@@ -27,20 +27,20 @@ def seal(record: EpisodeRecord) -> EpisodeRecord:
     """The record with its hash: sha256 of its canonical JSON without timing and hash.
 
     Raises:
-        InvalidInputError: If it holds what JSON cannot (an agent's setting, say).
+        InvalidInputError: If it holds what JSON cannot: an object among an agent's settings, or a NaN.
     """
     try:
         digest = _facts_hash(record.model_dump(mode="json"))
     except ValueError as error:
-        raise InvalidInputError(f"record of scenario '{record.scenario.name}': not plain JSON: {error}") from error
+        raise InvalidInputError(f"record of scenario '{record.scenario.name}' is not plain JSON: {error}") from error
     return record.model_copy(update={"record_hash": digest})
 
 
 def write_record(directory: Path, stem: str, record: EpisodeRecord, trajectory: Trajectory) -> Path:
     """Writes a sealed record, replacing one of the same stem.
 
-    The JSON, which makes the record exist, goes first and comes last. Wherever this is interrupted, there is a whole
-    record or none.
+    The JSON makes the record exist, so an old one is removed first and the new one written last: wherever this is
+    interrupted, there is a whole record or none.
 
     Args:
         directory: Made if missing.

@@ -77,4 +77,6 @@ def load_network(name: str) -> RoadNetwork:
         InvalidInputError: Unknown name, missing file, or a file that is no SUMO net with roads for cars.
     """
     path = network_path(name)
-    return read_network(path, Path(path.name.removesuffix(".gz")).name.removesuffix(".net.xml") if path == Path(name) else name)
+    return read_network(
+        path, Path(path.name.removesuffix(".gz")).name.removesuffix(".net.xml") if path == Path(name) else name
+    )

@@ -26,7 +26,7 @@ GOAL_DISTANCE_M = 10.0
 DEFAULT_SENSORS = ("speedometer", "route", "objects", "lights")
 
 
-class DrivingEnv(ParallelEnv[str, Observation, np.ndarray]):
+class DrivingEnv(ParallelEnv):  # type: ignore[misc]
     """A scenario whose egos are driven by actions, 10 per second.
 
     An ego's episode terminates at its goal or when its reward function says so, and is truncated at the time limit;
@@ -120,9 +120,7 @@ class DrivingEnv(ParallelEnv[str, Observation, np.ndarray]):
 
     def step(
         self, actions: Mapping[str, Any]
-    ) -> tuple[
-        dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]
-    ]:
+    ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Drives every ego for one tick of 0.1 s.
 
         Args:

@@ -32,9 +32,9 @@ def _separated(a: FloatArray, b: FloatArray) -> bool:
     dx, dy = b[0] - a[0], b[1] - a[1]
     along = abs(dx * cos_a + dy * sin_a)
     across = abs(-dx * sin_a + dy * cos_a)
-    return (along > 0.5 * (a[3] + b[3] * cos_d + b[4] * sin_d)) or (
-        across > 0.5 * (a[4] + b[3] * sin_d + b[4] * cos_d)
-    )
+    reach = 0.5 * (a[3] + b[3] * cos_d + b[4] * sin_d)
+    reach_across = 0.5 * (a[4] + b[3] * sin_d + b[4] * cos_d)
+    return bool(along > reach or across > reach_across)
 
 
 @njit(cache=True)
@@ -132,8 +132,8 @@ def nearest_lane(
     Returns:
         Lane index or -1, signed distance to its centreline [m, left positive], heading minus lane direction [rad].
     """
-    column = int(math.floor((x - origin[0]) / cell))
-    row = int(math.floor((y - origin[1]) / cell))
+    column = math.floor((x - origin[0]) / cell)
+    row = math.floor((y - origin[1]) / cell)
     best, best_lane, best_offset, best_error = math.inf, -1, math.nan, math.nan
     for r in range(max(row - 1, 0), min(row + 2, rows)):
         for c in range(max(column - 1, 0), min(column + 2, columns)):

@@ -213,18 +213,18 @@ class RoadNetwork:
 
     def nearest_lane(self, x: float, y: float, heading: float, preferred: BoolArray) -> tuple[int, float, float]:
         """The drivable lane a vehicle is on; see `geometry.nearest_lane`."""
-        return nearest_lane(x, y, heading, *self._grid, preferred)  # type: ignore[no-any-return]
+        return nearest_lane(x, y, heading, *self._grid, preferred)
 
     def crossed_stop_lines(self, x0: float, y0: float, x1: float, y1: float) -> IntArray:
         """Indices of the stop lines a motion crosses in driving direction."""
-        return crossed_segments(x0, y0, x1, y1, self.stop_lines.segment)  # type: ignore[no-any-return]
+        return crossed_segments(x0, y0, x1, y1, self.stop_lines.segment)
 
     @cached_property
     def drivable_area(self) -> shapely.Geometry:
         """Union of drivable lanes and of the junctions they meet in."""
         strips = [
             shapely.buffer(shapely.linestrings(self.lane_shape(i)), self.lanes.width[i] / 2, cap_style="flat")
-            for i in np.flatnonzero(self.lanes.drivable)
+            for i in np.flatnonzero(self.lanes.drivable).tolist()
         ]
         outlines = (self.junction_shape(j) for j in range(len(self.junctions.ids)))
         polygons = [shapely.make_valid(shapely.polygons(shape)) for shape in outlines if len(shape) >= 3]
@@ -233,7 +233,7 @@ class RoadNetwork:
     @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
         """Smallest x, smallest y, largest x, largest y of all drivable lanes, m."""
-        points = np.concatenate([self.lane_shape(i) for i in np.flatnonzero(self.lanes.drivable)])
+        points = np.concatenate([self.lane_shape(i) for i in np.flatnonzero(self.lanes.drivable).tolist()])
         (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
         return float(x0), float(y0), float(x1), float(y1)
 

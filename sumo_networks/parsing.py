@@ -54,14 +54,11 @@ def parse_net(path: Path) -> Tables:
 
 def _read(path: Path) -> Any:
     try:
-        opened = gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb")
-        with opened as file:
+        with gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb") as file:
             head = file.read(65536)
         if b"<net" not in head:
             raise InvalidInputError(f"'{path}' is no SUMO network: expected a <net> element near its start")
-        return sumolib.net.readNet(
-            str(path), withInternal=True, withPedestrianConnections=False, withFoes=True
-        )
+        return sumolib.net.readNet(str(path), withInternal=True, withPedestrianConnections=False, withFoes=True)
     except (xml.sax.SAXException, EOFError, gzip.BadGzipFile, zlib.error, OSError) as error:
         raise InvalidInputError(f"network file '{path}' is broken: {error}") from error
     except (KeyError, ValueError, AttributeError, IndexError) as error:

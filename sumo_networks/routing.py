@@ -127,7 +127,7 @@ class Route:
         spacing = self.length / (len(self.position) - 1)
         first = int((near - behind) / spacing)
         last = math.ceil((near + ahead) / spacing) + 1
-        return project_on_path(x, y, self.position, spacing, first, last)  # type: ignore[no-any-return]
+        return project_on_path(x, y, self.position, spacing, first, last)
 
     def index(self, s: float) -> int:
         """Row of the path point nearest to an arc length, m."""
@@ -163,7 +163,9 @@ def plan_route(network: RoadNetwork, mission: Mission) -> Route:
 def _place(network: RoadNetwork, mission: Mission, what: str, place: Place) -> tuple[int, float]:
     lane = network.lane_index.get(place.lane)
     if lane is None:
-        raise InvalidInputError(f"mission '{mission.name}': network '{network.name}' has no lane '{place.lane}' ({what})")
+        raise InvalidInputError(
+            f"mission '{mission.name}': network '{network.name}' has no lane '{place.lane}' ({what})"
+        )
     if not network.lanes.drivable[lane]:
         raise InvalidInputError(f"mission '{mission.name}': {what} lane '{place.lane}' is closed to passenger cars")
     length = float(network.lanes.length[lane])
@@ -178,7 +180,9 @@ def _place(network: RoadNetwork, mission: Mission, what: str, place: Place) -> t
 def _via(network: RoadNetwork, mission: Mission, edge: str) -> tuple[int, float]:
     lanes = [lane for lane in network.lanes_of_edge.get(edge, []) if network.lanes.drivable[lane]]
     if not lanes:
-        raise InvalidInputError(f"mission '{mission.name}': network '{network.name}' has no drivable edge '{edge}' (via)")
+        raise InvalidInputError(
+            f"mission '{mission.name}': network '{network.name}' has no drivable edge '{edge}' (via)"
+        )
     return lanes[0], float(network.lanes.length[lanes[0]])
 
 
@@ -401,9 +405,7 @@ def _connection(network: RoadNetwork, source: int, target: int) -> int:
     return next(c for c in network.connections_from(source) if network.connections.target[c] == target)
 
 
-def _commands(
-    at: FloatArray, passages: tuple[Passage, ...], lane_changes: tuple[LaneChange, ...]
-) -> IntArray:
+def _commands(at: FloatArray, passages: tuple[Passage, ...], lane_changes: tuple[LaneChange, ...]) -> IntArray:
     command = np.full(len(at), Command.FOLLOW, dtype=np.int64)
     for passage in reversed(passages):
         command[(at >= passage.entry - COMMAND_LEAD_M) & (at <= passage.exit)] = passage.command

@@ -43,8 +43,8 @@ _KINDS = {
     "bicycle": ActorKind.BICYCLE,
     "pedestrian": ActorKind.PEDESTRIAN,
 }
-_LIGHTS = {letter: LightState.GREEN for letter in "Gg"} | {letter: LightState.YELLOW for letter in "yY"}
-_LIGHTS |= {letter: LightState.RED for letter in "ru"} | {letter: LightState.OFF for letter in "oO"}
+_LIGHTS = dict.fromkeys("Gg", LightState.GREEN) | dict.fromkeys("yY", LightState.YELLOW)
+_LIGHTS |= dict.fromkeys("ru", LightState.RED) | dict.fromkeys("oO", LightState.OFF)
 _PERSON_VARIABLES = (libsumo.VAR_POSITION, libsumo.VAR_ANGLE, libsumo.VAR_SPEED, libsumo.VAR_LANE_ID)
 _VEHICLE_VARIABLES = (*_PERSON_VARIABLES, libsumo.VAR_SIGNALS)
 _INDICATOR = {0: 0, 1: -1, 2: 1, 3: 0}  # SUMO's lowest two bits: right, left
@@ -67,6 +67,7 @@ class Simulation:
     """
 
     _running: ClassVar[Simulation | None] = None
+    _centres: FloatArray
 
     def __init__(self, network: RoadNetwork, scenario: Scenario, vehicle: VehicleParameters | None = None) -> None:
         self.network = network
@@ -190,7 +191,8 @@ class Simulation:
             if np.hypot(*(starts - (x, y)).T).min() < START_CLEARANCE_M:
                 libsumo.vehicle.remove(name)
         for ego, (name, route) in enumerate(zip(self._names, self.routes, strict=True)):
-            self._vehicles.place(ego, *route.position[0], float(route.heading[0]))
+            x, y = route.position[0].tolist()
+            self._vehicles.place(ego, x, y, route.heading.item(0))
             self._registry.add_ego(name, route, self.vehicle)
         self._centres = self._vehicles.centres()
         for ego in range(len(self._names)):
@@ -227,7 +229,8 @@ class Simulation:
         progress, lateral, error = np.zeros(count), np.zeros(count), np.zeros(count)
         lane, lane_offset, lane_error = np.full(count, -1), np.full(count, np.nan), np.full(count, np.nan)
         for ego, route in enumerate(self.routes):
-            x, y, heading = *centres[ego], float(states[ego, HEADING])
+            x, y = centres[ego].tolist()
+            heading = states.item(ego, HEADING)
             near = float(before.egos.progress[ego]) if before else 0.0
             progress[ego], lateral[ego], direction = route.project(x, y, near)
             error[ego] = wrap(heading - direction)
@@ -289,9 +292,7 @@ class _Registry:
         libsumo.poi.subscribeContext(name, libsumo.CMD_GET_VEHICLE_VARIABLE, SIGHT_M, _VEHICLE_VARIABLES)
         libsumo.poi.subscribeContext(name, libsumo.CMD_GET_PERSON_VARIABLE, SIGHT_M, _PERSON_VARIABLES)
 
-    def move_ego(
-        self, name: str, network: RoadNetwork, lane: int, front: _Point, centre: _Point, angle: float
-    ) -> None:
+    def move_ego(self, name: str, network: RoadNetwork, lane: int, front: _Point, centre: _Point, angle: float) -> None:
         edge, index = (network.edge_id(lane), int(network.lanes.index[lane])) if lane >= 0 else ("", -1)
         libsumo.vehicle.moveToXY(name, edge, index, front[0], front[1], angle, 2)
         libsumo.poi.setPosition(name, centre[0], centre[1])

@@ -197,9 +197,7 @@ class EdgeGraph:
         return parents
 
 
-def _followers(
-    network: RoadNetwork, permission: BoolArray, normal: BoolArray, row: dict[int, int]
-) -> list[list[int]]:
+def _followers(network: RoadNetwork, permission: BoolArray, normal: BoolArray, row: dict[int, int]) -> list[list[int]]:
     """Rows of the edges that follow each edge, without turning round."""
     lanes, connections = network.lanes, network.connections
     out: list[set[int]] = [set() for _ in row]

@@ -83,9 +83,7 @@ class Egos:
 
     def box(self, ego: int) -> FloatArray:
         """(5,) x, y [m], heading [rad], length, width [m] of one ego."""
-        return np.array(
-            [*self.position[ego], self.heading[ego], self.length[ego], self.width[ego]], dtype=np.float64
-        )
+        return np.array([*self.position[ego], self.heading[ego], self.length[ego], self.width[ego]], dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)

@@ -181,7 +181,9 @@ class Autopilot(Agent):
         other_clear = _latest(other_leave, other_speed)
         if priority < 0:
             # The other must give way; doubt it only when it is about to be there, or is there.
-            return other_enter < max(0.8 * other_speed, 0.3) and other_arrive < clear + 0.5 and arrive < other_clear + 0.3
+            return (
+                other_enter < max(0.8 * other_speed, 0.3) and other_arrive < clear + 0.5 and arrive < other_clear + 0.3
+            )
         before, after = (1.5, 1.0) if kind != PEDESTRIAN else (1.2, 0.6)
         if joins:
             # Whoever follows behind must not have to brake hard.
@@ -246,7 +248,7 @@ def _leader(objects: Float32Array, route: Float32Array, reach: float, half_lengt
                     d = (route[j, 0] - px) ** 2 + (route[j, 1] - py) ** 2
                     if d < distance:
                         i, distance = j, d
-                if i == 0 and px < 0.0 or i == route.shape[0] - 1:
+                if (i == 0 and px < 0.0) or i == route.shape[0] - 1:
                     continue
                 side = math.cos(route[i, 2]) * (py - route[i, 1]) - math.sin(route[i, 2]) * (px - route[i, 0])
                 low, high = min(low, side), max(high, side)

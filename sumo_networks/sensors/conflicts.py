@@ -138,19 +138,18 @@ def _passage_at(passages: tuple[Passage, ...], s: float) -> Passage | None:
 
 
 def _lane_path(network: RoadNetwork, lane: int, indicator: int) -> tuple[FloatArray, int, float]:
-    """The path of somebody on a lane: points a metre apart, the first connection taken, metres from lane start to it."""
-    shapes, connection, length, to_junction = [network.lane_shape(lane)], -1, float(network.lanes.length[lane]), 1000.0
-    while length < float(network.lanes.length[lane]) + ACTOR_LOOKAHEAD_M:
-        onward = network.connections_from(lane if len(shapes) == 1 else following)
-        if not onward:
-            break
-        wanted = _INDICATED[indicator] if connection < 0 else "s"
-        chosen = min(onward, key=lambda c: (network.connections.direction[c] not in wanted + "i", c))
-        if connection < 0 and network.connections.direction[chosen] != "i":
+    """The path of somebody on a lane: points a metre apart, its first connection, metres to that."""
+    connections, here = network.connections, lane
+    shapes, length = [network.lane_shape(lane)], float(network.lanes.length[lane])
+    enough, connection, to_junction = length + ACTOR_LOOKAHEAD_M, -1, 1000.0
+    while length < enough and (onward := network.connections_from(here)):
+        wanted = (_INDICATED[indicator] if connection < 0 else "s") + "i"
+        chosen = next((c for c in onward if str(connections.direction[c]) in wanted), onward[0])
+        if connection < 0 and connections.direction[chosen] != "i":
             connection, to_junction = chosen, length
-        following = int(network.connections.target[chosen])
-        shapes.append(network.lane_shape(following))
-        length += float(network.lanes.length[following])
+        here = int(connections.target[chosen])
+        shapes.append(network.lane_shape(here))
+        length += float(network.lanes.length[here])
     raw = np.concatenate(shapes)
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(raw, axis=0).T))])
     at = np.arange(0.0, arc[-1], 1.0)

@@ -44,7 +44,7 @@ class Objects(Sensor):
             length = np.concatenate([length, egos.length[others]])
             width = np.concatenate([width, egos.width[others]])
         x, y = egos.position[ego]
-        return _nearest(  # type: ignore[no-any-return]
+        return _nearest(
             float(x), float(y), float(egos.heading[ego]), kind, key, position, heading, speed, length, width
         )
 

@@ -32,7 +32,7 @@ class Route(Sensor):
         """See the class."""
         route, egos = world.routes[ego], world.egos
         x, y = egos.position[ego]
-        return _ahead(  # type: ignore[no-any-return]
+        return _ahead(
             route.index(float(egos.progress[ego])),
             float(x),
             float(y),

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evaluation import statistics
@@ -52,6 +52,7 @@ def test_ratio_never_divides_by_less_than_the_floor() -> None:
     assert ratio_estimate([1.0, 1.0], [0.0, 0.0], floor=0.001).mean == pytest.approx(2000.0)
 
 
+@settings(deadline=None)
 @given(values, st.randoms())
 def test_order_does_not_matter(some: list[float], random: Callable[..., float]) -> None:
     mixed = some.copy()
@@ -59,6 +60,7 @@ def test_order_does_not_matter(some: list[float], random: Callable[..., float]) 
     assert mean_estimate(mixed, n_resamples=50) == mean_estimate(some, n_resamples=50)
 
 
+@settings(deadline=None)
 @given(values)
 def test_interval_lies_within_the_values(some: list[float]) -> None:
     estimate = mean_estimate(some, n_resamples=50)

@@ -12,12 +12,14 @@ from typing import Any
 
 import pytest
 
-from evaluation import store
 from evaluation.record import AgentInfo, EpisodeRecord, InfractionKind, Status
 from evaluation.store import read_record, read_records, read_trajectory, seal, write_atomically, write_record
 from evaluation.trajectory import Trajectory
 from sumo_networks.errors import InvalidInputError
+from sumo_networks.scenario import content_hash
 from tests.evaluation.builders import AGENT, drive, ego, episode, infraction, lost
+
+OUTSIDE_THE_HASH = ("record_hash", "timing", "parquet_sha256")
 
 
 def a_record(**rest: Any) -> EpisodeRecord:
@@ -81,7 +83,7 @@ def test_a_write_that_fails_half_way_leaves_nothing(
             raise OSError(28, "No space left on device")
         replace(source, target)
 
-    monkeypatch.setattr(store.os, "replace", fail)
+    monkeypatch.setattr(os, "replace", fail)
     with pytest.raises(OSError, match="No space left"):
         write_record(tmp_path, "one", a_record(), drive())
     assert list(tmp_path.iterdir()) == []
@@ -101,7 +103,8 @@ def test_a_write_that_cannot_be_serialised_touches_nothing(written: Path, monkey
 @pytest.mark.parametrize("call", range(1, 9))
 def test_a_killed_process_leaves_a_whole_record_or_none(call: int, tmp_path: Path) -> None:
     """The process kills itself just before its n-th system call that changes the disk."""
-    write_record(tmp_path, "one", a_record(seed=9), drive(30)) if call % 2 else None
+    if call % 2:
+        write_record(tmp_path, "one", a_record(seed=9, trajectory=drive(30)), drive(30))
     code = f"""
         import os, signal
         from pathlib import Path
@@ -129,14 +132,18 @@ def test_a_killed_process_leaves_a_whole_record_or_none(call: int, tmp_path: Pat
         assert read_trajectory(tmp_path / "one.json").sha256() == record.trajectory_sha256
 
 
-def test_every_flipped_byte_of_the_facts_is_detected(written: Path) -> None:
-    whole = written.read_bytes()
-    outside = {*range(whole.index(b'"timing"'), whole.index(b'"parquet_sha256"')), len(whole) - 1}
-    outside |= {*range(whole.index(b'"parquet_sha256"'), len(whole))}
-    for i in set(range(len(whole))) - outside:
+def test_a_flipped_byte_of_the_facts_is_detected_or_changes_nothing(written: Path) -> None:
+    whole, facts, silent = written.read_bytes(), a_record(timing=None), 0
+    timing = range(whole.index(b'"timing"'), len(whole))
+    for i in range(len(whole)):
         written.write_bytes(whole[:i] + bytes([whole[i] ^ 1]) + whole[i + 1 :])
-        with pytest.raises(InvalidInputError, match=r"one\.json"):
-            read_record(written)
+        try:
+            record = read_record(written)
+        except InvalidInputError:
+            continue
+        assert record.model_copy(update={"timing": None}) == facts
+        silent += i not in timing
+    assert silent <= 1  # the last digit of 0.1 + 0.2, beyond a double's precision
 
 
 def test_every_flipped_byte_of_the_trajectories_is_detected(written: Path) -> None:
@@ -198,7 +205,7 @@ def test_a_missing_record_is_named(tmp_path: Path) -> None:
 def test_a_sealed_record_of_another_shape_is_rejected(written: Path) -> None:
     def reshape(document: dict[str, Any]) -> None:
         document["egos"][0]["colour"] = "red"
-        document["record_hash"] = store._facts_hash(document)
+        document["record_hash"] = content_hash({key: document[key] for key in document if key not in OUTSIDE_THE_HASH})
 
     rewrite(written, reshape)
     with pytest.raises(InvalidInputError, match=r"this version of dohyo writes it, but egos\.0\.colour"):
@@ -221,11 +228,13 @@ def test_a_stem_is_a_plain_file_name(stem: str, tmp_path: Path) -> None:
         write_record(tmp_path, stem, a_record(), drive())
 
 
-def test_settings_that_json_cannot_hold_are_rejected() -> None:
-    for value in (object(), float("nan")):
-        odd = AgentInfo(**{**AGENT.model_dump(), "settings": {"gap_s": value}})
-        with pytest.raises(InvalidInputError, match="not plain JSON"):
-            seal(episode(ego(agent=odd)))
+def test_what_json_cannot_hold_is_not_sealed() -> None:
+    odd = AgentInfo(**{**AGENT.model_dump(), "settings": {"gap_s": object()}})
+    with pytest.raises(InvalidInputError, match="not plain JSON"):
+        seal(episode(ego(agent=odd)))
+    broken = ego().model_copy(update={"driven_m": float("nan")})
+    with pytest.raises(InvalidInputError, match="not plain JSON"):
+        seal(episode().model_copy(update={"egos": (broken,)}))
 
 
 def test_a_lost_episode_is_a_record_too(tmp_path: Path) -> None:
@@ -240,7 +249,7 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path, monkeypatch: pyt
     def fail(descriptor: int) -> None:
         raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr(store.os, "fsync", fail)
+    monkeypatch.setattr(os, "fsync", fail)
     with pytest.raises(OSError, match="Input/output"):
         write_atomically(path, b"new")
     assert path.read_bytes() == b"old"

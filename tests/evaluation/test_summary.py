@@ -42,7 +42,8 @@ def test_means_are_of_per_drive_scores() -> None:
     assert summary.per_km["red_light"].mean == pytest.approx(1 / 1.5)
     assert set(summary.per_km) == {kind.value for kind in InfractionKind}
     assert summary.statuses == {"perfect": 1, "failed: agent ran out of time": 1}
-    assert (summary.agent, summary.benchmark, summary.km) == ("tester", "nocrash", pytest.approx(1.5))
+    assert (summary.agent, summary.benchmark) == ("tester", "nocrash")
+    assert summary.km == pytest.approx(1.5)
 
 
 def test_a_crash_spoils_nocrash_only() -> None:
@@ -65,7 +66,7 @@ def test_rules_and_length_are_passed_on_and_told() -> None:
     assert summary.scores["irs"].mean != summarise(records).scores["irs"].mean
 
 
-@settings(max_examples=20)
+@settings(max_examples=20, deadline=None)
 @given(st.permutations([*some_episodes(), lost(seed=99)]))
 def test_the_order_of_records_does_not_matter(records: list[EpisodeRecord]) -> None:
     assert summarise(records) == summarise([*some_episodes(), lost(seed=99)])
