@@ -121,11 +121,13 @@ def read_result(out: Path) -> Result:
         InvalidInputError: No result folder, or a broken record in it.
     """
     manifest = _read_manifest(out)
-    paths = sorted((out / RECORDS).glob("*.json"))
-    if not paths:
+    found = [(read_record(path), path) for path in sorted((out / RECORDS).glob("*.json"))]
+    if not found:
         raise InvalidInputError(f"'{out}' holds no finished episode yet")
-    records = [read_record(path) for path in paths]
-    return Result(manifest, tuple(records), tuple(paths), len(records))
+    order = [mission.name for mission in manifest.benchmark.missions]
+    found.sort(key=lambda pair: (pair[0].scenario.seed, order.index(pair[0].scenario.name)))
+    records, paths = zip(*found, strict=True)
+    return Result(manifest, records, paths, len(records))
 
 
 def _read_manifest(out: Path) -> Manifest:

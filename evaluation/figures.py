@@ -23,7 +23,8 @@ Scheme = Literal["light", "dark"]
 Records = Mapping[str, Sequence[EpisodeRecord]]
 """The records of each agent, by its name."""
 
-OKABE_ITO = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442", "#000000")
+OKABE_ITO = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442", "#999999")
+"""Okabe and Ito's eight, with the grey that replaces their black where a page may be dark."""
 SANS = "ui-sans-serif, system-ui, sans-serif"
 MISSING = "\N{EM DASH}"
 
@@ -84,7 +85,9 @@ MARKS: Mapping[InfractionKind, Mark] = MappingProxyType(
         InfractionKind.COLLISION_VEHICLE: Mark("vehicle hit", "square", "M-4-4h8v8h-8z"),
         InfractionKind.COLLISION_STATIC: Mark("obstacle hit", "triangle-up", "M0-5 5 4h-10z"),
         InfractionKind.RED_LIGHT: Mark("red light run", "diamond", "M0-5.5 5 0 0 5.5-5 0z"),
-        InfractionKind.STOP_SIGN: Mark("stop sign run", "star", "M0-5.6 1.4-1.9 5.3-1.7 2.3 0.7 3.3 4.5 0 2.4-3.3 4.5-2.3 0.7-5.3-1.7-1.4-1.9z"),
+        InfractionKind.STOP_SIGN: Mark(
+            "stop sign run", "star", "M0-5.6 1.4-1.9 5.3-1.7 2.3 0.7 3.3 4.5 0 2.4-3.3 4.5-2.3 0.7-5.3-1.7-1.4-1.9z"
+        ),
         InfractionKind.OUTSIDE_LANES: Mark("outside lanes", "bowtie", "M-5-4.5 5 4.5v-9l-10 9z"),
         InfractionKind.MINIMUM_SPEED: Mark("too slow", "triangle-down", "M0 5 5-4h-10z"),
         InfractionKind.ROUTE_DEVIATION: Mark(
@@ -116,15 +119,15 @@ ENDINGS: Mapping[Status, tuple[str, str]] = MappingProxyType(
 def agent_colours(agents: Iterable[str]) -> dict[str, str]:
     """A colour per agent that follows from its name, so that it is the same on every page.
 
-    Two agents of one page that would share a colour are told apart by moving the later name on to the next free one.
+    Where two agents of one page ask for the same colour, the later name gets the next free one; grey comes last.
     """
+    *hues, grey = OKABE_ITO
     colours: dict[str, str] = {}
-    free = list(OKABE_ITO)
+    free: set[str] = set()
     for agent in sorted(set(agents)):
-        first = int.from_bytes(hashlib.sha256(agent.encode()).digest()[:4]) % len(OKABE_ITO)
-        free = free or list(OKABE_ITO)
-        order = (OKABE_ITO[(first + step) % len(OKABE_ITO)] for step in range(len(OKABE_ITO)))
-        colours[agent] = next(colour for colour in order if colour in free)
+        free = free or {*hues, grey}
+        first = int.from_bytes(hashlib.sha256(agent.encode()).digest()[:4]) % len(hues)
+        colours[agent] = next(colour for colour in (*hues[first:], *hues[:first], grey) if colour in free)
         free.remove(colours[agent])
     return colours
 
@@ -169,7 +172,12 @@ def template(scheme: Scheme = "light") -> go.layout.Template:
         "marker": {"size": 9, "line": {"width": 1, "color": palette.ink}},
         "error_x": {"thickness": 1.3, "width": 0, "color": palette.quiet},
     }
-    bar = {"marker": {"line": {"width": 1, "color": palette.panel}, "pattern": {"fillmode": "overlay", "fgcolor": palette.panel, "fgopacity": 0.4, "size": 7}}}
+    bar = {
+        "marker": {
+            "line": {"width": 1, "color": palette.panel},
+            "pattern": {"fillmode": "overlay", "fgcolor": palette.panel, "fgopacity": 0.4, "size": 7},
+        }
+    }
     return go.layout.Template(layout=layout, data={"scatter": [scatter], "bar": [bar]})
 
 
@@ -236,6 +244,7 @@ def score_by_mission(records: Records, *, rules: Rules = "2.0") -> go.Figure:
             mode="markers",
             name=label(agent),
             marker_color=colours[agent],
+            cliponaxis=False,
             error_x={
                 "symmetric": False,
                 "array": [_reach(one.high, mean) for (_, one), mean in zip(found, means, strict=True)],
@@ -294,11 +303,10 @@ def infractions_along_route(records: Records) -> go.Figure:
             col=1,
         )
     shares = [one.route_m / ego.route_length_m for one, ego in _infractions(records)]
+    half = f"Half of the {len(shares)} infractions lie in the first {100 * np.median(shares or [0]):.0f} % of the route"
     _entitle(
         figure,
-        f"Half of the {len(shares)} infractions lie in the first {100 * float(np.median(shares)):.0f} % of the route"
-        if len(shares) > 1
-        else f"{len(shares) or 'No'} infraction along the routes",
+        half if len(shares) > 1 else f"{len(shares) or 'No'} infraction along the routes",
         "Above: infractions per km driven in that tenth of the route. Below: each infraction.",
     )
     figure.update_xaxes(range=[-1.5, 101.5])

@@ -67,8 +67,8 @@ class Infraction(Config):
         route_m: Progress along the route then.
         actor: SUMO id of the other, of the traffic light or of the lane; None where there is none.
         magnitude: How much; its unit is in `unit`.
-        unit: "m/s" closing speed (collisions), ego speed (lights, stop signs); "m" driven outside lanes;
-            "%" of the surrounding traffic's speed; "s" standing or elapsed.
+        unit: "m/s" closing speed (collisions), ego speed (lights, stop signs); "m" driven outside lanes, distance from
+            the route; "%" of the surrounding traffic's speed; "s" standing or elapsed.
         at_fault: Whether the ego caused it (nuPlan's rules); None where the question does not arise.
     """
 

@@ -230,37 +230,24 @@ def write_report(
     contenders = _contenders(evaluations, rules, irs_length)
     drives = sorted(_drives(contenders, path, rules), key=_worst_first)
     counted = [drive for drive in drives if not figures.lost(drive.record)]
-    records = {one.name: one.evaluation.records for one in contenders}
     pairs = [_pair(a, b, rules, irs_length) for a, b in itertools.combinations(contenders, 2)]
-    html = (
-        _environment()
-        .get_template("report.html.j2")
-        .render(
-            evaluation=evaluations[0],
-            facts=_facts(evaluations, rules, irs_length),
-            contenders=contenders,
-            columns=COLUMNS,
-            kinds=[kind for kind in InfractionKind if any(one.summary.per_km[kind].mean for one in contenders)],
-            per_km_top=_per_km_top(contenders),
-            pairs=pairs,
-            pictures=[
-                _picture("score-by-mission", figures.score_by_mission(records, rules=rules)),
-                _picture("infractions-along-route", figures.infractions_along_route(records)),
-                _picture("episode-endings", figures.episode_endings(records)),
-            ],
-            maps=[_map(network, counted, lanes) for network in sorted({one.record.scenario.network for one in drives})],
-            drives=counted,
-            lost=[drive for drive in drives if figures.lost(drive.record)],
-            tables={
-                "scores": _estimate_table(contenders, lambda summary: summary.scores),
-                "rates": _estimate_table(contenders, lambda summary: summary.per_km),
-                "pairs": _pair_table(pairs),
-                "drives": _drive_table(counted),
-            },
-        )
-    )
+    networks = sorted({drive.record.scenario.network for drive in drives})
+    page = {
+        "evaluation": evaluations[0],
+        "facts": _facts([one.evaluation for one in contenders], rules, irs_length),
+        "contenders": contenders,
+        "columns": COLUMNS,
+        "kinds": [kind for kind in InfractionKind if any(one.summary.per_km[kind].mean for one in contenders)],
+        "per_km_top": _per_km_top(contenders),
+        "pairs": pairs,
+        "pictures": list(_pictures(contenders, rules)),
+        "maps": [_map(network, counted, lanes) for network in networks],
+        "drives": counted,
+        "lost": [drive for drive in drives if figures.lost(drive.record)],
+        "tables": _tables(contenders, pairs, counted),
+    }
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, html.encode())
+    write_atomically(path, _environment().get_template("report.html.j2").render(page).encode())
     return path
 
 
@@ -319,7 +306,7 @@ def _facts(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLengt
     seeds = sorted({record.scenario.seed for record in records})
     per_agent = "; ".join(f"{one.agent}: {len(one.records)}" for one in evaluations)
     return [
-        ("benchmark hash", evaluations[0].benchmark_hash[:12] or MISSING, evaluations[0].benchmark_hash),
+        ("benchmark hash", evaluations[0].benchmark_hash[:8] or MISSING, evaluations[0].benchmark_hash),
         ("rules", rules, "Version of the CARLA Leaderboard's rules behind IP and DS"),
         (
             "IRS length",
@@ -399,6 +386,16 @@ def _per_km_top(contenders: Sequence[Contender]) -> float:
     return max((rate.high or rate.mean or 0.0 for rate in rates), default=0.0) or 1.0
 
 
+def _pictures(contenders: Sequence[Contender], rules: Rules) -> Iterator[Picture]:
+    """Those figures that have something to show."""
+    records = {one.name: one.evaluation.records for one in contenders}
+    if any(one.summary.episodes for one in contenders):
+        yield _picture("score-by-mission", figures.score_by_mission(records, rules=rules))
+    yield _picture("episode-endings", figures.episode_endings(records))
+    if any(rate.mean for one in contenders for rate in one.summary.per_km.values()):
+        yield _picture("infractions-along-route", figures.infractions_along_route(records))
+
+
 def _picture(name: str, figure: go.Figure) -> Picture:
     document = json.loads(figure.to_json())
     layout = document["layout"]
@@ -465,7 +462,7 @@ def _spots(drives: Iterable[Drive]) -> Iterator[Spot]:
             radius, angle = 9.0 * math.sqrt(crowd[cell]), GOLDEN_ANGLE * crowd[cell]
             crowd[cell] += 1
             dx, dy = round(radius * math.cos(angle), 1), round(radius * math.sin(angle), 1)
-            yield Spot(round(one.x_m, 1), round(-one.y_m, 1), dx, dy, drive, one)
+            yield Spot(round(one.x_m, 1), round(0.0 - one.y_m, 1), dx, dy, drive, one)
 
 
 def _spot_text(spot: Spot) -> str:
@@ -494,6 +491,16 @@ def _details(infraction: Infraction) -> Iterator[str]:
         yield "at fault" if infraction.at_fault else "not at fault"
 
 
+def _tables(contenders: Sequence[Contender], pairs: Sequence[Pair], drives: Sequence[Drive]) -> dict[str, str]:
+    """Every table of the page as CSV."""
+    return {
+        "scores": _estimate_table(contenders, lambda summary: summary.scores),
+        "rates": _estimate_table(contenders, lambda summary: summary.per_km),
+        "pairs": _pair_table(pairs),
+        "drives": _drive_table(drives),
+    }
+
+
 def _csv(header: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
@@ -504,7 +511,8 @@ def _csv(header: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
 
 def _csv_cell(value: object) -> object:
     """Text that a spreadsheet would take for a formula is quoted; None is empty."""
-    return f"'{value}" if isinstance(value, str) and value[:1] in ("=", "+", "-", "@") else value
+    formula = isinstance(value, str) and len(value) > 1 and value[0] in "=+-@"
+    return f"'{value}" if formula else value
 
 
 def _estimate_table(contenders: Iterable[Contender], estimates: Callable[[Summary], dict[str, Estimate]]) -> str:

@@ -224,6 +224,7 @@ class _Episode:
         if hasattr(self.env, "world"):
             for criterion in drive.criteria:
                 drive.infractions += criterion.finish(self.env.world, drive.index)
+            drive.infractions.sort(key=lambda infraction: infraction.time_s)
         if status is Status.COMPLETED and not drive.infractions:
             status = Status.PERFECT
         drive.status, drive.failure = status, failure

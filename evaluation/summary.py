@@ -25,7 +25,7 @@ from evaluation.scores.rates import infraction_counts, route_km
 from evaluation.statistics import Comparison, Estimate, mean_estimate, paired, ratio_estimate
 from sumo_networks.errors import InvalidInputError
 
-SCORES = ("success", "nocrash_success", "route_completion", "infraction_penalty", "driving_score", "irs")
+SCORES = ("success", "nocrash_success", "route_completion", "infraction_penalty", "driving_score", "irs", "road_completed")
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +132,7 @@ def score_drive(ego: EgoRecord, *, rules: Rules = "2.0", irs_length: IrsLength =
         "infraction_penalty": infraction_penalty(ego.infractions, rules, outside_fraction(ego)),
         "driving_score": driving_score(ego, rules),
         "irs": infraction_rate_score(ego, length=irs_length),
+        "road_completed": nocrash.road_completed(ego),
     }
 
 

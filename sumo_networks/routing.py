@@ -24,7 +24,6 @@ LANE_CHANGE_LENGTH_M = 35.0
 TURNAROUND_COST_S = 60.0
 COMMAND_LEAD_M = 30.0
 SMOOTHING_M = 1.5
-_NONE = -(2**60)
 
 
 class Command(IntEnum):
@@ -142,18 +141,13 @@ def plan_route(network: RoadNetwork, mission: Mission) -> Route:
         InvalidInputError: A lane does not exist or is closed to cars, or no route leads to the goal.
     """
     start, goal = _place(network, mission, "start", mission.start), _place(network, mission, "goal", mission.goal)
-    stops = [start, *[_via(network, mission, edge) for edge in mission.via], goal]
-    lanes = [stops[0][0]]
-    position = stops[0][1]
-    for number, (lane, end) in enumerate(stops[1:]):
-        leg = _search(network, lanes[-1], position, lane, end)
-        if leg is None:
-            raise InvalidInputError(
-                f"mission '{mission.name}': no lane-level route leads from '{network.lanes.ids[lanes[-1]]}' to "
-                f"{'goal' if number == len(stops) - 2 else 'via'} lane '{network.lanes.ids[lane]}' for passenger cars"
-            )
-        lanes += leg[1:]
-        position = end
+    lanes = _search(network, *start, *goal, [_via(network, mission, edge) for edge in mission.via])
+    if lanes is None:
+        via = f" via {', '.join(mission.via)}" if mission.via else ""
+        raise InvalidInputError(
+            f"mission '{mission.name}': no lane-level route leads from '{mission.start.lane}'{via} to goal lane "
+            f"'{mission.goal.lane}' for passenger cars"
+        )
     route = _PathBuilder(network, lanes, start[1], goal[1]).build()
     if route.length < 2 * SPACING_M:
         raise InvalidInputError(f"mission '{mission.name}': start and goal are less than 2 m apart")
@@ -177,52 +171,74 @@ def _place(network: RoadNetwork, mission: Mission, what: str, place: Place) -> t
     return lane, position
 
 
-def _via(network: RoadNetwork, mission: Mission, edge: str) -> tuple[int, float]:
-    lanes = [lane for lane in network.lanes_of_edge.get(edge, []) if network.lanes.drivable[lane]]
-    if not lanes:
-        raise InvalidInputError(
-            f"mission '{mission.name}': network '{network.name}' has no drivable edge '{edge}' (via)"
-        )
-    return lanes[0], float(network.lanes.length[lanes[0]])
+def _via(network: RoadNetwork, mission: Mission, edge: str) -> int:
+    for lane in network.lanes_of_edge.get(edge, []):
+        if network.lanes.drivable[lane]:
+            return int(network.lanes.edge[lane])
+    raise InvalidInputError(f"mission '{mission.name}': network '{network.name}' has no drivable edge '{edge}' (via)")
 
 
-def _search(network: RoadNetwork, start: int, start_at: float, goal: int, goal_at: float) -> list[int] | None:
+# A lane, where on it the search came, and how many of the via edges are behind it. Lanes beside the start are reached
+# part of the way along; all others at their beginning, so that a round trip may come back to the start lane.
+_Node = tuple[int, float, int]
+
+
+def _search(
+    network: RoadNetwork, start: int, start_at: float, goal: int, goal_at: float, via: list[int]
+) -> list[int] | None:
     """A* over lanes: following a connection costs the lane's travel time, a lane change a fixed time."""
-    lanes = network.lanes
-    fastest = float(lanes.speed[lanes.drivable].max())
-    gx, gy, _ = network.lane_point(goal, goal_at)
+    lanes, fastest = network.lanes, _fastest(network)
+    gx, gy = network.lane_shape(goal)[0]
 
-    def remaining(lane: int) -> float:
+    def remaining(lane: int, at: float) -> float:
+        if at > 0.0:
+            return 0.0
         x, y = network.lane_shape(lane)[0]
-        return max(math.hypot(gx - x, gy - y) - float(lanes.length[lane]), 0.0) / fastest
+        return math.hypot(gx - x, gy - y) / fastest
 
-    # Lanes beside the start are reached part of the way along: nodes -1 - lane stand for them, plain ones for lanes
-    # entered at their beginning, so that a round trip may come back to the start lane.
-    frontier: list[tuple[float, int, float, int, int]] = [(0.0, 0, 0.0, -1 - start, _NONE)]
-    came_from: dict[int, int] = {}
+    def node(lane: int, at: float, passed: int) -> _Node:
+        while passed < len(via) and lanes.edge[lane] == via[passed]:
+            passed += 1
+        return lane, at, passed
+
+    frontier: list[tuple[float, int, float, _Node, _Node | None]] = [(0.0, 0, 0.0, node(start, start_at, 0), None)]
+    came_from: dict[_Node, _Node | None] = {}
     pushed = 0
     while frontier:
-        _, _, cost, node, parent = heapq.heappop(frontier)
-        if node in came_from:
+        _, _, cost, here, parent = heapq.heappop(frontier)
+        if here in came_from:
             continue
-        came_from[node] = parent
-        lane, entered_at = (node, 0.0) if node >= 0 else (-1 - node, start_at)
-        if lane == goal and goal_at >= entered_at:
-            return _unwind(came_from, node)
-        for following, is_change, step in _moves(network, lane, entered_at):
-            child = -1 - following if is_change and node < 0 else following
+        came_from[here] = parent
+        lane, at, passed = here
+        if lane == goal and goal_at >= at and passed == len(via):
+            return _unwind(came_from, here)
+        for following, is_change, step in _moves(network, lane, at):
+            child = node(following, at if is_change else 0.0, passed)
             if child not in came_from:
                 pushed += 1
                 total = cost + step
-                heapq.heappush(frontier, (total + remaining(following), pushed, total, child, node))
+                heapq.heappush(frontier, (total + remaining(*child[:2]), pushed, total, child, here))
     return None
 
 
-def _unwind(came_from: dict[int, int], node: int) -> list[int]:
-    path = []
-    while node != _NONE:
-        path.append(node if node >= 0 else -1 - node)
-        node = came_from[node]
+def _fastest(network: RoadNetwork) -> float:
+    """Most metres of bee-line per second of cost along any connection, so that A* never overestimates, m/s.
+
+    A little above the highest limit, since SUMO's lanes may be shorter than they are drawn.
+    """
+    lanes, connections = network.lanes, network.connections
+    drivable = lanes.drivable[connections.source] & lanes.drivable[connections.target]
+    source, target = connections.source[drivable], connections.target[drivable]
+    begin = lanes.points[lanes.start[:-1]]
+    beeline = np.hypot(*(begin[target] - begin[source]).T)
+    return float((beeline * lanes.speed[source] / lanes.length[source]).max(initial=1.0))
+
+
+def _unwind(came_from: dict[_Node, _Node | None], node: _Node) -> list[int]:
+    path = [node[0]]
+    while (parent := came_from[node]) is not None:
+        path.append(parent[0])
+        node = parent
     return path[::-1]
 
 

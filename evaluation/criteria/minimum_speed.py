@@ -22,19 +22,27 @@ class MinimumSpeed(Criterion):
     none was seen is no infraction. The last part ends with the episode, and is judged only near the goal.
 
     Attributes:
-        checkpoints: Number of parts.
+        checkpoints: Number of parts, fewer on a route too short for them.
+        shortest_part_m: A part is at least this long, m, so that a single red light is not the whole of it.
         sight_m: How far from the ego's centre a vehicle's may be, m.
         near_goal_m: How far from the route's end the last part counts as driven, m.
 
-    Source: CARLA Leaderboard 2.1, MinimumSpeedRouteTest, which averages all vehicles of the background activity.
+    Source: CARLA Leaderboard 2.1, MinimumSpeedRouteTest, which averages all vehicles of the background activity, and
+    whose routes are kilometres long.
     """
 
     checkpoints: int = 4
+    shortest_part_m: float = 500.0
     sight_m: float = 100.0
     near_goal_m: float = 10.0
+    _parts: int = field(default=1, init=False, repr=False)
     _passed: int = field(default=0, init=False, repr=False)
     _ego_sum: float = field(default=0.0, init=False, repr=False)
     _traffic_sum: float = field(default=0.0, init=False, repr=False)
+
+    def start(self, world: World, ego: int) -> None:
+        """Divides the route."""
+        self._parts = min(max(int(world.routes[ego].length / self.shortest_part_m), 1), self.checkpoints)
 
     def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
         """Yields at most one infraction at each checkpoint but the last."""
@@ -43,14 +51,14 @@ class MinimumSpeed(Criterion):
         if traffic >= 0.0:
             self._ego_sum += egos.speed.item(ego)
             self._traffic_sum += traffic
-        reached = egos.progress.item(ego) * self.checkpoints >= (self._passed + 1) * after.routes[ego].length
-        if reached and self._passed < self.checkpoints - 1:
+        reached = egos.progress.item(ego) * self._parts >= (self._passed + 1) * after.routes[ego].length
+        if reached and self._passed < self._parts - 1:
             yield from self._judge(after, ego)
 
     def finish(self, world: World, ego: int) -> Iterator[Infraction]:
         """Yields at most one infraction for the last part, if it was driven."""
         to_goal = world.routes[ego].length - world.egos.progress.item(ego)
-        if self._passed == self.checkpoints - 1 and to_goal <= self.near_goal_m:
+        if self._passed == self._parts - 1 and to_goal <= self.near_goal_m:
             yield from self._judge(world, ego)
 
     def _judge(self, world: World, ego: int) -> Iterator[Infraction]:

@@ -119,7 +119,7 @@ class RoadMap {
     this.box = box;
     if (!this.svg.clientWidth) return;
     this.svg.setAttribute("viewBox", `${box.x} ${box.y} ${box.width} ${box.height}`);
-    this.svg.style.setProperty("--k", this.scale);
+    this.svg.style.setProperty("--k", this.scale * (this.svg.clientWidth < 600 ? 0.75 : 1));
     const longest = 120 * this.scale;
     const power = 10 ** Math.floor(Math.log10(longest));
     const length = power * [5, 2, 1].find((step) => step * power <= longest);

@@ -129,8 +129,9 @@ def test_even_a_straddling_ego_is_not_at_fault_for_what_comes_from_behind(degree
     assert the_collision(scene).at_fault is at_fault
 
 
-def test_an_ego_that_comes_from_another_lane_is_in_two() -> None:
-    changing = straight_road().with_ego(x=50, left=0.5, heading=-0.5)
+@pytest.mark.parametrize("heading", [-0.5, 0.5])
+def test_an_ego_that_comes_from_another_lane_or_goes_to_one_is_in_two(heading: float) -> None:
+    changing = straight_road().with_ego(x=50, left=0.5, heading=heading)
     assert not keeps_to_one_lane(changing.world(), 0)
 
 

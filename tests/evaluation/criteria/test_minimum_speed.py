@@ -17,56 +17,66 @@ def hundred_metres(speed: Speed = 10.0) -> Scene:
 
 
 def test_without_traffic_nothing_is_too_slow() -> None:
-    assert run(hundred_metres(1.0), MinimumSpeed(), seconds=100).infractions == []
+    assert run(hundred_metres(1.0), MinimumSpeed(shortest_part_m=25.0), seconds=100).infractions == []
 
 
 @pytest.mark.parametrize("traffic", [5.0, 9.9])
 def test_faster_than_the_traffic_is_fine(traffic: float) -> None:
     scene = hundred_metres().with_actor(x=5, speed=traffic, left=LANE_M)
-    assert run(scene, MinimumSpeed(), seconds=10).infractions == []
+    assert run(scene, MinimumSpeed(shortest_part_m=25.0), seconds=10).infractions == []
 
 
 def test_slower_than_the_traffic_counts_on_each_of_four_parts() -> None:
     scene = hundred_metres().with_actor(x=5, speed=12.5, left=LANE_M)
-    verdict = run(scene, MinimumSpeed(), seconds=10)
+    verdict = run(scene, MinimumSpeed(shortest_part_m=25.0), seconds=10)
     assert verdict.kinds == [InfractionKind.MINIMUM_SPEED] * 4
     assert [one.magnitude for one in verdict.infractions] == pytest.approx([80.0] * 4)
     assert {one.unit for one in verdict.infractions} == {"%"}
     assert [one.route_m for one in verdict.infractions] == pytest.approx([25, 50, 75, 100], abs=1.01)
 
 
+def test_a_short_route_is_one_part() -> None:
+    scene = hundred_metres().with_actor(x=5, speed=12.5, left=LANE_M)
+    assert len(run(scene, MinimumSpeed(), seconds=10).infractions) == 1
+
+
 def test_a_part_that_was_not_driven_to_its_end_is_not_judged() -> None:
     scene = hundred_metres().with_actor(x=5, speed=12.5, left=LANE_M)
-    assert len(run(scene, MinimumSpeed(), seconds=8.5).infractions) == 3
-    assert len(run(scene, MinimumSpeed(), seconds=2).infractions) == 0
+    assert len(run(scene, MinimumSpeed(shortest_part_m=25.0), seconds=8.5).infractions) == 3
+    assert len(run(scene, MinimumSpeed(shortest_part_m=25.0), seconds=2).infractions) == 0
 
 
 def test_each_part_is_judged_by_itself() -> None:
     scene = hundred_metres(lambda time: 10.0 if time < 5.05 else 5.0).with_actor(x=5, speed=8, left=LANE_M)
-    verdict = run(scene, MinimumSpeed(), seconds=15)
+    verdict = run(scene, MinimumSpeed(shortest_part_m=25.0), seconds=15)
     assert [one.magnitude for one in verdict.infractions] == pytest.approx([62.5] * 2, rel=0.02)
 
 
 def test_the_traffic_is_the_mean_of_all_standing_ones_included() -> None:
     scene = hundred_metres().with_actor(x=5, speed=20, left=LANE_M)
-    assert len(run(scene, MinimumSpeed(), seconds=4).infractions) == 1
+    assert len(run(scene, MinimumSpeed(shortest_part_m=25.0), seconds=4).infractions) == 1
     mixed = scene.with_actor(x=30, speed=0.0, left=2 * LANE_M).with_actor(x=40, speed=0.0, left=2 * LANE_M)
-    assert run(mixed, MinimumSpeed(), seconds=4).infractions == []
+    assert run(mixed, MinimumSpeed(shortest_part_m=25.0), seconds=4).infractions == []
 
 
 @pytest.mark.parametrize("kind", [ActorKind.BICYCLE, ActorKind.PEDESTRIAN, ActorKind.STATIC, ActorKind.EMERGENCY])
 def test_only_motor_vehicles_are_the_traffic(kind: ActorKind) -> None:
     scene = hundred_metres().with_actor(x=5, speed=20, left=LANE_M, kind=kind)
-    assert run(scene, MinimumSpeed(), seconds=10).infractions == []
+    assert run(scene, MinimumSpeed(shortest_part_m=25.0), seconds=10).infractions == []
 
 
 def test_another_ego_is_no_traffic() -> None:
-    assert run(hundred_metres().with_ego(x=5, speed=20, left=LANE_M), MinimumSpeed(), seconds=10).infractions == []
+    assert (
+        run(
+            hundred_metres().with_ego(x=5, speed=20, left=LANE_M), MinimumSpeed(shortest_part_m=25.0), seconds=10
+        ).infractions
+        == []
+    )
 
 
 def test_vehicles_out_of_sight_are_not_known() -> None:
     scene = hundred_metres().with_actor(x=150, speed=20, left=LANE_M)
-    assert run(scene, MinimumSpeed(), seconds=10).infractions == []
+    assert run(scene, MinimumSpeed(shortest_part_m=25.0), seconds=10).infractions == []
 
 
 @pytest.mark.parametrize(("alone", "in_traffic", "count"), [(0.0, 9.0, 0), (20.0, 5.0, 1)])
@@ -76,5 +86,5 @@ def test_ticks_without_traffic_count_neither_against_the_ego_nor_for_it(
     scene = hundred_metres(lambda time: alone if time < 1.05 else in_traffic)
     # The other jumps into sight after 1.1 s.
     coming = scene.with_actor(x=0, speed=8, y=500, drift=lambda time: -5000.0 if 1.05 < time < 1.15 else 0.0)
-    verdict = run(coming, MinimumSpeed(), seconds=4)
+    verdict = run(coming, MinimumSpeed(shortest_part_m=25.0), seconds=4)
     assert [one.magnitude for one in verdict.infractions] == pytest.approx([62.5] * count)

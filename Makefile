@@ -1,0 +1,61 @@
+# Everything a target needs, it makes first: the virtual environment, the installation, the parsed networks.
+PYTHON ?= python3
+REPORT ?= report.html
+
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+RESULTS := out/quickstart
+SYSTEM_PACKAGES := libgl1 libx11-6 libxext6 libxrender1 libatomic1
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint bench picture clean
+.DELETE_ON_ERROR:
+
+help:  ## List the targets
+	@sed -n 's/^\([a-z]*\):.*## /make \1\t/p' Makefile | expand -t 16
+
+setup: $(INSTALLED)  ## Make .venv, install dohyo and its tools, parse the networks
+
+demo: $(INSTALLED)  ## Evaluate two agents on a real city junction and write report.html
+	@$(BIN)/dohyo evaluate --agent autopilot --benchmark quickstart --out $(RESULTS)/autopilot
+	@$(BIN)/dohyo evaluate --agent reckless --benchmark quickstart --out $(RESULTS)/reckless
+	@$(BIN)/dohyo report $(RESULTS)/autopilot $(RESULTS)/reckless --out $(REPORT)
+
+test: $(INSTALLED)  ## Run the whole test suite in two processes
+	@$(BIN)/python -m pytest -q -n 2 --dist loadfile
+
+lint: $(INSTALLED)  ## Check style, types, the four floors and the Dockerfile
+	@$(BIN)/ruff check --quiet .
+	@$(BIN)/ruff format --check --quiet .
+	@$(BIN)/mypy --no-error-summary
+	@PATH="$(CURDIR)/$(BIN):$$PATH" lint-imports --no-timing
+	@$(BIN)/hadolint Dockerfile
+
+bench: $(INSTALLED)  ## Compare DrivingEnv with bare libsumo and write bench.json
+	@$(BIN)/python tests/performance/bench.py
+
+picture: $(INSTALLED)  ## Draw the README's picture from a drive of each demo agent
+	@$(BIN)/python docs/picture.py
+
+clean:  ## Remove the virtual environment, results and caches
+	@rm -rf $(VENV) out report.html bench.json build *.egg-info .pytest_cache .mypy_cache .ruff_cache \
+		.hypothesis .import_linter_cache
+	@find agents evaluation examples service sumo_networks tests -name __pycache__ -prune -exec rm -rf {} +
+
+# The stamp is younger than pyproject.toml exactly when what it asks for is installed.
+$(INSTALLED): pyproject.toml
+	@command -v $(PYTHON) >/dev/null || \
+		{ echo "dohyo: no '$(PYTHON)' here; expected Python 3.11 or newer (make PYTHON=... $(MAKECMDGOALS))" >&2; exit 2; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "dohyo: expected Python 3.11 or newer, '$(PYTHON)' is $$($(PYTHON) -V 2>&1)" \
+		"(make PYTHON=python3.12 $(MAKECMDGOALS))" >&2; exit 2; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
+		{ echo "dohyo: '$(PYTHON)' has no venv module (Debian: apt-get install python3-venv)" >&2; exit 2; }
+	@echo "dohyo: installing into $(VENV) (minutes, the first time)"
+	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
+	@$(BIN)/python -m pip install -qq --no-input --disable-pip-version-check -e '.[dev]'
+	@$(BIN)/python -c 'import libsumo' || \
+		{ echo "dohyo: libsumo cannot be loaded (Debian: apt-get install $(SYSTEM_PACKAGES))" >&2; exit 2; }
+	@$(BIN)/dohyo networks list --json >/dev/null
+	@touch $@

@@ -1,0 +1,117 @@
+"""Agents that do one thing wrong each, as strangers' agents do."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import time
+
+import numpy as np
+
+from evaluation.agent import Agent, AgentSpec, Mission, Observation
+
+
+class Steady(Agent):
+    """Drives along its route at 6 m/s and looks at nobody."""
+
+    spec = AgentSpec(name="steady", sensors=("speedometer",), control="lane_command")
+
+    def __init__(self, after: int = 30) -> None:
+        self.after = after
+        self.ticks = 0
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        self.ticks = 0
+        self.seed = seed
+
+    def act(self, observation: Observation) -> np.ndarray:
+        self.ticks += 1
+        if self.ticks > self.after:
+            return self.misbehave()
+        return np.array([6.0, 0.0])
+
+    def misbehave(self) -> np.ndarray:
+        return np.array([6.0, 0.0])
+
+
+class Raises(Steady):
+    def misbehave(self) -> np.ndarray:
+        raise RuntimeError(f"out of ideas, {self!r}")
+
+
+class AnswersNan(Steady):
+    def misbehave(self) -> np.ndarray:
+        return np.array([np.nan, 0.0])
+
+
+class AnswersWrongShape(Steady):
+    def misbehave(self) -> np.ndarray:
+        return np.zeros(7)
+
+
+class AnswersNothing(Steady):
+    def misbehave(self) -> np.ndarray:
+        return None  # type: ignore[return-value]
+
+
+class Hangs(Steady):
+    def misbehave(self) -> np.ndarray:
+        while True:
+            try:
+                time.sleep(60)
+            except Exception:
+                continue
+
+
+class HangsOutsidePython(Steady):
+    """Never returns to the interpreter, so that no signal handler of Python's runs."""
+
+    def misbehave(self) -> np.ndarray:
+        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGALRM])
+        ctypes.PyDLL(None).sleep(600)
+        return np.zeros(2)
+
+
+class FailsInReset(Steady):
+    def reset(self, mission: Mission, seed: int) -> None:
+        raise ValueError("no such mission")
+
+
+class FailsOnSeedOne(Steady):
+    """Fails in one episode only."""
+
+    def misbehave(self) -> np.ndarray:
+        if self.seed == 1:
+            raise RuntimeError("I do not like this seed")
+        return np.array([6.0, 0.0])
+
+
+class DiesOnce(Steady):
+    """Its process dies in its first attempt, as by a segmentation fault."""
+
+    def __init__(self, marker: str = "", after: int = 5) -> None:
+        super().__init__(after)
+        self.marker = marker
+
+    def misbehave(self) -> np.ndarray:
+        if not os.path.exists(self.marker):
+            with open(self.marker, "w"):
+                pass
+            os.kill(os.getpid(), signal.SIGKILL)
+        return np.array([6.0, 0.0])
+
+
+class DiesAlways(Steady):
+    def misbehave(self) -> np.ndarray:
+        os.kill(os.getpid(), signal.SIGKILL)
+        return np.zeros(2)
+
+
+class NeedsTooMuch(Steady):
+    spec = AgentSpec(name="greedy", track="sensors", sensors=("objects",))
+
+
+class FailsWhenMade(Steady):
+    def __init__(self) -> None:
+        raise OSError("no weights here")
