@@ -22,10 +22,20 @@ from evaluation.scores.driving import (
     route_completion,
 )
 from evaluation.scores.rates import infraction_counts, route_km
-from evaluation.statistics import Comparison, Estimate, mean_estimate, paired, ratio_estimate
+from evaluation.statistics import Comparison, Estimate, mean_estimate, paired, ratio_estimate, share_estimate
 from sumo_networks.errors import InvalidInputError
 
-SCORES = ("success", "nocrash_success", "route_completion", "infraction_penalty", "driving_score", "irs", "road_completed")
+SCORES = (
+    "success",
+    "nocrash_success",
+    "road_completed",
+    "route_completion",
+    "infraction_penalty",
+    "driving_score",
+    "irs",
+)
+SHARES = ("success", "nocrash_success")
+"""Scores that are 0 or 100 in every drive."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +93,7 @@ def summarise(records: Iterable[EpisodeRecord], *, rules: Rules = "2.0", irs_len
         irs_length=irs_length,
         episodes=len(counted),
         lost=len(records) - len(counted),
-        scores={name: mean_estimate([drive[name] for drive in scored]) for name in SCORES},
+        scores={name: _estimate(name, [drive[name] for drive in scored]) for name in SCORES},
         per_km=_per_km(drives),
         statuses={status.value: statuses[status] for status in Status if statuses[status]},
         km=math.fsum(map(route_km, drives)),
@@ -128,17 +138,21 @@ def score_drive(ego: EgoRecord, *, rules: Rules = "2.0", irs_length: IrsLength =
     return {
         "success": 100.0 * ego.status.completed,
         "nocrash_success": 100.0 * nocrash.success(ego),
+        "road_completed": nocrash.road_completed(ego),
         "route_completion": route_completion(ego),
         "infraction_penalty": infraction_penalty(ego.infractions, rules, outside_fraction(ego)),
         "driving_score": driving_score(ego, rules),
         "irs": infraction_rate_score(ego, length=irs_length),
-        "road_completed": nocrash.road_completed(ego),
     }
 
 
 def as_document(summary: Summary) -> dict[str, Any]:
     """The summary as plain JSON: dicts, strings, numbers and None."""
     return dataclasses.asdict(summary)
+
+
+def _estimate(name: str, values: Sequence[float]) -> Estimate:
+    return share_estimate([value > 0 for value in values]) if name in SHARES else mean_estimate(values)
 
 
 def _per_km(drives: Sequence[EgoRecord]) -> dict[str, Estimate]:

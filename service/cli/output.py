@@ -66,7 +66,7 @@ def print_comparison(summaries: Sequence[Summary]) -> None:
     table.add_row("episodes", *[str(summary.episodes) for summary in summaries])
     table.add_row("lost to infrastructure", *[str(summary.lost) for summary in summaries])
     console.print(table)
-    console.print(f"rules {summaries[0].rules}, IRS over km {summaries[0].irs_length}, 95 % bootstrap intervals")
+    console.print(f"rules {summaries[0].rules}, IRS over km {summaries[0].irs_length}, 95 % intervals")
 
 
 def interval(estimate: Estimate) -> str:

@@ -17,7 +17,7 @@ import pytest
 
 from evaluation import figures
 from evaluation.record import AgentInfo, EpisodeRecord, Infraction, InfractionKind, Status
-from evaluation.report import Evaluation, LaneShape, drivable_lanes, write_report
+from evaluation.report import COLUMNS, Evaluation, LaneShape, drivable_lanes, write_report
 from evaluation.scores.driving import Rules
 from evaluation.statistics import Estimate
 from evaluation.summary import compare, summarise
@@ -130,9 +130,12 @@ def test_every_number_of_the_summaries_and_comparisons_is_there(two: list[Evalua
     _, page = report(tmp_path, *two)
     for one in two:
         summary = summarise(one.records)
-        for estimate in (*summary.scores.values(), *(rate for rate in summary.per_km.values() if rate.mean)):
+        shown = [summary.scores[column.key] for column in COLUMNS]
+        for estimate in (*shown, *(rate for rate in summary.per_km.values() if rate.mean)):
             assert figures.interval(estimate) in page.text
-    for comparison in compare(two[0].records, two[1].records).values():
+    comparisons = compare(two[0].records, two[1].records)
+    for column in COLUMNS:
+        comparison = comparisons[column.key]
         assert f"{figures.interval(comparison.difference)} {comparison.verdict} p=" in page.text
 
 

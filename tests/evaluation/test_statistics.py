@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evaluation import statistics
-from evaluation.statistics import Estimate, mean_estimate, paired, ratio_estimate
+from evaluation.statistics import Estimate, mean_estimate, paired, ratio_estimate, share_estimate
 from sumo_networks.errors import InvalidInputError
 
 values = st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=30)
@@ -111,3 +111,25 @@ def test_bad_input_is_rejected() -> None:
         ratio_estimate([1.0], [1.0], floor=0.0)
     with pytest.raises(InvalidInputError, match="resample"):
         mean_estimate([1.0, 2.0], n_resamples=0)
+
+
+def test_thirty_of_thirty_is_no_proof_of_perfection() -> None:
+    estimate = share_estimate([True] * 30)
+    assert (estimate.mean, estimate.high) == (100.0, 100.0)
+    assert estimate.low == pytest.approx(88.65, abs=0.01)
+
+
+@given(st.integers(2, 200), st.data())
+def test_a_share_lies_within_its_interval(n: int, data: st.DataObject) -> None:
+    successes = data.draw(st.integers(0, n))
+    estimate = share_estimate([True] * successes + [False] * (n - successes))
+    assert estimate.mean is not None
+    assert estimate.low is not None
+    assert estimate.high is not None
+    assert 0.0 <= estimate.low <= estimate.mean <= estimate.high <= 100.0
+    mirrored = share_estimate([False] * successes + [True] * (n - successes))
+    assert mirrored.low == pytest.approx(100.0 - estimate.high)
+
+
+def test_a_rate_of_nothing_has_the_poisson_bound() -> None:
+    assert ratio_estimate([0.0, 0.0], [4.0, 6.0], floor=0.001).high == pytest.approx(0.3689, abs=1e-4)
