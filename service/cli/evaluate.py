@@ -54,7 +54,7 @@ def evaluate(
         )
     summary = summarise(result.records, rules=result.manifest.benchmark.rules)
     if json:
-        print_json(as_document(summary) | {"episodes": _episodes(result)})
+        print_json(as_document(summary) | {"drives": _drives(result)})
         return
     print_comparison([summary])
     _print_failures(result)
@@ -95,24 +95,21 @@ def _print_failures(result: Result) -> None:
             )
 
 
-def _episodes(result: Result) -> list[dict[str, Any]]:
+def _drives(result: Result) -> list[dict[str, Any]]:
+    """One entry per ego of every episode."""
     return [
         {
             "scenario": record.scenario.name,
             "seed": record.scenario.seed,
-            "egos": [
-                {
-                    "name": ego.name,
-                    "status": ego.status.value,
-                    "failure": ego.failure,
-                    "infractions": [infraction.model_dump(mode="json") for infraction in ego.infractions],
-                }
-                for ego in record.egos
-            ],
+            "ego": ego.name,
+            "status": ego.status.value,
+            "failure": ego.failure,
+            "infractions": [infraction.model_dump(mode="json") for infraction in ego.infractions],
             "record_hash": record.record_hash,
             "record": str(path),
         }
         for record, path in zip(result.records, result.paths, strict=True)
+        for ego in record.egos
     ]
 
 

@@ -1,0 +1,191 @@
+"""The command line as a stranger uses it: real processes, exit codes, what is printed and what is written."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+STEADY = "tests.evaluation.agents:Steady"
+
+SHORT = """
+name = "short"
+description = "for tests"
+metric = "driving score"
+network = "ingolstadt"
+traffic = { vehicles = 5, pedestrians = 5, warm_up_s = 5.0 }
+seeds = [0, 1]
+
+[[missions]]
+name = "along"
+start = { lane = "737320747#3_2", position_m = 5.0 }
+goal = { lane = "737320747#4_2", position_m = 20.0 }
+"""
+
+
+def dohyo(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", "from service.cli import main; main()", *arguments]
+    environment = {"PYTHONPATH": str(ROOT), "COLUMNS": "160"}
+
+    return subprocess.run(
+        command, cwd=cwd, capture_output=True, text=True, timeout=300, env=os.environ | environment, check=False
+    )
+
+
+def document(result: subprocess.CompletedProcess[str]) -> Any:
+    assert result.returncode == 0, result.stderr
+    return json.loads(result.stdout)
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("benchmark") / "short.toml"
+    path.write_text(SHORT)
+    return path
+
+
+@pytest.fixture(scope="module")
+def evaluated(short: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
+    out = tmp_path_factory.mktemp("evaluated")
+    result = dohyo("evaluate", "--agent", STEADY, "--benchmark", str(short), "--out", str(out), "--json")
+    return out, document(result)
+
+
+def test_lists_name_what_there_is() -> None:
+    assert {"ingolstadt", "adlershof"} <= {row["name"] for row in document(dohyo("networks", "list", "--json"))}
+    assert {"autopilot", "reckless", "random"} <= {row["name"] for row in document(dohyo("agents", "list", "--json"))}
+    assert "quickstart" in {row["name"] for row in document(dohyo("benchmarks", "list", "--json"))}
+
+
+def test_adlershof_has_its_lights_and_crossings() -> None:
+    (row,) = [row for row in document(dohyo("networks", "list", "--json")) if row["name"] == "adlershof"]
+    assert (row["lights"], row["crossings"]) == (21, 503)
+
+
+def test_evaluate_prints_one_json_document(evaluated: tuple[Path, Any]) -> None:
+    out, printed = evaluated
+    assert printed["scores"]["success"]["mean"] == 100.0
+    assert set(printed["per_km"]) >= {"collision_vehicle", "red_light"}
+    assert [(drive["scenario"], drive["seed"]) for drive in printed["drives"]] == [("along", 0), ("along", 1)]
+    for drive in printed["drives"]:
+        assert json.loads(Path(drive["record"]).read_text())["record_hash"] == drive["record_hash"]
+        assert Path(drive["record"]).with_suffix(".parquet").exists()
+    assert (out / "evaluation.json").exists()
+
+
+def test_verify_proves_a_record_and_tells_a_changed_world(evaluated: tuple[Path, Any]) -> None:
+    record = evaluated[1]["drives"][0]["record"]
+    assert document(dohyo("verify", record, "--json"))["same"] is True
+
+
+def test_verify_refuses_a_forged_record(evaluated: tuple[Path, Any], tmp_path: Path) -> None:
+    record = json.loads(Path(evaluated[1]["drives"][0]["record"]).read_text())
+    record["egos"][0]["status"] = "perfect"
+    record["egos"][0]["infractions"] = []
+    record["egos"][0]["driven_m"] += 1.0
+    forged = tmp_path / "forged.json"
+    forged.write_text(json.dumps(record))
+    result = dohyo("verify", str(forged))
+    assert result.returncode == 2
+    assert "changed since it was written" in result.stderr
+
+
+def test_score_recomputes_under_other_rules(evaluated: tuple[Path, Any]) -> None:
+    records = [drive["record"] for drive in evaluated[1]["drives"]]
+    for rules in ("1.0", "2.0", "2.1"):
+        scored = document(dohyo("score", *records, "--rules", rules, "--irs-length", "route", "--json"))
+        assert (scored["rules"], scored["irs_length"]) == (rules, "route")
+        assert len(scored["drives"]) == 2
+
+
+def test_report_compares_folders(evaluated: tuple[Path, Any], tmp_path: Path) -> None:
+    result = dohyo("report", str(evaluated[0]), str(evaluated[0]), "--out", str(tmp_path / "report.html"))
+    assert result.returncode == 2, "the same agent twice is no comparison"
+    result = dohyo("report", str(evaluated[0]), "--out", str(tmp_path / "report.html"))
+    assert result.returncode == 0, result.stderr
+    assert "steady" in result.stdout
+    assert "<html" in (tmp_path / "report.html").read_text()[:200]
+
+
+def test_the_same_command_again_goes_on(evaluated: tuple[Path, Any], short: Path) -> None:
+    out, printed = evaluated
+    again = document(dohyo("evaluate", "--agent", STEADY, "--benchmark", str(short), "--out", str(out), "--json"))
+    assert again == printed
+
+
+def test_settings_reach_the_agent(short: Path, tmp_path: Path) -> None:
+    arguments = ("--agent", "tests.evaluation.agents:Raises", "--benchmark", str(short), "--seeds", "0", "--json")
+    late = document(dohyo("evaluate", *arguments, "--out", str(tmp_path / "a"), "--set", "after=20"))
+    early = document(dohyo("evaluate", *arguments, "--out", str(tmp_path / "b"), "--set", "after=3"))
+    durations = [json.loads(Path(d["drives"][0]["record"]).read_text())["egos"][0]["duration_s"] for d in (late, early)]
+    assert durations == [2.0, 0.3]
+
+
+def broken(tmp_path: Path, name: str) -> str:
+    """A benchmark on a network file that is no good."""
+    net = tmp_path / "bad.net.xml.gz"
+    net.write_bytes(gzip.compress(b"<net version='1.16'><edge id='a'><lane id=" + b"x" * 2000)[:400])
+    path = tmp_path / name
+    path.write_text(SHORT.replace('"ingolstadt"', f'"{net}"'))
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--agent", "autopilo", "--benchmark", "quickstart"], "did you mean 'autopilot'?"),
+        (["--agent", "autopilot", "--benchmark", "quickstar"], "did you mean 'quickstart'?"),
+        (["--agent", "autopilot", "--benchmark", "missing.toml"], "missing.toml"),
+        (["--agent", "autopilot", "--benchmark", "{no_toml}"], "no TOML"),
+        (["--agent", "autopilot", "--benchmark", "{unknown_key}"], "traffic.vehicels"),
+        (["--agent", "autopilot", "--benchmark", "{unreachable}"], "mission 1"),
+        (["--agent", "autopilot", "--benchmark", "{no_lane}"], "no lane 'nowhere_0'"),
+        (["--agent", "autopilot", "--benchmark", "{unknown_network}"], "did you mean 'ingolstadt'?"),
+        (["--agent", "autopilot", "--benchmark", "{broken_net}"], "bad.net.xml.gz"),
+        (["--agent", "autopilot", "--benchmark", "quickstart", "--seeds", "0,x"], "--seeds"),
+        (["--agent", "autopilot", "--benchmark", "quickstart", "--set", "patience"], "key=value"),
+        (["--agent", "autopilot", "--benchmark", "quickstart", "--set", "colour=1"], "colour"),
+        (["--agent", "no.such:Agent", "--benchmark", "quickstart"], "No module named"),
+    ],
+)
+def test_bad_input_is_one_line_and_writes_nothing(arguments: list[str], says: str, tmp_path: Path) -> None:
+    variants = {
+        "no_toml": "name = [",
+        "unknown_key": SHORT.replace("vehicles =", "vehicels ="),
+        "unreachable": SHORT.replace('"737320747#4_2", position_m = 20.0', '"29119849#1_2", position_m = 20.0'),
+        "no_lane": SHORT.replace("737320747#4_2", "nowhere_0"),
+        "unknown_network": SHORT.replace("ingolstadt", "ingolstat"),
+    }
+    paths = {"broken_net": broken(tmp_path, "broken.toml")}
+    for name, text in variants.items():
+        paths[name] = str(tmp_path / f"{name}.toml")
+        Path(paths[name]).write_text(text)
+    out = tmp_path / "out"
+    result = dohyo("evaluate", *[part.format(**paths) for part in arguments], "--out", str(out))
+    assert result.returncode == 2
+    assert says in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert result.stderr.startswith("dohyo: ")
+    assert not out.exists()
+
+
+def test_an_agent_of_ones_own_is_found_in_the_working_folder(short: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "import numpy as np\n"
+        "from evaluation.agent import Agent, AgentSpec\n"
+        "class Mine(Agent):\n"
+        "    spec = AgentSpec(name='mine', sensors=('speedometer',), control='lane_command')\n"
+        "    def act(self, observation):\n"
+        "        return np.array([6.0, 0.0])\n"
+    )
+    result = dohyo(
+        *("evaluate", "--agent", "mine:Mine", "--benchmark", str(short), "--seeds", "0", "--json"), cwd=tmp_path
+    )
+    assert document(result)["agent"] == "mine"
