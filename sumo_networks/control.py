@@ -175,7 +175,7 @@ class LaneCommand(Control):
 
 def pursuit_distance(speed: float) -> float:
     """How far ahead pure pursuit aims, m."""
-    return min(max(0.7 * speed, 3.5), 15.0)
+    return min(max(0.6 * speed, 2.0), 15.0)
 
 
 def pure_pursuit(vehicle: VehicleParameters, x: float, y: float) -> float:

@@ -7,7 +7,8 @@ with moveToXY, so that the traffic reacts to it. SUMO's frame (front bumper, deg
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import ClassVar
 
@@ -32,7 +33,7 @@ _OPTIONS = (
     *("--step-length", str(TICK_S), "--time-to-teleport", "-1", "--lanechange.duration", "2"),
     *("--collision.action", "warn", "--collision.check-junctions", "true", "--collision.mingap-factor", "0"),
     # Two vehicles that each wait for the other inside a junction would stand for ever.
-    *("--ignore-junction-blocker", "10"),
+    *("--ignore-junction-blocker", "15"),
     *("--xml-validation", "never", "--no-step-log", "true", "--no-warnings", "true", "--duration-log.disable", "true"),
 )
 _KINDS = {
@@ -83,22 +84,30 @@ class Simulation:
             InvalidInputError: The network cannot carry this traffic.
             SimulationError: SUMO failed.
         """
-        scenario, count = self.scenario, len(self._names)
-        traffic_seed, sumo_seed = np.random.SeedSequence(scenario.seed).spawn(2)
+        traffic_seed, sumo_seed = np.random.SeedSequence(self.scenario.seed).spawn(2)
         self._start_sumo(int(sumo_seed.generate_state(1)[0] % 2**31))
+        try:
+            return self._warm_up(np.random.default_rng(traffic_seed))
+        except BaseException:
+            self.close()
+            raise
+
+    def _warm_up(self, traffic_rng: np.random.Generator) -> World:
+        count = len(self._names)
         self._vehicles = Vehicles(self.vehicle, count)
         self._active = np.ones(count, dtype=np.bool_)
         self._driven = np.zeros(count)
         self._tick = 0
-        self._registry = _Registry(self.network, scenario)
+        self._registry = _Registry(self.network, self.scenario, self.vehicle)
         self._signals = _Signals(self.network)
-        self._population = Population(self.network, scenario.traffic, np.random.default_rng(traffic_seed))
-        self._population.fill(self)
-        for _ in range(round(scenario.traffic.warm_up_s / TICK_S)):
-            self._step_sumo()
-            self._population.replace_arrived(self, self._starts())
-        self._place_egos()
-        self._step_sumo()
+        self._population = Population(self.network, self.scenario.traffic, traffic_rng)
+        with self._sumo():
+            self._population.fill(self)
+            for _ in range(round(self.scenario.traffic.warm_up_s / TICK_S)):
+                libsumo.simulationStep()
+                self._population.replace_arrived(self, self._starts())
+            self._place_egos()
+            libsumo.simulationStep()
         self._world = self._read(None)
         return self._world
 
@@ -117,10 +126,11 @@ class Simulation:
         self._vehicles.states[~self._active] = frozen
         self._centres = self._vehicles.centres()
         self._driven += np.hypot(*(self._centres - before).T)
-        for ego in np.flatnonzero(self._active):
-            self._show_ego(int(ego))
-        self._population.replace_arrived(self, self._centres)
-        self._step_sumo()
+        with self._sumo():
+            for ego in np.flatnonzero(self._active):
+                self._show_ego(int(ego))
+            self._population.replace_arrived(self, self._centres)
+            libsumo.simulationStep()
         self._tick += 1
         self._world = self._read(self._world)
         return self._world
@@ -174,9 +184,10 @@ class Simulation:
             raise SimulationError(f"SUMO could not load network '{self.network.name}': {error}") from error
         Simulation._running = self
 
-    def _step_sumo(self) -> None:
+    @contextmanager
+    def _sumo(self) -> Iterator[None]:
         try:
-            libsumo.simulationStep()
+            yield
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
             raise SimulationError(f"SUMO failed at tick {self._tick}: {error}") from error
 
@@ -193,18 +204,24 @@ class Simulation:
         for ego, (name, route) in enumerate(zip(self._names, self.routes, strict=True)):
             x, y = route.position[0].tolist()
             self._vehicles.place(ego, x, y, route.heading.item(0))
-            self._registry.add_ego(name, route, self.vehicle)
+            self._registry.add_ego(name, route)
         self._centres = self._vehicles.centres()
         for ego in range(len(self._names)):
             self._show_ego(ego)
 
     def _show_ego(self, ego: int) -> None:
-        """Moves an ego's image in SUMO; its front bumper is SUMO's point of reference."""
+        """Moves an ego's image in SUMO, whose point of reference is the front bumper."""
         x, y = self._centres[ego].tolist()
         heading, half = self._vehicles.states.item(ego, HEADING), 0.5 * self.vehicle.length
         front = (x + half * math.cos(heading), y + half * math.sin(heading))
-        lane = self.network.nearest_lane(*front, heading, self.routes[ego].on_route)[0]
-        self._registry.move_ego(self._names[ego], self.network, lane, front, (x, y), 90.0 - math.degrees(heading))
+        lane, offset, _ = self.network.nearest_lane(*front, heading, self.routes[ego].on_route)
+        name, lanes = self._names[ego], self.network.lanes
+        if lane >= 0 and abs(offset) < 0.5 * (lanes.width.item(lane) + self.vehicle.width):
+            place = self.network.edge_id(lane), lanes.index.item(lane)
+            self._registry.move_ego(name, place, front, 90.0 - math.degrees(heading))
+        else:
+            self._registry.hide_ego(name)
+        libsumo.poi.setPosition(name, x, y)
 
     # Reading.
 
@@ -263,15 +280,16 @@ _Row = tuple[float, float, float, float, int, int]  # x, y, angle, speed, lane, 
 class _Registry:
     """Names, kinds and boxes of everything seen so far, and the egos' images in SUMO."""
 
-    def __init__(self, network: RoadNetwork, scenario: Scenario) -> None:
+    def __init__(self, network: RoadNetwork, scenario: Scenario, vehicle: VehicleParameters) -> None:
         self.names: list[str] = []
+        self._vehicle = vehicle
         self._egos = {mission.name for mission in scenario.missions}
         self._lane_index = network.lane_index
         self._keys: dict[str, int] = {}
         self._kind: IntArray = np.zeros(256, dtype=np.int64)
         self._length: FloatArray = np.zeros(256)
         self._width: FloatArray = np.zeros(256)
-        self._routes: dict[str, tuple[Route, str]] = {}
+        self._shown: set[str] = set()
         self._obstacles = np.array(
             [
                 (self._register(f"obstacle-{i}", ActorKind.STATIC, o.length_m, o.width_m), o.x_m, o.y_m, o.heading_rad)
@@ -279,30 +297,40 @@ class _Registry:
             ]
         ).reshape(-1, 4)
 
-    def add_ego(self, name: str, route: Route, vehicle: VehicleParameters) -> None:
+    def add_ego(self, name: str, route: Route) -> None:
         libsumo.route.add(name, route.edges)
-        libsumo.vehicle.add(name, name, "ego", departLane="free", departPos="base", departSpeed="0")
-        libsumo.vehicle.setLength(name, vehicle.length)
-        libsumo.vehicle.setWidth(name, vehicle.width)
-        libsumo.vehicle.setSpeedMode(name, 0)
-        libsumo.vehicle.setLaneChangeMode(name, 0)
-        self._routes[name] = (route, name)
         # A context around a point of interest outlives whatever SUMO does to the ego's image.
         libsumo.poi.add(name, 0.0, 0.0, (0, 0, 0, 0))
         libsumo.poi.subscribeContext(name, libsumo.CMD_GET_VEHICLE_VARIABLE, SIGHT_M, _VEHICLE_VARIABLES)
         libsumo.poi.subscribeContext(name, libsumo.CMD_GET_PERSON_VARIABLE, SIGHT_M, _PERSON_VARIABLES)
 
-    def move_ego(self, name: str, network: RoadNetwork, lane: int, front: _Point, centre: _Point, angle: float) -> None:
-        edge, index = (network.edge_id(lane), int(network.lanes.index[lane])) if lane >= 0 else ("", -1)
-        libsumo.vehicle.moveToXY(name, edge, index, front[0], front[1], angle, 2)
-        libsumo.poi.setPosition(name, centre[0], centre[1])
+    def move_ego(self, name: str, place: tuple[str, int], front: _Point, angle: float) -> None:
+        """Shows an ego on a lane, given by its edge and index."""
+        if name not in self._shown:
+            self._shown.add(name)
+            libsumo.vehicle.add(name, name, "ego", departLane="free", departPos="base", departSpeed="0")
+            libsumo.vehicle.setLength(name, self._vehicle.length)
+            libsumo.vehicle.setWidth(name, self._vehicle.width)
+            libsumo.vehicle.setSpeedMode(name, 0)
+            libsumo.vehicle.setLaneChangeMode(name, 0)
+        libsumo.vehicle.moveToXY(name, *place, *front, angle, 2)
+
+    def hide_ego(self, name: str) -> None:
+        """Takes the image of an ego away that is off the road.
+
+        SUMO keeps a vehicle that moveToXY leads off the road on the books of its last lane, and dies of a segmentation
+        fault when another vehicle comes along there.
+        """
+        if name in self._shown:
+            self._shown.remove(name)
+            libsumo.vehicle.remove(name)
 
     def forget_ego(self, name: str) -> None:
         # SUMO fails at its next step if a subscribed object is removed.
         for domain in (libsumo.CMD_GET_VEHICLE_VARIABLE, libsumo.CMD_GET_PERSON_VARIABLE):
             libsumo.poi.unsubscribeContext(name, domain, SIGHT_M)
         libsumo.poi.remove(name)
-        libsumo.vehicle.remove(name)
+        self.hide_ego(name)
 
     def read(self, viewpoints: list[str]) -> Actors:
         """Everything within sight of the viewpoints, in the order of keys."""

@@ -22,6 +22,7 @@ from sumo_networks.world import ActorKind, LightState
 RED, YELLOW = int(LightState.RED), int(LightState.YELLOW)
 PEDESTRIAN = int(ActorKind.PEDESTRIAN)
 FREE = math.inf
+NEAR_ENTRY_M = 15.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,12 +83,13 @@ class Autopilot(Agent):
     def act(self, observation: Observation) -> np.ndarray:
         """The most careful of the accelerations asked for, and the steering along the path."""
         speed = float(observation["speedometer"][0])
-        self._standing = self._standing + 0.1 if speed < 0.2 else 0.0
+        # Creeping up to a line is waiting too; driving wears it off.
+        self._standing = self._standing + 0.1 if speed < 0.6 else max(self._standing - 0.5, 0.0)
         wishes = {
             "free road": self._free_road(speed, observation["route"]),
             "leader": self._leader(speed, observation),
             "light": self._lights(speed, observation["lights"]),
-            "conflict": self._conflicts(speed, observation["conflicts"]),
+            "conflict": self._conflicts(speed, observation),
         }
         cause = min(wishes, key=lambda name: wishes[name])
         self._reason = {"rule": cause, "acceleration": {name: round(a, 2) for name, a in wishes.items()}}
@@ -118,6 +120,10 @@ class Autopilot(Agent):
         reach = self._vehicle.width / 2 + self.style.corridor_margin
         gap, leader_speed = _leader(observation["objects"], observation["route"], reach, self._half_length)
         return self._follow(speed, gap, leader_speed)
+
+    def _can_stop(self, speed: float, distance: float) -> bool:
+        """Whether it can stop before a line ahead without braking hard."""
+        return 0.0 < distance < 1000.0 and speed**2 < 2 * 3.0 * distance
 
     def _follow(self, speed: float, gap: float, leader_speed: float) -> float:
         """IDM's interaction with a leader; beyond what IDM asks, whatever still avoids the impact."""
@@ -155,46 +161,56 @@ class Autopilot(Agent):
             self._stopped_at_sign = False
         return wish
 
-    def _conflicts(self, speed: float, conflicts: Float32Array) -> float:
-        """Stops before the paths of those it must, or had better, let pass."""
+    def _conflicts(self, speed: float, observation: Observation) -> float:
+        """Stops before the paths of those it must, or had better, let pass; rather before a junction than inside it."""
         wish = FREE
-        for row in conflicts:
+        entry, leave = (float(v) for v in observation["lights"][0, :2])
+        for row in observation["conflicts"]:
             if row[6] < 0:
                 break
-            if self._must_wait(speed, row):
-                distance = float(row[0])
-                wish = min(wish, self._stop_at(speed, distance - 0.5))
+            if not self._must_wait(speed, row):
+                continue
+            distance = float(row[0]) - 0.5
+            inside = entry < row[0] < min(leave, entry + NEAR_ENTRY_M)
+            if (
+                inside
+                and row[6] != PEDESTRIAN
+                and self._standing < self.style.patience
+                and self._can_stop(speed, entry)
+            ):
+                distance = entry
+            wish = min(wish, self._stop_at(speed, distance))
         return wish
 
     def _must_wait(self, speed: float, row: Float32Array) -> bool:
         enter, leave, other_enter, other_leave, other_speed, priority, kind, _ = (float(v) for v in row)
-        if enter < 0.3 or other_leave < 0.0:
+        on_foot = kind == PEDESTRIAN
+        if other_leave < 0.0:
             return False
-        needed = speed**2 / (2 * max(enter - 0.3, 0.1))
-        if needed > 7.0 and kind != PEDESTRIAN:
+        if enter < 0.3:
+            # Already beside it. Somebody about to walk into the ego's side is let pass, if it has hardly moved.
+            return on_foot and speed < 1.5 and 0.0 < other_enter < 3.0 * other_speed
+        if speed**2 / (2 * (enter - 0.2)) > 7.0 and not on_foot:
             return False  # too late to stop before it: clear it instead
-        if other_speed < 0.3 and other_enter > 0.5 and (self._standing > self.style.patience or kind == PEDESTRIAN):
+        patience = self.style.patience if priority > 0 else self.style.patience / 4
+        if other_speed < 0.3 and other_enter > 0.5 and (self._standing > patience or on_foot):
             return False
         arrive, clear = self._window(speed, enter, leave)
-        joins = leave >= 1000.0
-        other_arrive = _earliest(other_enter, other_speed, kind)
-        other_clear = _latest(other_leave, other_speed)
+        other_arrive, other_clear = _earliest(other_enter, other_speed, kind), _latest(other_leave, other_speed)
         if priority < 0:
             # The other must give way; doubt it only when it is about to be there, or is there.
-            return (
-                other_enter < max(0.8 * other_speed, 0.3) and other_arrive < clear + 0.5 and arrive < other_clear + 0.3
-            )
-        before, after = (1.5, 1.0) if kind != PEDESTRIAN else (1.2, 0.6)
-        if joins:
+            doubtful = other_enter < max(0.8 * other_speed, 0.3)
+            return doubtful and other_arrive < clear + 0.5 and arrive < other_clear + 0.3
+        before, after = (1.2, 0.6) if on_foot else (1.5, 1.0)
+        if leave >= 1000.0:
             # Whoever follows behind must not have to brake hard.
-            before = 2.0 + max(other_speed - speed - 2.0, 0.0) / 2.0
-            clear = arrive + 0.5
+            before, clear = 2.0 + max(other_speed - speed - 2.0, 0.0) / 2.0, arrive + 0.5
         return other_arrive < clear + before and arrive < other_clear + after
 
     def _window(self, speed: float, enter: float, leave: float) -> tuple[float, float]:
-        """When the ego would enter and leave a stretch, accelerating gently up to 8 m/s."""
-        leave = min(leave, enter + 12.0) + self.style.line_gap
-        return _travel_time(enter, speed, 1.5, 8.0), _travel_time(leave + 2 * self._half_length, speed, 1.5, 8.0)
+        """When the ego's front would enter a stretch and its rear leave it, accelerating gently up to 8 m/s."""
+        leave = min(leave, enter + 12.0 + 2 * self._half_length) + self.style.line_gap
+        return _travel_time(enter, speed, 1.5, 8.0), _travel_time(leave, speed, 1.5, 8.0)
 
 
 def _travel_time(distance: float, speed: float, acceleration: float, top: float) -> float:

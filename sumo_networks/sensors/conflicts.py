@@ -31,8 +31,8 @@ _INDICATED = {1: "lLt", -1: "rR", 0: "s"}
 class Conflicts(Sensor):
     """(16, 8) actors whose expected path meets the ego's route within 60 m, nearest conflict first.
 
-    Columns: distance from the ego's front to where the paths meet [m], distance to where they part [m] (1000 where
-    the other joins the ego's lane), distance of the other's front to where they meet [m] (negative: it is there now),
+    Columns: distance from the ego's front to where the paths meet [m, negative beside the ego], distance from its front
+    at which its rear has left [m] (1000 where the other joins the ego's lane), distance of the other's front to where they meet [m] (negative: it is there now),
     distance of the other's front at which its rear has left [m], its speed [m/s], right of way (1 the ego must give
     way, 0 undecided, -1 the other must), kind (`world.ActorKind`), key. Actors already ahead in the ego's path are
     left out: they are leaders, not conflicts. Unused rows have distances of 1000 and kind -1.
@@ -51,10 +51,10 @@ class Conflicts(Sensor):
         if self._network is not world.network:
             self._network, self._paths = world.network, {}
         route, egos, actors = world.routes[ego], world.egos, world.actors
-        first = route.index(float(egos.progress[ego]))
+        # The path starts under the rear bumper: who walks into the ego's side is a conflict too.
+        length, half_width = float(egos.length[ego]), float(egos.width[ego]) / 2
+        first = route.index(float(egos.progress[ego]) - length / 2)
         path = route.position[first : first + EGO_LOOKAHEAD_M]
-        half_width = float(egos.width[ego]) / 2
-        front = float(egos.length[ego]) / 2
         ahead = np.hypot(*(actors.position - egos.position[ego]).T) < EGO_LOOKAHEAD_M + 40.0
         rows = []
         for i in np.flatnonzero(ahead):
@@ -69,8 +69,8 @@ class Conflicts(Sensor):
             priority = self._priority(world, ego, float(first + enter), int(i), connection, to_junction)
             rows.append(
                 (
-                    enter - front,
-                    leave + front if leave < len(path) - 1 else 1000.0,
+                    enter - length,
+                    leave if leave < len(path) - 1 else 1000.0,
                     other_enter - half_length,
                     other_leave + half_length,
                     float(actors.speed[i]),
