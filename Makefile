@@ -29,7 +29,7 @@ lint: $(INSTALLED)  ## Check style, types, the four floors and the Dockerfile
 	@$(BIN)/ruff check --quiet .
 	@$(BIN)/ruff format --check --quiet .
 	@$(BIN)/mypy --no-error-summary
-	@PATH="$(CURDIR)/$(BIN):$$PATH" lint-imports --no-timing
+	@$(BIN)/lint-imports --no-logo
 	@$(BIN)/hadolint Dockerfile
 
 bench: $(INSTALLED)  ## Compare DrivingEnv with bare libsumo and write bench.json
@@ -38,8 +38,8 @@ bench: $(INSTALLED)  ## Compare DrivingEnv with bare libsumo and write bench.jso
 picture: $(INSTALLED)  ## Draw the README's picture from a drive of each demo agent
 	@$(BIN)/python docs/picture.py
 
-clean:  ## Remove the virtual environment, results and caches
-	@rm -rf $(VENV) out report.html bench.json build *.egg-info .pytest_cache .mypy_cache .ruff_cache \
+clean:  ## Remove the virtual environment, the report and caches; results in out/ stay
+	@rm -rf $(VENV) report.html bench.json build *.egg-info .pytest_cache .mypy_cache .ruff_cache \
 		.hypothesis .import_linter_cache
 	@find agents evaluation examples service sumo_networks tests -name __pycache__ -prune -exec rm -rf {} +
 

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
-import numpy as np
 import plotly.graph_objects as go
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -24,6 +23,7 @@ from plotly.offline import get_plotlyjs
 from evaluation import figures
 from evaluation.figures import ENDINGS, MARKS, MISSING, number
 from evaluation.record import EgoRecord, EpisodeRecord, Infraction, InfractionKind
+from evaluation.road_map import LaneShape, Spot, draw_map, drivable_lanes
 from evaluation.scores.driving import (
     IrsLength,
     Rules,
@@ -35,16 +35,7 @@ from evaluation.scores.driving import (
 from evaluation.statistics import Comparison, Estimate
 from evaluation.store import write_atomically
 from evaluation.summary import Summary, compare, summarise
-from sumo_networks.arrays import FloatArray
-from sumo_networks.catalog import load_network
 from sumo_networks.errors import InvalidInputError
-
-LaneShape = tuple[FloatArray, float]
-"""A lane as drawn: (P, 2) centreline, m, network frame, and its width, m."""
-
-MAP_MARGIN_M = 150.0
-CROWD_M = 4.0
-GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,39 +135,6 @@ class Pair:
 
 
 @dataclass(frozen=True, slots=True)
-class Spot:
-    """An infraction on the map; `dx` and `dy` (px, y down) keep crowded marks apart at every zoom."""
-
-    x: float
-    y: float
-    dx: float
-    dy: float
-    drive: Drive
-    infraction: Infraction
-
-
-@dataclass(frozen=True, slots=True)
-class Map:
-    """A network with the infractions on it. Boxes are SVG view boxes: m, y down.
-
-    Attributes:
-        network: Its name.
-        note: Why there are no lanes, or nothing.
-        lanes: SVG path data by lane width, m.
-        whole: Box of everything.
-        home: Box of what matters: the infractions and their surroundings.
-        spots: The infractions.
-    """
-
-    network: str
-    note: str
-    lanes: dict[float, str]
-    whole: tuple[float, float, float, float]
-    home: tuple[float, float, float, float]
-    spots: tuple[Spot, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class Picture:
     """A plotly figure taken apart, so that the page can set its title and colours itself."""
 
@@ -185,21 +143,6 @@ class Picture:
     caption: str
     height: int
     document: Markup
-
-
-def drivable_lanes(network: str) -> list[LaneShape]:
-    """The lanes that cars may use.
-
-    Args:
-        network: Name in the catalog, or path of a SUMO net.
-
-    Raises:
-        InvalidInputError: If there is no such network here.
-    """
-    roads = load_network(network)
-    return [
-        (roads.lane_shape(int(lane)), float(roads.lanes.width[lane])) for lane in np.flatnonzero(roads.lanes.drivable)
-    ]
 
 
 def write_report(
@@ -241,7 +184,7 @@ def write_report(
         "per_km_top": _per_km_top(contenders),
         "pairs": pairs,
         "pictures": list(_pictures(contenders, rules)),
-        "maps": [_map(network, counted, lanes) for network in networks],
+        "maps": [draw_map(network, _marks(counted, network), lanes) for network in networks],
         "drives": counted,
         "lost": [drive for drive in drives if figures.lost(drive.record)],
         "tables": _tables(contenders, pairs, counted),
@@ -317,7 +260,11 @@ def _facts(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLengt
         ("episodes", str(len(records)), per_agent),
         ("lost", str(sum(map(figures.lost, records))), "Episodes lost to the infrastructure; they enter no mean"),
         ("network", _listed(record.scenario.network for record in records), "Where the episodes took place"),
-        ("SUMO", _listed(record.versions.sumo for record in records), "Version of the traffic simulation"),
+        (
+            "SUMO",
+            _listed(record.versions.sumo.removeprefix("SUMO ") for record in records),
+            "Version of the traffic simulation",
+        ),
         ("dohyo", _listed(record.versions.dohyo for record in records), "Version that drove the episodes"),
     ]
 
@@ -416,56 +363,13 @@ def _script_json(document: object) -> Markup:
     return Markup(json.dumps(document, sort_keys=True, separators=(",", ":")).replace("<", "\\u003c"))
 
 
-def _map(network: str, drives: Sequence[Drive], lanes: Callable[[str], Iterable[LaneShape]]) -> Map:
-    note = ""
-    try:
-        shapes = list(lanes(network))
-    except InvalidInputError as error:
-        shapes, note = [], f"The roads are missing: {error}"
-    spots = tuple(_spots([drive for drive in drives if drive.record.scenario.network == network]))
-    places = np.array([(spot.x, spot.y) for spot in spots]).reshape(-1, 2)
-    roads = np.concatenate([shape * (1.0, -1.0) for shape, _ in shapes] or [np.empty((0, 2))])
-    whole = _box(np.concatenate([roads, places]), 0.03, 10.0)
-    home = _box(places, 0.1, MAP_MARGIN_M) if len(places) else whole
-    if whole[2] * whole[3] < 4 * home[2] * home[3]:
-        home = whole
-    return Map(network, note, _lane_paths(shapes), whole, home, spots)
-
-
-def _box(points: FloatArray, margin: float, margin_m: float) -> tuple[float, float, float, float]:
-    """View box x, y, width, height of points (N, 2), grown by a share of its size and some metres."""
-    if not len(points):
-        return 0.0, 0.0, 2 * margin_m, 2 * margin_m
-    low, high = points.min(axis=0), points.max(axis=0)
-    low, high = low - margin * (high - low) - margin_m, high + margin * (high - low) + margin_m
-    x, y, width, height = (round(float(value), 1) for value in (*low, *(high - low)))
-    return x, y, width, height
-
-
-def _lane_paths(shapes: Iterable[LaneShape]) -> dict[float, str]:
-    """All centrelines of one width as one SVG path, to the decimetre, y down."""
-    paths: dict[float, list[str]] = {}
-    for shape, width in shapes:
-        decimetres = np.rint(shape * (10.0, -10.0)).astype(int)
-        first, steps = decimetres[0] / 10, np.diff(decimetres, axis=0) / 10
-        line = "".join(f"l{dx:g} {dy:g}" for dx, dy in steps if dx or dy)
-        paths.setdefault(round(width, 1), []).append(f"M{first[0]:.1f} {first[1]:.1f}{line}")
-    return {width: "".join(lines) for width, lines in sorted(paths.items())}
-
-
-def _spots(drives: Iterable[Drive]) -> Iterator[Spot]:
-    """One per infraction; those closer than CROWD_M are laid out as a sunflower lays out its seeds."""
-    crowd: Counter[tuple[int, int]] = Counter()
+def _marks(drives: Iterable[Drive], network: str) -> Iterator[tuple[Drive, Infraction]]:
     for drive in drives:
-        for one in drive.ego.infractions:
-            cell = round(one.x_m / CROWD_M), round(one.y_m / CROWD_M)
-            radius, angle = 9.0 * math.sqrt(crowd[cell]), GOLDEN_ANGLE * crowd[cell]
-            crowd[cell] += 1
-            dx, dy = round(radius * math.cos(angle), 1), round(radius * math.sin(angle), 1)
-            yield Spot(round(one.x_m, 1), round(0.0 - one.y_m, 1), dx, dy, drive, one)
+        if drive.record.scenario.network == network:
+            yield from ((drive, infraction) for infraction in drive.ego.infractions)
 
 
-def _spot_text(spot: Spot) -> str:
+def _spot_text(spot: Spot[Drive]) -> str:
     """What a mark on the map says on hover: one fact per line."""
     return "\n".join(
         (

@@ -196,11 +196,13 @@ class Simulation:
 
     def _place_egos(self) -> None:
         """Clears the starts and shows the egos to SUMO for the first time."""
-        starts = self._starts()
+        starts, cleared = self._starts(), []
         for name in libsumo.vehicle.getIDList():
             x, y = libsumo.vehicle.getPosition(name)
             if np.hypot(*(starts - (x, y)).T).min() < START_CLEARANCE_M:
                 libsumo.vehicle.remove(name)
+                cleared.append(name)
+        self._population.replace(self, cleared, (), starts)
         for ego, (name, route) in enumerate(zip(self._names, self.routes, strict=True)):
             x, y = route.position[0].tolist()
             self._vehicles.place(ego, x, y, route.heading.item(0))
@@ -216,7 +218,8 @@ class Simulation:
         front = (x + half * math.cos(heading), y + half * math.sin(heading))
         lane, offset, _ = self.network.nearest_lane(*front, heading, self.routes[ego].on_route)
         name, lanes = self._names[ego], self.network.lanes
-        if lane >= 0 and abs(offset) < 0.5 * (lanes.width.item(lane) + self.vehicle.width):
+        on_road = lane >= 0 and abs(offset) < 0.5 * (lanes.width.item(lane) + self.vehicle.width)
+        if on_road and not self._registry.strayed(name):
             place = self.network.edge_id(lane), lanes.index.item(lane)
             self._registry.move_ego(name, place, front, 90.0 - math.degrees(heading))
         else:
@@ -315,10 +318,14 @@ class _Registry:
             libsumo.vehicle.setLaneChangeMode(name, 0)
         libsumo.vehicle.moveToXY(name, *place, *front, angle, 2)
 
-    def hide_ego(self, name: str) -> None:
-        """Takes the image of an ego away that is off the road.
+    def strayed(self, name: str) -> bool:
+        """Whether SUMO found no lane for an ego's image, as it may past the end of one."""
+        return name in self._shown and not libsumo.vehicle.getLaneID(name)
 
-        SUMO keeps a vehicle that moveToXY leads off the road on the books of its last lane, and dies of a segmentation
+    def hide_ego(self, name: str) -> None:
+        """Takes away the image of an ego that is off the road.
+
+        SUMO keeps a vehicle that moveToXY led off the road on the books of its last lane, and dies of a segmentation
         fault when another vehicle comes along there.
         """
         if name in self._shown:

@@ -95,7 +95,17 @@ class Population:
             stage: The simulation.
             egos: (E, 2), m, where newcomers should not appear.
         """
-        vehicles, pedestrians = stage.arrived()
+        self.replace(stage, *stage.arrived(), egos)
+
+    def replace(self, stage: Stage, vehicles: Sequence[str], pedestrians: Sequence[str], egos: FloatArray) -> None:
+        """Sends one newcomer for each of the named; names of others, such as egos, are ignored.
+
+        Args:
+            stage: The simulation.
+            vehicles: Names of vehicles and bicycles.
+            pedestrians: Names.
+            egos: (E, 2), m, where newcomers should not appear.
+        """
         for name in vehicles:
             if name.startswith("vehicle"):
                 stage.add_vehicle(self._name("vehicle"), self._vehicle_trip(egos, on_the_way=False))

@@ -172,12 +172,8 @@ class Autopilot(Agent):
                 continue
             distance = float(row[0]) - 0.5
             inside = entry < row[0] < min(leave, entry + NEAR_ENTRY_M)
-            if (
-                inside
-                and row[6] != PEDESTRIAN
-                and self._standing < self.style.patience
-                and self._can_stop(speed, entry)
-            ):
+            in_time = self._standing < self.style.patience and self._can_stop(speed, entry)
+            if inside and in_time and row[6] != PEDESTRIAN:
                 distance = entry
             wish = min(wish, self._stop_at(speed, distance))
         return wish

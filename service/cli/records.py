@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -39,19 +40,31 @@ def report(
     benchmarks = {result.manifest.benchmark_sha256 for result in results}
     if len(benchmarks) > 1:
         raise InvalidInputError(f"these folders hold {len(benchmarks)} different benchmarks; compare one at a time")
+    names = _names([result.manifest.agent for result in results])
     evaluations = [
         Evaluation(
-            agent=result.manifest.agent.name,
+            agent=name,
             benchmark=result.manifest.benchmark.name,
             benchmark_hash=result.manifest.benchmark_sha256,
             records=result.records,
             record_paths=result.paths,
         )
-        for result in results
+        for name, result in zip(names, results, strict=True)
     ]
-    print_comparison([summarise(result.records, rules=rules, irs_length=irs_length) for result in results])
+    summaries = [summarise(result.records, rules=rules, irs_length=irs_length) for result in results]
+    print_comparison([replace(summary, agent=name) for name, summary in zip(names, summaries, strict=True)])
     path = write_report(evaluations, out, rules=rules, irs_length=irs_length)
     console.print(f"report: {path.resolve()}")
+
+
+def _names(agents: Sequence[AgentInfo]) -> list[str]:
+    """Names that tell the agents apart: with their settings, where one was evaluated under several."""
+    names = [agent.name for agent in agents]
+    settings = [" ".join(f"{key}={value}" for key, value in agent.settings.items()) for agent in agents]
+    return [
+        f"{name} ({setting})" if setting and names.count(name) > 1 else name
+        for name, setting in zip(names, settings, strict=True)
+    ]
 
 
 def verify(record: Annotated[Path, typer.Argument(help="A record, NAME.json.")], json: Json = False) -> None:

@@ -32,10 +32,11 @@ class Conflicts(Sensor):
     """(16, 8) actors whose expected path meets the ego's route within 60 m, nearest conflict first.
 
     Columns: distance from the ego's front to where the paths meet [m, negative beside the ego], distance from its front
-    at which its rear has left [m] (1000 where the other joins the ego's lane), distance of the other's front to where they meet [m] (negative: it is there now),
-    distance of the other's front at which its rear has left [m], its speed [m/s], right of way (1 the ego must give
-    way, 0 undecided, -1 the other must), kind (`world.ActorKind`), key. Actors already ahead in the ego's path are
-    left out: they are leaders, not conflicts. Unused rows have distances of 1000 and kind -1.
+    at which its rear has left [m] (1000 where the other joins the ego's lane), distance of the other's front to where
+    they meet [m] (negative: it is there now), distance of the other's front at which its rear has left [m], its speed
+    [m/s], right of way (1 the ego must give way, 0 undecided, -1 the other must), kind (`world.ActorKind`), key. Actors
+    already ahead in the ego's path are left out: they are leaders, not conflicts. Unused rows have distances of 1000
+    and kind -1.
     """
 
     name = "conflicts"

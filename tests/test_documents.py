@@ -1,0 +1,271 @@
+"""What the documents say exists: commands, options, targets, links, names, numbers; and the README's agent drives."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import subprocess
+import tomllib
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import typer
+
+from agents.registry import agent_entries
+from evaluation.agent import make_agent
+from evaluation.benchmark import benchmark_names, load_benchmark
+from evaluation.record import EgoRecord, Infraction, InfractionKind, Status
+from evaluation.scores.driving import infraction_penalty
+from service.cli import app
+from sumo_networks.control import CONTROLS
+from sumo_networks.env import DrivingEnv
+from sumo_networks.sensors import SENSORS
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = [
+    *(ROOT / name for name in ("README.md", "CONTEXT.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+    *sorted((ROOT / "agents").rglob("README.md")),
+]
+EXAMPLE = "examples.lane_keeper:LaneKeeper"
+FLOORS = ("service", "agents", "evaluation", "sumo_networks")
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+document = pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+
+
+def text(name: str) -> str:
+    return (ROOT / name).read_text()
+
+
+def fences(source: str, language: str = "") -> list[str]:
+    return [body for found, body in FENCE.findall(source) if found == language]
+
+
+def inline(source: str) -> list[str]:
+    return re.findall(r"`([^`\n]+)`", FENCE.sub("", source))
+
+
+def shell_lines(source: str) -> list[str]:
+    """Lines of commands, in code blocks and in running text."""
+    lines = [line.split("#")[0].strip() for block in fences(source) for line in block.splitlines()]
+    return lines + inline(source)
+
+
+def dohyo_commands(source: str) -> list[list[str]]:
+    return [shlex.split(line)[1:] for line in shell_lines(source) if line.split()[:1] == ["dohyo"]]
+
+
+def make_targets(source: str) -> set[str]:
+    """Targets of every "make ..." among the commands, variables left out."""
+    found = re.findall(r"(?:^|[`&;\s])make((?: [\w=./*]+)+)", "\n".join(shell_lines(source)))
+    return {word for words in found for word in words.split() if "=" not in word}
+
+
+def defined_targets() -> set[str]:
+    return set(re.findall(r"^([a-z]+):", text("Makefile"), re.MULTILINE))
+
+
+def command_of(words: list[str]) -> tuple[Any, list[str]]:
+    """The command that words name, and the words left."""
+    command: Any = typer.main.get_command(app)
+    while hasattr(command, "commands") and words and not words[0].startswith("-"):
+        assert words[0] in command.commands, f"there is no 'dohyo ... {words[0]}'"
+        command, words = command.commands[words[0]], words[1:]
+    return command, words
+
+
+def options_of(command: Any) -> set[str]:
+    own = {name for parameter in command.params for name in parameter.opts + parameter.secondary_opts}
+    below = getattr(command, "commands", {}).values()
+    return own.union(*map(options_of, below))
+
+
+def table(source: str, title: str) -> dict[str, list[str]]:
+    """Rows of the table whose header begins so, by their first cell; names are taken out of their backticks."""
+    rows: dict[str, list[str]] = {}
+    _, _, rest = source.partition(f"\n| {title} |")
+    for line in rest.splitlines()[2:]:
+        if not line.startswith("|"):
+            break
+        first, *others = (cell.strip() for cell in line.strip("|").split("|"))
+        for name in re.findall(r"`([^`]+)`", first) or [first]:
+            rows[name] = others
+    assert rows, f"no table '{title}'"
+    return rows
+
+
+@document
+def test_every_dohyo_command_and_option_exists(path: Path) -> None:
+    for words in dohyo_commands(path.read_text()):
+        command, rest = command_of(words)
+        for word in rest:
+            assert not word.startswith("--") or word in options_of(command), f"{words}: no option {word}"
+
+
+@document
+def test_every_agent_and_benchmark_of_a_command_exists(path: Path) -> None:
+    for words in dohyo_commands(path.read_text()):
+        named = dict(pairwise(words))
+        agent, benchmark = named.get("--agent", "NAME"), named.get("--benchmark", "NAME")
+        if agent not in ("NAME", "module:Class"):
+            make_agent(agent_entries().get(agent, agent))
+        assert benchmark == "NAME" or benchmark in benchmark_names()
+
+
+def test_every_option_in_the_readme_exists() -> None:
+    known = options_of(typer.main.get_command(app)) | {"--rm"}
+    assert {word for line in shell_lines(text("README.md")) for word in re.findall(r"--[\w-]+", line)} <= known
+
+
+@document
+def test_every_make_target_exists(path: Path) -> None:
+    assert make_targets(path.read_text()) <= defined_targets()
+
+
+def test_the_readmes_two_commands_are_targets() -> None:
+    assert {"make demo\n", "make test\n"} <= set(fences(text("README.md")))
+    assert {"setup", "demo", "test", "lint", "bench"} <= defined_targets()
+
+
+def test_make_knows_its_targets() -> None:
+    if shutil.which("make") is None:
+        pytest.skip("no make on this machine")
+    for target in sorted(defined_targets()):
+        subprocess.run(["make", "--dry-run", target], cwd=ROOT, check=True, capture_output=True)
+
+
+@document
+def test_every_relative_link_resolves(path: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", FENCE.sub("", path.read_text())):
+        if not target.startswith(("http://", "https://", "#")):
+            assert (path.parent / target.split("#")[0]).exists(), target
+
+
+@document
+def test_every_path_named_exists(path: Path) -> None:
+    for name in inline(path.read_text()):
+        if re.search(r"[A-Z]{4}|^out/|^\.venv/", name):
+            continue  # a placeholder, or made by a command
+        if re.fullmatch(r"[\w.]+(/[\w.]+)+/?", name):
+            assert (ROOT / name).exists(), name
+        elif re.fullmatch(r"\w+\.(py|toml|yaml)", name):
+            assert any(list(ROOT.glob(pattern + name)) for pattern in ("", *(f"{top}/**/" for top in FLOORS))), name
+
+
+def test_the_readme_shows_the_example_as_it_is() -> None:
+    assert fences(text("README.md"), "python") == [text("examples/lane_keeper.py")]
+
+
+def test_the_example_drives() -> None:
+    agent = make_agent(EXAMPLE)
+    scenario = load_benchmark("quickstart").scenarios([0])[0]
+    env = DrivingEnv(scenario, agent.spec.sensors, agent.spec.control, reward=None)
+    try:
+        observations, _ = env.reset()
+        agent.reset(scenario.missions[0], scenario.seed)
+        for _ in range(50):
+            action = agent.act(observations["ego"])
+            env.check_action("ego", action)
+            observations = env.step({"ego": action})[0]
+        assert env.world.egos.driven[0] > 10.0
+        assert abs(env.world.egos.lateral[0]) < 0.5
+    finally:
+        env.close()
+
+
+def test_the_example_stops_for_red_and_for_people() -> None:
+    route = np.zeros((80, 7), np.float32)
+    route[:, 0], route[:, 4] = np.arange(80), 13.9
+    nobody, no_light = np.full((48, 8), -1.0, np.float32), np.array([[1000, 1000, -1, 0]] * 4, np.float32)
+    somebody, red = nobody.copy(), no_light.copy()
+    somebody[0, :3] = 6, 5.0, 0.5  # a pedestrian, 5 m ahead of the centre
+    red[0] = 1.0, 20.0, 1, 0  # a red light, a metre ahead of the front
+    agent = make_agent(EXAMPLE)
+    free, person, light = (
+        agent.act({"route": route, "objects": objects, "lights": lights})[0]
+        for objects, lights in ((nobody, no_light), (somebody, no_light), (nobody, red))
+    )
+    assert free == pytest.approx(13.9, abs=0.01)
+    assert person == 0.0
+    assert light == 0.0
+
+
+def test_the_readmes_tables_of_sensors_and_controls() -> None:
+    sensors = table(text("README.md"), "sensor")
+    assert set(sensors) == set(SENSORS)
+    for name, (shape, track, _) in sensors.items():
+        sensor = SENSORS[name]()
+        assert (str(sensor.space.shape), sensor.track.name.lower()) == (shape, track), name
+    assert set(table(text("README.md"), "control")) == set(CONTROLS)
+
+
+def test_the_experts_readme_has_their_specs() -> None:
+    source = text("agents/experts/README.md")
+    header = next(line for line in source.splitlines() if line.startswith("| |"))
+    names = [cell.strip() for cell in header.strip("|").split("|")][1:]
+    assert set(names) == set(agent_entries())
+    rows = {line.split("|")[1].strip(): line.strip("|").split("|")[1:] for line in source.splitlines() if "|" in line}
+    for column, name in enumerate(names):
+        spec = make_agent(agent_entries()[name]).spec
+        assert rows["track"][column].strip() == spec.track
+        assert set(re.findall(r"`(\w+)`", rows["sensors"][column])) == set(spec.sensors)
+        assert rows["control"][column].strip(" `") == spec.control
+
+
+def test_context_has_every_infraction_and_status() -> None:
+    source = text("CONTEXT.md")
+    assert set(table(source, "kind")) == {kind.value for kind in InfractionKind}
+    assert set(table(source, "status")) == {status.value for status in Status}
+
+
+def test_context_has_the_factors_and_costs_in_use() -> None:
+    rows = table(text("CONTEXT.md"), "infraction | p (1.0, 2.0)")
+    for kind in InfractionKind:
+        if kind in (InfractionKind.MINIMUM_SPEED, InfractionKind.OUTSIDE_LANES):
+            continue  # theirs are formulas
+        one = Infraction(kind=kind, time_s=0.0, x_m=0.0, y_m=0.0, route_m=0.0)
+        factor, cost = infraction_penalty([one], "2.0", 0.0), 1 / infraction_penalty([one], "2.1", 0.0) - 1
+        said = rows[kind.value]
+        if said[1] == "none":
+            assert (factor, cost) == (1.0, 0.0)
+        else:
+            assert (float(said[0]), float(said[1])) == pytest.approx((factor, cost))
+
+
+def test_context_speaks_of_record_fields_that_exist() -> None:
+    assert {"contacts", "infractions"} <= set(EgoRecord.model_fields)
+    assert {"at_fault", "magnitude"} <= set(Infraction.model_fields)
+
+
+def test_the_container_does_what_the_readme_says() -> None:
+    dockerfile, compose = text("Dockerfile"), text("compose.yaml")
+    found = re.search(r"^SYSTEM_PACKAGES := (.+)$", text("Makefile"), re.MULTILINE)
+    assert found
+    assert set(found[1].split()) <= set(re.split(r"\s+", dockerfile))
+    assert re.search(r"^RUN make setup$", dockerfile, re.MULTILINE)
+    assert 'CMD ["make", "demo"]' in dockerfile
+    assert re.search(r"^USER (?!0|root)", dockerfile, re.MULTILINE)
+    assert '"make", "demo", "REPORT=out/report.html"' in compose
+    home = re.search(r"^WORKDIR (\S+)$", dockerfile, re.MULTILINE)
+    assert home
+    assert f"./out:{home[1]}/out" in compose
+
+
+def test_ci_runs_lint_and_tests_without_a_terminal() -> None:
+    ci = ROOT / ".ci/run"
+    assert ci.stat().st_mode & 0o111
+    assert "set -euo pipefail" in ci.read_text()
+    assert ci.read_text().rstrip().endswith("make lint test")
+    subprocess.run(["bash", "-n", str(ci)], check=True)
+
+
+def test_licence_and_version_agree_everywhere() -> None:
+    project = tomllib.loads(text("pyproject.toml"))["project"]
+    assert project["license"] == "Apache-2.0"
+    assert "Apache License" in text("LICENSE")
+    assert f"## [{project['version']}]" in text("CHANGELOG.md")
+    assert "torch==2.13.0" in project["dependencies"]
