@@ -4,52 +4,99 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
 from sumo_networks.catalog import load_network
+from sumo_networks.conditions import conditions_named
 from sumo_networks.errors import InvalidInputError, UnknownNameError
 from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Config, Mission, Scenario, Traffic, content_hash
+from sumo_networks.scenario import Config, Mission, Name, Scenario, Traffic, content_hash
 
 BENCHMARKS = Path(__file__).with_name("benchmarks")
 
 
+class Cell(Config):
+    """Missions in one traffic under one group of conditions.
+
+    Attributes:
+        name: Unique in the benchmark.
+        network: Name in the network catalog.
+        missions: Name of a set of missions.
+        traffic: Around every mission.
+        conditions: Dealt out to the missions in turn, so that a cell covers all of them.
+    """
+
+    name: Name
+    network: str
+    missions: str
+    traffic: Traffic = Traffic()
+    conditions: Annotated[tuple[str, ...], Field(min_length=1)] = ("clear",)
+
+
+class TimeLimit(Config):
+    """Time allowed for a mission: that of its route at a steady speed, and a bit.
+
+    Attributes:
+        speed_kmh: Steady speed.
+        extra_s: The bit.
+    """
+
+    speed_kmh: Annotated[float, Field(gt=0)]
+    extra_s: Annotated[float, Field(ge=0)] = 0.0
+
+
 class Benchmark(Config):
     """A versioned list of scenarios.
+
+    A file may give `network`, `traffic`, `conditions` and a list of `missions` instead of cells: a single cell "all".
 
     Attributes:
         name: In the catalog.
         description: One line for people.
         metric: Exactly what the headline number is.
         rules: Of the driving score.
-        network: Name in the network catalog.
-        traffic: Around every mission.
-        missions: Each one scenario, driven by a single ego.
+        cells: Its parts.
+        missions: Sets of missions by name; each mission is driven by a single ego.
         stop_on_collision: As in NoCrash.
-        time_limit_s: None: from the route.
+        time_limit: None: the CARLA Leaderboard's (see `evaluation.criteria.timeout`).
         seeds: Driven by default.
     """
 
-    name: str
+    name: Name
     description: str
     metric: str
     rules: Literal["1.0", "2.0", "2.1"] = "2.0"
-    network: str
-    traffic: Traffic = Traffic()
-    missions: Annotated[tuple[Mission, ...], Field(min_length=1)]
+    cells: Annotated[tuple[Cell, ...], Field(min_length=1)]
+    missions: dict[str, Annotated[tuple[Mission, ...], Field(min_length=1)]]
     stop_on_collision: bool = False
-    time_limit_s: Annotated[float, Field(gt=0)] | None = None
+    time_limit: TimeLimit | None = None
     seeds: Annotated[tuple[int, ...], Field(min_length=1)] = (0, 1, 2)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _one_cell(cls, given: Any) -> Any:
+        """Turns the short form of a file into the long one."""
+        if not isinstance(given, dict) or "cells" in given or not isinstance(given.get("missions"), list | tuple):
+            return given
+        parts = {key: given[key] for key in ("network", "traffic", "conditions") if key in given}
+        rest = {key: value for key, value in given.items() if key not in parts}
+        return rest | {"cells": [{"name": "all", "missions": "all", **parts}], "missions": {"all": given["missions"]}}
+
     @model_validator(mode="after")
-    def _names_are_unique(self) -> Benchmark:
-        names = [mission.name for mission in self.missions]
-        if len(set(names)) != len(names):
-            raise ValueError(f"mission names must be unique, got {names}")
+    def _names_fit(self) -> Benchmark:
+        for names in (
+            [cell.name for cell in self.cells],
+            *[[mission.name for mission in missions] for missions in self.missions.values()],
+        ):
+            if len(set(names)) != len(names):
+                raise ValueError(f"names must be unique, got {names}")
+        for cell in self.cells:
+            if cell.missions not in self.missions:
+                raise ValueError(f"cell '{cell.name}': no set of missions '{cell.missions}'")
         return self
 
     @cached_property
@@ -57,34 +104,48 @@ class Benchmark(Config):
         """Content hash: its version. The default seeds are no part of it."""
         return content_hash(self.model_dump(mode="json", exclude={"seeds", "description"}))
 
-    def scenarios(self, seeds: Sequence[int]) -> list[Scenario]:
-        """One scenario per mission and seed, seed by seed."""
-        return [
-            Scenario(
-                name=mission.name,
-                network=self.network,
-                missions=(mission.model_copy(update={"name": "ego"}),),
-                traffic=self.traffic,
-                stop_on_collision=self.stop_on_collision,
-                time_limit_s=self.time_limit_s,
-                seed=seed,
-            )
-            for seed in seeds
-            for mission in self.missions
-        ]
+    @property
+    def networks(self) -> tuple[str, ...]:
+        """Names of the networks it uses, in the order of the cells."""
+        return tuple(dict.fromkeys(cell.network for cell in self.cells))
 
-    def check(self) -> None:
-        """Plans every mission once.
+    def scenarios(self, seeds: Sequence[int]) -> list[Scenario]:
+        """One scenario per cell, mission and seed, seed by seed.
 
         Raises:
-            InvalidInputError: A mission cannot be driven; the message says which.
+            InvalidInputError: A mission cannot be driven or conditions are unknown; the message says which.
         """
-        network = load_network(self.network)
-        for number, mission in enumerate(self.missions, start=1):
-            try:
-                plan_route(network, mission)
-            except InvalidInputError as error:
-                raise InvalidInputError(f"benchmark '{self.name}', mission {number}: {error}") from error
+        return [
+            self._scenario(cell, number, mission, seed)
+            for seed in seeds
+            for cell in self.cells
+            for number, mission in enumerate(self.missions[cell.missions])
+        ]
+
+    def _scenario(self, cell: Cell, number: int, mission: Mission, seed: int) -> Scenario:
+        conditions = cell.conditions[number % len(cell.conditions)]
+        conditions_named(conditions)
+        try:
+            length = _route_length(cell.network, mission)
+        except InvalidInputError as error:
+            raise InvalidInputError(f"benchmark '{self.name}', mission {number + 1}: {error}") from error
+        limit = self.time_limit
+        return Scenario(
+            name=mission.name if len(self.cells) == 1 else f"{cell.name}.{mission.name}",
+            cell=cell.name,
+            network=cell.network,
+            missions=(mission.model_copy(update={"name": "ego"}),),
+            traffic=cell.traffic,
+            conditions=conditions,
+            stop_on_collision=self.stop_on_collision,
+            time_limit_s=round(length / (limit.speed_kmh / 3.6) + limit.extra_s, 1) if limit else None,
+            seed=seed,
+        )
+
+
+@cache
+def _route_length(network: str, mission: Mission) -> float:
+    return plan_route(load_network(network), mission).length
 
 
 def benchmark_names() -> list[str]:

@@ -89,7 +89,6 @@ def run_benchmark(
     agent = make_agent(entry, settings)
     info = agent_info(agent, entry, settings)
     agent.close()
-    benchmark.check()
     scenarios = benchmark.scenarios(seeds if seeds is not None else benchmark.seeds)
     manifest = Manifest(agent=info, benchmark=benchmark, benchmark_sha256=benchmark.sha256)
     _claim(out, manifest)
@@ -124,8 +123,8 @@ def read_result(out: Path) -> Result:
     found = [(read_record(path), path) for path in sorted((out / RECORDS).glob("*.json"))]
     if not found:
         raise InvalidInputError(f"'{out}' holds no finished episode yet")
-    order = [mission.name for mission in manifest.benchmark.missions]
-    found.sort(key=lambda pair: (pair[0].scenario.seed, order.index(pair[0].scenario.name)))
+    order = {scenario.name: i for i, scenario in enumerate(manifest.benchmark.scenarios([0]))}
+    found.sort(key=lambda pair: (pair[0].scenario.seed, order[pair[0].scenario.name]))
     records, paths = zip(*found, strict=True)
     return Result(manifest, records, paths, len(records))
 
@@ -168,14 +167,14 @@ def _finished(
     out: Path, stems: Sequence[str], scenarios: Sequence[Scenario], manifest: Manifest
 ) -> list[tuple[str, EpisodeRecord | None]]:
     """Records that need not be driven again: whole, of this version, and not lost to the infrastructure."""
-    now = versions(load_network(manifest.benchmark.network))
+    now = {name: versions(load_network(name)) for name in manifest.benchmark.networks}
     found = []
     for stem, scenario in zip(stems, scenarios, strict=True):
         path = out / RECORDS / f"{stem}.json"
         record = _usable(path) if path.exists() else None
         if record is not None:
             lost = any(ego.status.infrastructure_fault for ego in record.egos)
-            if lost or record.scenario != scenario or record.versions != now:
+            if lost or record.scenario != scenario or record.versions != now[scenario.network]:
                 record = None
         found.append((stem, record))
     return found

@@ -100,6 +100,16 @@ def summarise(records: Iterable[EpisodeRecord], *, rules: Rules = "2.0", irs_len
     )
 
 
+def summarise_cells(
+    records: Iterable[EpisodeRecord], *, rules: Rules = "2.0", irs_length: IrsLength = "driven"
+) -> dict[str, Summary]:
+    """One summary per cell of the benchmark, in the order in which the records name them; see `summarise`."""
+    cells: dict[str, list[EpisodeRecord]] = {}
+    for record in records:
+        cells.setdefault(record.scenario.cell, []).append(record)
+    return {cell: summarise(some, rules=rules, irs_length=irs_length) for cell, some in cells.items()}
+
+
 def compare(
     records_a: Iterable[EpisodeRecord],
     records_b: Iterable[EpisodeRecord],

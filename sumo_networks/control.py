@@ -63,9 +63,13 @@ class Control(ABC):
             InvalidActionError: It has a wrong shape or type, or is not finite.
         """
         try:
-            array = np.asarray(action, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise InvalidActionError(f"expected an array of shape {self.space.shape}, got {action!r}"[:200]) from error
+            given = np.asarray(action)
+            if given.dtype.kind not in "biuf":
+                raise TypeError(f"cannot take {given.dtype} for numbers")
+            array = given.astype(np.float64)
+        except Exception as error:  # whatever the conversion of a stranger's object raises
+            what = f"an array of shape {self.space.shape}"
+            raise InvalidActionError(f"expected {what}, got {type(action).__name__}: {error}"[:200]) from error
         if array.shape != self.space.shape:
             raise InvalidActionError(f"expected an action of shape {self.space.shape}, got shape {array.shape}")
         if not np.isfinite(array).all():

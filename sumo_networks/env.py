@@ -11,16 +11,18 @@ from pettingzoo import ParallelEnv
 
 from sumo_networks.arrays import Float32Array
 from sumo_networks.catalog import load_network
+from sumo_networks.conditions import conditions_named
 from sumo_networks.control import Control, make_control
 from sumo_networks.reward import Reward, make_reward
 from sumo_networks.routing import Route
 from sumo_networks.scenario import Scenario
-from sumo_networks.sensors import Sensor, make_sensors
+from sumo_networks.sensors import Sensor, Track, make_sensors
 from sumo_networks.simulation import TICK_S, Simulation
 from sumo_networks.world import World
 
 Observation = dict[str, Float32Array]
 
+SENSOR_NOISE = 1  # keeps this stream of random numbers apart from the traffic's
 GOAL_SHARE = 0.99
 GOAL_DISTANCE_M = 10.0
 DEFAULT_SENSORS = ("speedometer", "route", "objects", "lights")
@@ -66,10 +68,10 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         self.possible_agents = [mission.name for mission in scenario.missions]
         self.agents: list[str] = []
         self._index = {name: i for i, name in enumerate(self.possible_agents)}
-        chosen = sensors if isinstance(sensors, Mapping) else dict.fromkeys(self.possible_agents, sensors)
-        self._sensors: dict[str, tuple[Sensor, ...]] = {
-            name: make_sensors(chosen[name]) for name in self.possible_agents
-        }
+        self._sensor_names = (
+            dict(sensors) if isinstance(sensors, Mapping) else dict.fromkeys(self.possible_agents, sensors)
+        )
+        self._sensors = self._new_sensors()
         self._control_names = (
             dict(control) if isinstance(control, Mapping) else dict.fromkeys(self.possible_agents, control)
         )
@@ -112,7 +114,7 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         if seed is not None and seed != self.scenario.seed:
             self.scenario = self.scenario.model_copy(update={"seed": int(seed) % 2**31})
             self._simulation.scenario = self.scenario
-        self._controls = self._new_controls()
+        self._sensors, self._controls = self._new_sensors(), self._new_controls()
         self._rewards = {name: make_reward(self._reward_name) for name in self._rewards if self._reward_name}
         self.agents = list(self.possible_agents)
         self.world = self._simulation.start()
@@ -166,6 +168,15 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         """Ends SUMO."""
         self.agents = []
         self._simulation.close()
+
+    def _new_sensors(self) -> dict[str, tuple[Sensor, ...]]:
+        conditions, seed = conditions_named(self.scenario.conditions), self.scenario.seed
+        return {
+            name: make_sensors(
+                self._sensor_names[name], Track.PRIVILEGED, conditions, np.random.default_rng([SENSOR_NOISE, seed, ego])
+            )
+            for name, ego in self._index.items()
+        }
 
     def _new_controls(self) -> dict[str, Control]:
         return {

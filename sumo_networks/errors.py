@@ -5,6 +5,8 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+FEW = 12
+
 
 class DohyoError(Exception):
     """Root of all errors a user of dohyo may meet; its message is one clear line."""
@@ -15,13 +17,14 @@ class InvalidInputError(DohyoError):
 
 
 class UnknownNameError(InvalidInputError):
-    """A name that is in no registry; the message names the nearest match and the command that lists them."""
+    """A name that is in no registry; the message gives the nearest match, and the names where they are few."""
 
     def __init__(self, what: str, name: str, known: Iterable[str]) -> None:
         known = sorted(known)
         near = difflib.get_close_matches(name, known, n=1)
         hint = f"; did you mean '{near[0]}'?" if near else ""
-        super().__init__(f"no {what} named '{name}'{hint} (dohyo {what}s list knows {len(known)})")
+        names = ", ".join(known) if len(known) <= FEW else f"{len(known)} others"
+        super().__init__(f"no {what} named '{name}'{hint} (there is {names or 'none'})")
 
 
 class AgentError(DohyoError):

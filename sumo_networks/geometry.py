@@ -12,6 +12,8 @@ from numba import njit
 
 from sumo_networks.arrays import BoolArray, FloatArray, IntArray
 
+NEAR_M = 30.0
+
 
 def wrap_angle(angle: FloatArray | float) -> FloatArray:
     """Angle brought into [-pi, pi), rad."""
@@ -118,42 +120,59 @@ def nearest_lane(
         x: m.
         y: m.
         heading: rad, of the vehicle.
-        segments: (S, 4) x0, y0, x1, y1 of every lane segment, m.
+        segments: (S, 4) x0, y0, x1, y1 of every lane segment, m; those of a lane follow each other.
         segment_lane: (S,) lane of each segment.
         half_width: (L,) m.
         cells: (rows * columns + 1,) start of each grid cell in `members`.
         members: Segments by cell.
         origin: (2,) lower left corner of the grid, m.
-        cell: Edge of a grid cell, m.
+        cell: Edge of a grid cell, m; at least 30.
         columns: Of the grid.
         rows: Of the grid.
         preferred: (L,) lanes to prefer.
 
     Returns:
-        Lane index or -1, signed distance to its centreline [m, left positive], heading minus lane direction [rad].
+        Lane index or -1 if none is within 30 m, signed distance to its centreline [m, left positive], heading minus
+        lane direction [rad].
     """
     column = math.floor((x - origin[0]) / cell)
     row = math.floor((y - origin[1]) / cell)
-    best, best_lane, best_offset, best_error = math.inf, -1, math.nan, math.nan
+    best, best_segment = math.inf, -1
     for r in range(max(row - 1, 0), min(row + 2, rows)):
         for c in range(max(column - 1, 0), min(column + 2, columns)):
             for k in range(cells[r * columns + c], cells[r * columns + c + 1]):
                 i = members[k]
-                ux, uy = segments[i, 2] - segments[i, 0], segments[i, 3] - segments[i, 1]
-                dx, dy = x - segments[i, 0], y - segments[i, 1]
-                t = min(max((dx * ux + dy * uy) / (ux * ux + uy * uy), 0.0), 1.0)
-                distance = math.hypot(dx - t * ux, dy - t * uy)
+                distance, _, direction = _to_segment(x, y, segments[i])
+                if distance > NEAR_M:
+                    continue
                 lane = segment_lane[i]
-                error = wrap(heading - math.atan2(uy, ux))
-                cost = 100.0 * max(distance - half_width[lane], 0.0) + abs(error) + 0.1 * distance
+                cost = 100.0 * max(distance - half_width[lane], 0.0) + abs(wrap(heading - direction)) + 0.1 * distance
                 if not preferred[lane]:
                     cost += 2.0
                 if cost < best:
-                    best = cost
-                    best_lane = lane
-                    best_offset = math.copysign(distance, ux * dy - uy * dx)
-                    best_error = error
-    return best_lane, best_offset, best_error
+                    best, best_segment = cost, i
+    if best_segment < 0:
+        return -1, math.nan, math.nan
+    # The heading has chosen the lane; where on it the point is, only the distance tells.
+    lane, i = segment_lane[best_segment], best_segment
+    while i > 0 and segment_lane[i - 1] == lane:
+        i -= 1
+    nearest, offset, error = math.inf, math.nan, math.nan
+    while i < segments.shape[0] and segment_lane[i] == lane:
+        distance, side, direction = _to_segment(x, y, segments[i])
+        if distance < nearest:
+            nearest, offset, error = distance, math.copysign(distance, side), wrap(heading - direction)
+        i += 1
+    return lane, offset, error
+
+
+@njit(cache=True)
+def _to_segment(x: float, y: float, segment: FloatArray) -> tuple[float, float, float]:
+    """Distance of a point to a segment [m], a number positive to its left, direction of the segment [rad]."""
+    ux, uy = segment[2] - segment[0], segment[3] - segment[1]
+    dx, dy = x - segment[0], y - segment[1]
+    t = min(max((dx * ux + dy * uy) / (ux * ux + uy * uy), 0.0), 1.0)
+    return math.hypot(dx - t * ux, dy - t * uy), ux * dy - uy * dx, math.atan2(uy, ux)
 
 
 @njit(cache=True)

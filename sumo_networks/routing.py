@@ -212,7 +212,8 @@ def _search(
         lane, at, passed = here
         if lane == goal and goal_at >= at and passed == len(via):
             return _unwind(came_from, here)
-        for following, is_change, step in _moves(network, lane, at):
+        arriving = passed == len(via) and lanes.edge[lane] == lanes.edge[goal] and goal_at >= at
+        for following, is_change, step in _moves(network, lane, at, goal_at if arriving else math.inf):
             child = node(following, at if is_change else 0.0, passed)
             if child not in came_from:
                 pushed += 1
@@ -242,11 +243,12 @@ def _unwind(came_from: dict[_Node, _Node | None], node: _Node) -> list[int]:
     return path[::-1]
 
 
-def _moves(network: RoadNetwork, lane: int, entered_at: float) -> list[tuple[int, bool, float]]:
+def _moves(network: RoadNetwork, lane: int, entered_at: float, change_before: float) -> list[tuple[int, bool, float]]:
     """Lanes reachable from a lane: which, whether by a lane change, and at what cost in seconds."""
     lanes, moves = network.lanes, []
-    room = float(lanes.length[lane]) - entered_at
-    travel = room / float(lanes.speed[lane])
+    length = float(lanes.length[lane])
+    room = min(length, change_before) - entered_at
+    travel = (length - entered_at) / float(lanes.speed[lane])
     for c in network.connections_from(lane):
         target = int(network.connections.target[c])
         if lanes.drivable[target]:
@@ -371,6 +373,7 @@ def _blend(
     points, owner = shapes[0], np.full(count, run[0])
     blends: list[tuple[int, int, Command]] = []
     half = 0.5 * min(LANE_CHANGE_LENGTH_M, 0.8 * span / max(len(run) - 1, 1)) / max(span, 1e-9)
+    half = max(half, 1e-9)
     for number, (a, b) in enumerate(pairwise(run)):
         middle = (number + 1) / len(run)
         t = np.clip((np.linspace(0.0, 1.0, count) - middle + half) / (2 * half), 0.0, 1.0)

@@ -8,6 +8,9 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$")]
+"""A name that can stand in a file's name."""
+
 
 class Config(BaseModel):
     """Base of everything read from TOML or stored in a record: immutable, and unknown keys are errors."""
@@ -37,7 +40,7 @@ class Mission(Config):
         via: Edges the route must pass, in order.
     """
 
-    name: str = "ego"
+    name: Name = "ego"
     start: Place
     goal: Place
     via: tuple[str, ...] = ()
@@ -82,19 +85,23 @@ class Scenario(Config):
 
     Attributes:
         name: Unique within its benchmark.
+        cell: The part of the benchmark it belongs to.
         network: Name in the catalog, or path of a .net.xml[.gz].
         missions: One per ego.
         traffic: The population around the egos.
+        conditions: Name of the road, light and air, see `sumo_networks.conditions`.
         obstacles: Static boxes.
         time_limit_s: Ends the episode; None: from the route (see `evaluation.criteria.timeout`).
         stop_on_collision: End an ego's episode at its first collision (NoCrash) instead of driving on.
         seed: Decides everything random in the world.
     """
 
-    name: str = "scenario"
+    name: Name = "scenario"
+    cell: Name = "all"
     network: str
     missions: Annotated[tuple[Mission, ...], Field(min_length=1)]
     traffic: Traffic = Traffic()
+    conditions: str = "clear"
     obstacles: tuple[Obstacle, ...] = ()
     time_limit_s: Annotated[float, Field(gt=0)] | None = None
     stop_on_collision: bool = False

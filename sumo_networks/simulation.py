@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -16,6 +17,7 @@ import libsumo
 import numpy as np
 
 from sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from sumo_networks.conditions import conditions_named
 from sumo_networks.errors import InvalidInputError, SimulationError
 from sumo_networks.geometry import boxes_overlap, wrap
 from sumo_networks.network import RoadNetwork
@@ -64,7 +66,8 @@ class Simulation:
         network: The roads.
         scenario: What is simulated.
         routes: One per ego.
-        vehicle: The egos' parameters.
+        conditions: Of road, light and air.
+        vehicle: The egos' parameters, under these conditions.
     """
 
     _running: ClassVar[Simulation | None] = None
@@ -73,7 +76,9 @@ class Simulation:
     def __init__(self, network: RoadNetwork, scenario: Scenario, vehicle: VehicleParameters | None = None) -> None:
         self.network = network
         self.scenario = scenario
-        self.vehicle = vehicle or VehicleParameters()
+        self.conditions = conditions_named(scenario.conditions)
+        dry = vehicle or VehicleParameters()
+        self.vehicle = replace(dry, friction=dry.friction * self.conditions.friction)
         self.routes: tuple[Route, ...] = tuple(plan_route(network, mission) for mission in scenario.missions)
         self._names = tuple(mission.name for mission in scenario.missions)
 
@@ -178,11 +183,16 @@ class Simulation:
             raise SimulationError("another simulation of this process is still open; close it, or use a process each")
         if not self.network.path.exists():
             raise InvalidInputError(f"network file '{self.network.path}' is gone")
+        slippery = self.conditions.friction < 1.0
+        options = (*_OPTIONS, "--device.friction.probability", "1") if slippery else _OPTIONS
         try:
-            libsumo.start(["sumo", "-n", str(self.network.path), "-a", str(_TYPES), "--seed", str(seed), *_OPTIONS])
+            libsumo.start(["sumo", "-n", str(self.network.path), "-a", str(_TYPES), "--seed", str(seed), *options])
         except libsumo.TraCIException as error:
             raise SimulationError(f"SUMO could not load network '{self.network.name}': {error}") from error
         Simulation._running = self
+        if slippery:
+            for edge in libsumo.edge.getIDList():
+                libsumo.edge.setFriction(edge, self.conditions.friction)
 
     @contextmanager
     def _sumo(self) -> Iterator[None]:

@@ -77,8 +77,9 @@ def list_benchmarks(json: Json = False) -> None:
             {
                 "name": name,
                 "version": benchmark.sha256[:12],
-                "missions": len(benchmark.missions),
-                "network": benchmark.network,
+                "cells": len(benchmark.cells),
+                "scenarios": sum(len(benchmark.missions[cell.missions]) for cell in benchmark.cells),
+                "networks": list(benchmark.networks),
                 "metric": benchmark.metric,
                 "description": benchmark.description,
             }

@@ -17,8 +17,8 @@ from evaluation.evaluation import Result, run_benchmark
 from evaluation.executors import ProcessPool
 from evaluation.record import EpisodeRecord
 from evaluation.runner import ACT_DEADLINE_S
-from evaluation.summary import as_document, summarise
-from service.cli.output import console, print_comparison, print_json
+from evaluation.summary import as_document, summarise, summarise_cells
+from service.cli.output import console, print_cells, print_comparison, print_json
 from sumo_networks.errors import InvalidInputError
 
 
@@ -35,12 +35,14 @@ def evaluate(
 ) -> None:
     """Evaluates an agent on a benchmark. The same command again goes on where it stopped."""
     sys.path.insert(0, os.getcwd())
-    with _progress(hidden=json) as bar:
-        task = bar.add_task(f"{agent} on {benchmark}", total=None, note="")
+    bar = _progress(hidden=json)
+    task = bar.add_task(f"{agent} on {benchmark}", total=None, note="")
 
-        def show(record: EpisodeRecord | None, done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total, note=_note(record))
+    def show(record: EpisodeRecord | None, done: int, total: int) -> None:
+        bar.start()  # not before everything was checked, so that a refusal is one line
+        bar.update(task, completed=done, total=total, note=_note(record))
 
+    try:
         result = run_benchmark(
             benchmark,
             resolve(agent),
@@ -52,10 +54,16 @@ def evaluate(
             progress=show,
             reverse=reverse,
         )
-    summary = summarise(result.records, rules=result.manifest.benchmark.rules)
+    finally:
+        if bar.live.is_started:
+            bar.stop()
+    rules = result.manifest.benchmark.rules
+    summary = summarise(result.records, rules=rules)
     if json:
-        print_json(as_document(summary) | {"drives": _drives(result)})
+        cells = {cell: as_document(one) for cell, one in summarise_cells(result.records, rules=rules).items()}
+        print_json(as_document(summary) | {"cells": cells, "drives": _drives(result)})
         return
+    print_cells(summarise_cells(result.records, rules=rules))
     print_comparison([summary])
     _print_failures(result)
     console.print(f"records in {result.paths[0].parent}")

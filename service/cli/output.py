@@ -69,6 +69,19 @@ def print_comparison(summaries: Sequence[Summary]) -> None:
     console.print(f"rules {summaries[0].rules}, IRS over km {summaries[0].irs_length}, 95 % intervals")
 
 
+def print_cells(cells: Mapping[str, Summary]) -> None:
+    """Prints one row per cell of a benchmark, where there is more than one."""
+    if len(cells) < 2:
+        return
+    titles = SCORES | {"nocrash_success": "NoCrash success %", "road_completed": "road without crash %"}
+    shown = ("success", "nocrash_success", "road_completed", "driving_score")
+    rows = [
+        (cell, *(interval(summary.scores[name]) for name in shown), str(summary.episodes))
+        for cell, summary in cells.items()
+    ]
+    print_rows(["cell", *(titles[name] for name in shown), "n"], rows)
+
+
 def interval(estimate: Estimate) -> str:
     """Mean and interval, such as "78.4 [75.9, 80.6]"."""
     if estimate.mean is None:

@@ -6,20 +6,21 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
 from evaluation.agent import agent_info, make_agent
-from evaluation.evaluation import read_result
+from evaluation.evaluation import Result, read_result
 from evaluation.record import AgentInfo, EpisodeRecord
 from evaluation.report import Evaluation, write_report
 from evaluation.runner import drive_episode, versions
 from evaluation.scores.driving import IrsLength, Rules
 from evaluation.store import read_record
-from evaluation.summary import as_document, score_drive, summarise
-from service.cli.output import console, number, print_comparison, print_json, print_rows
+from evaluation.summary import as_document, compare, score_drive, summarise, summarise_cells
+from service.cli.output import console, interval, number, print_cells, print_comparison, print_json, print_rows
 from sumo_networks.catalog import load_network
 from sumo_networks.errors import InvalidInputError
 
@@ -53,8 +54,25 @@ def report(
     ]
     summaries = [summarise(result.records, rules=rules, irs_length=irs_length) for result in results]
     print_comparison([replace(summary, agent=name) for name, summary in zip(names, summaries, strict=True)])
+    for name, result in zip(names, results, strict=True):
+        cells = summarise_cells(result.records, rules=rules, irs_length=irs_length)
+        if len(cells) > 1:
+            console.print(f"[bold]{name}[/bold]")
+            print_cells(cells)
+    _print_verdicts(names, results, rules, irs_length)
     path = write_report(evaluations, out, rules=rules, irs_length=irs_length)
     console.print(f"report: {path.resolve()}")
+
+
+def _print_verdicts(names: Sequence[str], results: Sequence[Result], rules: Rules, irs_length: IrsLength) -> None:
+    """One line per pair of agents: which drives better on the same scenarios, and how sure that is."""
+    for (a, first), (b, second) in combinations(zip(names, results, strict=True), 2):
+        score = compare(first.records, second.records, rules=rules, irs_length=irs_length)["driving_score"]
+        console.print(
+            f"{a} {score.verdict} {b}: driving score differs by {interval(score.difference)} on "
+            f"{score.difference.n} drives of both; {score.probability:.0%} that {a}'s is higher",
+            markup=False,
+        )
 
 
 def _names(agents: Sequence[AgentInfo]) -> list[str]:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from enum import IntEnum
+from typing import Self
 
+import numpy as np
 from gymnasium.spaces import Box
 
 from sumo_networks.arrays import Float32Array
+from sumo_networks.conditions import Conditions
 from sumo_networks.world import World
 
 
@@ -31,6 +34,11 @@ class Sensor(ABC):
     name: str
     track: Track
     space: Box
+
+    @classmethod
+    def make(cls, conditions: Conditions, rng: np.random.Generator) -> Self:
+        """A sensor for one ego and episode; those that conditions do not touch ignore both arguments."""
+        return cls()
 
     @abstractmethod
     def read(self, world: World, ego: int) -> Float32Array:

@@ -54,7 +54,10 @@ class Conflicts(Sensor):
         route, egos, actors = world.routes[ego], world.egos, world.actors
         # The path starts under the rear bumper: who walks into the ego's side is a conflict too.
         length, half_width = float(egos.length[ego]), float(egos.width[ego]) / 2
-        first = route.index(float(egos.progress[ego]) - length / 2)
+        rear = float(egos.progress[ego]) - length / 2
+        first = route.index(rear)
+        # Where the ego's rear is on that path: not at its start where the route has only begun.
+        rear -= first * route.length / (len(route.position) - 1)
         path = route.position[first : first + EGO_LOOKAHEAD_M]
         ahead = np.hypot(*(actors.position - egos.position[ego]).T) < EGO_LOOKAHEAD_M + 40.0
         rows = []
@@ -70,8 +73,8 @@ class Conflicts(Sensor):
             priority = self._priority(world, ego, float(first + enter), int(i), connection, to_junction)
             rows.append(
                 (
-                    enter - length,
-                    leave if leave < len(path) - 1 else 1000.0,
+                    enter - rear - length,
+                    leave - rear if leave < len(path) - 1 else 1000.0,
                     other_enter - half_length,
                     other_leave + half_length,
                     float(actors.speed[i]),

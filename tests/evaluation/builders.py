@@ -55,9 +55,11 @@ def episode(
 ) -> EpisodeRecord:
     egos = egos or (ego(),)
     place = Place(lane="E_0")
-    missions = tuple(Mission(name=one.name, start=place, goal=place) for one in egos)
+    # Copies are not validated: a report must bear names that no scenario of ours could have.
+    missions = tuple(Mission(start=place, goal=place).model_copy(update={"name": one.name}) for one in egos)
+    one_mission = Scenario(network="hand-made", missions=missions[:1], seed=seed, **rest)
     return EpisodeRecord(
-        scenario=Scenario(name=name, network="hand-made", missions=missions, seed=seed, **rest),
+        scenario=one_mission.model_copy(update={"name": name, "missions": missions}),
         benchmark=benchmark,
         egos=egos,
         ticks=600,

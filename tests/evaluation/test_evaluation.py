@@ -61,8 +61,8 @@ def test_thirty_episodes_in_one_process_equal_thirty_fresh_processes(tmp_path: P
     together = run_benchmark(short, STEADY, seeds=seeds, out=tmp_path / "together")
     alone = []
     for seed in seeds:
-        for mission in short.missions:
-            single = short.model_copy(update={"missions": (mission,)})
+        for mission in short.missions["all"]:
+            single = short.model_copy(update={"missions": {"all": (mission,)}})
             result = run_benchmark(single, STEADY, seeds=[seed], out=tmp_path / f"alone-{seed}-{mission.name}")
             alone.append(result.records[0])
     # The benchmark's name and hash differ, so compare what was driven.

@@ -1,0 +1,75 @@
+"""Conditions: what stands for weather. Four to train under and two kept for testing, as NoCrash has.
+
+SUMO has no rain to look at; what rain does to driving can be stated: tyres grip less, everybody drives slower, others
+are seen later, less exactly, and sometimes not at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Annotated
+
+from pydantic import Field
+
+from sumo_networks.errors import UnknownNameError
+from sumo_networks.scenario import Config
+
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class Conditions(Config):
+    """One state of road, light and air.
+
+    Attributes:
+        friction: Share of the dry road's grip, for the ego's tyres and for SUMO's drivers, who slow down.
+        visibility_m: How far others can be seen in daylight.
+        daylight: 1 noon, 0 night; halves the sight at 0.
+        position_noise_m: Standard deviation of a detected position, at 20 m; it grows with the distance.
+        speed_noise: Standard deviation of a detected speed, as a share of it.
+        dropout: Share of detections that are missing, drawn anew in every tick.
+    """
+
+    friction: Annotated[float, Field(gt=0, le=1)] = 1.0
+    visibility_m: Annotated[float, Field(gt=0)] = 100.0
+    daylight: Share = 1.0
+    position_noise_m: Annotated[float, Field(ge=0)] = 0.0
+    speed_noise: Annotated[float, Field(ge=0)] = 0.0
+    dropout: Share = 0.0
+
+    @property
+    def sight_m(self) -> float:
+        """How far others are seen, m."""
+        return self.visibility_m * (0.5 + 0.5 * self.daylight)
+
+
+TRAIN: Mapping[str, Conditions] = MappingProxyType(
+    {
+        "clear": Conditions(),
+        "wet": Conditions(friction=0.75, position_noise_m=0.1, speed_noise=0.02, dropout=0.01),
+        "heavy-rain": Conditions(
+            friction=0.6, visibility_m=50.0, daylight=0.6, position_noise_m=0.4, speed_noise=0.08, dropout=0.08
+        ),
+        "sunset": Conditions(daylight=0.4, position_noise_m=0.2, speed_noise=0.04, dropout=0.03),
+    }
+)
+TEST: Mapping[str, Conditions] = MappingProxyType(
+    {
+        "drizzle-sunset": Conditions(
+            friction=0.7, visibility_m=70.0, daylight=0.3, position_noise_m=0.3, speed_noise=0.06, dropout=0.05
+        ),
+        "wet-sunset": Conditions(friction=0.75, daylight=0.3, position_noise_m=0.25, speed_noise=0.05, dropout=0.04),
+    }
+)
+CONDITIONS: Mapping[str, Conditions] = MappingProxyType({**TRAIN, **TEST})
+
+
+def conditions_named(name: str) -> Conditions:
+    """Conditions by name.
+
+    Raises:
+        UnknownNameError: There are none of that name.
+    """
+    if name not in CONDITIONS:
+        raise UnknownNameError("condition", name, CONDITIONS)
+    return CONDITIONS[name]

@@ -1,0 +1,53 @@
+"""What every test may use: simulations and environments, closed afterwards: a process has room for one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+from hypothesis import settings
+
+from sumo_networks.catalog import load_network
+from sumo_networks.env import DrivingEnv
+from sumo_networks.scenario import Scenario
+from sumo_networks.simulation import Simulation
+from sumo_networks.world import World
+
+# The same examples in every run; the first call of a kernel may compile it for seconds.
+settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
+settings.load_profile("repeatable")
+
+Start = Callable[[Scenario], tuple[Simulation, World]]
+MakeEnv = Callable[..., DrivingEnv]
+
+
+@pytest.fixture
+def start() -> Iterator[Start]:
+    """Starts a scenario; the one started before is closed."""
+    opened: list[Simulation] = []
+
+    def start(scenario: Scenario) -> tuple[Simulation, World]:
+        for simulation in opened:
+            simulation.close()
+        opened.append(Simulation(load_network(scenario.network), scenario))
+        return opened[-1], opened[-1].start()
+
+    yield start
+    for simulation in opened:
+        simulation.close()
+
+
+@pytest.fixture
+def make_env() -> Iterator[MakeEnv]:
+    """Makes an environment; the one made before is closed."""
+    opened: list[DrivingEnv] = []
+
+    def make_env(*arguments: object, **options: object) -> DrivingEnv:
+        for env in opened:
+            env.close()
+        opened.append(DrivingEnv(*arguments, **options))  # type: ignore[arg-type]
+        return opened[-1]
+
+    yield make_env
+    for env in opened:
+        env.close()
