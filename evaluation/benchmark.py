@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -28,6 +28,7 @@ class Cell(Config):
         missions: Name of a set of missions.
         traffic: Around every mission.
         conditions: Dealt out to the missions in turn, so that a cell covers all of them.
+        together: Drive all missions at once, an ego each, instead of one after the other.
     """
 
     name: Name
@@ -35,6 +36,7 @@ class Cell(Config):
     missions: str
     traffic: Traffic = Traffic()
     conditions: Annotated[tuple[str, ...], Field(min_length=1)] = ("clear",)
+    together: bool = False
 
 
 class TimeLimit(Config):
@@ -60,7 +62,7 @@ class Benchmark(Config):
         metric: Exactly what the headline number is.
         rules: Of the driving score.
         cells: Its parts.
-        missions: Sets of missions by name; each mission is driven by a single ego.
+        missions: Sets of missions by name.
         stop_on_collision: As in NoCrash.
         time_limit: None: the CARLA Leaderboard's (see `evaluation.criteria.timeout`).
         seeds: Driven by default.
@@ -115,30 +117,42 @@ class Benchmark(Config):
         Raises:
             InvalidInputError: A mission cannot be driven or conditions are unknown; the message says which.
         """
-        return [
-            self._scenario(cell, number, mission, seed)
-            for seed in seeds
-            for cell in self.cells
-            for number, mission in enumerate(self.missions[cell.missions])
-        ]
+        return [scenario for seed in seeds for cell in self.cells for scenario in self._scenarios(cell, seed)]
 
-    def _scenario(self, cell: Cell, number: int, mission: Mission, seed: int) -> Scenario:
-        conditions = cell.conditions[number % len(cell.conditions)]
-        conditions_named(conditions)
+    def _scenarios(self, cell: Cell, seed: int) -> Iterator[Scenario]:
+        missions = self.missions[cell.missions]
+        lengths = [self._length(cell, number, mission) for number, mission in enumerate(missions, start=1)]
+        if cell.together:
+            yield self._scenario(
+                cell, cell.name, missions, cell.conditions[seed % len(cell.conditions)], max(lengths), seed
+            )
+            return
+        for number, (mission, length) in enumerate(zip(missions, lengths, strict=True)):
+            name = mission.name if len(self.cells) == 1 else f"{cell.name}.{mission.name}"
+            conditions = cell.conditions[number % len(cell.conditions)]
+            ego = mission.model_copy(update={"name": "ego"})
+            yield self._scenario(cell, name, (ego,), conditions, length, seed)
+
+    def _length(self, cell: Cell, number: int, mission: Mission) -> float:
         try:
-            length = _route_length(cell.network, mission)
+            return _route_length(cell.network, mission)
         except InvalidInputError as error:
-            raise InvalidInputError(f"benchmark '{self.name}', mission {number + 1}: {error}") from error
+            raise InvalidInputError(f"benchmark '{self.name}', mission {number}: {error}") from error
+
+    def _scenario(
+        self, cell: Cell, name: str, missions: tuple[Mission, ...], conditions: str, longest: float, seed: int
+    ) -> Scenario:
+        conditions_named(conditions)
         limit = self.time_limit
         return Scenario(
-            name=mission.name if len(self.cells) == 1 else f"{cell.name}.{mission.name}",
+            name=name,
             cell=cell.name,
             network=cell.network,
-            missions=(mission.model_copy(update={"name": "ego"}),),
+            missions=missions,
             traffic=cell.traffic,
             conditions=conditions,
             stop_on_collision=self.stop_on_collision,
-            time_limit_s=round(length / (limit.speed_kmh / 3.6) + limit.extra_s, 1) if limit else None,
+            time_limit_s=round(longest / (limit.speed_kmh / 3.6) + limit.extra_s, 1) if limit else None,
             seed=seed,
         )
 
