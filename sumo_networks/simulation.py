@@ -81,6 +81,7 @@ class Simulation:
         self.vehicle = replace(dry, friction=dry.friction * self.conditions.friction)
         self.routes: tuple[Route, ...] = tuple(plan_route(network, mission) for mission in scenario.missions)
         self._names = tuple(mission.name for mission in scenario.missions)
+        self._images = tuple(f"ego:{name}" for name in self._names)  # no vehicle of the traffic is called so
 
     def start(self) -> World:
         """Starts SUMO, lets the traffic warm up, puts the egos at their starts, and reads the world at tick 0.
@@ -103,16 +104,15 @@ class Simulation:
         self._active = np.ones(count, dtype=np.bool_)
         self._driven = np.zeros(count)
         self._tick = 0
-        self._registry = _Registry(self.network, self.scenario, self.vehicle)
+        self._registry = _Registry(self.network, self.scenario, self.vehicle, self._images)
         self._signals = _Signals(self.network)
         self._population = Population(self.network, self.scenario.traffic, traffic_rng)
         with self._sumo():
             self._population.fill(self)
             for _ in range(round(self.scenario.traffic.warm_up_s / TICK_S)):
-                libsumo.simulationStep()
                 self._population.replace_arrived(self, self._starts())
+                libsumo.simulationStep()
             self._place_egos()
-            libsumo.simulationStep()
         self._world = self._read(None)
         return self._world
 
@@ -144,7 +144,7 @@ class Simulation:
         """Takes an ego off the road; its row in `Egos` keeps its last values."""
         if self._active[ego]:
             self._active[ego] = False
-            self._registry.forget_ego(self._names[ego])
+            self._registry.forget_ego(self._images[ego])
 
     def close(self) -> None:
         """Ends SUMO; safe to call twice."""
@@ -205,21 +205,29 @@ class Simulation:
         return np.array([route.position[0] for route in self.routes])
 
     def _place_egos(self) -> None:
-        """Clears the starts and shows the egos to SUMO for the first time."""
-        starts, cleared = self._starts(), []
-        for name in libsumo.vehicle.getIDList():
-            x, y = libsumo.vehicle.getPosition(name)
-            if np.hypot(*(starts - (x, y)).T).min() < START_CLEARANCE_M:
-                libsumo.vehicle.remove(name)
-                cleared.append(name)
-        self._population.replace(self, cleared, (), starts)
-        for ego, (name, route) in enumerate(zip(self._names, self.routes, strict=True)):
+        """Shows the egos to SUMO for the first time, on starts that nobody else stands on."""
+        for ego, (name, route) in enumerate(zip(self._images, self.routes, strict=True)):
             x, y = route.position[0].tolist()
             self._vehicles.place(ego, x, y, route.heading.item(0))
             self._registry.add_ego(name, route)
         self._centres = self._vehicles.centres()
-        for ego in range(len(self._names)):
-            self._show_ego(ego)
+        # Twice: whoever departs in the step in which SUMO first hears of the egos does not see them yet.
+        for _ in range(2):
+            self._population.replace_arrived(self, self._starts())
+            self._clear_starts()
+            for ego in range(len(self._names)):
+                self._show_ego(ego)
+            libsumo.simulationStep()
+
+    def _clear_starts(self) -> None:
+        """Takes away who is too near to a start; others come for them elsewhere."""
+        starts, cleared = self._starts(), []
+        for name in libsumo.vehicle.getIDList():
+            x, y = libsumo.vehicle.getPosition(name)
+            if name not in self._images and np.hypot(*(starts - (x, y)).T).min() < START_CLEARANCE_M:
+                libsumo.vehicle.remove(name)
+                cleared.append(name)
+        self._population.replace(self, cleared, (), starts)
 
     def _show_ego(self, ego: int) -> None:
         """Moves an ego's image in SUMO, whose point of reference is the front bumper."""
@@ -227,7 +235,7 @@ class Simulation:
         heading, half = self._vehicles.states.item(ego, HEADING), 0.5 * self.vehicle.length
         front = (x + half * math.cos(heading), y + half * math.sin(heading))
         lane, offset, _ = self.network.nearest_lane(*front, heading, self.routes[ego].on_route)
-        name, lanes = self._names[ego], self.network.lanes
+        name, lanes = self._images[ego], self.network.lanes
         on_road = lane >= 0 and abs(offset) < 0.5 * (lanes.width.item(lane) + self.vehicle.width)
         if on_road and not self._registry.strayed(name):
             place = self.network.edge_id(lane), lanes.index.item(lane)
@@ -240,7 +248,7 @@ class Simulation:
 
     def _read(self, before: World | None) -> World:
         egos = self._read_egos(before)
-        actors = self._registry.read([name for name, on in zip(self._names, self._active, strict=True) if on])
+        actors = self._registry.read([name for name, on in zip(self._images, self._active, strict=True) if on])
         return World(
             tick=self._tick,
             time=self._tick * TICK_S,
@@ -293,10 +301,12 @@ _Row = tuple[float, float, float, float, int, int]  # x, y, angle, speed, lane, 
 class _Registry:
     """Names, kinds and boxes of everything seen so far, and the egos' images in SUMO."""
 
-    def __init__(self, network: RoadNetwork, scenario: Scenario, vehicle: VehicleParameters) -> None:
+    def __init__(
+        self, network: RoadNetwork, scenario: Scenario, vehicle: VehicleParameters, egos: tuple[str, ...]
+    ) -> None:
         self.names: list[str] = []
         self._vehicle = vehicle
-        self._egos = {mission.name for mission in scenario.missions}
+        self._egos = frozenset(egos)
         self._lane_index = network.lane_index
         self._keys: dict[str, int] = {}
         self._kind: IntArray = np.zeros(256, dtype=np.int64)

@@ -189,8 +189,10 @@ class Autopilot(Agent):
         if speed**2 / (2 * (enter - 0.2)) > 7.0 and not on_foot:
             return False  # too late to stop before it: clear it instead
         patience = self.style.patience if priority > 0 else self.style.patience / 4
-        if other_speed < 0.3 and other_enter > 0.5 and (self._standing > patience or on_foot):
+        if other_speed < 0.3 and on_foot and other_enter > 0.5:
             return False
+        if other_speed < 0.3 and other_enter > -2.0 and self._standing > patience:
+            return False  # each waits for the other; whether there is room is for the leader rule to see
         arrive, clear = self._window(speed, enter, leave)
         other_arrive, other_clear = _earliest(other_enter, other_speed, kind), _latest(other_leave, other_speed)
         if priority < 0:
