@@ -25,10 +25,9 @@ from sumo_networks.routing import Route, plan_route
 from sumo_networks.scenario import Scenario
 from sumo_networks.traffic import Population, Trip, Walk
 from sumo_networks.vehicle import ACCELERATION, HEADING, SPEED, STEERING, YAW_RATE, VehicleParameters, Vehicles
-from sumo_networks.world import ActorKind, Actors, Contact, Egos, LightState, World
+from sumo_networks.world import SIGHT_M, ActorKind, Actors, Contact, Egos, LightState, World
 
 TICK_S = 0.1
-SIGHT_M = 100.0
 START_CLEARANCE_M = 20.0
 _TYPES = Path(__file__).with_name("vehicle_types.add.xml")
 _OPTIONS = (

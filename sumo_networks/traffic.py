@@ -13,10 +13,10 @@ from sumo_networks.arrays import BoolArray, FloatArray, IntArray
 from sumo_networks.errors import InvalidInputError
 from sumo_networks.network import RoadNetwork
 from sumo_networks.scenario import Traffic
+from sumo_networks.world import SIGHT_M
 
 VEHICLE_TYPES = ("car", "van", "truck", "bus")
 VEHICLE_SHARES = (0.84, 0.08, 0.04, 0.04)
-CLEAR_OF_EGO_M = 40.0
 ATTEMPTS = 30
 
 
@@ -158,7 +158,7 @@ class EdgeGraph:
         self._trees: dict[int, IntArray] = {}
 
     def random_path(self, rng: np.random.Generator, egos: FloatArray, on_the_way: bool) -> tuple[str, ...]:
-        """A random journey, as edge ids.
+        """A random journey, as edge ids, that begins out of the egos' sight where the network is large enough.
 
         Raises:
             InvalidInputError: No two edges are connected.
@@ -166,16 +166,16 @@ class EdgeGraph:
         everywhere = np.arange(len(self.edges))
         sources = everywhere if on_the_way or not len(self.sources) else self.sources
         sinks = self.sinks if len(self.sinks) else everywhere
+        sources = sources[out_of_sight(self.start[sources], egos)]
         weight = self.lane_count[sources] * (self.length[sources] if on_the_way else 1.0)
-        for attempt in range(ATTEMPTS):
+        for _ in range(ATTEMPTS):
             source = int(rng.choice(sources, p=weight / weight.sum()))
             sink = int(rng.choice(sinks, p=self.lane_count[sinks] / self.lane_count[sinks].sum()))
-            near = len(egos) and np.hypot(*(egos - self.start[source]).T).min() < CLEAR_OF_EGO_M
-            if source == sink or (near and attempt < ATTEMPTS // 2):
-                continue
-            path = self._path(source, sink)
+            path = self._path(source, sink) if source != sink else []
             if path:
                 return tuple(self.names[i] for i in path)
+        if len(egos):
+            return self.random_path(rng, np.empty((0, 2)), on_the_way)
         raise InvalidInputError("traffic: the network has no two connected edges for its vehicles to drive between")
 
     def _path(self, source: int, sink: int) -> list[int]:
@@ -205,6 +205,15 @@ class EdgeGraph:
                     best[j], parents[j] = through, i
                     heapq.heappush(frontier, (through, j))
         return parents
+
+
+def out_of_sight(places: FloatArray, egos: FloatArray) -> IntArray:
+    """Rows of the places (N, 2) [m] that no ego can see; where all are in sight, that of the farthest."""
+    if not len(egos):
+        return np.arange(len(places))
+    distance = np.hypot(*(places[:, None] - egos).T).min(axis=0)
+    hidden = np.flatnonzero(distance > SIGHT_M)
+    return hidden if len(hidden) else np.array([np.argmax(distance)])
 
 
 def _followers(network: RoadNetwork, permission: BoolArray, normal: BoolArray, row: dict[int, int]) -> list[list[int]]:
@@ -240,10 +249,8 @@ class Sidewalks:
     def random_walk(self, rng: np.random.Generator, egos: FloatArray) -> Walk:
         """A random way on foot; its start is away from the egos where that is possible."""
         weight = self.length / self.length.sum()
-        for _ in range(ATTEMPTS):
-            a = int(rng.choice(len(self.lanes), p=weight))
-            if not len(egos) or np.hypot(*(egos - self.middle[a]).T).min() > CLEAR_OF_EGO_M:
-                break
+        hidden = out_of_sight(self.middle, egos)
+        a = int(hidden[rng.choice(len(hidden), p=weight[hidden] / weight[hidden].sum())])
         b = int(rng.choice(len(self.lanes), p=weight))
         at = rng.uniform(0.05, 0.95, size=2) * self.length[[a, b]]
         return Walk(self.names[a], float(at[0]), self.names[b], float(at[1]))

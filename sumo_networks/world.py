@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from sumo_networks.network import RoadNetwork
     from sumo_networks.routing import Route
 
+SIGHT_M = 100.0
+"""How far around an ego the world is known, m."""
+
 
 class ActorKind(IntEnum):
     """What an actor is."""
