@@ -11,6 +11,7 @@ import multiprocessing
 import os
 import threading
 import time
+import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -25,7 +26,7 @@ from evaluation.runner import drive_episode, versions
 from evaluation.store import seal, write_record
 from evaluation.trajectory import TrajectoryRecorder
 from sumo_networks.catalog import load_network
-from sumo_networks.errors import SimulationError
+from sumo_networks.errors import InvalidInputError
 from sumo_networks.routing import plan_route
 from sumo_networks.scenario import Scenario
 
@@ -74,26 +75,31 @@ class ProcessPool:
 
     def run(self, jobs: Sequence[Job]) -> Iterator[EpisodeRecord]:
         """See `Executor`."""
-        pending = deque((job, 1) for job in jobs)
-        crew = [_Worker() for _ in range(min(self.workers, len(jobs)))]
+        crew = [Worker() for _ in range(min(self.workers, len(jobs)))]
         try:
-            for worker in crew:
-                worker.take(pending)
-            while any(worker.job for worker in crew):
-                ready = wait([worker.pipe for worker in crew if worker.job], timeout=POLL_S)
-                for worker in crew:
-                    if worker.job and (worker.pipe in ready or not worker.process.is_alive() or worker.hangs()):
-                        record = worker.collect(pending)
-                        if record is not None:
-                            yield record
-                        worker.take(pending)
+            yield from drive_all(jobs, crew)
         finally:
             for worker in crew:
                 worker.stop()
 
 
+def drive_all(jobs: Sequence[Job], crew: Sequence[Worker]) -> Iterator[EpisodeRecord]:
+    """Spreads jobs over worker processes, which stay alive; yields one record per job, as `Executor` does."""
+    pending = deque((job, 1) for job in jobs)
+    for worker in crew:
+        worker.take(pending)
+    while any(worker.job for worker in crew):
+        ready = wait([worker.pipe for worker in crew if worker.job], timeout=POLL_S)
+        for worker in crew:
+            if worker.job and (worker.pipe in ready or not worker.process.is_alive() or worker.hangs()):
+                record = worker.collect(pending)
+                if record is not None:
+                    yield record
+                worker.take(pending)
+
+
 @dataclass(slots=True)
-class _Worker:
+class Worker:
     """One worker process, as its parent sees it."""
 
     job: Job | None = None
@@ -135,6 +141,8 @@ class _Worker:
         assert job is not None
         answer = self._answer()
         self.job = None
+        if isinstance(answer, InvalidInputError):
+            raise answer
         if isinstance(answer, EpisodeRecord):
             return answer
         self.process.join(timeout=0.0 if hangs else 1.0)
@@ -142,13 +150,13 @@ class _Worker:
         self.stop()
         self._start()
         if hangs:
-            return _without_trajectory(job, Status.AGENT_DEADLINE, "agent never returned; its process was ended")
+            return lost_episode(job, Status.AGENT_DEADLINE, "agent never returned; its process was ended")
         if self.attempt < MAX_ATTEMPTS:
             pending.append((job, self.attempt + 1))
             return None
-        return _without_trajectory(job, Status.SIMULATION, failure)
+        return lost_episode(job, Status.SIMULATION, failure)
 
-    def _answer(self) -> EpisodeRecord | str | None:
+    def _answer(self) -> EpisodeRecord | InvalidInputError | str | None:
         """What the worker sent: a record, or why there is none; None where it died silently."""
         try:
             return self.pipe.recv() if self.pipe.poll() else None
@@ -164,7 +172,7 @@ class _Worker:
             self.process.join()
 
 
-def _without_trajectory(job: Job, status: Status, failure: str) -> EpisodeRecord:
+def lost_episode(job: Job, status: Status, failure: str) -> EpisodeRecord:
     """Writes the record of an episode whose process did not live to write it."""
     network = load_network(job.scenario.network)
     egos = tuple(
@@ -216,8 +224,11 @@ def _work(pipe: Connection, must_end_by: Synchronized[float]) -> None:
         job = jobs.popleft()
         try:
             pipe.send(drive_job(job, watch))
-        except SimulationError as error:
-            pipe.send(str(error))
+        except InvalidInputError as error:  # no second attempt would go better, nor would the other jobs
+            pipe.send(InvalidInputError(str(error)))
+        except Exception as error:  # an error of ours: the batch survives it, and the record says what it was
+            traceback.print_exc()
+            pipe.send(f"{type(error).__name__}: {error}")
 
 
 def drive_job(job: Job, watch: Callable[[float], None] = lambda seconds: None) -> EpisodeRecord:

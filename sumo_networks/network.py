@@ -133,7 +133,7 @@ class Junctions:
     points: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RoadNetwork:
     """The roads of one place.
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from functools import lru_cache
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -72,10 +73,7 @@ class Population:
     """
 
     def __init__(self, network: RoadNetwork, traffic: Traffic, rng: np.random.Generator) -> None:
-        self.traffic, self.rng = traffic, rng
-        self.roads = EdgeGraph(network, network.lanes.drivable) if traffic.vehicles else None
-        self.cycleways = EdgeGraph(network, network.lanes.bicycle) if traffic.bicycles else None
-        self.sidewalks = _sidewalks(network) if traffic.pedestrians else None
+        self.network, self.traffic, self.rng = network, traffic, rng
         self._count = 0
 
     def fill(self, stage: Stage) -> None:
@@ -119,18 +117,18 @@ class Population:
         return f"{kind}-{self._count}"
 
     def _vehicle_trip(self, egos: FloatArray, on_the_way: bool) -> Trip:
-        assert self.roads is not None
         kind = VEHICLE_TYPES[int(self.rng.choice(len(VEHICLE_TYPES), p=VEHICLE_SHARES))]
-        return Trip(kind, self.roads.random_path(self.rng, egos, on_the_way), on_the_way)
+        return Trip(kind, edge_graph(self.network, "drivable").random_path(self.rng, egos, on_the_way), on_the_way)
 
     def _bicycle_trip(self, egos: FloatArray, on_the_way: bool) -> Trip:
-        assert self.cycleways is not None
-        return Trip("bicycle", self.cycleways.random_path(self.rng, egos, on_the_way), on_the_way)
+        path = edge_graph(self.network, "bicycle").random_path(self.rng, egos, on_the_way)
+        return Trip("bicycle", path, on_the_way)
 
     def _send_pedestrian(self, stage: Stage, egos: FloatArray) -> None:
-        assert self.sidewalks is not None
-        for _ in range(ATTEMPTS):
-            walk = self.sidewalks.random_walk(self.rng, egos)
+        for attempt in range(ATTEMPTS):
+            # What is out of the egos' sight may be an island.
+            avoided = egos if attempt < ATTEMPTS // 2 else np.empty((0, 2))
+            walk = sidewalks(self.network).random_walk(self.rng, avoided)
             if stage.add_pedestrian(self._name("pedestrian"), walk):
                 return
 
@@ -161,7 +159,7 @@ class EdgeGraph:
         """A random journey, as edge ids, that begins out of the egos' sight where the network is large enough.
 
         Raises:
-            InvalidInputError: No two edges are connected.
+            InvalidInputError: No two edges are connected, nor does any lead through the whole network.
         """
         everywhere = np.arange(len(self.edges))
         sources = everywhere if on_the_way or not len(self.sources) else self.sources
@@ -174,6 +172,9 @@ class EdgeGraph:
             path = self._path(source, sink) if source != sink else []
             if path:
                 return tuple(self.names[i] for i in path)
+        alone = np.intersect1d(np.intersect1d(sources, self.sources), self.sinks)
+        if len(alone):  # a road that meets no other, such as a stretch of motorway
+            return (self.names[int(rng.choice(alone, p=self.lane_count[alone] / self.lane_count[alone].sum()))],)
         if len(egos):
             return self.random_path(rng, np.empty((0, 2)), on_the_way)
         raise InvalidInputError("traffic: the network has no two connected edges for its vehicles to drive between")
@@ -256,8 +257,20 @@ class Sidewalks:
         return Walk(self.names[a], float(at[0]), self.names[b], float(at[1]))
 
 
-def _sidewalks(network: RoadNetwork) -> Sidewalks:
-    sidewalks = Sidewalks(network)
-    if not len(sidewalks.lanes):
+@lru_cache(maxsize=16)
+def edge_graph(network: RoadNetwork, kind: Literal["drivable", "bicycle"]) -> EdgeGraph:
+    """The edges open to cars or to bicycles, built once per network."""
+    return EdgeGraph(network, getattr(network.lanes, kind))
+
+
+@lru_cache(maxsize=16)
+def sidewalks(network: RoadNetwork) -> Sidewalks:
+    """The network's sidewalks, found once.
+
+    Raises:
+        InvalidInputError: It has none.
+    """
+    found = Sidewalks(network)
+    if not len(found.lanes):
         raise InvalidInputError(f"traffic: network '{network.name}' has no sidewalk, so pedestrians must be 0")
-    return sidewalks
+    return found

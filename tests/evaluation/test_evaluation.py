@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+import sumo
 
 from evaluation.benchmark import Benchmark
 from evaluation.evaluation import Result, read_result, run_benchmark
@@ -194,3 +195,23 @@ def test_an_impossible_agent_is_refused_before_anything_is_written(tmp_path: Pat
     with pytest.raises(InvalidInputError, match=says):
         run_benchmark(benchmark(), entry, out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_world_that_cannot_be_is_the_users_to_mend(tmp_path: Path) -> None:
+    nowhere_to_walk = benchmark(missions=1).model_dump(mode="json")
+    nowhere_to_walk["cells"][0]["network"] = str(motorway(tmp_path))
+    nowhere_to_walk["missions"]["all"][0] |= {"start": {"lane": "a_0"}, "goal": {"lane": "a_0", "position_m": 90.0}}
+    with pytest.raises(InvalidInputError, match="no sidewalk"):
+        run_benchmark(Benchmark.model_validate(nowhere_to_walk), STEADY, seeds=[0], out=tmp_path / "out")
+
+
+def motorway(folder: Path) -> Path:
+    """A road without sidewalks."""
+    (folder / "m.nod.xml").write_text('<nodes><node id="n" x="0" y="0"/><node id="m" x="200" y="0"/></nodes>')
+    edge = '<edge id="a" from="n" to="m" numLanes="2" disallow="pedestrian"/>'
+    (folder / "m.edg.xml").write_text(f"<edges>{edge}</edges>")
+    net = folder / "m.net.xml"
+    netconvert = Path(sumo.SUMO_HOME) / "bin" / "netconvert"
+    command = [netconvert, "-n", folder / "m.nod.xml", "-e", folder / "m.edg.xml", "-o", net]
+    subprocess.run(command, check=True, capture_output=True)
+    return net
