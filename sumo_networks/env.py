@@ -12,7 +12,7 @@ from pettingzoo import ParallelEnv
 from sumo_networks.arrays import Float32Array
 from sumo_networks.catalog import load_network
 from sumo_networks.conditions import conditions_named
-from sumo_networks.control import Control, make_control
+from sumo_networks.control import Control, InvalidActionError, make_control
 from sumo_networks.reward import Reward, make_reward
 from sumo_networks.routing import Route
 from sumo_networks.scenario import Scenario
@@ -132,10 +132,12 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
             Observations, rewards, terminations, truncations and infos of the egos that drove in this tick.
 
         Raises:
-            InvalidActionError: An action has a wrong shape or is not finite; nothing has moved then.
+            InvalidActionError: An action is missing, has a wrong shape or is not finite; nothing has moved then.
             SimulationError: SUMO failed.
         """
         drove, before = list(self.agents), self.world
+        if missing := [name for name in drove if name not in actions]:
+            raise InvalidActionError(f"expected an action for every ego that drives, got none for {', '.join(missing)}")
         commands = np.zeros((len(self.possible_agents), 2))
         for name in drove:
             ego = self._index[name]

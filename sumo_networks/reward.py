@@ -35,7 +35,7 @@ class Roach:
     """The reward of Roach, as RLAD and RLfOLD use it: speed, position, rotation, action, termination.
 
     r = r_speed + r_position + r_rotation + r_action + r_termination, with the desired speed falling linearly to 0
-    towards vehicles, pedestrians, red and yellow lights and stop signs.
+    towards vehicles, pedestrians, red and yellow lights. Stop signs, which Roach knows too, do not count.
 
     Attributes:
         max_speed: Desired speed on a free road, m/s (6 in RLAD, 5 in RLfOLD).
@@ -81,19 +81,19 @@ LIGHT_M = 18.0
 
 def _hazards(world: World, ego: int) -> tuple[float, float]:
     """Distances to the nearest hazardous vehicle and pedestrian, m; infinite where there is none."""
-    egos, actors = world.egos, world.actors
-    if not len(actors):
-        return math.inf, math.inf
-    offset = actors.position - egos.position[ego]
+    egos, actors, lanes = world.egos, world.actors, world.network.lanes
+    others = np.flatnonzero(egos.active & (np.arange(len(egos.names)) != ego))
+    offset = np.concatenate([actors.position, egos.position[others]]) - egos.position[ego]
+    heading = np.concatenate([actors.heading, egos.heading[others]])
+    on_foot = np.concatenate([actors.kind == ActorKind.PEDESTRIAN, np.zeros(len(others), dtype=np.bool_)])
+    lane = np.concatenate([actors.lane, np.full(len(others), -1)])
     distance = np.hypot(*offset.T)
     bearing = np.abs(_wrapped(np.arctan2(offset[:, 1], offset[:, 0]) - egos.heading[ego]))
-    turned = np.abs(_wrapped(actors.heading - egos.heading[ego]))
-    on_foot = actors.kind == ActorKind.PEDESTRIAN
+    turned = np.abs(_wrapped(heading - egos.heading[ego]))
     vehicle = ~on_foot & (distance < HAZARD_M) & (bearing < math.radians(45)) & (turned <= math.radians(150))
-    lanes = world.network.lanes
-    off_road = (actors.lane >= 0) & lanes.pedestrian[actors.lane] & ~lanes.crossing[actors.lane]
+    sidewalk = (lane >= 0) & lanes.pedestrian[lane] & ~lanes.crossing[lane] & ~lanes.drivable[lane]
     cone = np.radians(162.0 / (np.clip(distance, 1.5, 10.5) + 0.3))
-    pedestrian = on_foot & ~off_road & (distance < HAZARD_M) & (bearing < cone)
+    pedestrian = on_foot & ~sidewalk & (distance < HAZARD_M) & (bearing < cone)
     nearest = [float(distance[mask].min()) if mask.any() else math.inf for mask in (vehicle, pedestrian)]
     return nearest[0], nearest[1]
 

@@ -166,7 +166,7 @@ class EdgeGraph:
         sinks = self.sinks if len(self.sinks) else everywhere
         sources = sources[out_of_sight(self.start[sources], egos)]
         weight = self.lane_count[sources] * (self.length[sources] if on_the_way else 1.0)
-        for _ in range(ATTEMPTS):
+        for _ in range(ATTEMPTS if len(sources) else 0):
             source = int(rng.choice(sources, p=weight / weight.sum()))
             sink = int(rng.choice(sinks, p=self.lane_count[sinks] / self.lane_count[sinks].sum()))
             path = self._path(source, sink) if source != sink else []

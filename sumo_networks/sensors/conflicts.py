@@ -35,8 +35,8 @@ class Conflicts(Sensor):
     at which its rear has left [m] (1000 where the other joins the ego's lane), distance of the other's front to where
     they meet [m] (negative: it is there now), distance of the other's front at which its rear has left [m], its speed
     [m/s], right of way (1 the ego must give way, 0 undecided, -1 the other must), kind (`world.ActorKind`), key. Actors
-    already ahead in the ego's path are left out: they are leaders, not conflicts. Unused rows have distances of 1000
-    and kind -1.
+    already ahead in the ego's path, and those that follow it, are left out: they are leaders and followers, not
+    conflicts. Unused rows have distances of 1000 and kind -1.
     """
 
     name = "conflicts"
@@ -166,7 +166,7 @@ def _meeting(ego: FloatArray, other: FloatArray, reach: float) -> tuple[float, f
 
     Returns:
         Index on the ego's path where they meet and part, index on the other's path likewise; -1 first where they
-        never meet, or where the other is in the ego's path already and heads the same way.
+        never meet, or where the other is in the ego's path already, or comes up behind it, and heads the same way.
     """
     enter, leave, other_enter, other_leave = -1, -1, 1_000_000, -1
     spacing = math.hypot(other[1, 0] - other[0, 0], other[1, 1] - other[0, 1])
@@ -181,9 +181,10 @@ def _meeting(ego: FloatArray, other: FloatArray, reach: float) -> tuple[float, f
                 other_leave = max(other_leave, j)
     if enter < 0:
         return -1.0, 0.0, 0.0, 0.0
-    if other_enter == 0 and ego.shape[0] > enter + 1:
+    if (other_enter == 0 or enter == 0) and ego.shape[0] > enter + 1:
         ex, ey = ego[enter + 1, 0] - ego[enter, 0], ego[enter + 1, 1] - ego[enter, 1]
-        ox, oy = other[1, 0] - other[0, 0], other[1, 1] - other[0, 1]
+        j = min(other_enter, other.shape[0] - 2)
+        ox, oy = other[j + 1, 0] - other[j, 0], other[j + 1, 1] - other[j, 1]
         if ex * ox + ey * oy > 0.7 * math.hypot(ex, ey) * math.hypot(ox, oy):
             return -1.0, 0.0, 0.0, 0.0
     return float(enter), float(leave), other_enter * spacing, other_leave * spacing
