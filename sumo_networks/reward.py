@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -35,12 +35,12 @@ class Roach:
     """The reward of Roach, as RLAD and RLfOLD use it: speed, position, rotation, action, termination.
 
     r = r_speed + r_position + r_rotation + r_action + r_termination, with the desired speed falling linearly to 0
-    towards vehicles, pedestrians, red and yellow lights. Stop signs, which Roach knows too, do not count.
+    towards vehicles, pedestrians, red and yellow lights, and stop signs at which the ego has not stood yet.
 
     Attributes:
         max_speed: Desired speed on a free road, m/s (6 in RLAD, 5 in RLfOLD).
         lateral_limit: Distance from the route that ends the episode, m.
-        obey_lights: False for the NoCrash variant, which ignores lights.
+        obey_lights: False for the NoCrash variant, which ignores lights and signs.
 
     Source: Zhang et al. 2021 (Roach); Coelho 2024, section 3.
     """
@@ -48,6 +48,7 @@ class Roach:
     max_speed: float = 6.0
     lateral_limit: float = 3.5
     obey_lights: bool = True
+    _stood_before: float = field(default=-1.0, init=False, repr=False)
 
     def __call__(self, before: World, after: World, ego: int) -> tuple[float, bool]:
         """See `Reward`."""
@@ -71,12 +72,25 @@ class Roach:
         share = min(share, float(np.clip(vehicle - 8.0, 0.0, 5.0)) / 5)
         share = min(share, float(np.clip(pedestrian - 6.0, 0.0, 5.0)) / 5)
         if self.obey_lights:
-            share = min(share, float(np.clip(_closed_line(world, ego) - 5.0, 0.0, 5.0)) / 5)
+            closed = min(_closed_line(world, ego), self._stop_sign(world, ego))
+            share = min(share, float(np.clip(closed - 5.0, 0.0, 5.0)) / 5)
         return self.max_speed * share
+
+    def _stop_sign(self, world: World, ego: int) -> float:
+        """Distance from the ego's centre to the next stop sign within 18 m, unless it has stood there; else infinite."""
+        progress = float(world.egos.progress[ego])
+        for passage in world.routes[ego].passages:
+            ahead = passage.entry - progress
+            if 0.0 <= ahead < LIGHT_M and passage.control in "sw" and passage.signal < 0:
+                if ahead < STANDING_M and world.egos.speed[ego] < 0.1:
+                    self._stood_before = passage.entry
+                return math.inf if self._stood_before == passage.entry else ahead
+        return math.inf
 
 
 HAZARD_M = 9.5
 LIGHT_M = 18.0
+STANDING_M = 7.0
 
 
 def _hazards(world: World, ego: int) -> tuple[float, float]:

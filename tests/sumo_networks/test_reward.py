@@ -9,7 +9,7 @@ import pytest
 from sumo_networks.errors import UnknownNameError
 from sumo_networks.reward import Roach, make_reward
 from sumo_networks.world import ActorKind, LightState, World
-from tests.worlds import Scene, crossing_for_pedestrians, lit_crossing, straight_road
+from tests.worlds import Scene, crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road
 
 SOUTH = -math.pi / 2
 FREE = straight_road().with_ego(x=100.0, speed=6.0)
@@ -134,6 +134,16 @@ def test_a_closed_light_slows_it_down(light: LightState, distance: float, share:
     assert wish(scene.with_lights(light)) == pytest.approx(share, abs=0.01)
     assert wish(scene.with_lights(LightState.GREEN)) == 1.0
     assert Roach(obey_lights=False).desired_speed(scene.with_lights(light).world(), 0) == 6.0
+
+
+def test_a_stop_sign_slows_it_down_until_it_has_stood_there() -> None:
+    scene, reward = stop_sign_crossing(), Roach()
+    near = scene.with_ego(x=scene.stop_line("w_c_0") - 6.0, speed=2.0).world()
+    standing = scene.with_ego(x=scene.stop_line("w_c_0") - 6.0, speed=0.0).world()
+    assert reward.desired_speed(near, 0) == pytest.approx(6.0 * 0.2)
+    assert reward.desired_speed(standing, 0) == 6.0
+    assert reward.desired_speed(near, 0) == 6.0, "it has stood there"
+    assert Roach(obey_lights=False).desired_speed(near, 0) == 6.0
 
 
 def test_another_ego_slows_it_down_while_it_drives() -> None:
