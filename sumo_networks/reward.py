@@ -77,7 +77,7 @@ class Roach:
         return self.max_speed * share
 
     def _stop_sign(self, world: World, ego: int) -> float:
-        """Distance from the ego's centre to the next stop sign within 18 m, unless it has stood there; else infinite."""
+        """Distance from the ego's centre to a stop sign within 18 m, unless it has stood there; else infinite."""
         progress = float(world.egos.progress[ego])
         for passage in world.routes[ego].passages:
             ahead = passage.entry - progress

@@ -17,6 +17,7 @@ from sumo_networks.network import RoadNetwork
 from sumo_networks.scenario import Mission, Place
 
 SPACING_M = 1.0
+MIN_LENGTH_M = 2.0
 LANE_CHANGE_COST_S = 5.0
 SHORT_LANE_CHANGE_COST_S = 60.0
 MIN_LANE_CHANGE_M = 20.0
@@ -148,10 +149,9 @@ def plan_route(network: RoadNetwork, mission: Mission) -> Route:
             f"mission '{mission.name}': no lane-level route leads from '{mission.start.lane}'{via} to goal lane "
             f"'{mission.goal.lane}' for passenger cars"
         )
-    route = _PathBuilder(network, lanes, start[1], goal[1]).build()
-    if route.length < 2 * SPACING_M:
-        raise InvalidInputError(f"mission '{mission.name}': start and goal are less than 2 m apart")
-    return route
+    if len(lanes) == 1 and goal[1] - start[1] < MIN_LENGTH_M:
+        raise InvalidInputError(f"mission '{mission.name}': start and goal are less than {MIN_LENGTH_M:g} m apart")
+    return _PathBuilder(network, lanes, start[1], goal[1]).build()
 
 
 def _place(network: RoadNetwork, mission: Mission, what: str, place: Place) -> tuple[int, float]:

@@ -1,52 +1,26 @@
-"""`dohyo networks`, `dohyo agents`, `dohyo benchmarks`: what there is."""
+"""`dohyo agents`, `dohyo benchmarks`: what there is."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from agents.registry import agent_entries
 from evaluation.agent import make_agent
 from evaluation.benchmark import benchmark_names, load_benchmark
 from service.cli.output import print_listing
-from sumo_networks.catalog import load_network, network_entry, network_names
 
-networks = typer.Typer(help="Road networks.", no_args_is_help=True)
 agents = typer.Typer(help="Driving agents.", no_args_is_help=True)
 benchmarks = typer.Typer(help="Benchmarks.", no_args_is_help=True)
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 
 
-@networks.callback()
 @agents.callback()
 @benchmarks.callback()
 def _group() -> None:
     """Keeps `list` a subcommand although it is the only one."""
-
-
-@networks.command("list")
-def list_networks(json: Json = False) -> None:
-    """Lists the networks of the catalog."""
-    rows = []
-    for name in network_names():
-        network, entry = load_network(name), network_entry(name)
-        lanes = network.lanes
-        road = lanes.drivable & ~lanes.internal
-        rows.append(
-            {
-                "name": name,
-                "lanes": int(road.sum()),
-                "lane_km": round(float(lanes.length[road].sum()) / 1000, 1),
-                "lights": len(network.signals.light_ids),
-                "crossings": int(np.count_nonzero(lanes.crossing)),
-                "title": entry.title,
-                "licence": entry.licence,
-            }
-        )
-    print_listing(rows, json)
 
 
 @agents.command("list")

@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from service.cli import catalogs, evaluate, records
+from service.cli import catalogs, evaluate, networks, records, routes
 from sumo_networks.errors import DohyoError
 
 BAD_INPUT, INTERRUPTED = 2, 130
@@ -18,9 +18,10 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-app.add_typer(catalogs.networks, name="networks")
+app.add_typer(networks.networks, name="networks")
 app.add_typer(catalogs.agents, name="agents")
 app.add_typer(catalogs.benchmarks, name="benchmarks")
+catalogs.benchmarks.command("import")(routes.import_file)
 app.command("evaluate")(evaluate.evaluate)
 app.command("report")(records.report)
 app.command("verify")(records.verify)

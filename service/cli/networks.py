@@ -1,0 +1,130 @@
+"""`dohyo networks`: what there is, how it looks, and how to bring your own."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from service.cli.output import DASH, console, print_json, print_listing, print_rows
+from sumo_networks.catalog import builtin_names, load_network, network_entry, network_names
+from sumo_networks.drawing import write_map
+from sumo_networks.errors import InvalidInputError
+from sumo_networks.importing import LIMIT_MB, build_network, import_network
+from sumo_networks.inspection import NetworkReport, inspect_network
+
+SHOWN = 6
+
+networks = typer.Typer(help="Road networks.", no_args_is_help=True)
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
+Network = Annotated[str, typer.Argument(help="Name in the catalog, or path of a .net.xml[.gz].")]
+
+
+@networks.command("list")
+def list_networks(json: Json = False) -> None:
+    """Lists the networks that come with dohyo, and those you imported."""
+    print_listing([_row(name) for name in network_names()], json)
+
+
+@networks.command("show")
+def show(
+    name: Network,
+    out: Annotated[Path | None, typer.Option(help="A .png, .svg or .html file; default: NAME.html.")] = None,
+) -> None:
+    """Draws a network as a road map."""
+    network = load_network(name)
+    path = write_map(network, out or Path(f"{network.name}.html"))
+    console.print(f"map: {path.resolve()}", soft_wrap=True)
+
+
+@networks.command("check")
+def check(name: Network, json: Json = False) -> None:
+    """Reports what a network holds, and what about it would trouble a driver."""
+    guessed = network_entry(name).guessed if name in network_names() else ()
+    _print_report(inspect_network(load_network(name), guessed), json)
+
+
+@networks.command("import")
+def import_file(
+    file: Annotated[Path, typer.Argument(help=".net.xml, .osm[.xml] or .xodr, each also with .gz.")],
+    name: Annotated[str, typer.Option(help="What to call it: small letters, digits and hyphens.")],
+    lights: Annotated[bool, typer.Option("--lights", help="Guess traffic lights at large junctions.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace your network of this name.")] = False,
+    limit_mb: Annotated[float, typer.Option(min=0.001, help="Largest size, packed or unpacked, MB.")] = LIMIT_MB,
+    licence: Annotated[str | None, typer.Option(help="Of the source's data.")] = None,
+    json: Json = False,
+) -> None:
+    """Imports a road network into your catalog, and checks it."""
+    done = import_network(file, name, lights=lights, force=force, limit_mb=limit_mb, licence=licence)
+    _print_report(done.report, json)
+    if not json:
+        console.print(f"network '{name}': {done.folder.resolve()}", soft_wrap=True)
+
+
+@networks.command("build")
+def build(
+    folder: Annotated[Path, typer.Argument(help="Holds NAME.netccfg and plain XML, and is called NAME.")],
+    out: Annotated[Path | None, typer.Option(help="The net to write; default: FOLDER/NAME.net.xml.")] = None,
+) -> None:
+    """Builds a network from plain XML; the same source gives the same bytes."""
+    console.print(f"net: {build_network(folder, out).resolve()}", soft_wrap=True)
+
+
+def _row(name: str) -> dict[str, Any]:
+    row: dict[str, Any] = dict.fromkeys(("name", "lanes", "lane_km", "lights", "crossings", "title", "licence", "from"))
+    row |= {"name": name, "from": "dohyo" if name in builtin_names() else "you"}
+    try:
+        network, entry = load_network(name), network_entry(name)
+    except InvalidInputError as error:
+        if row["from"] == "dohyo":
+            raise
+        # One broken import must not hide the other networks.
+        return row | {"title": f"broken: {error}"}
+    lanes = network.lanes
+    road = lanes.drivable & ~lanes.internal
+    return row | {
+        "lanes": int(road.sum()),
+        "lane_km": round(float(lanes.length[road].sum()) / 1000, 1),
+        "lights": len(network.signals.light_ids),
+        "crossings": int(np.count_nonzero(lanes.crossing)),
+        "title": entry.title,
+        "licence": entry.licence,
+    }
+
+
+def _print_report(report: NetworkReport, as_json: bool) -> None:
+    if as_json:
+        print_json(report.as_document())
+        return
+    kinds = Counter(fault.kind for fault in report.faults)
+    print_rows(
+        (report.name, ""),
+        [
+            ("lanes", f"{report.lanes}, {report.lane_km:.1f} km; roads {report.road_km:.1f} km"),
+            ("junctions", ", ".join(f"{count} {kind}" for kind, count in report.junctions.items()) or DASH),
+            ("lights, stop signs, crossings", f"{report.lights}, {report.stop_signs}, {report.crossings}"),
+            ("sidewalks", f"along {report.sidewalk_share:.0%} of the roads"),
+            ("limits", ", ".join(f"{km:.1f} km at {limit} km/h" for limit, km in report.speed_limits_kmh.items())),
+            ("every lane leads to every other", f"{report.connected_share:.0%} of the lanes"),
+            ("outside of these", _some(report.outside)),
+            ("dead ends", _some(report.dead_ends)),
+            ("suspicious geometry", ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or DASH),
+            *((fault.kind, f"{fault.lane}: {fault.value:g} {_unit(fault.kind)}") for fault in report.faults[:SHOWN]),
+            *(("guessed" if number == 0 else "", line) for number, line in enumerate(report.guessed)),
+        ],
+    )
+
+
+def _unit(kind: str) -> str:
+    return {"short": "m long", "kink": "degrees", "curvature": "m of radius"}[kind]
+
+
+def _some(names: tuple[str, ...]) -> str:
+    if not names:
+        return DASH
+    more = f", and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    return f"{len(names)} edges: {', '.join(names[:SHOWN])}{more}"

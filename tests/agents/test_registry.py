@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint
+
+import pytest
+
+from agents import registry
+from agents.registry import GROUP, agent_entries, resolve
+from evaluation.agent import make_agent
+from sumo_networks.errors import InvalidInputError, UnknownNameError
+
+
+def test_the_experts_are_registered_and_can_be_made() -> None:
+    entries = agent_entries()
+    assert list(entries) == sorted(entries)
+    for name in ("autopilot", "reckless", "random"):
+        assert make_agent(resolve(name)).spec.name == name
+
+
+def test_what_names_its_class_needs_no_registration() -> None:
+    assert resolve("somewhere.else:Policy") == "somewhere.else:Policy"
+
+
+def test_an_unknown_agent_gets_the_nearest_name() -> None:
+    with pytest.raises(UnknownNameError, match="did you mean 'autopilot'"):
+        resolve("autopilt")
+
+
+def offered(monkeypatch: pytest.MonkeyPatch, *values: str) -> None:
+    points = [EntryPoint("twice", value, GROUP) for value in values]
+    monkeypatch.setattr(registry, "entry_points", lambda group: points)
+
+
+def test_two_agents_of_one_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    offered(monkeypatch, "a:Agent", "b:Agent")
+    with pytest.raises(InvalidInputError, match="'twice' is offered twice: a:Agent and b:Agent"):
+        agent_entries()
+
+
+def test_the_same_agent_offered_twice_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    offered(monkeypatch, "a:Agent", "a:Agent")
+    assert agent_entries() == {"twice": "a:Agent"}
