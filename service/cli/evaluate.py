@@ -6,6 +6,7 @@ import ast
 import os
 import re
 import sys
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,7 +15,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from agents.registry import resolve
 from evaluation.evaluation import Result, run_benchmark
-from evaluation.executors import ProcessPool
+from evaluation.executors import Executor, ProcessPool
+from evaluation.ray_executor import RayExecutor
 from evaluation.record import EpisodeRecord
 from evaluation.runner import ACT_DEADLINE_S
 from evaluation.summary import as_document, summarise, summarise_cells
@@ -22,15 +24,24 @@ from service.cli.output import console, print_cells, print_comparison, print_jso
 from sumo_networks.errors import InvalidInputError
 
 
+class Engine(StrEnum):
+    """What spreads the episodes over processes."""
+
+    PROCESSES = "processes"
+    RAY = "ray"
+
+
 def evaluate(
     agent: Annotated[str, typer.Option(help="Registered name, or module:Class of your own.")],
     benchmark: Annotated[str, typer.Option(help="Name, or path of a .toml file.")],
     seeds: Annotated[str | None, typer.Option(help="Such as 0,1,2 or 0-4; default: the benchmark's own.")] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: one per core.")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: one per CPU.")] = None,
     out: Annotated[Path | None, typer.Option(help="Result folder; default: out/BENCHMARK/AGENT.")] = None,
     settings: Annotated[list[str] | None, typer.Option("--set", help="key=value for the agent; repeatable.")] = None,
     deadline: Annotated[float, typer.Option(min=0.1, help="Seconds an agent may take to decide.")] = ACT_DEADLINE_S,
     reverse: Annotated[bool, typer.Option(help="Drive in reverse order; the records are the same.")] = False,
+    executor: Annotated[Engine, typer.Option(help="This machine's processes, or a Ray cluster.")] = Engine.PROCESSES,
+    address: Annotated[str | None, typer.Option(help="Of the Ray cluster; default: one on this machine.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """Evaluates an agent on a benchmark. The same command again goes on where it stopped."""
@@ -49,7 +60,7 @@ def evaluate(
             settings=_parse_settings(settings or []),
             seeds=_parse_seeds(seeds) if seeds is not None else None,
             out=out or Path("out") / Path(benchmark).stem / re.sub(r"[^\w.-]", "_", agent),
-            executor=ProcessPool(workers or os.cpu_count() or 1),
+            executor=_executor(executor, workers, address),
             act_deadline_s=deadline,
             progress=show,
             reverse=reverse,
@@ -67,6 +78,14 @@ def evaluate(
     print_comparison([summary])
     _print_failures(result)
     console.print(f"records in {result.paths[0].parent}")
+
+
+def _executor(engine: Engine, workers: int | None, address: str | None) -> Executor:
+    if engine is Engine.RAY:
+        return RayExecutor(address, workers)
+    if address is not None:
+        raise InvalidInputError("--address: only with --executor ray")
+    return ProcessPool(workers or os.cpu_count() or 1)
 
 
 def _progress(hidden: bool) -> Progress:

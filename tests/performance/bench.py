@@ -1,7 +1,8 @@
 """How fast the world turns: DrivingEnv against bare libsumo, in one run. `make bench` writes bench.json.
 
-Both simulate the same traffic from the same seed. The bare arm only calls simulationStep; the other drives one ego with
-all criteria and vector observations. Blocks of both arms alternate, so that a slow moment of the machine hits both.
+Both simulate the same traffic from the same seed. The bare arm only calls simulationStep; the other drives its egos
+with all criteria and vector observations. Blocks of all arms alternate, so that a slow moment of the machine hits all.
+Two workers are two such processes whose blocks begin together; VectorDrivingEnv keeps them in step besides.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import platform
 import statistics
 import sys
 import time
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -23,6 +25,7 @@ from sumo_networks.catalog import load_network
 from sumo_networks.env import DrivingEnv
 from sumo_networks.scenario import Mission, Place, Scenario, Traffic
 from sumo_networks.simulation import Simulation
+from sumo_networks.vector_env import VectorDrivingEnv
 
 SENSORS = ("speedometer", "navigation", "lane", "route", "objects", "lights")
 CASES = {50: "ingolstadt", 200: "adlershof", 1000: "adlershof"}
@@ -30,7 +33,18 @@ MISSIONS = {
     "ingolstadt": ("737320747#3_2", "726514449_2"),
     "adlershof": ("46039050#0_2", "414563781_4"),
 }
+FLEET = (
+    ("737320747#3_2", 8.0, "726514449_2"),
+    ("737320747#3_2", 30.0, "726514449_2"),
+    ("737320747#3_2", 52.0, "726514449_2"),
+    ("737320747#4_2", 10.0, "-306431310#1_1"),
+    ("29119849#1_2", 8.0, "54169280#2_2"),
+    ("29119849#1_3", 8.0, "-148050455#0_1"),
+    ("306431310#1_1", 5.0, "726514449_3"),
+    ("-816461649_0", 5.0, "24890429#2_1"),
+)
 BLOCK_TICKS, BLOCKS = 40, 8
+COMMAND = (5.0, 0.0)
 
 
 def scenario(network: str, vehicles: int) -> Scenario:
@@ -40,36 +54,58 @@ def scenario(network: str, vehicles: int) -> Scenario:
     return Scenario(network=network, missions=(mission,), traffic=Traffic(vehicles=vehicles, warm_up_s=60.0), seed=1)
 
 
+def fleet(vehicles: int) -> Scenario:
+    """Eight egos at once around a junction of Ingolstadt, among so many vehicles."""
+    missions = tuple(
+        Mission(name=f"ego-{i}", start=Place(lane=lane, position_m=at), goal=Place(lane=goal, position_m=-15.0))
+        for i, (lane, at, goal) in enumerate(FLEET)
+    )
+    return Scenario(network="ingolstadt", missions=missions, traffic=Traffic(vehicles=vehicles, warm_up_s=60.0), seed=1)
+
+
 def bare(pipe: Connection, case: Scenario) -> None:
     """Steps the same traffic, without egos, subscriptions or reads."""
     simulation = Simulation(load_network(case.network), case)
     simulation.start()
-    simulation.retire(0)
+    for ego in range(len(case.missions)):
+        simulation.retire(ego)
     _serve(pipe, libsumo.simulationStep)
 
 
 def driven(pipe: Connection, case: Scenario) -> None:
-    """Drives one ego along its route at 5 m/s: control, dynamics, world, criteria, observations."""
+    """Drives the egos along their routes at 5 m/s: control, dynamics, world, criteria, observations."""
     env = DrivingEnv(case, sensors=SENSORS, control="lane_command", reward=None)
     env.reset()
-    criteria = criteria_for(case)
-    for criterion in criteria:
-        criterion.start(env.world, 0)
-    action = {"ego": np.array([5.0, 0.0])}
+    criteria = [criteria_for(case) for _ in case.missions]
+    for ego, watching in enumerate(criteria):
+        for criterion in watching:
+            criterion.start(env.world, ego)
+    action = np.array(COMMAND)
 
     def tick() -> None:
         before = env.world
-        env.step(action)
-        for criterion in criteria:
-            for _ in criterion.update(before, env.world, 0):
-                pass
+        if len(env.agents) < len(criteria):
+            raise RuntimeError("an ego has arrived; a tick would be cheaper than it should be")
+        env.step(dict.fromkeys(env.agents, action))
+        for ego, watching in enumerate(criteria):
+            for criterion in watching:
+                for _ in criterion.update(before, env.world, ego):
+                    pass
 
     _serve(pipe, tick)
 
 
-def _serve(pipe: Connection, tick: object) -> None:
+def vectorised(pipe: Connection, case: Scenario, workers: int) -> None:
+    """Drives the same, without criteria, in so many processes that step together."""
+    env = VectorDrivingEnv([case], workers, sensors=SENSORS, control="lane_command", reward=None)
+    env.reset(seed=0)
+    actions = np.tile(np.float32(COMMAND), (workers, 1))
+    _serve(pipe, lambda: env.step(actions))
+    env.close()
+
+
+def _serve(pipe: Connection, tick: Callable[[], object]) -> None:
     """Runs a block whenever asked, and answers with its ticks per second."""
-    assert callable(tick)
     for _ in range(BLOCK_TICKS):
         tick()
     pipe.send(0.0)
@@ -80,41 +116,103 @@ def _serve(pipe: Connection, tick: object) -> None:
         pipe.send(BLOCK_TICKS / (time.perf_counter() - began))
 
 
-def measure(case: Scenario) -> dict[str, float]:
-    """Median ticks per second of both arms, and the median of their ratios block by block."""
-    context = multiprocessing.get_context("spawn")
-    pipes, processes = [], []
-    for arm in (bare, driven):
-        ours, theirs = context.Pipe()
-        process = context.Process(target=arm, args=(theirs, case))
-        process.start()
-        pipes.append(ours)
-        processes.append(process)
-        ours.recv()
-    rates: list[list[float]] = [[], []]
-    for _ in range(BLOCKS):
-        for arm, pipe in enumerate(pipes):
+class Arm:
+    """Processes that run blocks together; their rates add up."""
+
+    def __init__(self, work: Callable[..., None], *arguments: object, copies: int = 1) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.rates: list[float] = []
+        self._pipes, self._processes = [], []
+        for _ in range(copies):
+            ours, theirs = context.Pipe()
+            process = context.Process(target=work, args=(theirs, *arguments))
+            process.start()
+            theirs.close()
+            self._pipes.append(ours)
+            self._processes.append(process)
+        for pipe in self._pipes:
+            pipe.recv()
+
+    def block(self) -> None:
+        """Runs one."""
+        for pipe in self._pipes:
             pipe.send(True)
-            rates[arm].append(pipe.recv())
-    for pipe, process in zip(pipes, processes, strict=True):
-        pipe.send(False)
-        process.join()
-    return {
-        "bare_ticks_per_s": round(statistics.median(rates[0]), 1),
-        "env_ticks_per_s": round(statistics.median(rates[1]), 1),
-        "ratio": round(statistics.median(b / a for a, b in zip(*rates, strict=True)), 3),
+        self.rates.append(sum(pipe.recv() for pipe in self._pipes))
+
+    def end(self) -> None:
+        """Ends the processes."""
+        for pipe, process in zip(self._pipes, self._processes, strict=True):
+            pipe.send(False)
+            process.join()
+
+
+def compare(*arms: Arm) -> list[tuple[float, float]]:
+    """Of each arm, the median of its rates and of their ratios to the first arm's, block by block."""
+    for _ in range(BLOCKS):
+        for arm in arms:
+            arm.block()
+    for arm in arms:
+        arm.end()
+    first = arms[0].rates
+    return [
+        (
+            round(statistics.median(arm.rates), 1),
+            round(statistics.median(b / a for a, b in zip(first, arm.rates, strict=True)), 3),
+        )
+        for arm in arms
+    ]
+
+
+def one_ego() -> dict[str, dict[str, float]]:
+    """DrivingEnv with one ego against bare libsumo."""
+    results = {}
+    print(f"{'network':<12}{'vehicles':>9}{'bare ticks/s':>14}{'env ticks/s':>13}{'ratio':>8}")
+    for vehicles, network in CASES.items():
+        case = scenario(network, vehicles)
+        (bare_rate, _), (env_rate, ratio) = compare(Arm(bare, case), Arm(driven, case))
+        results[f"{network}-{vehicles}"] = {"bare_ticks_per_s": bare_rate, "env_ticks_per_s": env_rate, "ratio": ratio}
+        print(f"{network:<12}{vehicles:>9}{bare_rate:>14}{env_rate:>13}{ratio:>8}")
+    return results
+
+
+def eight_egos() -> dict[str, float]:
+    """Steps of single egos per second, against bare libsumo's steps."""
+    case = fleet(50)
+    (bare_rate, _), (env_rate, ratio) = compare(Arm(bare, case), Arm(driven, case))
+    egos = len(case.missions)
+    result = {"bare_ticks_per_s": bare_rate, "agent_steps_per_s": egos * env_rate, "ratio": round(egos * ratio, 3)}
+    print(f"8 egos, 50 vehicles: {egos * env_rate:.0f} agent-steps/s, bare {bare_rate:.0f} ticks/s: {result['ratio']}")
+    return result
+
+
+def two_workers() -> dict[str, float]:
+    """Two processes against one, each on its own and in step."""
+    case = scenario("ingolstadt", 50)
+    arms = (Arm(driven, case), Arm(driven, case, copies=2), Arm(vectorised, case, 1), Arm(vectorised, case, 2))
+    (one, _), (two, apart), (vector_one, _), (vector_two, _) = compare(*arms)
+    together = 2 * statistics.median(b / a for a, b in zip(arms[2].rates, arms[3].rates, strict=True))
+    result = {
+        "one_ticks_per_s": one,
+        "two_ticks_per_s": two,
+        "ratio": apart,
+        "vector_one_ticks_per_s": vector_one,
+        "vector_two_ticks_per_s": 2 * vector_two,
+        "vector_ratio": round(together, 3),
     }
+    print(f"2 workers / 1: {apart} ({two:.0f} / {one:.0f} ticks/s)")
+    print(f"VectorDrivingEnv of 2 / of 1: {together:.3f} ({2 * vector_two:.0f} / {vector_one:.0f} ticks/s)")
+    return result
 
 
 def main() -> None:
     """Prints the table and writes bench.json."""
-    results = {}
-    print(f"{'network':<12}{'vehicles':>9}{'bare ticks/s':>14}{'env ticks/s':>13}{'ratio':>8}")
-    for vehicles, network in CASES.items():
-        row = measure(scenario(network, vehicles))
-        results[f"{network}-{vehicles}"] = row
-        print(f"{network:<12}{vehicles:>9}{row['bare_ticks_per_s']:>14}{row['env_ticks_per_s']:>13}{row['ratio']:>8}")
-    document = {"python": sys.version.split()[0], "machine": platform.machine(), "one_ego": results}
+    document = {
+        "python": sys.version.split()[0],
+        "machine": platform.machine(),
+        "one_ego": one_ego(),
+        "eight_egos": eight_egos(),
+        "two_workers": two_workers(),
+    }
     Path("bench.json").write_text(json.dumps(document, indent=1) + "\n")
 
 

@@ -124,6 +124,7 @@ def test_a_retired_ego_frees_its_place(start: Start) -> None:
     assert not reached(driven(simulation, BRAKE, 20.0))
     simulation.retire(0)
     worlds = driven(simulation, BRAKE, 25.0)
+    assert [name for name in libsumo.vehicle.getIDList() if name.startswith("ego")] == ["ego:watcher"]
     assert reached(worlds), "its place is free again"
     assert not worlds[-1].egos.active[0]
     assert worlds[-1].egos.active[1]

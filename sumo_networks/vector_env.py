@@ -1,0 +1,510 @@
+"""VectorDrivingEnv: many DrivingEnvs at once, one process each, since libsumo is global to its process.
+
+Observations, rewards, ends and actions lie in memory that parent and workers share; a step is one empty message to each
+worker and one back, and nothing is pickled. The memory has no name in the file system, and a worker ends when its pipe
+does, so nothing is left behind however the parent ends.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import multiprocessing
+import os
+import pickle
+import select
+import signal
+import time
+import traceback
+import weakref
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnContext, SpawnProcess
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from sumo_networks.control import InvalidActionError, make_control
+from sumo_networks.env import DEFAULT_SENSORS, DrivingEnv
+from sumo_networks.errors import InvalidInputError, SimulationError
+from sumo_networks.reward import make_reward
+from sumo_networks.scenario import Scenario
+from sumo_networks.sensors import make_sensors
+from sumo_networks.simulation import TICK_S
+from sumo_networks.vehicle import VehicleParameters
+
+ScenarioSource = Sequence[Scenario] | Callable[[int], Scenario]
+Observations = dict[str, Float32Array]
+Step = tuple[Observations, FloatArray, BoolArray, BoolArray, dict[str, Any]]
+
+JOIN_S = 5.0
+# A process that sleeps between two ticks of 0.2 ms finds its core halted and its caches cold, and its tick takes half
+# as long again. So both sides look for the next message for a while before they sleep, and yield the core meanwhile.
+SPIN_S = 0.0005
+_RESET, _STEP = b"reset", b"step"
+
+
+def episode_seed(seed: int, episode: int) -> int:
+    """Seed of the scenario of one episode, in [0, 2^31); different episodes are statistically independent.
+
+    Args:
+        seed: Of the whole run, as given to `VectorDrivingEnv.reset`.
+        episode: Its number within the run.
+    """
+    return int(np.random.SeedSequence(seed, spawn_key=(episode,)).generate_state(1)[0] % 2**31)
+
+
+class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
+    """N environments that step together.
+
+    Environment w drives the episodes w, w + N, w + 2N... of the run. Episode k has scenario k (of a list, cycled
+    through) and seed `episode_seed(seed, k)`, whatever N is: with another N the same episodes are driven elsewhere.
+
+    With one ego per scenario, arrays start with (N,); with E > 1 egos with (N, E), in the order of the missions. An
+    environment's episode ends with its last ego. Until then, an ego whose own episode has ended is masked: its action
+    is ignored, its rewards and observations are 0, and `infos["active"]` is False.
+
+    Attributes:
+        num_envs: N.
+        num_egos: E.
+        single_observation_space: One Box per sensor; (E, ...) where E > 1.
+        single_action_space: The control interface's space; (E, ...) where E > 1.
+        autoreset_mode: SAME_STEP: the step that ends an episode already returns the first observation of the next, and
+            the last one of the old in `infos["final_obs"]`; DISABLED: the caller resets, with
+            `options={"reset_mask": ...}`.
+
+    Source: gymnasium's VectorEnv interface.
+    """
+
+    def __init__(
+        self,
+        scenarios: ScenarioSource,
+        num_envs: int,
+        sensors: Sequence[str] = DEFAULT_SENSORS,
+        control: str = "target_speed_steering",
+        reward: str | None = "roach",
+        autoreset_mode: AutoresetMode = AutoresetMode.SAME_STEP,
+    ) -> None:
+        """Checks every name and starts the processes; SUMO starts at `reset`.
+
+        Args:
+            scenarios: One or more with equally many egos; or a function from the episode's number to its scenario,
+                which the workers call (so it must be importable there).
+            num_envs: How many processes.
+            sensors: Names from `sensors.SENSORS`, for all egos.
+            control: Name from `control.CONTROLS`, for all egos.
+            reward: Name from `reward.REWARDS`; None: rewards are 0 and only the goal terminates.
+            autoreset_mode: SAME_STEP or DISABLED.
+
+        Raises:
+            InvalidInputError: An unknown name, no scenario, or scenarios of unequal numbers of egos.
+        """
+        self.closed = True  # until there is something to close
+        if num_envs < 1:
+            raise InvalidInputError(f"expected at least one environment, got num_envs={num_envs}")
+        if autoreset_mode is AutoresetMode.NEXT_STEP:
+            raise InvalidInputError("autoreset_mode: expected SAME_STEP or DISABLED, got NEXT_STEP")
+        if reward is not None:
+            make_reward(reward)
+        self.num_envs, self.num_egos = num_envs, _count_egos(scenarios)
+        self.autoreset_mode = autoreset_mode
+        self.metadata = {"autoreset_mode": autoreset_mode}
+        self._set_spaces(sensors, control)
+        context = multiprocessing.get_context("spawn")
+        memory = _Memory(context, self.num_envs, self.num_egos, self._sensor_shapes, self._action.shape)
+        self._arrays = memory.arrays()
+        plan = _Plan(scenarios, tuple(sensors), control, reward, num_envs, autoreset_mode is AutoresetMode.SAME_STEP)
+        self._channels: list[_Channel] = []
+        self._processes: list[SpawnProcess] = []
+        self._finalizer = weakref.finalize(self, _shut_down, self._channels, self._processes)
+        self.closed = False
+        for worker in range(num_envs):
+            ours, theirs = context.Pipe()
+            process = context.Process(target=_work, args=(theirs, memory, plan, worker), daemon=True)
+            process.start()
+            theirs.close()
+            self._channels.append(_Channel(ours))
+            self._processes.append(process)
+        self._seeded = False
+
+    def _set_spaces(self, sensors: Sequence[str], control: str) -> None:
+        self._action = make_control(control, VehicleParameters(), TICK_S).space
+        boxes = {sensor.name: sensor.space for sensor in make_sensors(sensors)}
+        single: Callable[[gymnasium.Space[Any]], gymnasium.Space[Any]] = (
+            (lambda space: space) if self.num_egos == 1 else (lambda space: batch_space(space, self.num_egos))
+        )
+        self.single_observation_space = gymnasium.spaces.Dict({name: single(box) for name, box in boxes.items()})
+        self.single_action_space = single(self._action)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._sensor_shapes = {name: box.shape for name, box in boxes.items()}
+
+    @property
+    def pids(self) -> tuple[int, ...]:
+        """Process ids of the workers; none once closed."""
+        return tuple(process.pid for process in self._processes if process.pid is not None)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observations, dict[str, Any]]:
+        """Starts the next episode of every environment.
+
+        Args:
+            seed: Starts a new run, from its episode 0. By default the run goes on; the first has seed 0.
+            options: "reset_mask": (N,) bool, which environments; the others' observations are as they were.
+
+        Returns:
+            Observations, and infos as of `step`.
+
+        Raises:
+            InvalidInputError: A scenario cannot be driven.
+            SimulationError: SUMO failed, a worker has died, or this is closed.
+        """
+        mask = np.ones(self.num_envs, np.bool_)
+        if options and options.get("reset_mask") is not None:
+            mask = np.asarray(options["reset_mask"], dtype=np.bool_).reshape(self.num_envs)
+        arrays = self._arrays
+        if seed is not None or not self._seeded:
+            arrays.seed[0], self._seeded = seed or 0, True
+            arrays.episode[:] = np.arange(self.num_envs) - self.num_envs
+        arrays.episode[mask] += self.num_envs
+        self._ask(_RESET, np.flatnonzero(mask).tolist())
+        return self._observations(arrays.observations), self._infos()
+
+    def step(self, actions: Any) -> Step:
+        """Drives every ego of every environment for one tick of 0.1 s.
+
+        Args:
+            actions: (N, ...) or (N, E, ...) of `action_space`.
+
+        Returns:
+            observations: By sensor, float32, (N, ...) or (N, E, ...).
+            rewards: (N,) or (N, E), float64; so are:
+            terminations: Whether an ego's episode ended in this tick, at its goal or by its reward.
+            truncations: Whether it ended at the time limit.
+            infos: "active": whether the ego drove in this tick; "episode": (N,) number of the episode the observations
+                belong to; and where episodes ended and the next began, "final_obs", of the same form as the
+                observations but valid only where "_final_obs" (N,) is True.
+
+        Raises:
+            InvalidActionError: The actions have a wrong shape or are not finite; nothing has moved then.
+            SimulationError: SUMO failed, a worker has died, or this is closed.
+        """
+        arrays = self._arrays
+        arrays.actions[...] = self._checked(actions)
+        self._ask(_STEP, range(self.num_envs))
+        infos = self._infos()
+        if arrays.renewed.any():
+            infos["final_obs"] = self._observations(arrays.finals)
+            infos["_final_obs"] = arrays.renewed.copy()
+        return (
+            self._observations(arrays.observations),
+            self._squeezed(arrays.rewards),
+            self._squeezed(arrays.terminations),
+            self._squeezed(arrays.truncations),
+            infos,
+        )
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Ends the processes; `close` calls it once."""
+        self._finalizer()
+
+    def _checked(self, actions: Any) -> Float32Array:
+        shape = (self.num_envs, self.num_egos, *self._action.shape)
+        expected = self.action_space.shape
+        try:
+            array = np.asarray(actions, dtype=np.float32)
+        except (TypeError, ValueError) as error:
+            raise InvalidActionError(f"expected an array of shape {expected}, got {actions!r}"[:200]) from error
+        if array.shape != expected:
+            raise InvalidActionError(f"expected actions of shape {expected}, got shape {array.shape}")
+        if not np.isfinite(array).all():
+            raise InvalidActionError(f"expected finite actions, got {array[~np.isfinite(array)][:4].tolist()}")
+        return array.reshape(shape)
+
+    def _ask(self, command: bytes, workers: Iterable[int]) -> None:
+        """Lets workers do something and waits for them all; raises the first of their errors."""
+        if self.closed:
+            raise SimulationError("this VectorDrivingEnv is closed")
+        asked, errors, worker = list(workers), [], -1
+        try:
+            for worker in asked:
+                self._channels[worker].send(command)
+            for worker in asked:
+                answer = self._channels[worker].receive()
+                if answer:
+                    errors.append(_unpacked(answer, worker))
+        except (EOFError, OSError) as error:
+            process = self._processes[worker]
+            process.join(JOIN_S)
+            death = f"worker {worker} (process {process.pid}) ended with code {process.exitcode}"
+            self.close()
+            raise SimulationError(f"{death}; this VectorDrivingEnv is closed") from error
+        except BaseException:  # such as Ctrl-C: answers are still on their way and would be taken for later ones
+            self.close()
+            raise
+        if errors:
+            raise errors[0]
+
+    def _infos(self) -> dict[str, Any]:
+        return {"active": self._squeezed(self._arrays.active), "episode": self._arrays.episode.copy()}
+
+    def _observations(self, arrays: Mapping[str, Float32Array]) -> Observations:
+        return {name: self._squeezed(array) for name, array in arrays.items()}
+
+    def _squeezed(self, array: NDArray[Any]) -> NDArray[Any]:
+        """A copy, without the axis of egos where there is one ego."""
+        return array[:, 0].copy() if self.num_egos == 1 else array.copy()
+
+
+def _count_egos(scenarios: ScenarioSource) -> int:
+    if callable(scenarios):
+        return len(scenarios(0).missions)
+    counts = sorted({len(scenario.missions) for scenario in scenarios})
+    if len(counts) != 1:
+        raise InvalidInputError(f"expected scenarios with equally many egos, got {counts or 'no scenario'}")
+    return counts[0]
+
+
+@dataclass(slots=True)
+class _Arrays:
+    """What parent and workers share, as numpy arrays on the same memory; N environments of E egos.
+
+    Attributes:
+        seed: (1,) of the run.
+        episode: (N,) number of the episode that is driven.
+        renewed: (N,) whether the last step ended an episode and began the next.
+        actions: (N, E, ...).
+        rewards: (N, E).
+        terminations: (N, E).
+        truncations: (N, E).
+        active: (N, E) who drove in the last tick.
+        observations: (N, E, ...) by sensor.
+        finals: The same, of the last tick of the episode before; valid where `renewed`.
+    """
+
+    seed: IntArray
+    episode: IntArray
+    renewed: BoolArray
+    actions: Float32Array
+    rewards: FloatArray
+    terminations: BoolArray
+    truncations: BoolArray
+    active: BoolArray
+    observations: Observations
+    finals: Observations
+
+
+class _Memory:
+    """The memory itself, as it travels to the workers."""
+
+    def __init__(
+        self,
+        context: SpawnContext,
+        envs: int,
+        egos: int,
+        sensors: Mapping[str, tuple[int, ...]],
+        action: tuple[int, ...],
+    ) -> None:
+        def block(dtype: type[np.generic], *shape: int) -> _Block:
+            raw = context.RawArray(ctypes.c_byte, int(np.prod(shape)) * np.dtype(dtype).itemsize)
+            return raw, np.dtype(dtype).str, shape
+
+        self._fields = {
+            "seed": block(np.int64, 1),
+            "episode": block(np.int64, envs),
+            "renewed": block(np.bool_, envs),
+            "actions": block(np.float32, envs, egos, *action),
+            "rewards": block(np.float64, envs, egos),
+            **{name: block(np.bool_, envs, egos) for name in ("terminations", "truncations", "active")},
+        }
+        self._observations = {name: block(np.float32, envs, egos, *shape) for name, shape in sensors.items()}
+        self._finals = {name: block(np.float32, envs, egos, *shape) for name, shape in sensors.items()}
+
+    def arrays(self) -> _Arrays:
+        """Views on it, for this process."""
+        return _Arrays(
+            **{name: _view(block) for name, block in self._fields.items()},
+            observations={name: _view(block) for name, block in self._observations.items()},
+            finals={name: _view(block) for name, block in self._finals.items()},
+        )
+
+
+_Block = tuple[Any, str, tuple[int, ...]]
+
+
+def _view(block: _Block) -> NDArray[Any]:
+    raw, dtype, shape = block
+    return np.frombuffer(raw, dtype=dtype).reshape(shape)
+
+
+class _Channel:
+    """One end of a pipe between parent and worker."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
+        self._poll = select.poll()
+        self._poll.register(pipe.fileno(), select.POLLIN)
+        self.send, self.close = pipe.send_bytes, pipe.close
+
+    def receive(self) -> bytes:
+        """The next message; EOFError or OSError where the other end is gone."""
+        patience = time.perf_counter() + SPIN_S
+        while not self._poll.poll(0) and time.perf_counter() < patience:
+            os.sched_yield()
+        return self._pipe.recv_bytes()
+
+
+def _shut_down(channels: list[_Channel], processes: list[SpawnProcess]) -> None:
+    """Ends all workers: by the end of their pipes, or if that does not help, by force."""
+    for channel in channels:
+        channel.close()
+    for process in processes:
+        process.join(JOIN_S)
+        if process.is_alive():
+            process.kill()
+            process.join()
+        process.close()
+    channels.clear()
+    processes.clear()
+
+
+# In the worker.
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """What a worker needs to know once."""
+
+    scenarios: ScenarioSource
+    sensors: tuple[str, ...]
+    control: str
+    reward: str | None
+    envs: int
+    autoreset: bool
+
+    def scenario(self, episode: int, egos: int) -> Scenario:
+        if not callable(self.scenarios):
+            return self.scenarios[episode % len(self.scenarios)]
+        scenario = self.scenarios(episode)
+        if len(scenario.missions) != egos:
+            raise InvalidInputError(
+                f"scenario of episode {episode}: expected {egos} egos, got {len(scenario.missions)}"
+            )
+        return scenario
+
+
+class _Seat:
+    """One environment in its worker, and its rows of the shared memory."""
+
+    def __init__(self, memory: _Memory, plan: _Plan, worker: int) -> None:
+        self.plan, self.worker, self.arrays = plan, worker, memory.arrays()
+        arrays = self.arrays
+        self.observations = {name: array[worker] for name, array in arrays.observations.items()}
+        self.finals = {name: array[worker] for name, array in arrays.finals.items()}
+        self.actions, self.rewards = arrays.actions[worker], arrays.rewards[worker]
+        self.terminations, self.truncations = arrays.terminations[worker], arrays.truncations[worker]
+        self.active = arrays.active[worker]
+        self.env: DrivingEnv | None = None
+
+    def reset(self) -> None:
+        """Starts the episode whose number is in the shared memory."""
+        episode = int(self.arrays.episode[self.worker])
+        scenario = self.plan.scenario(episode, len(self.active))
+        seed = episode_seed(int(self.arrays.seed[0]), episode)
+        if self.env is None or self.env.scenario != scenario.model_copy(update={"seed": self.env.scenario.seed}):
+            self.close()
+            self.env = DrivingEnv(scenario, self.plan.sensors, self.plan.control, self.plan.reward)
+        observations, _ = self.env.reset(seed=seed)
+        self.arrays.renewed[self.worker] = False
+        self._clear()
+        self.active[:] = True
+        self._write(observations)
+
+    def step(self) -> None:
+        """One tick; and where it ends the episode, the next one's start, if that is wanted."""
+        env = self.env
+        if env is None:
+            raise SimulationError(f"environment {self.worker} has not been reset")
+        self._clear()
+        names = env.possible_agents
+        actions = {name: self.actions[ego] for ego, name in enumerate(names) if name in env.agents}
+        if not actions:
+            return
+        observations, rewards, terminations, truncations, _ = env.step(actions)
+        for ego, name in enumerate(names):
+            if name in actions:
+                self.active[ego], self.rewards[ego] = True, rewards[name]
+                self.terminations[ego], self.truncations[ego] = terminations[name], truncations[name]
+        self._write(observations)
+        if not env.agents and self.plan.autoreset:
+            self._renew()
+
+    def close(self) -> None:
+        if self.env is not None:
+            self.env.close()
+            self.env = None
+
+    def _renew(self) -> None:
+        """Starts the next episode; its rewards and ends stay those of the last tick."""
+        for name, array in self.observations.items():
+            self.finals[name][...] = array
+        ended = self.rewards.copy(), self.terminations.copy(), self.truncations.copy(), self.active.copy()
+        self.arrays.episode[self.worker] += self.plan.envs
+        self.reset()
+        self.rewards[:], self.terminations[:], self.truncations[:], self.active[:] = ended
+        self.arrays.renewed[self.worker] = True
+
+    def _clear(self) -> None:
+        self.arrays.renewed[self.worker] = False
+        for array in (self.active, self.terminations, self.truncations, self.rewards):
+            array[:] = 0
+        if len(self.active) > 1:  # a single ego's observation is written whole
+            for observation in self.observations.values():
+                observation[:] = 0.0
+
+    def _write(self, observations: Mapping[str, Mapping[str, Float32Array]]) -> None:
+        assert self.env is not None
+        for ego, name in enumerate(self.env.possible_agents):
+            for sensor, value in observations.get(name, {}).items():
+                self.observations[sensor][ego] = value
+
+
+def _work(pipe: Connection, memory: _Memory, plan: _Plan, worker: int) -> None:
+    """A worker process: does what it is asked until its parent closes the pipe or dies."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
+    channel, seat = _Channel(pipe), _Seat(memory, plan, worker)
+    commands = {_RESET: seat.reset, _STEP: seat.step}
+    try:
+        while True:
+            command = channel.receive()
+            try:
+                commands[command]()
+                answer = b""
+            except Exception as error:
+                answer = _packed(error)
+            channel.send(answer)
+    except (EOFError, OSError):
+        seat.close()
+
+
+def _packed(error: Exception) -> bytes:
+    """Class, arguments and traceback of an error; not the error, whose constructor may want other arguments."""
+    trace = "".join(traceback.format_exception(error))
+    try:
+        return pickle.dumps((type(error), error.args, trace))
+    except Exception:  # whatever a stranger's error holds
+        return pickle.dumps((SimulationError, (f"{type(error).__name__}: {error}",), trace))
+
+
+def _unpacked(message: bytes, worker: int) -> Exception:
+    kind, args, trace = pickle.loads(message)
+    error: Exception = kind.__new__(kind, *args)
+    error.args = args
+    error.add_note(f"in worker {worker}:\n{trace}")
+    return error
