@@ -211,6 +211,14 @@ def test_a_control_starts_every_episode_anew() -> None:
     assert used.command([10.0, 0.0], STANDING, 0) != again.command([10.0, 0.0], STANDING, 0)
 
 
+def test_after_a_stop_the_car_sets_off_as_if_for_the_first_time() -> None:
+    control = made("target_speed_steering")
+    for _ in range(50):
+        control.command([10.0, 0.0], STANDING, 0)
+    assert control.command([0.0, 0.0], STANDING, 0)[0] < -1.0, "the brake holds it"
+    assert control.command([10.0, 0.0], STANDING, 0) == made("target_speed_steering").command([10.0, 0.0], STANDING, 0)
+
+
 @pytest.mark.parametrize(("x", "y"), [(10.0, 0.0), (10.0, 3.0), (6.0, -4.0)])
 def test_pure_pursuit_leads_through_the_point(x: float, y: float) -> None:
     steering = pure_pursuit(CAR, x, y)

@@ -187,13 +187,14 @@ def test_one_ego_may_go_on_when_another_has_ended(make_env: MakeEnv) -> None:
 
 
 def test_every_episode_starts_anew(make_env: MakeEnv) -> None:
-    env = make_env(busy_road(), sensors=tuple(SENSORS))
-    first, _ = env.reset()
-    drive(env, 3.0, np.array([10.0, 0.0]))
-    again, _ = env.reset()
-    np.testing.assert_equal(again, first)
+    # In rain the sensors draw noise, and the control integrates: neither may remember the last episode.
+    env = make_env(busy_road(conditions="heavy-rain"), sensors=tuple(SENSORS))
+    first = [env.reset(), *drive(env, 2.0, np.array([10.0, 0.0]))]
+    again = [env.reset()]
     assert env.agents == ["ego"]
     assert env.world.tick == 0
+    again += drive(env, 2.0, np.array([10.0, 0.0]))
+    np.testing.assert_equal(again, first)
 
 
 # What cannot be

@@ -65,6 +65,11 @@ def test_path_points_are_a_metre_apart(city: str) -> None:
         assert gaps.sum() == pytest.approx(route.length)
 
 
+def test_in_a_smooth_bend_the_spacing_is_even() -> None:
+    gaps = np.hypot(*np.diff(plan_route(lit_crossing().network, mission("w_c_1", "c_n_1")).position, axis=0).T)
+    assert gaps.max() - gaps.min() < 0.002
+
+
 @pytest.mark.parametrize("city", CITIES)
 def test_the_path_leads_from_the_start_to_the_goal(city: str) -> None:
     network = load_network(city)
