@@ -283,8 +283,7 @@ class _PathBuilder:
             self.owner.append(owner)
             changes += [(begin + a, begin + b, command) for a, b, command in blends]
         raw, owner = np.concatenate(self.points), np.concatenate(self.owner)
-        arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(raw, axis=0).T))])
-        return self._resample(raw, owner, arc, changes)
+        return self._resample(raw, owner, _arc_lengths(raw), changes)
 
     def _fraction(self, lane: int, position: float) -> float:
         return position / float(self.network.lanes.length[lane])
@@ -296,13 +295,18 @@ class _PathBuilder:
         at = np.linspace(0.0, arc[-1], count)
         keep = np.concatenate([[True], np.diff(arc) > 1e-9])
         position = np.column_stack([np.interp(at, arc[keep], raw[keep, i]) for i in (0, 1)])
-        position = _equally_spaced(_smooth(position))
-        # Smoothing shortens the path a little; arc lengths of events shrink in proportion.
-        length = float(np.hypot(*np.diff(position, axis=0).T).sum())
-        scale = length / arc[-1]
-        lane = owner[np.clip(np.searchsorted(arc, at, side="right") - 1, 0, len(owner) - 1)]
-        passages = self._passages(arc * scale, length)
-        lane_changes = tuple(LaneChange(arc[a] * scale, arc[b] * scale, command) for a, b, command in changes)
+        smooth = _smooth(position)
+        along = _arc_lengths(smooth)
+        even = np.linspace(0.0, along[-1], count)
+        position = np.column_stack([np.interp(even, along, smooth[:, i]) for i in (0, 1)])
+        length = float(_arc_lengths(position)[-1])
+        # Smoothing cuts corners: arc lengths shrink there, and nowhere else.
+        arc_on_path = np.interp(arc, at, along) * length / along[-1]
+        lane = owner[np.clip(np.searchsorted(arc, np.interp(even, along, at), side="right") - 1, 0, len(owner) - 1)]
+        passages = self._passages(arc_on_path, length)
+        lane_changes = tuple(
+            LaneChange(float(arc_on_path[a]), float(arc_on_path[b]), command) for a, b, command in changes
+        )
         heading, curvature = _directions(position)
         lanes = self.network.lanes
         on_route = np.zeros(len(lanes.ids), dtype=np.bool_)
@@ -315,7 +319,7 @@ class _PathBuilder:
             speed_limit=lanes.speed[lane],
             width=lanes.width[lane],
             lane=lane,
-            command=_commands(at * scale, passages, lane_changes),
+            command=_commands(np.linspace(0.0, length, count), passages, lane_changes),
             passages=passages,
             lane_changes=lane_changes,
             edges=self._edges(),
@@ -386,7 +390,7 @@ def _blend(
 
 
 def _at_fractions(shape: FloatArray, fraction: FloatArray) -> FloatArray:
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))])
+    arc = _arc_lengths(shape)
     return np.column_stack([np.interp(fraction * arc[-1], arc, shape[:, i]) for i in (0, 1)])
 
 
@@ -405,10 +409,9 @@ def _smooth(position: FloatArray) -> FloatArray:
     return smooth
 
 
-def _equally_spaced(position: FloatArray) -> FloatArray:
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(position, axis=0).T))])
-    at = np.linspace(0.0, arc[-1], len(position))
-    return np.column_stack([np.interp(at, arc, position[:, i]) for i in (0, 1)])
+def _arc_lengths(points: FloatArray) -> FloatArray:
+    """(N,) distance of every point from the first, along the line, m."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
 
 
 def _directions(position: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -189,11 +189,11 @@ def test_one_ego_may_go_on_when_another_has_ended(make_env: MakeEnv) -> None:
 def test_every_episode_starts_anew(make_env: MakeEnv) -> None:
     # In rain the sensors draw noise, and the control integrates: neither may remember the last episode.
     env = make_env(busy_road(conditions="heavy-rain"), sensors=tuple(SENSORS))
-    first = [env.reset(), *drive(env, 2.0, np.array([10.0, 0.0]))]
+    first = [env.reset(), *drive(env, 4.0, np.array([1.0, 0.0]))]
     again = [env.reset()]
     assert env.agents == ["ego"]
     assert env.world.tick == 0
-    again += drive(env, 2.0, np.array([10.0, 0.0]))
+    again += drive(env, 4.0, np.array([1.0, 0.0]))
     np.testing.assert_equal(again, first)
 
 
