@@ -1,0 +1,208 @@
+"""Tables: what the service remembers. Facts of episodes are in records on disk; here is who, what, when, a summary."""
+
+from __future__ import annotations
+
+import secrets
+from datetime import UTC, datetime
+from enum import StrEnum
+from typing import Any
+
+from sqlalchemy import JSON, DateTime, ForeignKey, Index, String, TypeDecorator, UniqueConstraint
+from sqlalchemy.engine import Dialect
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
+
+
+class Role(StrEnum):
+    """What a token may do; each role may also do what `READER` may."""
+
+    ADMIN = "admin"
+    SUBMITTER = "submitter"
+    WORKER = "worker"
+    READER = "reader"
+
+
+class AgentKind(StrEnum):
+    """How a submission drives."""
+
+    BUILTIN = "builtin"
+    ONNX = "onnx"
+    REMOTE = "remote"
+
+
+class EvaluationStatus(StrEnum):
+    """Where an evaluation stands. DONE: every episode has a record that counts."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing more will happen by itself."""
+        return self in (EvaluationStatus.DONE, EvaluationStatus.FAILED, EvaluationStatus.CANCELLED)
+
+
+class EpisodeStatus(StrEnum):
+    """Where an episode stands. LOST: infrastructure fault, twice; says nothing about the agent."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    DONE = "done"
+    LOST = "lost"
+    CANCELLED = "cancelled"
+
+
+class UtcDateTime(TypeDecorator[datetime]):
+    """A moment in UTC; SQLite gives it back without its zone."""
+
+    impl = DateTime(timezone=True)
+    cache_ok = True
+
+    def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:
+        """Puts the zone back."""
+        return value.replace(tzinfo=UTC) if value is not None and value.tzinfo is None else value
+
+
+def now() -> datetime:
+    """This moment."""
+    return datetime.now(UTC)
+
+
+def new_id(prefix: str) -> str:
+    """An identifier that nobody can guess, such as "ev-9f86d081884c7d65"."""
+    return f"{prefix}-{secrets.token_hex(8)}"
+
+
+class Base(DeclarativeBase):
+    """Of all tables."""
+
+    type_annotation_map = {datetime: UtcDateTime, dict[str, Any]: JSON, list[int]: JSON}  # noqa: RUF012
+
+
+class Token(Base):
+    """A bearer token, stored hashed. What one `owner` submits, other owners cannot touch."""
+
+    __tablename__ = "tokens"
+
+    id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    owner: Mapped[str] = mapped_column(String(100), index=True)
+    role: Mapped[Role]
+    sha256: Mapped[str] = mapped_column(String(64), unique=True)
+    created: Mapped[datetime] = mapped_column(default=now)
+    expires: Mapped[datetime | None]
+    revoked: Mapped[datetime | None]
+
+
+class Agent(Base):
+    """A named line of submissions of one owner."""
+
+    __tablename__ = "agents"
+
+    id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    name: Mapped[str] = mapped_column(String(100), unique=True)
+    owner: Mapped[str] = mapped_column(String(100), index=True)
+    description: Mapped[str] = mapped_column(String(2000), default="")
+    created: Mapped[datetime] = mapped_column(default=now)
+    submissions: Mapped[list[Submission]] = relationship(back_populates="agent", order_by="Submission.version")
+
+
+class Submission(Base):
+    """One version of an agent; never changes. `info` is the AgentInfo that its records will carry."""
+
+    __tablename__ = "submissions"
+    __table_args__ = (UniqueConstraint("agent_id", "version"),)
+
+    id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    agent_id: Mapped[str] = mapped_column(ForeignKey("agents.id"), index=True)
+    version: Mapped[int]
+    kind: Mapped[AgentKind]
+    track: Mapped[str] = mapped_column(String(20), index=True)
+    info: Mapped[dict[str, Any]]
+    policy_sha256: Mapped[str | None] = mapped_column(String(64))
+    created: Mapped[datetime] = mapped_column(default=now)
+    agent: Mapped[Agent] = relationship(back_populates="submissions", lazy="joined")
+
+
+class BenchmarkVersion(Base):
+    """A benchmark as it was when it was first evaluated; the version is its content hash."""
+
+    __tablename__ = "benchmarks"
+
+    sha256: Mapped[str] = mapped_column(String(64), primary_key=True)
+    name: Mapped[str] = mapped_column(String(100), index=True)
+    document: Mapped[dict[str, Any]]
+    created: Mapped[datetime] = mapped_column(default=now)
+
+
+class Evaluation(Base):
+    """One submission on one benchmark version."""
+
+    __tablename__ = "evaluations"
+
+    id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    owner: Mapped[str] = mapped_column(String(100), index=True)
+    submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"), index=True)
+    benchmark_sha256: Mapped[str] = mapped_column(ForeignKey("benchmarks.sha256"), index=True)
+    seeds: Mapped[list[int]]
+    status: Mapped[EvaluationStatus] = mapped_column(default=EvaluationStatus.QUEUED, index=True)
+    slow_policy: Mapped[str] = mapped_column(String(10), default="wait")
+    act_deadline_s: Mapped[float]
+    failure: Mapped[str | None] = mapped_column(String(2000))
+    created: Mapped[datetime] = mapped_column(default=now)
+    started: Mapped[datetime | None]
+    finished: Mapped[datetime | None]
+    submission: Mapped[Submission] = relationship(lazy="joined")
+    benchmark: Mapped[BenchmarkVersion] = relationship()
+
+
+class Episode(Base):
+    """One scenario of an evaluation.
+
+    `summary` is a copy of what pages sort and count by (`service.scoring.summary_of`), recomputable from the record.
+    """
+
+    __tablename__ = "episodes"
+    __table_args__ = (UniqueConstraint("evaluation_id", "position"), Index("by_status", "evaluation_id", "status"))
+
+    id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    evaluation_id: Mapped[str] = mapped_column(ForeignKey("evaluations.id"), index=True)
+    position: Mapped[int]
+    scenario: Mapped[str] = mapped_column(String(220))
+    cell: Mapped[str] = mapped_column(String(100))
+    seed: Mapped[int]
+    status: Mapped[EpisodeStatus] = mapped_column(default=EpisodeStatus.QUEUED)
+    attempts: Mapped[int] = mapped_column(default=0)
+    record_hash: Mapped[str | None] = mapped_column(String(64), index=True)
+    summary: Mapped[dict[str, Any] | None]
+    failure: Mapped[str | None] = mapped_column(String(2000))
+    started: Mapped[datetime | None]
+    finished: Mapped[datetime | None]
+    evaluation: Mapped[Evaluation] = relationship()
+
+
+class Webhook(Base):
+    """Where to tell an owner that an evaluation has ended; bodies are signed with the secret (HMAC-SHA256)."""
+
+    __tablename__ = "webhooks"
+
+    id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    owner: Mapped[str] = mapped_column(String(100), index=True)
+    url: Mapped[str] = mapped_column(String(2000))
+    secret: Mapped[str] = mapped_column(String(100))
+    created: Mapped[datetime] = mapped_column(default=now)
+
+
+class Delivery(Base):
+    """One message to one webhook, tried until it is taken or given up."""
+
+    __tablename__ = "deliveries"
+
+    id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    webhook_id: Mapped[str] = mapped_column(ForeignKey("webhooks.id", ondelete="CASCADE"), index=True)
+    body: Mapped[dict[str, Any]]
+    attempts: Mapped[int] = mapped_column(default=0)
+    due: Mapped[datetime] = mapped_column(default=now, index=True)
+    delivered: Mapped[datetime | None]
+    failure: Mapped[str | None] = mapped_column(String(500))
