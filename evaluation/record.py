@@ -141,7 +141,7 @@ class Versions(Config):
     dohyo: str
     sumo: str
     network_sha256: str
-    record: Literal[1] = 1
+    record: Literal[2] = 2
 
 
 class Timing(Config):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,6 +38,7 @@ _DTYPES: Final[Mapping[str, str]] = MappingProxyType(
     }
 )
 _FIRST_CAPACITY: Final = 4096
+_SIGNALS: Final = "dohyo:signals"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,6 +60,7 @@ class Trajectory:
         progress: (R,) float32, m, along the route.
         lateral: (R,) float32, m, signed distance to the route, left positive.
         names: SUMO id, or mission name of an ego, by key; one for every key in the table.
+        signals: (C, 3) int32, first states and changes of the lights: tick, row in `RoadNetwork.signals`, LightState.
     """
 
     tick: NDArray[np.int32]
@@ -73,12 +77,13 @@ class Trajectory:
     progress: Float32Array
     lateral: Float32Array
     names: Mapping[int, str]
+    signals: NDArray[np.int32]
 
     def __len__(self) -> int:
         return len(self.tick)
 
     def sha256(self) -> str:
-        """Hex digest of the values: little-endian bytes of every column, then the names by key.
+        """Hex digest of the values: little-endian bytes of every column, the names by key, the signals.
 
         Not of the Parquet file, whose bytes depend on the version of its writer.
         """
@@ -86,14 +91,21 @@ class Trajectory:
         for column, dtype in _DTYPES.items():
             digest.update(np.ascontiguousarray(getattr(self, column), dtype=dtype).data)
         digest.update(json.dumps(sorted(self.names.items())).encode())
+        digest.update(np.ascontiguousarray(self.signals, dtype="<i4").data)
         return digest.hexdigest()
 
     def write_parquet(self, target: Path | IO[bytes]) -> None:
-        """Writes the table, with a column `name` beside `key`, which a dictionary keeps small."""
+        """Writes the table, with a column `name` beside `key`, which a dictionary keeps small.
+
+        The signals, of another shape, are in the file's metadata: JSON, zlib, base64.
+        """
         keys = np.array(sorted(self.names), dtype=np.int32)
         names = pl.Series("name", [self.names[int(key)] for key in keys], dtype=pl.String)
         table = pl.DataFrame({column: getattr(self, column) for column in _DTYPES})
-        table.insert_column(2, names.gather(np.searchsorted(keys, self.key))).write_parquet(target, compression="zstd")
+        table.insert_column(2, names.gather(np.searchsorted(keys, self.key)))
+        signals = zlib.compress(json.dumps(self.signals.tolist(), separators=(",", ":")).encode())
+        metadata = {_SIGNALS: base64.b64encode(signals).decode()}
+        table.write_parquet(target, compression="zstd", metadata=metadata)
 
     @classmethod
     def read_parquet(cls, path: Path) -> Trajectory:
@@ -105,6 +117,7 @@ class Trajectory:
         expected = "expected a table of trajectories in Parquet"
         try:
             table = pl.read_parquet(path, memory_map=False)
+            signals = pl.read_parquet_metadata(path).get(_SIGNALS, "")
         except (OSError, pl.exceptions.PolarsError) as error:
             raise InvalidInputError(f"{path}: {expected}, but it cannot be read: {_first_line(error)}") from error
         columns = {"name", *_DTYPES}
@@ -122,7 +135,7 @@ class Trajectory:
         named = table.select("key", "name").unique().sort("key", "name")
         if named["key"].is_duplicated().any():
             raise InvalidInputError(f"{path}: {expected} with one name per key")
-        return _frozen(arrays, dict(named.iter_rows()))
+        return _frozen(arrays, dict(named.iter_rows()), _parsed_signals(path, signals))
 
 
 class TrajectoryRecorder:
@@ -136,9 +149,11 @@ class TrajectoryRecorder:
         self._rows = 0
         self._active_before: BoolArray | None = None
         self._last: World | None = None
+        self._signals: list[tuple[int, int, int]] = []
 
     def append(self, world: World) -> None:
-        """Adds the egos that are active, or were in the tick before, and all actors."""
+        """Adds the egos that are active, or were in the tick before, all actors, and the lights that changed."""
+        self._append_signals(world)
         egos, actors = world.egos, world.actors
         recorded = egos.active if self._active_before is None else egos.active | self._active_before
         driving = np.flatnonzero(recorded)
@@ -162,6 +177,15 @@ class TrajectoryRecorder:
         self._active_before = egos.active.copy()
         self._last = world
 
+    def _append_signals(self, world: World) -> None:
+        if self._last is None:
+            changed = np.arange(len(world.signals))
+        elif world.signals is self._last.signals:  # most ticks: the simulation reuses what did not change
+            return
+        else:
+            changed = np.flatnonzero(world.signals != self._last.signals)
+        self._signals += [(world.tick, row, int(world.signals[row])) for row in changed.tolist()]
+
     def finish(self) -> Trajectory:
         """All that was appended; the recorder may go on."""
         arrays = {column: values[: self._rows].copy() for column, values in self._columns.items()}
@@ -170,7 +194,8 @@ class TrajectoryRecorder:
                 values[np.isnan(values)] = np.nan  # arithmetic leaves NaNs of either sign, and the digest sees bits
         last = self._last
         keys = np.unique(arrays["key"]).tolist()
-        return _frozen(arrays, {} if last is None else {key: last.name_of(key) for key in keys})
+        names = {} if last is None else {key: last.name_of(key) for key in keys}
+        return _frozen(arrays, names, np.array(self._signals, dtype=np.int32).reshape(-1, 3))
 
     def _grow(self, rows: int) -> None:
         capacity = max(rows, 2 * len(self._columns["tick"]))
@@ -185,10 +210,17 @@ def _blank(dtype: str, rows: int) -> NDArray[Any]:
     return np.full(rows, np.nan if dtype == "<f4" else 0, dtype=dtype)
 
 
-def _frozen(arrays: dict[str, NDArray[Any]], names: dict[int, str]) -> Trajectory:
-    for values in arrays.values():
+def _frozen(arrays: dict[str, NDArray[Any]], names: dict[int, str], signals: NDArray[np.int32]) -> Trajectory:
+    for values in (*arrays.values(), signals):
         values.flags.writeable = False
-    return Trajectory(**arrays, names=MappingProxyType(names))
+    return Trajectory(**arrays, names=MappingProxyType(names), signals=signals)
+
+
+def _parsed_signals(path: Path, text: str) -> NDArray[np.int32]:
+    try:
+        return np.array(json.loads(zlib.decompress(base64.b64decode(text))), dtype=np.int32).reshape(-1, 3)
+    except (ValueError, OverflowError, zlib.error) as error:
+        raise InvalidInputError(f"{path}: expected the lights' changes in its metadata, got {text[:60]!r}") from error
 
 
 def _first_line(error: Exception) -> str:

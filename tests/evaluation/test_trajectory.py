@@ -135,3 +135,26 @@ def test_what_is_no_trajectory_is_rejected(tmp_path: Path) -> None:
         wrong.write_parquet(path)
         with pytest.raises(InvalidInputError, match=message):
             Trajectory.read_parquet(path)
+
+
+def test_lights_are_recorded_at_the_start_and_where_they_change(tmp_path: Path) -> None:
+    lights = [np.array(states) for states in ([1, 3], [1, 3], [1, 2], [3, 2])]
+    worlds = [dataclasses.replace(world(tick), signals=states) for tick, states in enumerate(lights)]
+    trajectory = record(*worlds)
+    assert trajectory.signals.tolist() == [[0, 0, 1], [0, 1, 3], [2, 1, 2], [3, 0, 3]]
+    trajectory.write_parquet(tmp_path / "t.parquet")
+    back = Trajectory.read_parquet(tmp_path / "t.parquet")
+    assert back.signals.tolist() == trajectory.signals.tolist()
+    assert (
+        back.sha256()
+        == trajectory.sha256()
+        != record(*worlds[:3], dataclasses.replace(worlds[3], signals=lights[2])).sha256()
+    )
+
+
+def test_broken_signals_are_refused(tmp_path: Path) -> None:
+    drive().write_parquet(tmp_path / "t.parquet")
+    table = pl.read_parquet(tmp_path / "t.parquet")
+    table.write_parquet(tmp_path / "broken.parquet", metadata={"dohyo:signals": "[[1, 2]]"})
+    with pytest.raises(InvalidInputError, match="lights' changes"):
+        Trajectory.read_parquet(tmp_path / "broken.parquet")
