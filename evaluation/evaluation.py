@@ -173,7 +173,7 @@ def _finished(
         path = out / RECORDS / f"{stem}.json"
         record = _usable(path) if path.exists() else None
         if record is not None:
-            lost = any(ego.status.infrastructure_fault for ego in record.egos)
+            lost = any(ego.status.worth_another_try for ego in record.egos)
             if lost or record.scenario != scenario or record.versions != now[scenario.network]:
                 record = None
         found.append((stem, record))

@@ -95,6 +95,9 @@ MARKS: Mapping[InfractionKind, Mark] = MappingProxyType(
         ),
         InfractionKind.BLOCKED: Mark("blocked", "cross", "M-1.7-5h3.4v3.3h3.3v3.4h-3.3v3.3h-3.4v-3.3h-3.3v-3.4h3.3z"),
         InfractionKind.ROUTE_TIMEOUT: Mark("out of time", "hourglass", "M-4.5-5h9l-9 10h9z"),
+        InfractionKind.GRIDLOCK: Mark(
+            "gridlock", "hash", "M-5-2.5h10v1h-10zM-5 1.5h10v1h-10zM-2.5-5h1v10h-1zM1.5-5h1v10h-1z"
+        ),
     }
 )
 
@@ -111,6 +114,7 @@ ENDINGS: Mapping[Status, tuple[str, str]] = MappingProxyType(
         Status.AGENT_ACTION: ("warning", "/"),
         Status.AGENT_DEADLINE: ("warning", "."),
         Status.SIMULATION: ("infrastructure", "/"),
+        Status.GRIDLOCK: ("infrastructure", "x"),
     }
 )
 """What each status means (a field of Palette), and the pattern that tells it apart without colour."""

@@ -16,7 +16,7 @@ from sumo_networks.scenario import Config, Scenario
 
 
 class InfractionKind(StrEnum):
-    """What went wrong. The first seven enter the driving score; the last three end the episode."""
+    """What went wrong. The first seven enter the driving score; the last four end the episode."""
 
     COLLISION_PEDESTRIAN = "collision_pedestrian"
     COLLISION_VEHICLE = "collision_vehicle"
@@ -28,6 +28,7 @@ class InfractionKind(StrEnum):
     ROUTE_DEVIATION = "route_deviation"
     BLOCKED = "blocked"
     ROUTE_TIMEOUT = "route_timeout"
+    GRIDLOCK = "gridlock"
 
 
 class Status(StrEnum):
@@ -44,6 +45,7 @@ class Status(StrEnum):
     AGENT_ACTION = "failed: agent's action was invalid"
     AGENT_DEADLINE = "failed: agent did not answer in time"
     SIMULATION = "lost: simulation failed"
+    GRIDLOCK = "lost: traffic was gridlocked"
 
     @property
     def completed(self) -> bool:
@@ -52,7 +54,12 @@ class Status(StrEnum):
 
     @property
     def infrastructure_fault(self) -> bool:
-        """Whether the episode says nothing about the agent, and must be run again."""
+        """Whether the episode says nothing about the agent."""
+        return self in (Status.SIMULATION, Status.GRIDLOCK)
+
+    @property
+    def worth_another_try(self) -> bool:
+        """Whether the same episode may end otherwise; a gridlock will not, since it follows from the seed."""
         return self is Status.SIMULATION
 
 

@@ -18,6 +18,7 @@ ENDS: Final[Mapping[InfractionKind, Status]] = MappingProxyType(
         InfractionKind.ROUTE_DEVIATION: Status.DEVIATED,
         InfractionKind.BLOCKED: Status.BLOCKED,
         InfractionKind.ROUTE_TIMEOUT: Status.TIMED_OUT,
+        InfractionKind.GRIDLOCK: Status.GRIDLOCK,
     }
 )
 """Infractions that end the ego's episode, and how. Collisions do so only where the scenario asks for it."""

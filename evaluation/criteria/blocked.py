@@ -1,4 +1,4 @@
-"""Blocked: the ego has stood still for too long."""
+"""Blocked: the ego has stood still for too long, by itself or in a traffic jam that will never end."""
 
 from __future__ import annotations
 
@@ -6,26 +6,59 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from evaluation.criteria.base import Criterion, infraction
 from evaluation.record import Infraction, InfractionKind
-from sumo_networks.world import World
+from sumo_networks.geometry import wrap
+from sumo_networks.world import ActorKind, World
+
+WATCH_S = 1.0
+MOVING_MPS = 0.5
+JAMMED_S = 120.0
+QUEUE_GAP_M = 8.0
+SAME_DIRECTION_RAD = math.radians(45.0)
+_QUEUEING = (ActorKind.CAR, ActorKind.VAN, ActorKind.TRUCK, ActorKind.BUS, ActorKind.BICYCLE)
+
+
+@dataclass(slots=True)
+class _StandingTraffic:
+    """When each actor in sight was last seen moving, to the second."""
+
+    _moved: dict[int, float] = field(default_factory=dict)
+    _next: float = -math.inf
+
+    def watch(self, world: World) -> None:
+        if world.time >= self._next:
+            self._next = world.time + WATCH_S
+            moving = world.actors.key[world.actors.speed > MOVING_MPS]
+            self._moved.update(dict.fromkeys(moving.tolist(), world.time))
+
+    def stood_s(self, world: World, row: int) -> float:
+        """How long an actor has stood, s; -inf for one that was never seen moving."""
+        return world.time - self._moved.get(int(world.actors.key[row]), math.inf)
 
 
 @dataclass(slots=True)
 class Blocked(Criterion):
-    """Detects an ego that stands for minutes, for whatever reason; once per standstill.
+    """Detects an ego that stands for minutes; once per standstill.
+
+    An ego that queues behind a vehicle of the traffic which drove before and has stood for two minutes itself is in a
+    gridlock of the simulator's making: that says nothing about the agent, and is told apart. A vehicle that never moved
+    is parked, and to be passed.
 
     Attributes:
         standing_mps: Slower than this is standing, m/s.
         limit_s: Standing for longer is an infraction, s.
 
-    Source: CARLA Leaderboard 2.1, ActorBlockedTest.
+    Source: CARLA Leaderboard 2.1, ActorBlockedTest; the gridlock is ours.
     """
 
     standing_mps: float = 0.1
     limit_s: float = 180.0
     _since: float = field(default=math.inf, init=False, repr=False)
     _reported: bool = field(default=False, init=False, repr=False)
+    _queue: _StandingTraffic = field(default_factory=_StandingTraffic, init=False, repr=False)
 
     def start(self, world: World, ego: int) -> None:
         """Starts the clock of an ego that starts at rest."""
@@ -37,11 +70,32 @@ class Blocked(Criterion):
         standing_s = after.time - self._since
         if standing_s > self.limit_s and not self._reported:
             self._reported = True
-            yield infraction(InfractionKind.BLOCKED, after, ego, standing_s, "s")
+            leader = _leader(after, ego)
+            jammed = leader >= 0 and self._queue.stood_s(after, leader) >= JAMMED_S
+            kind = InfractionKind.GRIDLOCK if jammed else InfractionKind.BLOCKED
+            actor = after.name_of(int(after.actors.key[leader])) if jammed else None
+            yield infraction(kind, after, ego, standing_s, "s", actor=actor)
 
     def _watch(self, world: World, ego: int) -> None:
+        self._queue.watch(world)
         if world.egos.speed[ego] >= self.standing_mps:
             self._since = math.inf
             self._reported = False
         elif self._since == math.inf:
             self._since = world.time
+
+
+def _leader(world: World, ego: int) -> int:
+    """Row of the vehicle that an ego queues behind, -1 if there is none."""
+    egos, actors, route = world.egos, world.actors, world.routes[ego]
+    heading, width, near = egos.heading.item(ego), egos.width.item(ego), egos.progress.item(ego)
+    best, leader = 0.5 * egos.length.item(ego) + QUEUE_GAP_M, -1
+    for row in np.flatnonzero(np.isin(actors.kind, _QUEUEING)).tolist():
+        x, y = actors.position[row].tolist()
+        along, aside, _ = route.project(x, y, near)
+        gap = along - near - 0.5 * actors.length.item(row)
+        beside = abs(aside) > 0.5 * (width + actors.width.item(row))
+        turned = abs(wrap(actors.heading.item(row) - heading)) > SAME_DIRECTION_RAD
+        if 0.0 < gap < best and not beside and not turned:
+            best, leader = gap, row
+    return leader

@@ -1,9 +1,13 @@
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import pytest
 
 from evaluation.criteria import ENDS, Blocked
 from evaluation.record import InfractionKind, Status
+from sumo_networks.world import ActorKind
 from tests.worlds import Speed, run, straight_road
 
 
@@ -45,3 +49,33 @@ def test_the_infraction_says_for_how_long() -> None:
 
 def test_it_ends_the_episode() -> None:
     assert ENDS[InfractionKind.BLOCKED] is Status.BLOCKED
+
+
+def stops_after(seconds: float) -> Speed:
+    return lambda time: 1.0 if time < seconds else 0.0
+
+
+def test_a_queue_that_never_moves_again_is_a_gridlock_and_not_the_agents() -> None:
+    scene = straight_road().with_ego(x=50).with_actor(x=55, speed=stops_after(3.0))
+    (infraction,) = run(scene, Blocked(), seconds=185).infractions
+    assert (infraction.kind, infraction.actor) == (InfractionKind.GRIDLOCK, "actor0")
+    assert ENDS[infraction.kind] is Status.GRIDLOCK
+    assert Status.GRIDLOCK.infrastructure_fault
+    assert not Status.GRIDLOCK.worth_another_try
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"x": 58.0, "speed": 0.0},  # never moved: parked
+        {"x": 55.0, "speed": stops_after(70.0)},  # left 50 m ahead, then stopped far away
+        {"x": 55.0, "speed": stops_after(3.0), "left": 3.2},  # beside it
+        {"x": 42.0, "speed": stops_after(1.0)},  # behind it
+        {"x": 61.0, "speed": stops_after(3.0), "heading": math.pi},  # came towards it
+        {"x": 55.0, "speed": stops_after(3.0), "kind": ActorKind.PEDESTRIAN},
+        {"x": 55.0, "speed": lambda time: 1.0 if 70.0 < time < 73.0 else 0.0},  # stood for less than two minutes
+    ],
+)
+def test_any_other_standstill_is_the_agents(other: dict[str, Any]) -> None:
+    scene = straight_road().with_ego(x=50).with_actor(**other)
+    assert run(scene, Blocked(), seconds=185).kinds == [InfractionKind.BLOCKED]
