@@ -1,0 +1,125 @@
+"""OnnxPolicy: an uploaded ONNX model as an agent."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from evaluation.agent import Agent, AgentSpec, Mission, Observation
+from service.policies.checks import check_policy
+from service.policies.interface import expected_action, expected_inputs
+from service.policies.limits import PolicyLimits
+from service.policies.sandbox import Sandbox
+from sumo_networks.errors import AgentError, InvalidInputError
+
+ENTRY = "service.policies.agent:OnnxPolicy"
+FOLDER_VARIABLE = "DOHYO_POLICIES"
+SHA256 = re.compile(r"[0-9a-f]{64}")
+
+
+class OnnxPolicy(Agent):
+    """Drives as the model says; every episode in a fresh sandboxed process.
+
+    A record must not depend on where files lie: an evaluation names the model by its hash alone, and it is found as
+    $DOHYO_POLICIES/HASH.onnx, where only files that passed `check_policy` are kept.
+
+    Attributes:
+        sha256: Of the model.
+        settings: The constructor's arguments for the same agent anywhere, for records.
+    """
+
+    def __init__(
+        self,
+        sha256: str = "",
+        name: str = "onnx",
+        track: Literal["sensors", "map", "privileged"] = "map",
+        sensors: Sequence[str] = ("speedometer", "route"),
+        control: str = "target_speed_steering",
+        *,
+        path: str | Path | None = None,
+        content: bytes | None = None,
+        limits: PolicyLimits | None = None,
+    ) -> None:
+        """Reads the model; without a process so far.
+
+        Args:
+            sha256: The model's; may be left out where `path` or `content` is given.
+            name: The agent's.
+            track: The agent's.
+            sensors: The model's inputs.
+            control: What its output means.
+            path: A file of one's own, which is checked first.
+            content: The same, already read.
+            limits: What the model may use.
+
+        Raises:
+            InvalidInputError: There is no such model, it is another one, or it may not drive.
+        """
+        self.spec = AgentSpec(name=name, track=track, sensors=tuple(sensors), control=control)
+        self._limits = limits or PolicyLimits()
+        self._inputs, self._action = expected_inputs(self.spec), expected_action(self.spec)
+        own = path is not None or content is not None
+        self._content = content if content is not None else _read(Path(path) if path is not None else _stored(sha256))
+        self.sha256 = hashlib.sha256(self._content).hexdigest()
+        if sha256 not in ("", self.sha256):
+            raise InvalidInputError(f"policy '{name}': expected a file with sha256 {sha256}, got {self.sha256}")
+        if own:
+            check_policy(self._content, self.spec, self._limits)
+        self._sandbox: Sandbox | None = None
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The constructor's arguments for the same agent anywhere."""
+        spec = self.spec
+        return {
+            "sha256": self.sha256,
+            "name": spec.name,
+            "track": spec.track,
+            "sensors": list(spec.sensors),
+            "control": spec.control,
+        }
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        """Starts a fresh process: states are zero, random operators draw from the seed."""
+        self.close()
+        self._sandbox = Sandbox(self._content, self._inputs, self._limits, seed)
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """The model's action, without a leading batch dimension.
+
+        Raises:
+            AgentError: The model failed; AgentTimeoutError: it did not answer in time.
+        """
+        if self._sandbox is None:
+            raise AgentError(f"policy '{self.spec.name}' was not reset")
+        action = self._sandbox.decide(observation)
+        return action[0] if action.shape == (1, *self._action.shape) else action
+
+    def close(self) -> None:
+        """Ends the process."""
+        if self._sandbox is not None:
+            self._sandbox.close()
+            self._sandbox = None
+
+
+def _stored(sha256: str) -> Path:
+    """Where a checked model is kept."""
+    if not SHA256.fullmatch(sha256):
+        raise InvalidInputError(f"expected the sha256 of a policy, 64 hexadecimal digits, got '{sha256[:80]}'")
+    folder = os.environ.get(FOLDER_VARIABLE)
+    if not folder:
+        raise InvalidInputError(f"policy {sha256[:12]}: {FOLDER_VARIABLE} must name the folder of uploaded policies")
+    return Path(folder) / f"{sha256}.onnx"
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InvalidInputError(f"policy '{path.name}' cannot be read: {error.strerror}") from error

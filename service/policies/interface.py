@@ -1,0 +1,129 @@
+"""Interface: what a policy's inputs and outputs must be, for the checks, the sandbox and the published document."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box
+
+from evaluation.agent import AgentSpec
+from sumo_networks.control import CONTROLS, make_control
+from sumo_networks.errors import UnknownNameError
+from sumo_networks.sensors import SENSORS, Track, make_sensors
+from sumo_networks.simulation import TICK_S
+from sumo_networks.vehicle import VehicleParameters
+
+ACTION = "action"
+STATE, NEXT_STATE = "state_", "next_state_"
+RULES = (
+    "One input per sensor, named like it, of its shape and element type; a leading dimension of 1 is allowed. "
+    "One output 'action' of the control's shape, float32, likewise. A policy that remembers has inputs 'state_NAME', "
+    "float32, of a fixed shape, each with an output 'next_state_NAME' of the same shape; they are zeros at the start "
+    "of every episode. Random operators draw from the scenario's seed. Operators of the domains ai.onnx and "
+    "ai.onnx.ml; all weights inside the file."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Tensor:
+    """One input or output.
+
+    Attributes:
+        name: In the ONNX graph.
+        shape: Without a leading batch dimension.
+        dtype: "float32" or "uint8".
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    dtype: str
+
+
+def expected_inputs(spec: AgentSpec) -> tuple[Tensor, ...]:
+    """One per sensor, in the spec's order.
+
+    Raises:
+        UnknownNameError: There is no such sensor.
+        InvalidInputError: The track may not use one of them.
+    """
+    sensors = make_sensors(spec.sensors, Track[spec.track.upper()])
+    return tuple(Tensor(sensor.name, tuple(sensor.space.shape), _dtype(sensor.space)) for sensor in sensors)
+
+
+def expected_action(spec: AgentSpec) -> Tensor:
+    """The output that acts.
+
+    Raises:
+        UnknownNameError: There is no such control.
+    """
+    return Tensor(ACTION, tuple(_control(spec.control)[0].shape), "float32")
+
+
+def observation_spec(spec: AgentSpec) -> dict[str, Any]:
+    """What a policy of a spec gets and must answer, as plain JSON.
+
+    Raises:
+        InvalidInputError: An unknown name, or a sensor above the track.
+    """
+    expected_inputs(spec)
+    return {
+        "track": spec.track,
+        "rules": RULES,
+        "inputs": [_sensor_document(name) for name in spec.sensors],
+        "outputs": [_control_document(spec.control) | {"name": ACTION}],
+    }
+
+
+def published_spec() -> dict[str, Any]:
+    """Every sensor and every control interface, as plain JSON."""
+    return {
+        "rules": RULES,
+        "sensors": {name: _sensor_document(name) for name in SENSORS},
+        "controls": {name: _control_document(name) for name in CONTROLS},
+    }
+
+
+def _sensor_document(name: str) -> dict[str, Any]:
+    (sensor,) = make_sensors([name])
+    return {
+        "name": name,
+        "track": sensor.track.name.lower(),
+        **_space_document(sensor.space),
+        "description": inspect.getdoc(type(sensor)) or "",
+    }
+
+
+def _control_document(name: str) -> dict[str, Any]:
+    space, description = _control(name)
+    return {"control": name, **_space_document(space), "dtype": "float32", "description": description}
+
+
+def _control(name: str) -> tuple[Box, str]:
+    """Space and docstring of a control interface."""
+    if name not in CONTROLS:
+        raise UnknownNameError("control", name, CONTROLS)
+    control = make_control(name, VehicleParameters(), TICK_S)
+    return control.space, inspect.getdoc(type(control)) or ""
+
+
+def _space_document(space: Box) -> dict[str, Any]:
+    return {
+        "shape": list(space.shape),
+        "dtype": _dtype(space),
+        "low": _bound(space.low),
+        "high": _bound(space.high),
+    }
+
+
+def _bound(values: np.ndarray) -> Any:
+    """One number where all are the same, nested lists otherwise; None stands for no bound."""
+    if values.size and (values == values.flat[0]).all():
+        values = values.flat[0]
+    return np.where(np.isfinite(values), values, np.array(None)).tolist()
+
+
+def _dtype(space: Box) -> str:
+    return "uint8" if space.dtype == np.uint8 else "float32"

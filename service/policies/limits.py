@@ -1,0 +1,33 @@
+"""PolicyLimits: how much one uploaded policy may be and use."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from sumo_networks.scenario import Config
+
+MEGABYTE = 1_000_000
+
+
+class PolicyLimits(Config):
+    """What one policy may be and use; the defaults are the service's.
+
+    Attributes:
+        file_mb: Size of the .onnx file.
+        nodes: Operators, those of subgraphs and functions included.
+        state_values: Numbers in all recurrent states together.
+        memory_mb: Address space of its process, about 250 MB of which are Python, numpy and onnxruntime.
+        cpu_s: Processor time of its process; a process serves one episode.
+        load_s: Wall-clock time to load the model.
+        decision_s: Wall-clock time of one decision.
+    """
+
+    file_mb: Annotated[float, Field(gt=0, le=1000)] = 50.0
+    nodes: Annotated[int, Field(gt=0)] = 10_000
+    state_values: Annotated[int, Field(gt=0)] = 1_000_000
+    memory_mb: Annotated[int, Field(ge=512)] = 2048
+    cpu_s: Annotated[int, Field(gt=0)] = 1800
+    load_s: Annotated[float, Field(gt=0)] = 20.0
+    decision_s: Annotated[float, Field(gt=0)] = 5.0
