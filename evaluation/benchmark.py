@@ -8,15 +8,51 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, model_validator
+import numpy as np
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from sumo_networks.catalog import load_network
 from sumo_networks.conditions import conditions_named
 from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.routing import plan_route
+from sumo_networks.events import Event
+from sumo_networks.events.auto import EVERY_M, auto_events
+from sumo_networks.events.director import check_placement, trigger_of
+from sumo_networks.routing import Route, plan_route
 from sumo_networks.scenario import Config, Mission, Name, Scenario, Traffic, content_hash
 
 BENCHMARKS = Path(__file__).with_name("benchmarks")
+
+
+class AutoEvents(Config):
+    """Scripted events placed by dohyo along every mission of a cell, anew for every seed.
+
+    Attributes:
+        every_m: Smallest and largest distance between the triggers of two events, m.
+        kinds: Which may come; None: all that fit.
+    """
+
+    every_m: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] = EVERY_M
+    kinds: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
+
+
+class ScriptedMission(Mission):
+    """A mission of a benchmark, with the scripted events on it.
+
+    Attributes:
+        events: By hand; they come before those of the cell. Their `ego` is this mission's.
+    """
+
+    # Left out where there are none, so that benchmarks without events keep their hashes.
+    events: Annotated[tuple[Event, ...], Field(exclude_if=lambda events: not events)] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_a_plain_one(cls, given: Any) -> Any:
+        return dict(given) if isinstance(given, Mission) else given
+
+    def mission(self, name: str) -> Mission:
+        """The mission itself, under a name."""
+        return Mission(name=name, start=self.start, goal=self.goal, via=self.via)
 
 
 class Cell(Config):
@@ -29,6 +65,7 @@ class Cell(Config):
         traffic: Around every mission.
         conditions: Dealt out to the missions in turn, so that a cell covers all of them.
         together: Drive all missions at once, an ego each, instead of one after the other.
+        events: "auto": scripted events, placed by dohyo along every mission; or how; None: only those of the missions.
     """
 
     name: Name
@@ -37,6 +74,12 @@ class Cell(Config):
     traffic: Traffic = Traffic()
     conditions: Annotated[tuple[str, ...], Field(min_length=1)] = ("clear",)
     together: bool = False
+    events: Annotated[AutoEvents | None, Field(exclude_if=lambda events: events is None)] = None
+
+    @field_validator("events", mode="before")
+    @classmethod
+    def _auto(cls, given: Any) -> Any:
+        return AutoEvents() if given == "auto" else given
 
 
 class TimeLimit(Config):
@@ -54,7 +97,8 @@ class TimeLimit(Config):
 class Benchmark(Config):
     """A versioned list of scenarios.
 
-    A file may give `network`, `traffic`, `conditions` and a list of `missions` instead of cells: a single cell "all".
+    A file may give `network`, `traffic`, `conditions`, `events` and a list of `missions` instead of cells: a single
+    cell "all".
 
     Attributes:
         name: In the catalog.
@@ -73,7 +117,7 @@ class Benchmark(Config):
     metric: str
     rules: Literal["1.0", "2.0", "2.1"] = "2.0"
     cells: Annotated[tuple[Cell, ...], Field(min_length=1)]
-    missions: dict[str, Annotated[tuple[Mission, ...], Field(min_length=1)]]
+    missions: dict[str, Annotated[tuple[ScriptedMission, ...], Field(min_length=1)]]
     stop_on_collision: bool = False
     time_limit: TimeLimit | None = None
     seeds: Annotated[tuple[int, ...], Field(min_length=1)] = (0, 1, 2)
@@ -84,7 +128,7 @@ class Benchmark(Config):
         """Turns the short form of a file into the long one."""
         if not isinstance(given, dict) or "cells" in given or not isinstance(given.get("missions"), list | tuple):
             return given
-        parts = {key: given[key] for key in ("network", "traffic", "conditions") if key in given}
+        parts = {key: given[key] for key in ("network", "traffic", "conditions", "events") if key in given}
         rest = {key: value for key, value in given.items() if key not in parts}
         return rest | {"cells": [{"name": "all", "missions": "all", **parts}], "missions": {"all": given["missions"]}}
 
@@ -123,24 +167,67 @@ class Benchmark(Config):
         missions = self.missions[cell.missions]
         lengths = [self._length(cell, number, mission) for number, mission in enumerate(missions, start=1)]
         if cell.together:
-            yield self._scenario(
-                cell, cell.name, missions, cell.conditions[seed % len(cell.conditions)], max(lengths), seed
-            )
+            egos = tuple(mission.mission(mission.name) for mission in missions)
+            events = [
+                event
+                for number, mission in enumerate(missions)
+                for event in self._events(cell, number, mission, mission.name, seed, together=True)
+            ]
+            conditions = cell.conditions[seed % len(cell.conditions)]
+            yield self._scenario(cell, cell.name, egos, events, conditions, max(lengths), seed)
             return
         for number, (mission, length) in enumerate(zip(missions, lengths, strict=True)):
             name = mission.name if len(self.cells) == 1 else f"{cell.name}.{mission.name}"
             conditions = cell.conditions[number % len(cell.conditions)]
-            ego = mission.model_copy(update={"name": "ego"})
-            yield self._scenario(cell, name, (ego,), conditions, length, seed)
+            events = self._events(cell, number, mission, "ego", seed, together=False)
+            yield self._scenario(cell, name, (mission.mission("ego"),), events, conditions, length, seed)
 
-    def _length(self, cell: Cell, number: int, mission: Mission) -> float:
+    def _events(
+        self, cell: Cell, number: int, mission: ScriptedMission, ego: str, seed: int, *, together: bool
+    ) -> list[Event]:
+        """The events on one mission: those given by hand, checked, then those of the cell that keep away from them."""
+        if not mission.events and cell.events is None:
+            return []
+        network, route = load_network(cell.network), _route(cell.network, mission.mission(mission.name))
+        changes = (lambda event: {"ego": ego, "name": f"{ego}-{event.name}"}) if together else (lambda _: {"ego": None})
+        found = [event.model_copy(update=changes(event)) for event in mission.events]
         try:
-            return _route_length(cell.network, mission)
+            for event in found:
+                check_placement(event, ego, network, route)
+            if cell.events is not None:
+                drawn = int(np.random.SeedSequence(seed, spawn_key=(number,)).generate_state(1)[0])
+                auto = cell.events
+                placed = auto_events(network, route, drawn, auto.kinds, auto.every_m, ego if together else None)
+                by_hand = [trigger_of(event, network, route) for event in found]
+                found += [
+                    event
+                    for event in placed
+                    if all(abs(trigger_of(event, network, route) - at) >= auto.every_m[0] for at in by_hand)
+                ]
+        except InvalidInputError as error:
+            raise InvalidInputError(f"benchmark '{self.name}', mission {number + 1}: {error}") from error
+        names = [event.name for event in found]
+        if len(set(names)) != len(names):
+            raise InvalidInputError(
+                f"benchmark '{self.name}', mission {number + 1}: event names must be unique, got {names}"
+            )
+        return found
+
+    def _length(self, cell: Cell, number: int, mission: ScriptedMission) -> float:
+        try:
+            return _route(cell.network, mission.mission(mission.name)).length
         except InvalidInputError as error:
             raise InvalidInputError(f"benchmark '{self.name}', mission {number}: {error}") from error
 
     def _scenario(
-        self, cell: Cell, name: str, missions: tuple[Mission, ...], conditions: str, longest: float, seed: int
+        self,
+        cell: Cell,
+        name: str,
+        missions: tuple[Mission, ...],
+        events: Sequence[Event],
+        conditions: str,
+        longest: float,
+        seed: int,
     ) -> Scenario:
         conditions_named(conditions)
         limit = self.time_limit
@@ -151,6 +238,7 @@ class Benchmark(Config):
             missions=missions,
             traffic=cell.traffic,
             conditions=conditions,
+            events=tuple(events),
             stop_on_collision=self.stop_on_collision,
             time_limit_s=round(longest / (limit.speed_kmh / 3.6) + limit.extra_s, 1) if limit else None,
             seed=seed,
@@ -158,8 +246,8 @@ class Benchmark(Config):
 
 
 @cache
-def _route_length(network: str, mission: Mission) -> float:
-    return plan_route(load_network(network), mission).length
+def _route(network: str, mission: Mission) -> Route:
+    return plan_route(load_network(network), mission)
 
 
 def benchmark_names() -> list[str]:

@@ -90,6 +90,8 @@ MARKS: Mapping[InfractionKind, Mark] = MappingProxyType(
         ),
         InfractionKind.OUTSIDE_LANES: Mark("outside lanes", "bowtie", "M-5-4.5 5 4.5v-9l-10 9z"),
         InfractionKind.MINIMUM_SPEED: Mark("too slow", "triangle-down", "M0 5 5-4h-10z"),
+        InfractionKind.SCENARIO_TIMEOUT: Mark("event not over", "pentagon", "M0-5.3 5-1.6 3.1 4.3h-6.2L-5-1.6z"),
+        InfractionKind.YIELD_EMERGENCY: Mark("did not yield", "hexagon", "M0-5.4 4.7-2.7v5.4L0 5.4-4.7 2.7v-5.4z"),
         InfractionKind.ROUTE_DEVIATION: Mark(
             "left the route", "x", "M-5-3-3-5 0-2 3-5 5-3 2 0 5 3 3 5 0 2-3 5-5 3-2 0z"
         ),

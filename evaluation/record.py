@@ -25,6 +25,8 @@ class InfractionKind(StrEnum):
     STOP_SIGN = "stop_sign"
     OUTSIDE_LANES = "outside_lanes"
     MINIMUM_SPEED = "minimum_speed"
+    SCENARIO_TIMEOUT = "scenario_timeout"
+    YIELD_EMERGENCY = "yield_emergency"
     ROUTE_DEVIATION = "route_deviation"
     BLOCKED = "blocked"
     ROUTE_TIMEOUT = "route_timeout"
@@ -75,7 +77,8 @@ class Infraction(Config):
         actor: SUMO id of the other, of the traffic light or of the lane; None where there is none.
         magnitude: How much; its unit is in `unit`.
         unit: "m/s" closing speed (collisions), ego speed (lights, stop signs); "m" driven outside lanes, distance from
-            the route; "%" of the surrounding traffic's speed; "s" standing or elapsed.
+            the route, from an emergency vehicle behind; "%" of the surrounding traffic's speed; "s" standing or
+            elapsed.
         at_fault: Whether the ego caused it (nuPlan's rules); None where the question does not arise.
     """
 
@@ -159,12 +162,17 @@ class Timing(Config):
         wall_s: Time of the whole episode.
         ticks_per_s: Simulation ticks per wall second.
         decision_ms: Milliseconds per decision by ego: p50, p95, p99.
+        realtime: Whether the simulation went on by the wall clock, without waiting for late decisions. Such an episode
+            cannot be driven again, and no ranking takes it.
+        missed: Ticks that went by with the last decision because none had come in time; only if `realtime`.
     """
 
     created: str
     wall_s: float
     ticks_per_s: float
     decision_ms: dict[str, tuple[float, float, float]] = Field(default_factory=dict)
+    realtime: bool = False
+    missed: int = 0
 
 
 class EpisodeRecord(Config):

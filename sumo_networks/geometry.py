@@ -206,3 +206,33 @@ def crossed_segments(x0: float, y0: float, x1: float, y1: float, lines: FloatArr
             found[count] = i
             count += 1
     return found[:count]
+
+
+@njit(cache=True)
+def ray_to_box(x: float, y: float, ux: float, uy: float, box: FloatArray) -> float:
+    """How far a ray goes until it meets an oriented box (slab test).
+
+    Args:
+        x: Start, m.
+        y: Start, m.
+        ux: Direction, of length 1.
+        uy: Direction.
+        box: (5,) the box.
+
+    Returns:
+        m; 0 from inside the box, infinity where the ray misses it.
+    """
+    cos, sin = math.cos(box[2]), math.sin(box[2])
+    dx, dy = x - box[0], y - box[1]
+    near, far = 0.0, math.inf
+    for axis in range(2):
+        start = dx * cos + dy * sin if axis == 0 else dy * cos - dx * sin
+        along = ux * cos + uy * sin if axis == 0 else uy * cos - ux * sin
+        half = 0.5 * box[3 + axis]
+        if abs(along) < 1e-12:
+            if abs(start) > half:
+                return math.inf
+            continue
+        first, second = (-half - start) / along, (half - start) / along
+        near, far = max(near, min(first, second)), min(far, max(first, second))
+    return near if near <= far else math.inf

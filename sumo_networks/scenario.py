@@ -6,28 +6,22 @@ import hashlib
 import json
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$")]
-"""A name that can stand in a file's name."""
+from sumo_networks.config import Config, Name, Place
+from sumo_networks.events import Event
 
-
-class Config(BaseModel):
-    """Base of everything read from TOML or stored in a record: immutable, and unknown keys are errors."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Place(Config):
-    """A point on a lane.
-
-    Attributes:
-        lane: SUMO lane id, such as "28639688#1_2".
-        position_m: Arc length from the lane's start; negative counts from its end, as in SUMO.
-    """
-
-    lane: str
-    position_m: float = 0.0
+__all__ = [
+    "Config",
+    "Event",
+    "Mission",
+    "Name",
+    "Obstacle",
+    "Place",
+    "Scenario",
+    "Traffic",
+    "content_hash",
+]
 
 
 class Mission(Config):
@@ -91,6 +85,7 @@ class Scenario(Config):
         traffic: The population around the egos.
         conditions: Name of the road, light and air, see `sumo_networks.conditions`.
         obstacles: Static boxes.
+        events: Scripted happenings around the egos.
         time_limit_s: Ends the episode; None: from the route (see `evaluation.criteria.timeout`).
         stop_on_collision: End an ego's episode at its first collision (NoCrash) instead of driving on.
         seed: Decides everything random in the world.
@@ -103,6 +98,8 @@ class Scenario(Config):
     traffic: Traffic = Traffic()
     conditions: str = "clear"
     obstacles: tuple[Obstacle, ...] = ()
+    # Left out where there are none, so that scenarios without events keep their hashes.
+    events: Annotated[tuple[Event, ...], Field(exclude_if=lambda events: not events)] = ()
     time_limit_s: Annotated[float, Field(gt=0)] | None = None
     stop_on_collision: bool = False
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
@@ -112,6 +109,12 @@ class Scenario(Config):
         names = [mission.name for mission in self.missions]
         if len(set(names)) != len(names):
             raise ValueError(f"mission names must be unique, got {names}")
+        happenings = [event.name for event in self.events]
+        if len(set(happenings)) != len(happenings):
+            raise ValueError(f"event names must be unique, got {happenings}")
+        for event in self.events:
+            if event.ego is not None and event.ego not in names:
+                raise ValueError(f"event '{event.name}': no mission named '{event.ego}' (there is {', '.join(names)})")
         return self
 
     def content_hash(self) -> str:

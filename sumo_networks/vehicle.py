@@ -83,6 +83,7 @@ def advance(
     drive_lag: float,
     steering_lag: float,
     grip: float,
+    motion: FloatArray | None = None,
 ) -> None:
     """Integrates the single-track model in place.
 
@@ -106,11 +107,12 @@ def advance(
         drive_lag: s.
         steering_lag: s.
         grip: Friction coefficient times gravity, m/s^2.
+        motion: (E, ticks, 2) where to write the acceleration [m/s^2] and yaw rate [rad/s] of every substep, if asked.
     """
     for e in range(states.shape[0]):
         x, y, heading, speed, drive, steering = states[e, :6]
         acceleration = yaw_rate = 0.0
-        for _ in range(ticks):
+        for tick in range(ticks):
             traction = min(max_traction, power_to_mass / max(speed, 0.1))
             demand = min(max(commands[e, 0], -max_braking), traction)
             drive += (demand - drive) * dt / drive_lag
@@ -134,6 +136,8 @@ def advance(
             x += speed * math.cos(middle) * dt
             y += speed * math.sin(middle) * dt
             heading += yaw_rate * dt
+            if motion is not None:
+                motion[e, tick, 0], motion[e, tick, 1] = acceleration, yaw_rate
         states[e, 0], states[e, 1], states[e, 3], states[e, 4], states[e, 5] = x, y, speed, drive, steering
         states[e, 2] = (heading + math.pi) % (2.0 * math.pi) - math.pi
         states[e, 6], states[e, 7] = acceleration, yaw_rate
@@ -145,11 +149,13 @@ class Vehicles:
     Attributes:
         parameters: The same for all.
         states: (E, 8), see `advance`.
+        motion: (E, S, 2), acceleration [m/s^2] and yaw rate [rad/s] in each substep of the last drive.
     """
 
     def __init__(self, parameters: VehicleParameters, count: int) -> None:
         self.parameters = parameters
         self.states: FloatArray = np.zeros((count, STATE_SIZE))
+        self.motion: FloatArray = np.zeros((count, 10, 2))
         p = parameters
         self._arguments = (
             p.wheelbase,
@@ -178,7 +184,9 @@ class Vehicles:
             commands: (E, 2) demanded drive [m/s^2] and front wheel angle [rad].
             seconds: A multiple of the substep of 0.01 s.
         """
-        advance(self.states, commands, round(seconds / SUBSTEP_S), SUBSTEP_S, *self._arguments)
+        substeps = round(seconds / SUBSTEP_S)
+        self.motion = np.empty((len(self.states), substeps, 2))
+        advance(self.states, commands, substeps, SUBSTEP_S, *self._arguments, self.motion)
 
     def centres(self) -> FloatArray:
         """(E, 2), m: centres of the boxes."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import IntEnum
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -64,6 +64,8 @@ class Egos:
         lane_offset: (E,), m, signed distance to that lane's centreline, left positive; NaN if none.
         lane_heading_error: (E,), rad, heading minus that lane's direction, in [-pi, pi]; NaN if none.
         driven: (E,), m, distance driven so far.
+        motion: (E, 10, 2), longitudinal acceleration [m/s^2] and yaw rate [rad/s] of the rear axle in each of the last
+            ten substeps of 0.01 s, oldest first; zeros before the first tick.
     """
 
     names: tuple[str, ...]
@@ -83,6 +85,7 @@ class Egos:
     lane_offset: FloatArray
     lane_heading_error: FloatArray
     driven: FloatArray
+    motion: FloatArray = field(default_factory=lambda: np.zeros((0, 10, 2)))
 
     def box(self, ego: int) -> FloatArray:
         """(5,) x, y [m], heading [rad], length, width [m] of one ego."""
@@ -142,6 +145,41 @@ class Contact:
     row: int
 
 
+class EventPhase(StrEnum):
+    """How far a scripted event has come."""
+
+    WAITING = "waiting"
+    ACTIVE = "active"
+    DONE = "done"
+    TIMED_OUT = "timed out"
+
+
+@dataclass(frozen=True, slots=True)
+class EventState:
+    """How far one scripted event has come.
+
+    Attributes:
+        name: As the scenario calls it.
+        kind: As in `sumo_networks.events`.
+        ego: Index of the ego around which it happens.
+        phase: WAITING until the ego triggers it, ACTIVE until it is over or its time is.
+        started: Simulated time at which the ego triggered it, s; NaN before.
+        ended: Simulated time at which it was over, s; NaN before.
+        actors: Keys of its actors that have been in the world.
+        ahead: How far its first actor is ahead of the ego along the ego's route, between their centres, m; NaN where
+            that is not known.
+    """
+
+    name: str
+    kind: str
+    ego: int
+    phase: EventPhase
+    started: float
+    ended: float
+    actors: tuple[int, ...]
+    ahead: float
+
+
 @dataclass(frozen=True, slots=True)
 class World:
     """What is true after a tick.
@@ -156,6 +194,7 @@ class World:
         signals: (K,) LightState of each signal, indexed as `RoadNetwork.connections.signal`.
         contacts: Boxes that touch after this tick.
         names: SUMO id by actor key.
+        events: The scripted events, in the order of the scenario.
     """
 
     tick: int
@@ -167,6 +206,7 @@ class World:
     signals: IntArray
     contacts: tuple[Contact, ...]
     names: tuple[str, ...] | list[str]
+    events: tuple[EventState, ...] = ()
 
     def name_of(self, key: int) -> str:
         """The SUMO id of an actor, or the mission name of an ego (negative keys)."""

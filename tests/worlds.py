@@ -208,13 +208,14 @@ class Scene:
         near = before.egos.progress if before else np.full(count, np.nan)
         on_route = [self._project(x, y, s) for (x, y), s in zip(centres, near, strict=True)]
         on_lane = [self._nearest_lane(x, y, angle) for (x, y), angle in zip(centres, heading, strict=True)]
+        acceleration = (speed - before.egos.speed) / TICK_S if before else np.zeros(count)
         return Egos(
             names=tuple(body.name for body in bodies),
             active=np.ones(count, dtype=np.bool_),
             position=centres,
             heading=heading,
             speed=speed,
-            acceleration=(speed - before.egos.speed) / TICK_S if before else np.zeros(count),
+            acceleration=acceleration,
             yaw_rate=np.zeros(count),
             steering=np.zeros(count),
             length=np.array([body.length for body in bodies]),
@@ -226,6 +227,7 @@ class Scene:
             lane_offset=np.array([offset for _, offset, _ in on_lane]),
             lane_heading_error=np.array([error for _, _, error in on_lane]),
             driven=(before.egos.driven if before else np.zeros(count)) + driven,
+            motion=np.stack([np.repeat(acceleration[:, None], 10, axis=1), np.zeros((count, 10))], axis=2),
         )
 
     def _project(self, x: float, y: float, near: float) -> tuple[float, float, float]:

@@ -9,8 +9,10 @@ from evaluation.criteria.minimum_speed import MinimumSpeed
 from evaluation.criteria.outside_lanes import OutsideLanes
 from evaluation.criteria.red_light import RedLight
 from evaluation.criteria.route_deviation import RouteDeviation
+from evaluation.criteria.scenario_timeout import ScenarioTimeout
 from evaluation.criteria.stop_sign import StopSign
 from evaluation.criteria.timeout import RouteTimeout
+from evaluation.criteria.yielding import Yielding
 from sumo_networks.scenario import Scenario
 
 __all__ = [
@@ -23,7 +25,9 @@ __all__ = [
     "RedLight",
     "RouteDeviation",
     "RouteTimeout",
+    "ScenarioTimeout",
     "StopSign",
+    "Yielding",
     "criteria_for",
 ]
 
@@ -36,6 +40,8 @@ def criteria_for(scenario: Scenario) -> tuple[Criterion, ...]:
         StopSign(),
         OutsideLanes(),
         MinimumSpeed(),
+        ScenarioTimeout(),
+        Yielding(),
         RouteDeviation(),
         Blocked(),
         RouteTimeout(limit_s=scenario.time_limit_s),

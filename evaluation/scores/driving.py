@@ -27,6 +27,8 @@ _FACTORS: Final[Mapping[InfractionKind, float]] = MappingProxyType(
         InfractionKind.COLLISION_STATIC: 0.65,
         InfractionKind.RED_LIGHT: 0.70,
         InfractionKind.STOP_SIGN: 0.80,
+        InfractionKind.SCENARIO_TIMEOUT: 0.70,
+        InfractionKind.YIELD_EMERGENCY: 0.70,
     }
 )
 _COSTS: Final[Mapping[InfractionKind, float]] = MappingProxyType(
@@ -36,7 +38,12 @@ _COSTS: Final[Mapping[InfractionKind, float]] = MappingProxyType(
         InfractionKind.COLLISION_STATIC: 0.6,
         InfractionKind.RED_LIGHT: 0.4,
         InfractionKind.STOP_SIGN: 0.25,
+        InfractionKind.SCENARIO_TIMEOUT: 0.4,
+        InfractionKind.YIELD_EMERGENCY: 0.4,
     }
+)
+_SINCE_2_0: Final = frozenset(
+    {InfractionKind.MINIMUM_SPEED, InfractionKind.SCENARIO_TIMEOUT, InfractionKind.YIELD_EMERGENCY}
 )
 _MINIMUM_SPEED_WEIGHT: Final = 0.3
 _MINIMUM_SPEED_COST: Final = 0.4
@@ -73,10 +80,11 @@ def infraction_penalty(infractions: Iterable[Infraction], rules: Rules, outside_
     """Infraction penalty IP in [0, 1]; 1 without any infraction.
 
     Rules 1.0 and 2.0: IP = (1 - outside) * prod(p), one factor p per infraction: pedestrian 0.50, vehicle 0.60, static
-    object 0.65, red light 0.70, stop sign 0.80; since 2.0 also 1 - 0.3 * (1 - s) per minimum-speed checkpoint missed,
-    s being the share of the surrounding traffic's speed.
-    Rules 2.1: IP = (1 - outside) / (1 + sum(c)), one cost c per infraction: 1.0, 0.7, 0.6, 0.4, 0.25 in the same order,
-    and 0.4 * (1 - s).
+    object 0.65, red light 0.70, stop sign 0.80; since 2.0 also scenario timeout 0.70, not yielding to an emergency
+    vehicle 0.70, and 1 - 0.3 * (1 - s) per minimum-speed checkpoint missed, s being the share of the surrounding
+    traffic's speed.
+    Rules 2.1: IP = (1 - outside) / (1 + sum(c)), one cost c per infraction: 1.0, 0.7, 0.6, 0.4, 0.25, 0.4, 0.4 in the
+    same order, and 0.4 * (1 - s).
     Deviation, blocking and time-out end the route and carry no factor. Source: CARLA Leaderboard 1.0, 2.0, 2.1.
 
     Args:
@@ -93,7 +101,7 @@ def infraction_penalty(infractions: Iterable[Infraction], rules: Rules, outside_
         raise InvalidInputError(f"expected an outside fraction in [0, 1], got {outside_fraction}")
     if rules == "2.1":
         return (1.0 - outside_fraction) / (1.0 + math.fsum(_cost(one) for one in infractions))
-    counted = (one for one in infractions if rules == "2.0" or one.kind is not InfractionKind.MINIMUM_SPEED)
+    counted = (one for one in infractions if rules == "2.0" or one.kind not in _SINCE_2_0)
     return (1.0 - outside_fraction) * math.prod(sorted(_factor(one) for one in counted))
 
 

@@ -24,6 +24,8 @@ VEHICLE = infraction(InfractionKind.COLLISION_VEHICLE)
 STATIC = infraction(InfractionKind.COLLISION_STATIC)
 RED = infraction(InfractionKind.RED_LIGHT)
 STOP = infraction(InfractionKind.STOP_SIGN)
+TOO_LONG = infraction(InfractionKind.SCENARIO_TIMEOUT, magnitude=240.0, unit="s")
+NOT_YIELDING = infraction(InfractionKind.YIELD_EMERGENCY, magnitude=12.0, unit="m")
 
 
 def slow(percent: float) -> Infraction:
@@ -72,6 +74,8 @@ def test_two_vehicle_hits_and_a_red_light_at_80_percent(rules: Rules, expected: 
         (STATIC, 0.65, 0.6),
         (RED, 0.70, 0.4),
         (STOP, 0.80, 0.25),
+        (TOO_LONG, 0.70, 0.4),
+        (NOT_YIELDING, 0.70, 0.4),
         (slow(0.0), 0.70, 0.4),
         (slow(50.0), 0.85, 0.2),
         (slow(100.0), 1.0, 0.0),
@@ -90,6 +94,11 @@ def test_each_infraction_alone(one: Infraction, factor: float, cost: float) -> N
 def test_minimum_speed_counts_once_per_checkpoint_and_not_at_all_under_1_0() -> None:
     assert infraction_penalty([slow(50.0)] * 3, "2.0", 0.0) == pytest.approx(0.85**3)
     assert infraction_penalty([slow(50.0)] * 3, "1.0", 0.0) == 1.0
+
+
+def test_scripted_events_count_since_2_0() -> None:
+    assert infraction_penalty([TOO_LONG, NOT_YIELDING, RED], "1.0", 0.0) == pytest.approx(0.7)
+    assert infraction_penalty([TOO_LONG, NOT_YIELDING, RED], "2.0", 0.0) == pytest.approx(0.7**3)
 
 
 @pytest.mark.parametrize("rules", RULES)

@@ -17,8 +17,11 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+import gymnasium
+import highway_env
 import libsumo
 import numpy as np
+import senses
 
 from evaluation.criteria import criteria_for
 from sumo_networks.catalog import load_network
@@ -204,6 +207,37 @@ def two_workers() -> dict[str, float]:
     return result
 
 
+def peer(pipe: Connection, vehicles: int) -> None:
+    """Steps highway-env's highway among so many vehicles; its policy runs at 15 Hz here, ours at 10 Hz."""
+    gymnasium.register_envs(highway_env)
+    config = {"vehicles_count": vehicles, "duration": 10_000, "policy_frequency": 15, "simulation_frequency": 15}
+    env = gymnasium.make("highway-v0", config=config)
+    env.reset(seed=1)
+
+    def tick() -> None:
+        _, _, ended, cut, _ = env.step(1)
+        if ended or cut:
+            env.reset(seed=1)
+
+    _serve(pipe, tick)
+
+
+def against_a_peer() -> dict[str, float]:
+    """Our rate over that of another environment, both with one ego and 50 vehicles."""
+    (peer_rate, _), (env_rate, ratio) = compare(Arm(peer, 50), Arm(driven, scenario("ingolstadt", 50)))
+    print(f"highway-env, 50 vehicles: {peer_rate:.1f} steps/s, DrivingEnv {env_rate:.0f}: {ratio:.0f} times")
+    return {"highway_env_steps_per_s": peer_rate, "env_ticks_per_s": env_rate, "ratio": ratio}
+
+
+def one_by_one() -> dict[str, float]:
+    """Microseconds per reading of radar, IMU and GNSS, and per step of the localization filters."""
+    env = DrivingEnv(scenario("ingolstadt", 50), reward=None)
+    env.reset()
+    results = senses.report(env.world)
+    env.close()
+    return results
+
+
 def main() -> None:
     """Prints the table and writes bench.json."""
     document = {
@@ -212,6 +246,8 @@ def main() -> None:
         "one_ego": one_ego(),
         "eight_egos": eight_egos(),
         "two_workers": two_workers(),
+        "highway_env": against_a_peer(),
+        "senses": one_by_one(),
     }
     Path("bench.json").write_text(json.dumps(document, indent=1) + "\n")
 

@@ -1,0 +1,28 @@
+"""Scenario timeout: a scripted event around the ego is not over in time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from evaluation.criteria.base import Criterion, infraction
+from evaluation.record import Infraction, InfractionKind
+from sumo_networks.world import EventPhase, World
+
+
+@dataclass(slots=True)
+class ScenarioTimeout(Criterion):
+    """Detects an event that the ego has triggered and that is not over when its time is, once per event.
+
+    The time is the event's own (`timeout_s`), by default 240 s of simulated time. An event that the ego has not
+    triggered, or that goes on when the ego's episode ends, is none.
+
+    Source: CARLA Leaderboard 2.1, ScenarioTimeoutTest.
+    """
+
+    def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
+        """Yields one infraction for each event whose time is up."""
+        for earlier, event in zip(before.events, after.events, strict=True):
+            if event.ego == ego and event.phase is EventPhase.TIMED_OUT and earlier.phase is EventPhase.ACTIVE:
+                elapsed_s = event.ended - event.started
+                yield infraction(InfractionKind.SCENARIO_TIMEOUT, after, ego, elapsed_s, "s", actor=event.name)

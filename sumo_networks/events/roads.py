@@ -1,0 +1,224 @@
+"""Roads: what is beside the ego's lane at a point of its route, and which junctions and streams lie ahead."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sumo_networks.events.paths import Path, downstream, lane_path, meeting, upstream
+from sumo_networks.events.script import Unfit
+from sumo_networks.geometry import wrap
+from sumo_networks.network import RoadNetwork
+from sumo_networks.routing import Command, Passage, Route
+
+ALIGNED_RAD = 0.5
+FAST_ROAD_MPS = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """The road across one point of a route.
+
+    Attributes:
+        lane: The route's own.
+        half_width: Of it, m.
+        left: Lane of the same direction to its left, -1 if none.
+        right: Lane of the same direction to its right, -1 if none.
+        oncoming: Lane of the other direction to the left of all those of this one, -1 if none.
+        kerb_right: Distance from the middle of the route's lane to the right edge of the carriageway, m.
+        kerb_left: The same to the left.
+        middle: Distance from the middle of the route's lane to the edge of the oncoming one, m.
+    """
+
+    lane: int
+    half_width: float
+    left: int
+    right: int
+    oncoming: int
+    kerb_right: float
+    kerb_left: float
+    middle: float
+
+
+def section(network: RoadNetwork, route: Route, s: float) -> Section:
+    """The road across a point of a route.
+
+    Raises:
+        Unfit: The point is past the route's end, or in a junction.
+    """
+    if s > route.length:
+        raise Unfit(f"the route ends at {route.length:.0f} m, {s:.0f} m are needed")
+    if any(passage.entry < s < passage.exit for passage in route.passages):
+        raise Unfit(f"{s:.0f} m is inside a junction")
+    lanes, row = network.lanes, route.index(s)
+    lane = int(route.lane[row])
+    if lanes.internal[lane]:
+        raise Unfit(f"{s:.0f} m is inside a junction")
+    edge = [one for one in network.lanes_of_edge[network.edge_id(lane)] if lanes.drivable[one] or lanes.bicycle[one]]
+    rank = edge.index(lane)
+    half = 0.5 * float(lanes.width[lane])
+    right = half + float(sum(lanes.width[one] for one in edge[:rank]))
+    middle = half + float(sum(lanes.width[one] for one in edge[rank + 1 :]))
+    oncoming, left = _oncoming(network, route, row, middle), middle
+    if oncoming >= 0:
+        other = network.lanes_of_edge[network.edge_id(oncoming)]
+        left += float(sum(lanes.width[one] for one in other if lanes.drivable[one] or lanes.bicycle[one]))
+    return Section(lane, half, int(lanes.left[lane]), int(lanes.right[lane]), oncoming, right, left, middle)
+
+
+def _oncoming(network: RoadNetwork, route: Route, row: int, middle: float) -> int:
+    x, y = route.position[row].tolist()
+    heading = route.heading.item(row)
+    left = middle + 1.5
+    x, y = x - left * math.sin(heading), y + left * math.cos(heading)
+    none = np.zeros_like(route.on_route)
+    lane, offset, error = network.nearest_lane(x, y, heading + math.pi, none)
+    fits = lane >= 0 and abs(offset) < 0.5 * network.lanes.width[lane] and abs(error) < ALIGNED_RAD
+    return lane if fits and not network.lanes.internal[lane] else -1
+
+
+def need_clear_road(route: Route, first: float, last: float, through: bool = False) -> None:
+    """Raises Unfit where a stretch of a route is not all on one road, without junctions.
+
+    Args:
+        route: The ego's.
+        first: Start of the stretch, m.
+        last: Its end, m.
+        through: Junctions that the route passes straight on, with the right of way and without lights, do not count.
+    """
+    if last > route.length:
+        raise Unfit(f"the route ends at {route.length:.0f} m, {last:.0f} m are needed")
+    for passage in route.passages:
+        if passage.exit <= first or passage.entry >= last or passage.exit - passage.entry <= 1.0:
+            continue
+        if not (through and passage.signal < 0 and passage.control == "M" and not turns(passage)):
+            raise Unfit(f"there is a junction at {passage.entry:.0f} m, and {first:.0f} to {last:.0f} m must be free")
+
+
+def need_kerb(network: RoadNetwork, route: Route, s: float) -> Section:
+    """The section at a point where people may be on foot.
+
+    Raises:
+        Unfit: It is in a junction, past the end, or on a road for cars only.
+    """
+    found = section(network, route, s)
+    if network.lanes.speed[found.lane] > FAST_ROAD_MPS:
+        raise Unfit(f"nobody walks beside a road with a limit of {network.lanes.speed[found.lane]:.0f} m/s")
+    return found
+
+
+def next_passage(network: RoadNetwork, route: Route, s: float, within_m: float = 150.0) -> Passage:
+    """The first junction after a point of a route; places where roads merely go on do not count.
+
+    Raises:
+        Unfit: There is none within the distance.
+    """
+    for passage in route.passages:
+        if passage.entry > s + within_m:
+            break
+        met = (network.connections.yields == passage.connection).any()
+        if passage.entry >= s and passage.exit - passage.entry > 1.0 and (passage.signal >= 0 or met):
+            return passage
+    raise Unfit(f"there is no junction within {within_m:.0f} m")
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """A way through a junction that meets the ego's.
+
+    Attributes:
+        connection: Index.
+        lanes: That lead to, through and out of the junction.
+        path: Along them.
+        own_s: Where the ego meets it, m along the ego's route.
+        path_s: The same, m along the path.
+        side: Where it comes from, seen from the ego.
+        ego_yields: Whether the ego must give way to it, lights aside.
+        merges: Whether both go on in the same edge.
+    """
+
+    connection: int
+    lanes: tuple[int, ...]
+    path: Path
+    own_s: float
+    path_s: float
+    side: str
+    ego_yields: bool
+    merges: bool
+
+
+def streams(network: RoadNetwork, route: Route, passage: Passage, source_m: float) -> list[Stream]:
+    """Ways through a junction that meet the ego's, those with the longest approach first."""
+    own, connections, lanes = passage.connection, network.connections, network.lanes
+    rows = {int(b) for a, b in connections.yields if a == own} | {int(a) for a, b in connections.yields if b == own}
+    path, found = Path(route.position), []
+    heading = float(route.heading[route.index(passage.entry)])
+    for connection in sorted(rows):
+        source, inside = int(connections.source[connection]), int(connections.target[connection])
+        if not (lanes.drivable[source] and lanes.drivable[inside]) or connections.direction[connection] == "t":
+            continue
+        if lanes.edge[source] == lanes.edge[connections.source[own]]:
+            continue
+        before, after = upstream(network, source, source_m), downstream(network, inside, 60.0)
+        way = lane_path(network, [*before, *after])
+        met = meeting(path, passage.entry, min(passage.exit + 5.0, route.length), way)
+        if met is None:
+            continue
+        *_, there = network.lane_point(source, -0.1)
+        found.append(
+            Stream(
+                connection,
+                (*before, *after),
+                way,
+                *met,
+                _side(wrap(there - heading)),
+                (own, connection) in network.gives_way_to,
+                _exit_edge(network, inside) == _exit_edge(network, int(connections.target[own])),
+            )
+        )
+    return sorted(found, key=lambda stream: (-min(stream.path_s, source_m), stream.connection))
+
+
+def _side(turn: float) -> str:
+    """Where one comes from whose heading is the ego's plus a turn."""
+    if abs(turn) > 0.75 * math.pi:
+        return "opposite"
+    if abs(turn) < 0.25 * math.pi:
+        return "same"
+    return "right" if turn > 0 else "left"
+
+
+def _exit_edge(network: RoadNetwork, lane: int) -> int:
+    while network.lanes.internal[lane]:
+        onward = network.connections_from(lane)
+        if not onward:
+            break
+        lane = int(network.connections.target[onward[0]])
+    return int(network.lanes.edge[lane])
+
+
+def crossing_after(network: RoadNetwork, route: Route, passage: Passage) -> float:
+    """Where people cross behind a junction: on its zebra crossing if it has one, else 5 m behind it; m along the route.
+
+    Raises:
+        Unfit: The route ends before.
+    """
+    default = passage.exit + 5.0
+    if route.length < default + 5.0:
+        raise Unfit("the route ends at the junction")
+    ahead = slice(route.index(passage.exit - 8.0), route.index(passage.exit + 12.0) + 1)
+    for crossing in np.flatnonzero(network.lanes.crossing):
+        middle = network.lane_shape(int(crossing))
+        if np.hypot(*(middle.mean(axis=0) - route.position[ahead.start])).item() > 40.0:
+            continue
+        met = meeting(Path(route.position[ahead]), 0.0, 40.0, Path(middle))
+        if met is not None:
+            return passage.exit - 8.0 + met[0]
+    return default
+
+
+def turns(passage: Passage) -> bool:
+    """Whether the route turns at a junction."""
+    return passage.command in (Command.LEFT, Command.RIGHT)

@@ -1,0 +1,8 @@
+"""The simulation of one scenario: the only package that imports libsumo."""
+
+from __future__ import annotations
+
+from sumo_networks.simulation.process import TICK_S, sumo_version
+from sumo_networks.simulation.simulation import START_CLEARANCE_M, Simulation
+
+__all__ = ["START_CLEARANCE_M", "TICK_S", "Simulation", "sumo_version"]

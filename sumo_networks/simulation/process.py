@@ -1,0 +1,58 @@
+"""SUMO in this process: how it is started, and what becomes of its errors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import libsumo
+
+from sumo_networks.errors import InvalidInputError, SimulationError
+from sumo_networks.network import RoadNetwork
+
+TICK_S = 0.1
+_TYPES = Path(__file__).parents[1] / "vehicle_types.add.xml"
+_OPTIONS = (
+    *("--step-length", str(TICK_S), "--time-to-teleport", "300", "--lanechange.duration", "2"),
+    *("--collision.action", "warn", "--collision.check-junctions", "true", "--collision.mingap-factor", "0"),
+    # Drivers know where the queues are; on shortest ways alone they all meet in the same street, and it locks.
+    *("--device.rerouting.probability", "1", "--device.rerouting.period", "30"),
+    # Two vehicles that each wait for the other inside a junction would stand for ever.
+    *("--ignore-junction-blocker", "15"),
+    *("--xml-validation", "never", "--no-step-log", "true", "--no-warnings", "true", "--duration-log.disable", "true"),
+)
+
+
+def sumo_version() -> str:
+    """Version of the SUMO in use."""
+    return str(libsumo.getVersion()[1])
+
+
+def start_sumo(network: RoadNetwork, seed: int, friction: float) -> None:
+    """Starts SUMO on a network, on roads with a share of their dry grip.
+
+    Raises:
+        InvalidInputError: The network's file is gone.
+        SimulationError: SUMO could not load it.
+    """
+    if not network.path.exists():
+        raise InvalidInputError(f"network file '{network.path}' is gone")
+    slippery = friction < 1.0
+    options = (*_OPTIONS, "--device.friction.probability", "1") if slippery else _OPTIONS
+    try:
+        libsumo.start(["sumo", "-n", str(network.path), "-a", str(_TYPES), "--seed", str(seed), *options])
+    except libsumo.TraCIException as error:
+        raise SimulationError(f"SUMO could not load network '{network.name}': {error}") from error
+    if slippery:
+        for edge in libsumo.edge.getIDList():
+            libsumo.edge.setFriction(edge, friction)
+
+
+@contextmanager
+def failing_as_simulation_error(tick: int) -> Iterator[None]:
+    """Turns SUMO's own errors into a SimulationError that names the tick."""
+    try:
+        yield
+    except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
+        raise SimulationError(f"SUMO failed at tick {tick}: {error}") from error

@@ -1,0 +1,161 @@
+"""Registry: names, kinds and boxes of everything seen in SUMO, and the images by which SUMO sees the egos."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import libsumo
+import numpy as np
+
+from sumo_networks.arrays import FloatArray, IntArray
+from sumo_networks.network import RoadNetwork
+from sumo_networks.routing import Route
+from sumo_networks.scenario import Scenario
+from sumo_networks.simulation.surroundings import Surroundings
+from sumo_networks.vehicle import VehicleParameters
+from sumo_networks.world import ActorKind, Actors
+
+_KINDS = {
+    "car": ActorKind.CAR,
+    "van": ActorKind.VAN,
+    "truck": ActorKind.TRUCK,
+    "bus": ActorKind.BUS,
+    "bicycle": ActorKind.BICYCLE,
+    "emergency": ActorKind.EMERGENCY,
+    "pedestrian": ActorKind.PEDESTRIAN,
+}
+_INDICATOR = {0: 0, 1: -1, 2: 1, 3: 0}  # SUMO's lowest two bits: right, left
+_Point = tuple[float, float]
+_Row = tuple[float, float, float, float, int, int]  # x, y, angle, speed, lane, indicator
+
+
+class Registry:
+    """Names, kinds and boxes of everything seen so far, and the egos' images in SUMO."""
+
+    def __init__(
+        self, network: RoadNetwork, scenario: Scenario, vehicle: VehicleParameters, egos: tuple[str, ...]
+    ) -> None:
+        self.names: list[str] = []
+        self._vehicle = vehicle
+        self._images = set(egos)
+        self._lane_index = network.lane_index
+        self._surroundings = Surroundings(scenario.traffic, len(egos))
+        self._keys: dict[str, int] = {}
+        self._kind: IntArray = np.zeros(256, dtype=np.int64)
+        self._length: FloatArray = np.zeros(256)
+        self._width: FloatArray = np.zeros(256)
+        self._shown: set[str] = set()
+        self._obstacles = np.array(
+            [
+                (self.register(f"obstacle-{i}", ActorKind.STATIC, o.length_m, o.width_m), o.x_m, o.y_m, o.heading_rad)
+                for i, o in enumerate(scenario.obstacles)
+            ]
+        ).reshape(-1, 4)
+
+    def add_ego(self, name: str, route: Route) -> None:
+        """Makes SUMO report what is around an ego."""
+        libsumo.route.add(name, route.edges)
+        self._surroundings.add(name)
+
+    def look_around(self, name: str, x: float, y: float) -> None:
+        """Moves the point around which an ego sees, m."""
+        self._surroundings.move(name, x, y)
+
+    def move_ego(self, name: str, place: tuple[str, int], front: _Point, angle: float) -> None:
+        """Shows an ego on a lane, given by its edge and index."""
+        self.move_image(name, "ego", (self._vehicle.length, self._vehicle.width), place, front, angle)
+
+    def move_image(
+        self, name: str, vtype: str, size: tuple[float, float], place: tuple[str, int], front: _Point, angle: float
+    ) -> None:
+        """Shows something of ours as a vehicle on a lane.
+
+        Args:
+            name: Of the image and of its route.
+            vtype: A vType of vehicle_types.add.xml.
+            size: Length and width, m.
+            place: Edge id and index of the lane.
+            front: Middle of its front bumper, m, network frame.
+            angle: SUMO's, degrees clockwise from north.
+        """
+        if name not in self._shown:
+            self._shown.add(name)
+            self._images.add(name)
+            libsumo.vehicle.add(name, name, vtype, departLane="free", departPos="base", departSpeed="0")
+            libsumo.vehicle.setLength(name, size[0])
+            libsumo.vehicle.setWidth(name, size[1])
+            libsumo.vehicle.setSpeedMode(name, 0)
+            libsumo.vehicle.setLaneChangeMode(name, 0)
+        libsumo.vehicle.moveToXY(name, *place, *front, angle, 2)
+
+    def strayed(self, name: str) -> bool:
+        """Whether SUMO found no lane for an image, as it may past the end of one."""
+        return name in self._shown and not libsumo.vehicle.getLaneID(name)
+
+    def hide_image(self, name: str) -> None:
+        """Takes away the image of an ego or puppet that is off the road.
+
+        SUMO keeps a vehicle that moveToXY led off the road on the books of its last lane, and dies of a segmentation
+        fault when another vehicle comes along there.
+        """
+        if name in self._shown:
+            self._shown.remove(name)
+            libsumo.vehicle.remove(name)
+
+    def forget_ego(self, name: str) -> None:
+        """Takes an ego's image away, and the report of what is around it."""
+        self._surroundings.forget(name)
+        self.hide_image(name)
+
+    def read(self) -> Actors:
+        """Everything within sight of the egos, in the order of keys."""
+        readings = [reading for reading in self._surroundings.read() if reading[0] not in self._images]
+        for name in sorted({reading[0] for reading in readings} - self._keys.keys()):
+            self._first_sight(name)
+        keys, lanes = self._keys, self._lane_index
+        return self._table(
+            {
+                keys[name]: (x, y, angle, speed, lanes.get(lane, -1), _INDICATOR[signals & 3])
+                for name, x, y, angle, speed, lane, signals in readings
+            }
+        )
+
+    @property
+    def keys(self) -> Mapping[str, int]:
+        """Key of every actor seen so far, by name."""
+        return self._keys
+
+    def _table(self, seen: dict[int, _Row]) -> Actors:
+        moving_keys = sorted(seen)
+        moving = np.array([seen[key] for key in moving_keys]).reshape(-1, 6)
+        still = len(self._obstacles)
+        keys = np.empty(still + len(moving), dtype=np.int64)
+        keys[:still], keys[still:] = self._obstacles[:, 0], moving_keys
+        kind, length, width = self._kind[keys], self._length[keys], self._width[keys]
+        position, heading, speed = np.empty((len(keys), 2)), np.empty(len(keys)), np.zeros(len(keys))
+        lane, indicator = np.full(len(keys), -1), np.zeros(len(keys), dtype=np.int64)
+        position[:still], heading[:still] = self._obstacles[:, 1:3], self._obstacles[:, 3]
+        heading[still:] = (1.5 * math.pi - np.radians(moving[:, 2])) % (2 * math.pi) - math.pi
+        # SUMO gives a vehicle's front bumper, a person's centre.
+        back = np.where(kind == ActorKind.PEDESTRIAN, 0.0, 0.5 * length)[still:]
+        position[still:, 0] = moving[:, 0] - back * np.cos(heading[still:])
+        position[still:, 1] = moving[:, 1] - back * np.sin(heading[still:])
+        speed[still:], lane[still:], indicator[still:] = moving[:, 3], moving[:, 4], moving[:, 5]
+        return Actors(keys, kind, position, heading, speed, length, width, lane, indicator)
+
+    def _first_sight(self, name: str) -> None:
+        domain = libsumo.person if name.startswith("pedestrian") else libsumo.vehicle
+        kind = _KINDS[domain.getTypeID(name).split("@")[0]]
+        self.register(name, kind, domain.getLength(name), domain.getWidth(name))
+
+    def register(self, name: str, kind: ActorKind, length: float, width: float) -> int:
+        """Gives an actor its key."""
+        key = self._keys[name] = len(self.names)
+        self.names.append(name)
+        if key == len(self._kind):
+            self._kind = np.concatenate([self._kind, np.zeros_like(self._kind)])
+            self._length = np.concatenate([self._length, np.zeros_like(self._length)])
+            self._width = np.concatenate([self._width, np.zeros_like(self._width)])
+        self._kind[key], self._length[key], self._width[key] = kind, length, width
+        return key

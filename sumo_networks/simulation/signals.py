@@ -1,0 +1,37 @@
+"""Signals: the state of every traffic light, as SUMO has it."""
+
+from __future__ import annotations
+
+import libsumo
+import numpy as np
+
+from sumo_networks.arrays import IntArray
+from sumo_networks.network import RoadNetwork
+from sumo_networks.world import LightState
+
+_LIGHTS = dict.fromkeys("Gg", LightState.GREEN) | dict.fromkeys("yY", LightState.YELLOW)
+_LIGHTS |= dict.fromkeys("ru", LightState.RED) | dict.fromkeys("oO", LightState.OFF)
+
+
+class SignalReader:
+    """Reads the states of all signals, decoding only lights that changed."""
+
+    def __init__(self, network: RoadNetwork) -> None:
+        signals = network.signals
+        self._lights = [
+            (str(light), np.flatnonzero(signals.light == i), signals.link[signals.light == i])
+            for i, light in enumerate(signals.light_ids)
+        ]
+        self._last = [""] * len(self._lights)
+        self._state: IntArray = np.zeros(len(signals.link), dtype=np.int64)
+
+    def read(self) -> IntArray:
+        """(K,) LightState."""
+        for i, (light, rows, links) in enumerate(self._lights):
+            text = libsumo.trafficlight.getRedYellowGreenState(light)
+            if text != self._last[i]:
+                self._last[i] = text
+                state = self._state.copy()
+                state[rows] = [_LIGHTS.get(text[link], LightState.OFF) for link in links]
+                self._state = state
+        return self._state

@@ -1,0 +1,313 @@
+"""How fast the wire is: `python tests/performance/wire.py [--json FILE] [--quick]`.
+
+1. Steps over loopback against a null simulation, 12 kB each way, through the whole service: one worker, then 32.
+2. A real episode locally and through the service: the share of a tick that HTTP costs.
+3. The same real episode's steps alone, and while 200 readers look at the service.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import multiprocessing
+import os
+import socket
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Sequence
+from http.client import HTTPConnection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT))
+
+from evaluation.agent import make_agent  # noqa: E402
+from evaluation.benchmark import load_benchmark  # noqa: E402
+from evaluation.record import AgentInfo  # noqa: E402
+from evaluation.runner import run_episode  # noqa: E402
+from service.settings import Settings  # noqa: E402
+from service.wire import Format, decode, encode, encode_observations, pack  # noqa: E402
+from sumo_networks.scenario import Mission, Place, Scenario  # noqa: E402
+
+BODY = {"vector": np.zeros(3000, np.float32)}  # 12 kB
+PORT_WAIT_S = 60.0
+READERS, READ_EVERY_S = 200, 5.0
+
+
+def null_episode() -> None:
+    """The program of a process that answers every action with 12 kB, and never ends."""
+    from service.episodes.channel import Channel, Kind
+    from service.episodes.remote import SEEN
+
+    channel = Channel(socket.socket(fileno=int(sys.argv[1])))
+    seen, tick = encode_observations({"ego": BODY}), 0
+    while (frame := channel.receive()) is not None:
+        if frame[0] is Kind.ACTIONS:
+            tick += 1
+        if frame[0] in (Kind.ACTIONS, Kind.ORDER):
+            channel.send(Kind.SEEN, SEEN.pack(tick, tick / 10, 0) + seen)
+
+
+def serve_null(data: str, port: int, episodes: int) -> None:
+    """A service whose every episode is a null episode."""
+    import uvicorn
+
+    from service.app import create_app
+    from service.database.models import Agent, Role, new_id
+    from service.database.tokens import create_token
+    from service.episodes.lease import RemoteEpisode
+    from service.episodes.order import Order
+    from service.episodes.process import EpisodeProcess
+    from service.episodes.scheduler import Scheduler
+
+    class NullScheduler(Scheduler):
+        async def start(self) -> None:
+            await super().start()
+            with self._database.session() as session:
+                token = create_token(session, "owner", Role.WORKER)[1]
+                session.add(Agent(id=new_id("ag"), name="null", owner="owner"))
+            place = Place(lane="a_0")
+            info = AgentInfo(name="null", entry="n", track="map", sensors=("route",), control="waypoints")
+            self.kept = []
+            for _ in range(episodes):
+                process = EpisodeProcess(Path(data), "tests.performance.wire")
+                await process.start()
+                order = Order(
+                    scenario=Scenario(network="n", missions=(Mission(start=place, goal=place),)),
+                    info=info,
+                    benchmark=("n", ""),
+                    directory=Path(data),
+                    stem="n",
+                    act_deadline_s=60,
+                    remote=True,
+                )
+                self.leases.expect(RemoteEpisode("null", 1, 1, order, process))
+                self.kept.append(asyncio.create_task(process.drive(order)))
+            Path(data, "token").write_text(token)
+
+    app = create_app(Settings(data=Path(data)), NullScheduler)
+    uvicorn.run(
+        app, port=port, loop="uvloop", http="httptools", log_level="warning", access_log=False, timeout_keep_alive=120
+    )
+
+
+class Stepper:
+    """One worker that steps as fast as it can."""
+
+    def __init__(self, port: int, token: str, agent: str) -> None:
+        self.http = HTTPConnection("127.0.0.1", port, timeout=60)
+        registered = self.post("/v1/workers", {"agent": agent}, token)
+        self.token = registered["token"]
+        self.episode: Any = None
+        while self.episode is None:
+            self.episode = self.post(f"/v1/workers/{registered['worker']}/acquire?wait=20", {}, self.token)
+        self.tick = self.episode["tick"]
+
+    def post(self, path: str, document: Any, token: str) -> Any:
+        """One request."""
+        headers = {"authorization": f"Bearer {token}", "content-type": Format.MSGPACK.value}
+        self.http.request("POST", path, encode(document, Format.MSGPACK), headers)
+        response = self.http.getresponse()
+        body = response.read()
+        assert response.status < 300, body
+        return decode(body, Format.MSGPACK) if body else None
+
+    def run(self, steps: int, actions: Any) -> list[float]:
+        """Seconds of each round trip, encoding left out, or until the episode is done."""
+        path, taken = f"/v1/leases/{self.episode['lease']}/step", []
+        headers = {"authorization": f"Bearer {self.token}", "content-type": Format.MSGPACK.value}
+        for _ in range(steps):
+            body = encode({"tick": self.tick, "actions": actions}, Format.MSGPACK)
+            began = time.perf_counter()
+            self.http.request("POST", path, body, headers)
+            answer = self.http.getresponse().read()
+            taken.append(time.perf_counter() - began)
+            reply = decode(answer, Format.MSGPACK)
+            self.tick = reply["tick"]
+            if reply["done"]:
+                break
+        return taken
+
+
+def step_many(port: int, token: str, workers: int, steps: int, results: Any) -> None:
+    """Workers in threads of one process."""
+    steppers = [Stepper(port, token, "null") for _ in range(workers)]
+    lists: list[list[float]] = [[] for _ in steppers]
+    actions = {"ego": pack(BODY["vector"])}
+
+    def go(i: int) -> None:
+        lists[i] = steppers[i].run(steps, actions)
+
+    threads = [threading.Thread(target=go, args=(i,)) for i in range(workers)]
+    began = time.perf_counter()
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    results.put((time.perf_counter() - began, [one for many in lists for one in many]))
+
+
+def measure_null(workers: int, steps: int) -> dict[str, float]:
+    """Round trips of so many workers at once."""
+    context = multiprocessing.get_context("spawn")
+    with tempfile.TemporaryDirectory() as data:
+        port = free_port()
+        server = context.Process(target=serve_null, args=(data, port, workers))
+        server.start()
+        try:
+            wait_for(Path(data, "token"), port)
+            token, results = Path(data, "token").read_text(), context.Queue()
+            per = min(workers, 8)
+            crews = [
+                context.Process(target=step_many, args=(port, token, per, steps, results))
+                for _ in range(workers // per)
+            ]
+            for crew in crews:
+                crew.start()
+            before = cpu_seconds(server.pid)
+            got = [results.get(timeout=300) for _ in crews]
+            used = cpu_seconds(server.pid) - before
+            for crew in crews:
+                crew.join()
+        finally:
+            server.terminate()
+            server.join()
+    taken = [one for _, many in got for one in many]
+    rate = round(len(taken) / max(seconds for seconds, _ in got))
+    # CPU time tells more than a clock does on a machine with other work to do.
+    return table_row(taken) | {"steps_per_s": rate, "server_cpu_us": round(1e6 * used / len(taken))}
+
+
+def measure_real(quick: bool) -> dict[str, Any]:
+    """A real episode here and through the service, and what readers do to its steps."""
+    from tests.service.episodes.served import STEADY, Service, info_of
+
+    benchmark = load_benchmark("quickstart")
+    one = benchmark.model_copy(update={"missions": {"all": benchmark.missions["all"][2:3]}})
+    info = info_of(STEADY)
+    scenario = one.scenarios([0])[0]
+    run_episode(scenario, {"ego": make_agent(STEADY)})
+    began = time.perf_counter()
+    local = run_episode(scenario, {"ego": make_agent(STEADY)})
+    tick_ms = (time.perf_counter() - began) / local.ticks * 1000
+    context = multiprocessing.get_context("spawn")
+    with tempfile.TemporaryDirectory() as data:
+        service = Service(Path(data), processes=1, requests_per_minute=1_000_000, lease_ttl_s=60)
+        service.start()
+        try:
+            shown = service.submit(info_of("agents.experts.autopilot:Autopilot"), one, kind=_builtin())
+            service.wait(shown)
+            rounds = 1 if quick else 3
+            alone = [_drive(service, info, one) for _ in range(rounds)]
+            stop = context.Event()
+            readers = context.Process(target=read, args=(service.url, shown, stop))
+            readers.start()
+            time.sleep(READ_EVERY_S)
+            watched = [_drive(service, info, one) for _ in range(rounds)]
+            stop.set()
+            readers.join()
+        finally:
+            service.close()
+    quiet, busy = (table_row([t for many in runs for t in many]) for runs in (alone, watched))
+    mean = 1000 * float(np.mean([t for many in alone for t in many]))
+    return {
+        "local_tick_ms": round(tick_ms, 3),
+        "remote_step_ms": round(mean, 3),
+        "http_share": round(1 - tick_ms / mean, 3),
+        "alone": quiet,
+        f"with_{READERS}_readers": busy,
+        "p99_ratio": round(busy["p99_ms"] / quiet["p99_ms"], 2),
+    }
+
+
+def _builtin() -> Any:
+    from service.database.models import AgentKind
+
+    return AgentKind.BUILTIN
+
+
+def _drive(service: Any, info: AgentInfo, benchmark: Any) -> list[float]:
+    service.submit(info, benchmark)
+    stepper = Stepper(service.port, service.token, info.name)
+    stepper.run(20, {"ego": [6.0, 0.0]})
+    return stepper.run(100_000, {"ego": [6.0, 0.0]})[:-1]  # the last one waits for the record's fsync
+
+
+def read(url: str, evaluation: str, stop: Any) -> None:
+    """Readers of pages and of the interface, each at its own pace."""
+    import httpx
+
+    pages = ("/v1/leaderboard?benchmark=quickstart", f"/v1/evaluations/{evaluation}", f"/evaluations/{evaluation}", "/")
+
+    async def look(http: httpx.AsyncClient, number: int) -> None:
+        await asyncio.sleep(READ_EVERY_S * number / READERS)
+        while not stop.is_set():
+            answer = await http.get(pages[number % len(pages)])
+            assert answer.status_code == 200, answer
+            await asyncio.sleep(READ_EVERY_S)
+
+    async def main() -> None:
+        limits = httpx.Limits(max_connections=READERS, max_keepalive_connections=READERS)
+        async with httpx.AsyncClient(base_url=url, limits=limits, timeout=30) as http:
+            await asyncio.gather(*(look(http, number) for number in range(READERS)))
+
+    asyncio.run(main())
+
+
+def table_row(seconds: Sequence[float]) -> dict[str, float]:
+    """Percentiles in ms."""
+    p50, p99 = np.percentile(np.array(seconds) * 1000, [50, 99])
+    return {"p50_ms": round(float(p50), 3), "p99_ms": round(float(p99), 3), "steps": len(seconds)}
+
+
+def cpu_seconds(pid: int | None) -> float:
+    """User and system time of a process so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def free_port() -> int:
+    """A port that nobody uses."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def wait_for(file: Path, port: int) -> None:
+    """Waits until a service is ready."""
+    ends = time.monotonic() + PORT_WAIT_S
+    while time.monotonic() < ends:
+        with socket.socket() as probe:
+            if file.exists() and probe.connect_ex(("127.0.0.1", port)) == 0:
+                return
+        time.sleep(0.1)
+    raise SystemExit("the service does not start")
+
+
+def main() -> None:
+    """Measures and prints."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # type: ignore[union-attr]
+    parser.add_argument("--json", type=Path, help="write the numbers here as well")
+    parser.add_argument("--quick", action="store_true", help="a tenth of the steps")
+    options = parser.parse_args()
+    steps = 1000 if options.quick else 10_000
+    numbers = {
+        "load_before": os.getloadavg()[0],
+        "null_1_worker": measure_null(1, steps),
+        "null_32_workers": measure_null(32, max(100, steps // 32)),
+        "real": measure_real(options.quick),
+    }
+    for name, row in numbers.items():
+        print(f"{name:18}", json.dumps(row))
+    if options.json:
+        options.json.write_text(json.dumps(numbers, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    null_episode() if len(sys.argv) == 3 and sys.argv[1].isdigit() else main()

@@ -1,0 +1,216 @@
+"""When scripted actors move: measured in the worlds that come of it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from sumo_networks.world import ActorKind, EventPhase, World
+from tests.conftest import MakeEnv
+from tests.sumo_networks.events.stories import STORIES, boxes_of, careful, drive, over, rows_of, state, touched
+
+CROSSINGS = [
+    "dynamic_object_crossing",
+    "parking_crossing_pedestrian",
+    "pedestrian_group_crossing",
+    "cyclist_after_turn",
+    "pedestrian_after_turn",
+    "crossing_bicycle_flow",
+]
+
+
+def front_m(world: World) -> float:
+    return float(world.egos.progress[0] + 0.5 * world.egos.length[0])
+
+
+def on_route(world: World, name: str) -> tuple[float, float] | None:
+    """Where an actor is along and beside the ego's route, m; None where it is out of sight."""
+    rows = rows_of(world, name)
+    if not rows:
+        return None
+    x, y = world.actors.position[rows[0]].tolist()
+    s, left, _ = world.routes[0].project(x, y, 0.0, ahead=world.routes[0].length)
+    return s, left
+
+
+@pytest.mark.parametrize("kind", CROSSINGS)
+def test_who_crosses_is_before_an_ego_that_keeps_its_speed(kind: str, make_env: MakeEnv) -> None:
+    story = STORIES[kind]
+    worlds = drive(make_env(story.scenario(), control="lane_command", reward=None), lambda _: story.speed, 60, over)
+    places = [(world, on_route(world, "event:it-0")) for world in worlds]
+    world, place = min(((w, p) for w, p in places if p is not None), key=lambda one: abs(one[1][1]))
+    line = place[0]
+    # In the tick in which it is in the middle of the ego's lane, the ego's front is there.
+    assert abs(place[1]) <= 0.5
+    assert front_m(world) == pytest.approx(line, abs=story.speed * 0.25 + 1.0)
+
+
+@pytest.mark.parametrize("kind", ["dynamic_object_crossing", "pedestrian_group_crossing"])
+def test_they_set_out_no_later_than_the_reaction_time_before(kind: str, make_env: MakeEnv) -> None:
+    story = STORIES[kind]
+    (event,) = story.scenario().events
+    worlds = drive(make_env(story.scenario(), control="lane_command", reward=None), lambda _: story.speed, 60, over)
+    walking = next(w for w in worlds if any(w.actors.speed[row] > 0.1 for row in rows_of(w, "event:it-0")))
+    place = on_route(walking, "event:it-0")
+    assert place is not None
+    left_s = (place[0] - front_m(walking)) / story.speed
+    assert event.reaction_time_s - 0.2 <= left_s <= event.reaction_time_s + 4.0  # type: ignore[union-attr]
+    assert boxes_of(walking, "event:it-0").shape == (1, 5)
+    assert walking.actors.speed[rows_of(walking, "event:it-0")[0]] == pytest.approx(event.speed_mps)  # type: ignore[union-attr]
+
+
+def test_an_ego_that_creeps_up_sets_them_off_at_the_minimum_distance(make_env: MakeEnv) -> None:
+    story = STORIES["dynamic_object_crossing"]
+    env = make_env(story.scenario(), control="lane_command", reward=None)
+
+    def creep(world: World) -> float:
+        return 8.0 if world.egos.progress[0] < 40.0 else 0.9
+
+    worlds = drive(env, creep, 60, until=over)
+    walking = next(w for w in worlds if any(w.actors.speed[row] > 0.1 for row in rows_of(w, "event:it-0")))
+    place = on_route(walking, "event:it-0")
+    assert place is not None
+    assert place[0] - front_m(walking) == pytest.approx(6.0, abs=0.3)
+
+
+def test_nobody_walks_into_an_ego_that_stands(make_env: MakeEnv) -> None:
+    story = STORIES["dynamic_object_crossing"]
+    slowly = story.scenario(ahead_m=40.0, reaction_time_s=8.0, speed_mps=1.0, occluder="none")
+    env, line = make_env(slowly, control="lane_command", reward=None), story.at_m + 40.0
+
+    def hurries_onto_the_line(world: World) -> float:
+        if not any(world.actors.speed[row] > 0.1 for row in rows_of(world)) and front_m(world) < line - 5.0:
+            return 3.0
+        return min(9.0, math.sqrt(max(6.0 * (line - float(world.egos.progress[0])), 0.0)))
+
+    worlds = drive(env, hurries_onto_the_line, 40)
+    assert abs(worlds[-1].egos.progress[0] - line) < 2.0
+    assert worlds[-1].egos.speed[0] < 0.1
+    assert touched(worlds) == []
+    assert state(worlds[-1]).phase is EventPhase.ACTIVE  # they still wait for it to go
+    assert worlds[-1].actors.speed[rows_of(worlds[-1])[0]] == 0.0
+
+
+@pytest.mark.parametrize("kind", ["opposite_runs_red_light", "opposite_takes_priority"])
+def test_the_rival_is_at_the_meeting_point_with_the_ego(kind: str, make_env: MakeEnv) -> None:
+    story = STORIES[kind]
+    worlds = drive(make_env(story.scenario(), control="lane_command", reward=None), lambda _: story.speed, 60, over)
+    hit = next(world for world in worlds if touched([world]))
+    row = rows_of(hit)[0]
+    assert hit.actors.speed[row] == pytest.approx(60 / 3.6)
+    assert worlds[-1].egos.speed[0] > 0.0
+    before = [world for world in worlds if world.time < hit.time and rows_of(world)]
+    gaps = [math.dist(world.actors.position[rows_of(world)[0]], hit.actors.position[row]) for world in before]
+    assert all(a >= b - 0.01 for a, b in itertools.pairwise(gaps))  # it only ever comes nearer
+
+
+def test_the_rival_waits_for_an_ego_that_stops_and_is_gone_in_the_end(make_env: MakeEnv) -> None:
+    story = STORIES["opposite_takes_priority"]
+    env = make_env(story.scenario(), control="lane_command", reward=None)
+    worlds = drive(env, lambda world: story.speed if world.egos.progress[0] < 90.0 else 0.0, 40)
+    assert touched(worlds) == []
+    assert state(worlds[-1]).phase is EventPhase.ACTIVE
+    went = drive(env, careful(story.speed), 60, until=over)
+    assert state(went[-1]).phase is EventPhase.DONE
+
+
+def test_the_lead_brakes_stands_and_drives_on(make_env: MakeEnv) -> None:
+    story = STORIES["hard_brake"]
+    env = make_env(story.scenario(), control="lane_command", reward=None)
+    worlds = drive(env, careful(story.speed), 60, until=over)
+    speeds = np.array([w.actors.speed[rows_of(w)[0]] if rows_of(w) else np.nan for w in worlds])
+    rates = np.diff(speeds[~np.isnan(speeds)]) / 0.1
+    assert rates.min() == pytest.approx(-8.0, abs=0.1)
+    standing = np.flatnonzero(speeds == 0.0)
+    assert 8.0 <= 0.1 * len(standing) <= 10.1
+    after = drive(env, careful(story.speed), 8)
+    assert max(after[-1].actors.speed[row] for row in rows_of(after[-1])) > 5.0
+
+
+def test_the_vehicle_that_appears_comes_30_m_ahead_and_goes_10_s_later(make_env: MakeEnv) -> None:
+    story = STORIES["vehicle_appears"]
+    worlds = drive(make_env(story.scenario(), control="lane_command", reward=None), careful(story.speed), 40, over)
+    there = [world for world in worlds if rows_of(world)]
+    assert 30.0 - 0.2 <= story.at_m + 30.0 - there[0].egos.progress[0] <= 30.0 + 2.0
+    assert there[-1].time - there[0].time == pytest.approx(10.0, abs=0.2)
+
+
+def test_the_door_opens_only_before_the_ego(make_env: MakeEnv) -> None:
+    story = STORIES["vehicle_opens_door"]
+    worlds = drive(make_env(story.scenario(), control="lane_command", reward=None), lambda _: story.speed, 40, over)
+    door = next(w for w in worlds if any(w.actors.kind[row] == ActorKind.STATIC for row in rows_of(w)))
+    place = on_route(door, "event:it-1")
+    assert place is not None
+    assert (place[0] - front_m(door)) / story.speed == pytest.approx(2.0, abs=0.3)
+    assert touched(worlds) == ["event:it-1"]
+
+
+def test_the_parked_car_moves_in_at_its_reaction_time(make_env: MakeEnv) -> None:
+    story = STORIES["parking_cut_in"]
+    worlds = drive(make_env(story.scenario(), control="lane_command", reward=None), lambda _: story.speed, 40, over)
+    moving = next(w for w in worlds if any(w.actors.speed[row] > 0.1 for row in rows_of(w)))
+    place = on_route(moving, "event:it-0")
+    assert place is not None
+    rear = place[0] - 2.3
+    assert (rear - front_m(moving)) / story.speed == pytest.approx(2.35, abs=0.3)
+    assert moving.actors.indicator[rows_of(moving)[0]] == 1
+
+
+def test_the_oncoming_car_goes_back_where_the_ego_brakes(make_env: MakeEnv) -> None:
+    story = STORIES["oncoming_in_lane"]
+    env = make_env(story.scenario(), control="lane_command", reward=None)
+
+    def brakes(world: World) -> float:
+        intruding = any(abs((on_route(world, "event:it-0") or (0, 9))[1]) < 2.5 for _ in rows_of(world))
+        brakes.seen |= intruding  # type: ignore[attr-defined]
+        return 0.0 if brakes.seen else story.speed  # type: ignore[attr-defined]
+
+    brakes.seen = False  # type: ignore[attr-defined]
+    worlds = drive(env, brakes, 40, until=over)
+    assert brakes.seen  # type: ignore[attr-defined]
+    assert touched(worlds) == []
+    assert state(worlds[-1]).phase is EventPhase.DONE
+
+
+class TestEmergency:
+    """The vehicle with blue light."""
+
+    def test_it_comes_from_140_m_behind_and_passes_an_ego_that_makes_room(self, make_env: MakeEnv) -> None:
+        story = STORIES["yield_to_emergency_vehicle"]
+        env = make_env(story.scenario(), control="lane_command", reward=None)
+
+        def aside(world: World) -> tuple[float, float]:
+            one = state(world)
+            return (8.0, 1.0) if one.phase is EventPhase.ACTIVE and one.ahead > -80 else (12.0, 0.0)
+
+        worlds = drive(env, aside, 90, until=over)
+        active = [world for world in worlds if state(world).phase is EventPhase.ACTIVE]
+        assert state(active[0]).ahead == pytest.approx(-140.0, abs=2.5)
+        assert touched(worlds) == []
+        assert state(worlds[-1]).ahead > 5.0
+        (key,) = state(worlds[-1]).actors
+        row = list(worlds[-1].actors.key).index(key)
+        assert worlds[-1].actors.kind[row] == ActorKind.EMERGENCY
+
+    def test_it_waits_behind_an_ego_that_does_not(self, make_env: MakeEnv) -> None:
+        story = STORIES["yield_to_emergency_vehicle"]
+        env = make_env(story.scenario(wait_s=10.0), control="lane_command", reward=None)
+        worlds = drive(env, lambda _: 12.0, 90, until=over)
+        assert touched(worlds) == []
+        assert -25.0 < state(worlds[-1]).ahead < -5.0
+        close = next(world for world in worlds if state(world).ahead > -25.0)
+        assert worlds[-1].time - close.time == pytest.approx(10.0, abs=0.2)
+
+
+def test_an_event_times_out_and_its_actors_leave(make_env: MakeEnv) -> None:
+    story = STORIES["parked_obstacle"]
+    env = make_env(story.scenario(timeout_s=15.0), control="lane_command", reward=None)
+    worlds = drive(env, careful(story.speed), 60, until=over)
+    assert state(worlds[-1]).phase is EventPhase.TIMED_OUT
+    assert worlds[-1].time - state(worlds[-1]).started == pytest.approx(15.0)
+    assert len(rows_of(worlds[-1])) == 1
+    after = drive(env, lambda _: 0.0, 21.0)
+    assert rows_of(after[-1]) == []
