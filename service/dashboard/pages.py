@@ -1,0 +1,190 @@
+"""Pages: HTML shells that ES modules fill from /v1. Nothing is read from the database here.
+
+The token of a signed-in browser is an HttpOnly, SameSite=Strict cookie (`dohyo_token`): no script can read it, unlike
+sessionStorage, and `SessionCookie` lets it stand for a bearer token in reading requests only, so that no other site can
+make a browser change anything.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Annotated, Any, Final
+from urllib.parse import urlsplit
+
+from fastapi import APIRouter, Depends, Form, Request
+from fastapi.responses import HTMLResponse, JSONResponse, RedirectResponse
+from fastapi.staticfiles import StaticFiles
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from starlette.responses import Response
+from starlette.types import Scope
+
+from evaluation.figures import ENDINGS, MARKS, agent_colours
+from service.dashboard.session import COOKIE, same_origin
+from service.database.tokens import find_token
+from service.state import ServicesOf
+
+_HERE: Final = Path(__file__).parent
+_TOKEN: Final = re.compile(r"[\x21-\x7e]{8,200}")
+_MOST_AGENTS: Final = 200
+
+
+class Assets(StaticFiles):
+    """Modules and styles; a browser asks each time whether they changed, so that a new version is never half-loaded."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        """Adds what caches may do with it."""
+        response = await super().get_response(path, scope)
+        response.headers["cache-control"] = "no-cache"
+        return response
+
+
+def _words() -> Markup:
+    """Marks and endings as JSON that cannot end the element it stands in."""
+    vocabulary = {
+        "marks": {kind.value: {"label": mark.label, "path": mark.path} for kind, mark in MARKS.items()},
+        "endings": {status.value: meaning for status, (meaning, _) in ENDINGS.items()},
+    }
+    return Markup(json.dumps(vocabulary).replace("<", "\\u003c"))
+
+
+router = APIRouter(include_in_schema=False)
+static = Assets(directory=_HERE / "static")
+_templates = Environment(
+    loader=PackageLoader("service.dashboard"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+)
+_templates.globals["words"] = _words()
+
+
+def render(request: Request, template: str, *, status: int = 200, **values: Any) -> HTMLResponse:
+    """A page from its template.
+
+    Args:
+        request: What asked for it.
+        template: Name of the page, without `.html.j2`.
+        status: Of the answer.
+        values: For the template.
+    """
+    shared = {"signed_in": COOKIE in request.cookies, "path": request.url.path, "template": template, "status": status}
+    page = _templates.get_template(f"{template}.html.j2").render(shared | values)
+    return HTMLResponse(page, status, headers={"cache-control": "no-store"})
+
+
+@router.get("/")
+def leaderboard(request: Request) -> HTMLResponse:
+    """Who drives best."""
+    return render(request, "leaderboard")
+
+
+@router.get("/evaluations")
+def evaluations(request: Request) -> HTMLResponse:
+    """All evaluations, the newest first, and which of them to compare."""
+    return render(request, "evaluations")
+
+
+@router.get("/agents/{name}")
+def agent(request: Request, name: str) -> HTMLResponse:
+    """One agent: scores, cells, infractions, evaluations."""
+    return render(request, "agent", name=name)
+
+
+@router.get("/evaluations/{evaluation}")
+def evaluation(request: Request, evaluation: str) -> HTMLResponse:
+    """One evaluation, live while it runs."""
+    return render(request, "evaluation", evaluation=evaluation)
+
+
+@router.get("/evaluations/{evaluation}/map")
+def infraction_map(request: Request, evaluation: str) -> HTMLResponse:
+    """Where an evaluation's infractions happened."""
+    return render(request, "map", evaluation=evaluation)
+
+
+@router.get("/episodes/{episode}")
+def episode(request: Request, episode: str) -> HTMLResponse:
+    """One episode: replay, timeline, and why it scored as it did."""
+    return render(request, "episode", episode=episode)
+
+
+@router.get("/compare")
+def compare(request: Request) -> HTMLResponse:
+    """Evaluations side by side; which ones, the query says."""
+    return render(request, "compare")
+
+
+@router.get("/api")
+def api(request: Request) -> HTMLResponse:
+    """How to use the service from a program."""
+    return render(request, "api", origin=str(request.base_url).rstrip("/"))
+
+
+@router.get("/colours")
+def colours(agent: str = "") -> JSONResponse:
+    """The colour of each agent of a page, by name; `agent` is a JSON list of names."""
+    return JSONResponse(agent_colours(_names(agent)), headers={"cache-control": "max-age=86400"})
+
+
+@router.get("/login")
+def login(request: Request, next: str = "/") -> HTMLResponse:
+    """Where a token is pasted."""
+    return render(request, "login", next=_local(next), problem="")
+
+
+def token_check(services: ServicesOf) -> Callable[[str], bool]:
+    """What says whether a token would be accepted."""
+
+    def accepted(token: str) -> bool:
+        with services.database.reading() as session:
+            return find_token(session, token) is not None
+
+    return accepted
+
+
+@router.post("/login")
+def sign_in(
+    request: Request,
+    accepted: Annotated[Callable[[str], bool], Depends(token_check)],
+    token: Annotated[str, Form()] = "",
+    next: Annotated[str, Form()] = "/",
+) -> Response:
+    """Keeps a token in a cookie that no script can read, until the browser closes."""
+    if not same_origin(request):
+        return render(request, "login", status=403, next="/", problem="Sign in from this service's own page.")
+    token = token.strip()
+    if not _TOKEN.fullmatch(token):
+        problem = "That is no token: expected 8 to 200 characters without spaces."
+        return render(request, "login", status=422, next=_local(next), problem=problem)
+    if not accepted(token):
+        problem = "That token is unknown, expired or revoked."
+        return render(request, "login", status=401, next=_local(next), problem=problem)
+    answer = RedirectResponse(_local(next), status_code=303)
+    secure = request.url.scheme == "https"
+    answer.set_cookie(COOKIE, token, httponly=True, samesite="strict", secure=secure, path="/")
+    return answer
+
+
+@router.post("/logout")
+def sign_out(request: Request) -> Response:
+    """Forgets the token."""
+    answer = RedirectResponse("/", status_code=303)
+    if same_origin(request):
+        answer.delete_cookie(COOKIE, httponly=True, samesite="strict", path="/")
+    return answer
+
+
+def _local(target: str) -> str:
+    """A path on this service, whatever was asked for: never a way to another site."""
+    parts = urlsplit(target)
+    local = not parts.scheme and not parts.netloc and target.startswith("/") and target[1:2] not in ("/", "\\")
+    return target if local and target.isprintable() else "/"
+
+
+def _names(text: str) -> Iterable[str]:
+    try:
+        names = json.loads(text)
+    except ValueError:
+        return []
+    return [name for name in names if isinstance(name, str)][:_MOST_AGENTS] if isinstance(names, list) else []

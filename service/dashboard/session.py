@@ -1,0 +1,102 @@
+"""Session: a cookie that stands for a bearer token, in reading requests only; and errors as pages for browsers."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Callable
+from http.cookies import CookieError, SimpleCookie
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+from fastapi import FastAPI, Request
+from starlette.datastructures import Headers
+from starlette.responses import Response
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+COOKIE: Final = "dohyo_token"
+_MACHINES: Final = ("/v1/", "/health", "/metrics", "/static/", "/openapi.json")
+
+
+class SessionCookie:
+    """ASGI middleware: GET and HEAD under /v1 that carry the cookie and no Authorization get one.
+
+    Other methods do not: a page of another site must not be able to change anything, whatever a browser sends along.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Passes the request on, with the header where it is due."""
+        if scope["type"] == "http" and scope["method"] in ("GET", "HEAD") and scope["path"].startswith("/v1/"):
+            headers = Headers(scope=scope)
+            token = _cookie(headers.get("cookie", ""))
+            if token and "authorization" not in headers:
+                bearer = (b"authorization", f"Bearer {token}".encode("latin-1", "ignore"))
+                scope = {**scope, "headers": [*scope["headers"], bearer]}
+        await self.app(scope, receive, send)
+
+
+def same_origin(request: Request) -> bool:
+    """Whether a form was sent by a page of this service, as far as the browser tells."""
+    site = request.headers.get("sec-fetch-site")
+    if site is not None:
+        return site in ("same-origin", "none")
+    origin = request.headers.get("origin")
+    return origin is None or urlsplit(origin).netloc == request.url.netloc
+
+
+def show_errors_as_pages(app: FastAPI, render: Callable[..., Response]) -> None:
+    """Wraps the error handlers of an app: whoever opens a page in a browser gets a page; programs get what they got.
+
+    Args:
+        app: With all its handlers registered.
+        render: `pages.render`.
+    """
+    handlers = {Exception: _unexpected, **app.exception_handlers}
+    for kind, handler in handlers.items():
+        app.exception_handlers[kind] = _as_page(handler, render)
+
+
+def _as_page(handler: Callable[..., Any], render: Callable[..., Response]) -> Callable[..., Any]:
+    async def handle(request: Request, error: Exception) -> Response:
+        answer = handler(request, error)
+        if inspect.isawaitable(answer):
+            answer = await answer
+        response: Response = answer
+        if not _is_navigation(request) or response.status_code < 400:
+            return response
+        page = render(request, "error", status=response.status_code, detail=_detail(response))
+        for name in ("retry-after", "www-authenticate", "x-request-id"):
+            if name in response.headers:
+                page.headers[name] = response.headers[name]
+        return page
+
+    return handle
+
+
+def _unexpected(request: Request, error: Exception) -> Response:
+    body = {"type": "about:blank", "title": "Internal Server Error", "status": 500}
+    return Response(json.dumps(body), 500, media_type="application/problem+json")
+
+
+def _is_navigation(request: Request) -> bool:
+    return "text/html" in request.headers.get("accept", "") and not request.url.path.startswith(_MACHINES)
+
+
+def _detail(response: Response) -> str:
+    """What the problem document says; nothing of an error that was not meant."""
+    try:
+        detail = json.loads(bytes(response.body)).get("detail", "") if response.status_code < 500 else ""
+    except (AttributeError, ValueError):
+        return ""
+    return detail if isinstance(detail, str) and detail != "Not Found" else ""
+
+
+def _cookie(header: str) -> str:
+    try:
+        found = SimpleCookie(header).get(COOKIE)
+    except CookieError:
+        return ""
+    return found.value if found else ""

@@ -1,0 +1,87 @@
+/** A score: mean, interval and n, as text and as a dot with a whisker on an axis that a whole column shares. */
+
+import { h, s } from "./dom.js";
+import { MISSING, interval, number } from "./format.js";
+
+/**
+ * @param {{mean: number|null, low: number|null, high: number|null, n: number}|undefined} estimate
+ * @param {number} top upper end of the axis; the lower is 0 unless `bottom` is given
+ */
+export function whisker(estimate, top, { bottom = 0, reason = "nothing to average" } = {}) {
+  if (!estimate || estimate.mean === null || estimate.mean === undefined) return missing(reason);
+  const at = (value) => `${(100 * Math.min(1, Math.max(0, (value - bottom) / (top - bottom)))).toFixed(2)}%`;
+  const ends = estimate.low !== null && estimate.low !== undefined;
+  return h(
+    "div",
+    { class: "measure" },
+    h(
+      "span",
+      { class: "value" },
+      h("b", {}, number(estimate.mean)),
+      h("span", { class: "quiet" }, `${interval(estimate)} n=${estimate.n}`),
+    ),
+    s(
+      "svg",
+      { class: "whisker", "aria-hidden": "true", focusable: "false" },
+      s("line", { class: "axis", x1: "0", x2: "100%", y1: 8, y2: 8 }),
+      ["0", "50%", "100%"].map((x) => s("line", { class: "axis", x1: x, x2: x, y1: 4, y2: 12 })),
+      bottom < 0 && s("line", { class: "zero", x1: at(0), x2: at(0), y1: 2, y2: 14 }),
+      ends && s("line", { class: "reach", x1: at(estimate.low), x2: at(estimate.high), y1: 8, y2: 8 }),
+      s("circle", { cx: at(estimate.mean), cy: 8, r: 4.5 }),
+    ),
+  );
+}
+
+/** The ends of a column's axis, for its header. */
+export function scale(bottom, top) {
+  return h(
+    "span",
+    { class: "scale-ends", "aria-hidden": "true" },
+    h("span", {}, number(bottom)),
+    h("span", {}, number(top)),
+  );
+}
+
+/** A dash that says why. */
+export function missing(reason) {
+  return h("span", { class: "missing", title: reason }, MISSING);
+}
+
+/** An estimate as columns of a CSV. */
+export function estimateCells(name, estimate) {
+  return {
+    [name]: estimate?.mean ?? "",
+    [`${name}_low`]: estimate?.low ?? "",
+    [`${name}_high`]: estimate?.high ?? "",
+    [`${name}_n`]: estimate?.n ?? "",
+  };
+}
+
+/** An agent's name with the colour it has on every page. */
+export function agentName(name, colour, href = `/agents/${encodeURIComponent(name)}`) {
+  return h(
+    "span",
+    { class: "agent", style: { "--agent": colour ?? "var(--quiet)" } },
+    h("span", { class: "dot-agent", "aria-hidden": "true" }),
+    href ? h("a", { href }, name) : name,
+  );
+}
+
+/**
+ * The verdict of a paired test as a sign, and how probable that sign is.
+ * @param comparison its `probability` is that of a higher score
+ */
+export function verdict(comparison, subject) {
+  if (!comparison) return null;
+  const { verdict: sign, probability } = comparison;
+  const word = { "=": "not told apart", "<": "lower", ">": "higher" }[sign];
+  const sure = sign === "<" ? 1 - probability : probability;
+  const text = sure > 0.9995 ? ">0.999" : sure < 0.0005 ? "<0.001" : sure.toFixed(3);
+  const title = `${subject}: ${word}; probability that it is ${sign === "<" ? "lower" : "higher"}: ${text}`;
+  return h(
+    "span",
+    { class: sign === "=" ? "verdict even" : "verdict", title },
+    sign,
+    h("span", { class: "quiet" }, ` ${text}`),
+  );
+}

@@ -1,0 +1,200 @@
+/** One agent: its scores, the cells it masters, its infractions beside the field's, its evaluations. */
+
+import { get, getAll, page } from "../api.js";
+import { byId, fill, h, mark } from "../dom.js";
+import { missing, whisker } from "../estimate.js";
+import { bar, standing } from "../evaluation.js";
+import { moment, number, short } from "../format.js";
+import { colours, subject } from "../subject.js";
+import { copyButton, table } from "../table.js";
+import { label, words } from "../words.js";
+
+const SCORES = [
+  ["driving_score", "driving score DS", "%", 100],
+  ["route_completion", "route completion RC", "%", 100],
+  ["infraction_penalty", "penalty IP", "0-1", 1],
+  ["irs", "infraction rate score IRS", "%", 100],
+  ["success", "success", "%", 100],
+  ["nocrash_success", "success without crash", "%", 100],
+];
+
+page(async () => {
+  const name = subject();
+  const path = `/v1/agents/${encodeURIComponent(name)}`;
+  const [agent, submissions, evaluations, colour] = await Promise.all([
+    get(path),
+    getAll(`${path}/submissions`).catch(() => []),
+    getAll(`/v1/evaluations?agent=${encodeURIComponent(name)}`),
+    colours([name]),
+  ]);
+  evaluations.sort((a, b) => (a.created < b.created ? 1 : -1));
+  const latest = [
+    ...new Map(
+      evaluations
+        .filter((one) => one.status === "done")
+        .reverse()
+        .map((one) => [one.benchmark, one]),
+    ).values(),
+  ];
+  const parts = await Promise.all(latest.map(benchmarkPart));
+  byId("content").style.setProperty("--agent", colour[name] ?? "var(--accent)");
+  fill(
+    byId("content"),
+    h(
+      "div",
+      { class: "title" },
+      h("h1", { class: "agent" }, h("span", { class: "dot-agent big", "aria-hidden": "true" }), name),
+      h("p", { class: "lead quiet" }, agent.description || "No description."),
+      h(
+        "p",
+        { class: "byline quiet" },
+        `by ${agent.owner}`,
+        h("span", {}, `since ${moment(agent.created).slice(0, 10)}`),
+      ),
+    ),
+    parts.length
+      ? parts
+      : h(
+          "section",
+          { class: "state" },
+          h("h2", {}, "No finished evaluation yet"),
+          h("p", {}, "Scores appear when the first evaluation has ended."),
+        ),
+    history(evaluations),
+    versions(submissions),
+  );
+});
+
+async function benchmarkPart(evaluation) {
+  const name = evaluation.benchmark;
+  const [metrics, board] = await Promise.all([
+    get(`/v1/evaluations/${encodeURIComponent(evaluation.id)}/metrics`).catch(() => null),
+    get(`/v1/leaderboard?benchmark=${encodeURIComponent(name)}`).catch(() => ({ rows: [] })),
+  ]);
+  if (!metrics) return null;
+  const whole = metrics.all;
+  return h(
+    "section",
+    {},
+    h(
+      "div",
+      { class: "heading" },
+      h("h2", {}, name),
+      h("a", { href: `/evaluations/${encodeURIComponent(evaluation.id)}` }, "latest evaluation"),
+    ),
+    h(
+      "div",
+      { class: "panel measures" },
+      SCORES.map(([key, title, unit, top]) =>
+        h("div", {}, h("h3", {}, title, h("span", { class: "unit" }, ` ${unit}`)), whisker(whole.scores[key], top)),
+      ),
+    ),
+    h("div", { class: "columns" }, infractionsPart(whole, board.rows), cellsPart(Object.entries(metrics.cells))),
+  );
+}
+
+function infractionsPart(whole, field) {
+  const rows = Object.keys(words.marks)
+    .map((kind) => ({ kind, own: whole.per_km[kind], median: median(field.map((one) => one.per_km[kind] ?? 0)) }))
+    .filter((row) => (row.own?.mean ?? 0) > 0 || (row.median ?? 0) > 0);
+  const top = Math.max(...rows.map((row) => Math.max(row.own?.high ?? row.own?.mean ?? 0, row.median ?? 0)), 0.001);
+  const columns = [
+    {
+      title: "kind",
+      cell: (row) => h("span", { class: "with-mark" }, mark(row.kind, words.marks[row.kind].path), label(row.kind)),
+      csv: (row) => row.kind,
+    },
+    { title: "per km", css: "estimate", cell: (row) => whisker(row.own, top), csv: (row) => row.own?.mean },
+    { title: "field median", numeric: true, cell: (row) => number(row.median), csv: (row) => row.median },
+  ];
+  return h(
+    "div",
+    {},
+    h("div", { class: "heading sub" }, h("h3", {}, "Infractions per km"), rows.length > 0 && copyButton(columns, rows)),
+    rows.length
+      ? h("div", { class: "panel wide" }, table(columns, rows))
+      : h("p", { class: "note" }, "None, in any drive."),
+  );
+}
+
+function median(values) {
+  if (!values.length) return null;
+  const sorted = [...values].sort((a, b) => a - b);
+  return (sorted[Math.floor((sorted.length - 1) / 2)] + sorted[Math.ceil((sorted.length - 1) / 2)]) / 2;
+}
+
+/** Cells as a grid shaded by success, the number inside: town by task and conditions where the names tell them. */
+function cellsPart(cells) {
+  return h(
+    "div",
+    {},
+    h("div", { class: "heading sub" }, h("h3", {}, "Success by cell", h("span", { class: "unit" }, " %"))),
+    h(
+      "div",
+      { class: "panel cells" },
+      cells.map(([name, cell]) => {
+        const success = cell.scores.success;
+        const share = (success?.mean ?? 0) / 100;
+        return h(
+          "div",
+          { class: "cell", style: { "--share": (0.35 * share).toFixed(2) } },
+          h("div", { class: "cell-name" }, name),
+          h("b", {}, number(success?.mean)),
+          h("span", { class: "quiet" }, ` n=${success?.n ?? 0}`),
+        );
+      }),
+    ),
+  );
+}
+
+/** Hash of the uploaded policy, or of the file that defines the agent. */
+function source(submission) {
+  const hash = submission.policy_sha256 ?? submission.source_sha256;
+  return hash ? h("code", { title: hash }, short(hash)) : missing("a remote agent keeps its source to itself");
+}
+
+function history(evaluations) {
+  if (!evaluations.length) return null;
+  const columns = [
+    {
+      title: "benchmark",
+      cell: (row) => h("a", { href: `/evaluations/${encodeURIComponent(row.id)}` }, row.benchmark),
+      csv: (row) => row.benchmark,
+    },
+    { title: "version", numeric: true, cell: (row) => row.version },
+    { title: "status", cell: (row) => standing(row.status), csv: (row) => row.status },
+    {
+      title: "episodes",
+      css: "estimate",
+      cell: (row) =>
+        h(
+          "div",
+          { class: "counted" },
+          bar(row.progress, "episodes done"),
+          h("span", { class: "number quiet" }, `${row.progress.done} / ${row.progress.total}`),
+        ),
+      csv: (row) => row.progress,
+    },
+    { title: "created", cell: (row) => h("time", {}, moment(row.created)), csv: (row) => row.created },
+  ];
+  return h(
+    "section",
+    {},
+    h("div", { class: "heading" }, h("h2", {}, "Evaluations"), copyButton(columns, evaluations)),
+    h("div", { class: "panel wide" }, table(columns, evaluations)),
+  );
+}
+
+function versions(submissions) {
+  if (!submissions.length) return null;
+  const columns = [
+    { title: "version", cell: (row) => `v${row.version}` },
+    { title: "kind", cell: (row) => row.kind },
+    { title: "track", cell: (row) => row.track },
+    { title: "entry", cell: (row) => h("code", {}, row.entry), csv: (row) => row.entry },
+    { title: "control", cell: (row) => row.control },
+    { title: "source", cell: (row) => source(row), csv: (row) => row.policy_sha256 ?? row.source_sha256 },
+    { title: "submitted", cell: (row) => h("time", {}, moment(row.created)), csv: (row) => row.created },
+  ];
+  return h("section", {}, h("h2", {}, "Versions"), h("div", { class: "panel wide" }, table(columns, submissions)));
+}

@@ -1,0 +1,258 @@
+/** Evaluations side by side: paired differences, the scenarios that tell them apart, and two replays in lockstep. */
+
+import { ApiError, get, page } from "../api.js";
+import { byId, fill, h } from "../dom.js";
+import { agentName, estimateCells, scale, verdict, whisker } from "../estimate.js";
+import { number, short } from "../format.js";
+import { colours } from "../subject.js";
+import { copyButton, table } from "../table.js";
+import { SIGNS, ending, meaning } from "../words.js";
+import { load, play } from "../replay/player.js";
+
+const TITLES = {
+  driving_score: ["driving score DS", 100],
+  route_completion: ["route completion RC", 100],
+  infraction_penalty: ["penalty IP", 1],
+  irs: ["infraction rate score IRS", 100],
+  success: ["success", 100],
+  nocrash_success: ["success without crash", 100],
+};
+const PLAYED = 2; // more replays side by side than two are too small to see
+
+const query = new URLSearchParams(location.search);
+
+page(async () => {
+  const ids = query.getAll("evaluation");
+  if (ids.length < 2) {
+    fill(
+      byId("content"),
+      h("h1", {}, "Compare"),
+      h(
+        "section",
+        { class: "state" },
+        h("h2", {}, "Choose what to compare"),
+        h("p", {}, "Tick two to eight finished evaluations of one benchmark version."),
+        h("p", {}, h("a", { class: "button", href: "/evaluations" }, "to the evaluations")),
+      ),
+    );
+    return;
+  }
+  const given = await get(`/v1/comparison?${ids.map((id) => `evaluation=${encodeURIComponent(id)}`).join("&")}`).catch(
+    refused,
+  );
+  if (!given) return;
+  const colour = await colours(given.evaluations.map((one) => one.agent));
+  fill(
+    byId("content"),
+    h(
+      "div",
+      { class: "title" },
+      h("h1", {}, given.evaluations.map((one) => one.agent).join(" and ")),
+      h(
+        "p",
+        { class: "byline quiet" },
+        `on ${given.benchmark}`,
+        h("code", {}, short(given.benchmark_sha256)),
+        h("a", { href: `/v1/comparison${location.search}` }, "JSON"),
+      ),
+    ),
+    scores(given, colour),
+    pairs(given, colour),
+    scenarios(given, colour),
+    h("section", { id: "lockstep", hidden: true }),
+  );
+  const chosen = given.scenarios.find((one) => key(one) === query.get("scenario"));
+  if (chosen) await watch(given, chosen, colour, false);
+});
+
+/** Evaluations that cannot be compared are no failure of the page. */
+function refused(error) {
+  if (!(error instanceof ApiError) || ![400, 409, 422].includes(error.status)) throw error;
+  fill(
+    byId("content"),
+    h("h1", {}, "Compare"),
+    h(
+      "section",
+      { class: "state", role: "alert" },
+      h("h2", {}, "These cannot be compared"),
+      h("p", {}, error.message),
+      h("p", {}, h("a", { class: "button", href: "/evaluations" }, "choose others")),
+    ),
+  );
+  return null;
+}
+
+function scores(given, colour) {
+  const columns = [
+    {
+      title: "agent",
+      cell: (row) =>
+        h(
+          "a",
+          { href: `/evaluations/${encodeURIComponent(row.evaluation)}` },
+          agentName(row.agent, colour[row.agent], null),
+        ),
+      csv: (row) => row.agent,
+    },
+    ...Object.entries(TITLES)
+      .filter(([name]) => name !== "nocrash_success")
+      .map(([name, [title, top]]) => ({
+        title,
+        unit: top === 100 ? "%" : "0-1",
+        css: "estimate",
+        head: scale(0, top),
+        cell: (row) =>
+          h("div", { style: { "--agent": colour[row.agent] ?? "var(--accent)" } }, whisker(row.scores[name], top)),
+        csv: (row) => estimateCells(name, row.scores[name]),
+      })),
+  ];
+  return h(
+    "section",
+    {},
+    h("div", { class: "heading" }, h("h2", {}, "Scores"), copyButton(columns, given.evaluations)),
+    h("div", { class: "panel wide" }, table(columns, given.evaluations)),
+  );
+}
+
+function pairs(given, colour) {
+  const name = new Map(given.evaluations.map((one) => [one.evaluation, one.agent]));
+  return h(
+    "section",
+    {},
+    h("h2", {}, "Differences on the same drives"),
+    h(
+      "div",
+      { class: "columns" },
+      given.pairs.map((pair) => {
+        const rows = Object.entries(TITLES)
+          .filter(([key]) => pair.scores[key])
+          .map(([key, [title, top]]) => ({ key, title, top, ...pair.scores[key] }));
+        const columns = [
+          { title: "score", cell: (row) => row.title, csv: (row) => row.key },
+          {
+            title: "difference",
+            css: "estimate",
+            cell: (row) => whisker(row.difference, row.top, { bottom: -row.top }),
+            csv: (row) => estimateCells("difference", row.difference),
+          },
+          { title: "verdict", cell: (row) => verdict(row, name.get(pair.a)), csv: (row) => row.verdict },
+        ];
+        return h(
+          "div",
+          {},
+          h(
+            "div",
+            { class: "heading sub" },
+            h(
+              "h3",
+              {},
+              agentName(name.get(pair.a), colour[name.get(pair.a)]),
+              " minus ",
+              agentName(name.get(pair.b), colour[name.get(pair.b)]),
+            ),
+            copyButton(columns, rows),
+          ),
+          rows.length
+            ? h("div", { class: "panel wide" }, table(columns, rows))
+            : h("p", { class: "note" }, "No drive in common."),
+        );
+      }),
+    ),
+    h(
+      "p",
+      { class: "note" },
+      "Axes run from the largest possible loss to the largest possible gain. ",
+      h("b", {}, "<"),
+      " or ",
+      h("b", {}, ">"),
+      " only where the 95 % interval leaves out 0; beside it the probability of that sign.",
+    ),
+  );
+}
+
+const key = (one) => `${one.scenario}-s${one.seed}`;
+
+function scenarios(given, colour) {
+  if (!given.scenarios.length)
+    return h(
+      "section",
+      {},
+      h("h2", {}, "Where they differ most"),
+      h("p", { class: "note" }, "On no scenario that all of them have driven."),
+    );
+  const columns = [
+    { title: "scenario", cell: (row) => row.scenario },
+    { title: "seed", numeric: true, cell: (row) => row.seed },
+    ...given.evaluations.map((one, i) => ({
+      title: one.agent,
+      unit: "DS, %",
+      key: one.agent,
+      cell: (row) =>
+        h(
+          "a",
+          { href: `/episodes/${encodeURIComponent(row.episodes[i])}`, class: "outcome" },
+          number(row.driving_scores?.[i] ?? row.values[i]),
+          " ",
+          how(row.statuses?.[i]),
+        ),
+      csv: (row) => row.driving_scores?.[i] ?? row.values[i],
+    })),
+    { title: "spread", numeric: true, cell: (row) => number(row.spread) },
+    {
+      title: "replays",
+      csv: null,
+      cell: (row) => h("button", { type: "button", click: () => watch(given, row, colour) }, "side by side"),
+    },
+  ];
+  return h(
+    "section",
+    {},
+    h("div", { class: "heading" }, h("h2", {}, "Where they differ most"), copyButton(columns, given.scenarios)),
+    h("div", { class: "panel wide" }, table(columns, given.scenarios)),
+  );
+}
+
+function how(statuses) {
+  if (!statuses?.length) return "";
+  const status = statuses.find((one) => meaning(one) !== "success") ?? statuses[0];
+  return h(
+    "span",
+    { class: `status ${meaning(status)} small` },
+    h("i", { "aria-hidden": "true" }, SIGNS[meaning(status)]),
+    ending(status),
+  );
+}
+
+/** Shows the first two replays of a scenario in lockstep; the address keeps which. */
+async function watch(given, scenario, colour, move = true) {
+  const section = byId("lockstep");
+  if (move) {
+    query.set("scenario", key(scenario));
+    history.replaceState(null, "", `?${query}`);
+  }
+  section.hidden = false;
+  fill(
+    section,
+    h("h2", {}, `${scenario.scenario}, seed ${scenario.seed}, side by side`),
+    h("p", { class: "loading", role: "status" }, "Reading both replays …"),
+  );
+  section.scrollIntoView();
+  const theatre = h("div", { class: "theatre" });
+  const loaded = await Promise.all(scenario.episodes.slice(0, PLAYED).map(load));
+  section.lastChild.replaceWith(theatre);
+  play(
+    theatre,
+    loaded.map((one, i) => ({ ...one, title: title(given.evaluations[i].agent, scenario, i, colour) })),
+  );
+  theatre.querySelector("canvas").focus({ preventScroll: true });
+}
+
+function title(agent, scenario, i, colour) {
+  return h(
+    "span",
+    {},
+    agentName(agent, colour[agent], null),
+    h("span", { class: "quiet" }, `  DS ${number(scenario.driving_scores?.[i] ?? scenario.values[i])} %  `),
+    h("a", { href: `/episodes/${encodeURIComponent(scenario.episodes[i])}` }, "alone"),
+  );
+}

@@ -1,0 +1,146 @@
+/** One episode: its replay, and why it scored as it did. */
+
+import { get, page } from "../api.js";
+import { byId, fill, h, mark } from "../dom.js";
+import { agentName } from "../estimate.js";
+import { number, seconds, short } from "../format.js";
+import { colours, subject } from "../subject.js";
+import { SIGNS, ending, label, meaning, words } from "../words.js";
+import { explain } from "../replay/score.js";
+import { load, play } from "../replay/player.js";
+
+page(async () => {
+  const id = subject();
+  const episode = await get(`/v1/episodes/${encodeURIComponent(id)}`);
+  document.title = `${episode.scenario} · dohyo`;
+  if (!episode.record_hash) {
+    fill(byId("content"), heading(episode, []), waiting(episode));
+    return;
+  }
+  const { replay, map } = await load(id);
+  const colour = await colours([episode.agent]);
+  const facts = h("aside", { class: "facts-panel", "aria-label": "Why this score" });
+  const theatre = h("section", { class: "theatre", "aria-label": "Replay" });
+  fill(
+    byId("content"),
+    heading(episode, [agentName(episode.agent, colour[episode.agent])]),
+    h("div", { class: "episode" }, theatre, facts),
+  );
+  const player = play(theatre, [{ replay, map }]);
+  const show = (ego) => fill(facts, egoChoice(replay, player, show), ...why(ego, replay, player), links(id, episode));
+  show(player.views[0].ego);
+});
+
+function heading(episode, agent) {
+  return h(
+    "div",
+    { class: "title" },
+    h(
+      "p",
+      { class: "crumbs quiet" },
+      h(
+        "a",
+        { href: `/evaluations/${encodeURIComponent(episode.evaluation)}` },
+        `${episode.agent} on ${episode.benchmark}`,
+      ),
+      " / episode",
+    ),
+    h("h1", {}, episode.scenario),
+    h(
+      "p",
+      { class: "byline" },
+      agent,
+      h("span", { class: "quiet" }, "seed ", h("span", { class: "number" }, String(episode.seed))),
+      h("span", { class: "quiet" }, `on ${episode.network}`),
+    ),
+  );
+}
+
+function waiting(episode) {
+  const text =
+    {
+      queued: "It waits for its turn.",
+      running: "It is being driven; the replay can be seen when it has ended.",
+      lost: "The infrastructure failed twice, which says nothing about the agent. It counts in no score.",
+      cancelled: "Its evaluation was cancelled before it was driven.",
+    }[episode.status] ?? "It has no record.";
+  return h(
+    "section",
+    { class: "state" },
+    h("h2", {}, `This episode is ${episode.status}`),
+    h("p", {}, text),
+    episode.failure && h("p", { class: "quiet" }, episode.failure),
+  );
+}
+
+function egoChoice(replay, player, show) {
+  if (replay.egos.length < 2) return null;
+  const choice = h(
+    "select",
+    {
+      change: () => {
+        player.choose(choice.value);
+        show(player.views[0].ego);
+      },
+    },
+    replay.egos.map((ego) =>
+      h("option", { value: ego.name, selected: ego.name === player.views[0].ego.name }, ego.name),
+    ),
+  );
+  return h("p", {}, h("label", {}, "ego ", choice));
+}
+
+function why(ego, replay, player) {
+  const kind = meaning(ego.status);
+  return [
+    h("p", { class: `status large ${kind}` }, h("i", { "aria-hidden": "true" }, SIGNS[kind]), ending(ego.status)),
+    ego.failure && h("p", { class: "reason" }, ego.failure),
+    h("h2", {}, "Why this score"),
+    explain(ego, replay.rules),
+    h("h2", {}, ego.infractions.length ? `Infractions (${ego.infractions.length})` : "No infraction"),
+    h(
+      "ol",
+      { class: "infractions" },
+      ego.infractions.map((one) =>
+        h(
+          "li",
+          {},
+          h(
+            "button",
+            { type: "button", class: "row", click: () => player.clock.seek(one.time_s) },
+            mark(one.kind, words.marks[one.kind].path, one.at_fault === false),
+            h("span", {}, h("b", {}, label(one.kind)), h("span", { class: "quiet detail" }, detail(one))),
+            h("time", {}, `${seconds(one.time_s)} s`),
+          ),
+        ),
+      ),
+    ),
+  ];
+}
+
+function detail(one) {
+  const fault = one.at_fault === null || one.at_fault === undefined ? "" : one.at_fault ? "at fault" : "not at fault";
+  return [one.magnitude ? `${number(one.magnitude)} ${one.unit}` : "", one.actor ?? "", fault]
+    .filter(Boolean)
+    .join(" · ");
+}
+
+function links(id, episode) {
+  const base = `/v1/episodes/${encodeURIComponent(id)}`;
+  return h(
+    "p",
+    { class: "links" },
+    h("a", { href: `${base}/record` }, "record"),
+    " · ",
+    h("a", { href: `${base}/trajectory` }, "trajectory"),
+    " · ",
+    h("a", { href: `${base}/replay` }, "replay as JSON"),
+    h("br"),
+    h(
+      "span",
+      { class: "quiet" },
+      "record hash ",
+      h("code", { title: episode.record_hash }, short(episode.record_hash)),
+    ),
+  );
+}

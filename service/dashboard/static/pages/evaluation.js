@@ -1,0 +1,254 @@
+/** One evaluation: live progress by cell, its scores, and its episodes, the worst first. */
+
+import { get, getAll, listen, page } from "../api.js";
+import { byId, fill, h, mark, s } from "../dom.js";
+import { agentName, missing, whisker } from "../estimate.js";
+import { bar, standing } from "../evaluation.js";
+import { moment, number, seconds, short, span } from "../format.js";
+import { colours, subject } from "../subject.js";
+import { copyButton, table } from "../table.js";
+import { SIGNS, ending, label, meaning, words } from "../words.js";
+
+const REFRESH_MS = 1500;
+const SCORES = [
+  ["driving_score", "driving score DS", 100],
+  ["route_completion", "route completion RC", 100],
+  ["irs", "infraction rate score IRS", 100],
+  ["success", "success", 100],
+];
+
+const id = subject();
+const base = `/v1/evaluations/${encodeURIComponent(id)}`;
+const finished = (status) => ["done", "failed", "cancelled"].includes(status);
+const state = { evaluation: null, episodes: [], metrics: null, started: performance.now(), before: 0 };
+
+page(async () => {
+  await read();
+  const { agent } = state.evaluation;
+  const colour = await colours([agent]);
+  state.started = performance.now();
+  state.before = ended();
+  fill(
+    byId("content"),
+    title(agent, colour[agent]),
+    h("dl", { class: "tiles", id: "tiles" }),
+    h(
+      "section",
+      { "aria-label": "Progress" },
+      h("h2", {}, "Progress by cell"),
+      h("div", { class: "panel progress", id: "progress" }),
+    ),
+    h("section", { id: "scores" }),
+    h("section", { id: "episodes" }),
+  );
+  byId("content").style.setProperty("--agent", colour[agent] ?? "var(--accent)");
+  show();
+  if (!finished(state.evaluation.status)) live();
+});
+
+/** Reads everything anew; the list of episodes is small enough to come whole. */
+async function read() {
+  [state.evaluation, state.episodes, state.metrics] = await Promise.all([
+    get(base),
+    getAll(`${base}/episodes`),
+    get(`${base}/metrics`).catch(() => null),
+  ]);
+}
+
+/** Follows the progress: each event moves a bar at once, the tables follow when it calms down. */
+function live() {
+  let timer = 0;
+  const refresh = () => {
+    clearTimeout(timer);
+    timer = setTimeout(() => read().then(show, (error) => console.info(error)), REFRESH_MS);
+  };
+  const stop = listen(`${base}/progress`, ["state", "episode", "end"], (event, name) => {
+    if (name === "episode") {
+      const episode = state.episodes.find((one) => one.id === event.episode);
+      if (episode) episode.status = event.status;
+    } else {
+      Object.assign(state.evaluation, event);
+    }
+    if (name === "end") stop();
+    showProgress();
+    refresh();
+  });
+}
+
+function show() {
+  showProgress();
+  showScores();
+  showEpisodes();
+}
+
+function title(agent, colour) {
+  const one = state.evaluation;
+  return h(
+    "div",
+    { class: "title" },
+    h("p", { class: "crumbs quiet" }, h("a", { href: "/evaluations" }, "evaluations"), " / evaluation"),
+    h("h1", {}, `${agent} on ${one.benchmark}`),
+    h(
+      "p",
+      { class: "byline" },
+      agentName(agent, colour),
+      h("span", { class: "quiet" }, `version ${one.version}`),
+      h("a", { href: `/evaluations/${encodeURIComponent(id)}/map` }, "map of infractions"),
+      h("a", { href: `${base}/metrics` }, "JSON"),
+      h("a", { href: `${base}/metrics.csv` }, "CSV"),
+    ),
+  );
+}
+
+const count = (status, some = state.episodes) => some.filter((one) => one.status === status).length;
+const ended = () => count("done") + count("lost") + count("cancelled");
+
+function showProgress() {
+  const { evaluation, episodes } = state;
+  const left = episodes.length - ended();
+  const rate = (ended() - state.before) / Math.max(1, (performance.now() - state.started) / 1000);
+  fill(
+    byId("tiles"),
+    [
+      ["status", standing(evaluation.status)],
+      ["episodes", `${count("done")} / ${episodes.length}`],
+      ["lost to infrastructure", String(count("lost"))],
+      ["time left", finished(evaluation.status) ? "—" : rate > 0 ? `about ${span(left / rate)}` : "not known yet"],
+      ["seeds", String(evaluation.seeds.length)],
+      ["began", moment(evaluation.started ?? evaluation.created)],
+    ].map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value))),
+  );
+  const cells = [...new Set(episodes.map((one) => one.cell))];
+  fill(
+    byId("progress"),
+    cells.map((cell) => {
+      const own = episodes.filter((one) => one.cell === cell);
+      const numbers = {
+        done: count("done", own),
+        running: count("running", own),
+        lost: count("lost", own),
+        total: own.length,
+      };
+      return h(
+        "div",
+        { class: "bar-row" },
+        h("span", {}, cell),
+        bar(numbers, `cell ${cell}`),
+        h("span", { class: "number numeric" }, `${numbers.done} / ${numbers.total}`),
+      );
+    }),
+    evaluation.failure && h("p", { class: "problem" }, evaluation.failure),
+    h(
+      "p",
+      { class: "note key" },
+      h("span", {}, h("i", { class: "swatch done" }), "done"),
+      h("span", {}, h("i", { class: "swatch running" }), "running"),
+      h("span", {}, h("i", { class: "swatch lost" }), "lost"),
+    ),
+  );
+}
+
+function showScores() {
+  const scores = state.metrics?.all.scores;
+  if (!scores) return;
+  fill(
+    byId("scores"),
+    h("h2", {}, "Scores"),
+    h(
+      "div",
+      { class: "panel measures" },
+      SCORES.map(([key, name, top]) =>
+        h("div", {}, h("h3", {}, name, h("span", { class: "unit" }, " %")), whisker(scores[key], top)),
+      ),
+    ),
+  );
+}
+
+function showEpisodes() {
+  const rows = state.episodes
+    .map((one) => ({ ...one, ego: worst(one), marks: (one.summary?.egos ?? []).flatMap((ego) => ego.marks ?? []) }))
+    .sort((a, b) => (a.ego?.ds ?? 999) - (b.ego?.ds ?? 999) || a.position - b.position);
+  const columns = [
+    {
+      title: "scenario",
+      cell: (row) => h("a", { href: `/episodes/${encodeURIComponent(row.id)}` }, row.scenario),
+      csv: (row) => row.scenario,
+    },
+    { title: "seed", numeric: true, cell: (row) => row.seed },
+    { title: "ended", cell: (row) => how(row), csv: (row) => row.ego?.status ?? row.status },
+    { title: "DS", unit: "%", numeric: true, cell: (row) => score(row, "ds"), csv: (row) => row.ego?.ds },
+    { title: "RC", unit: "%", numeric: true, cell: (row) => score(row, "rc"), csv: (row) => row.ego?.rc },
+    { title: "IP", numeric: true, cell: (row) => score(row, "ip"), csv: (row) => row.ego?.ip },
+    { title: "along the route", css: "along", cell: route, csv: (row) => ({ infractions: row.marks.length }) },
+    {
+      title: "time",
+      unit: "s",
+      numeric: true,
+      cell: (row) => (row.ego ? number(row.ego.duration_s) : "—"),
+      csv: (row) => row.ego?.duration_s,
+    },
+  ];
+  fill(
+    byId("episodes"),
+    h("div", { class: "heading" }, h("h2", {}, "Episodes, worst first"), copyButton(columns, rows)),
+    h("div", { class: "panel wide" }, table(columns, rows, { caption: "Episodes, worst first" })),
+    key(rows),
+  );
+}
+
+/** A score of a drive; a lost or unfinished one has none. */
+const score = (row, name) => (row.ego && row.status === "done" ? number(row.ego[name]) : missing("no finished drive"));
+
+/** The ego of an episode that scored least; most have only one. */
+function worst(episode) {
+  const egos = episode.summary?.egos ?? [];
+  return egos.length ? egos.reduce((a, b) => (b.ds < a.ds ? b : a)) : null;
+}
+
+function how(row) {
+  if (!row.ego) return [standing(row.status), row.failure && h("div", { class: "reason" }, row.failure)];
+  const kind = meaning(row.ego.status);
+  return h("span", { class: `status ${kind}` }, h("i", { "aria-hidden": "true" }, SIGNS[kind]), ending(row.ego.status));
+}
+
+/** The route as a line, driven part thick, with each infraction as a mark that opens the replay at its moment. */
+function route(row) {
+  if (!row.ego) return "";
+  const length = row.ego.route_m || 1;
+  const driven = Math.min(1, row.ego.rc / 100);
+  const at = (metres) => `${(100 * Math.min(1, metres / length)).toFixed(1)}%`;
+  return s(
+    "svg",
+    { class: "route", role: "group", "aria-label": `${number(row.ego.rc)} % driven, ${row.marks.length} infractions` },
+    s("line", { class: "axis", x1: 0, x2: "100%", y1: 12, y2: 12 }),
+    s("line", { class: "driven", x1: 0, x2: `${100 * driven}%`, y1: 12, y2: 12 }),
+    s("line", { class: "end", x1: "100%", x2: "100%", y1: 6, y2: 18 }),
+    row.marks.map((one) =>
+      s(
+        "svg",
+        { x: at(one.route_m), y: 12, overflow: "visible" },
+        s(
+          "a",
+          { href: `/episodes/${encodeURIComponent(row.id)}#t=${one.time_s.toFixed(1)}` },
+          s("title", {}, `${label(one.kind)} at ${seconds(one.time_s)} s`),
+          s("path", { d: words.marks[one.kind].path }),
+        ),
+      ),
+    ),
+  );
+}
+
+function key(rows) {
+  const kinds = Object.keys(words.marks).filter((kind) =>
+    rows.some((row) => row.marks.some((one) => one.kind === kind)),
+  );
+  return (
+    kinds.length > 0 &&
+    h(
+      "p",
+      { class: "note key" },
+      kinds.map((kind) => h("span", {}, mark(kind, words.marks[kind].path), label(kind))),
+      h("span", {}, "a mark opens the replay at its moment"),
+    )
+  );
+}

@@ -1,0 +1,92 @@
+/** All evaluations, the newest first; two to eight of one benchmark version can be compared. */
+
+import { getAll, page } from "../api.js";
+import { byId, fill, h } from "../dom.js";
+import { agentName } from "../estimate.js";
+import { bar, standing } from "../evaluation.js";
+import { moment, short } from "../format.js";
+import { startCommand } from "../start.js";
+import { colours } from "../subject.js";
+import { copyButton, table } from "../table.js";
+
+const MOST = 500;
+
+page(async () => {
+  const rows = (await getAll("/v1/evaluations", MOST)).sort((a, b) => (a.created < b.created ? 1 : -1));
+  const colour = await colours(rows.map((row) => row.agent));
+  const title = h("h1", {}, "Evaluations");
+  if (!rows.length) {
+    fill(
+      byId("content"),
+      title,
+      h(
+        "section",
+        { class: "state" },
+        h("h2", {}, "No evaluation yet"),
+        h("p", {}, "One paste into a shell submits the built-in autopilot and evaluates it:"),
+        startCommand("quickstart"),
+      ),
+    );
+    return;
+  }
+  const compare = h("button", { type: "submit", disabled: true }, "compare");
+  const columns = [
+    { title: "agent", cell: (row) => agentName(row.agent, colour[row.agent]), csv: (row) => row.agent },
+    { title: "version", numeric: true, cell: (row) => row.version },
+    {
+      title: "benchmark",
+      cell: (row) => [
+        row.benchmark,
+        " ",
+        h("code", { class: "quiet", title: row.benchmark_version }, short(row.benchmark_version)),
+      ],
+      csv: (row) => row.benchmark,
+    },
+    { title: "status", cell: (row) => standing(row.status), csv: (row) => row.status },
+    {
+      title: "episodes",
+      css: "estimate",
+      cell: (row) =>
+        h(
+          "div",
+          { class: "counted" },
+          bar(row.progress, "episodes done"),
+          h("span", { class: "number quiet" }, `${row.progress.done} / ${row.progress.total}`),
+        ),
+      csv: (row) => row.progress,
+    },
+    {
+      title: "created",
+      cell: (row) => h("a", { href: `/evaluations/${encodeURIComponent(row.id)}` }, h("time", {}, moment(row.created))),
+      csv: (row) => row.created,
+    },
+    {
+      title: "compare",
+      csv: null,
+      cell: (row) =>
+        h("input", {
+          type: "checkbox",
+          name: "evaluation",
+          value: row.id,
+          disabled: row.status !== "done",
+          "aria-label": `compare ${row.agent}, ${moment(row.created)}`,
+        }),
+    },
+  ];
+  const form = h(
+    "form",
+    { method: "get", action: "/compare" },
+    h("div", { class: "panel wide" }, table(columns, rows, { caption: "Evaluations" })),
+    h(
+      "p",
+      { class: "links" },
+      compare,
+      h("span", { class: "quiet" }, " two to eight finished evaluations of one benchmark version"),
+    ),
+  );
+  form.addEventListener("change", () => {
+    const chosen = form.querySelectorAll("input:checked").length;
+    compare.disabled = chosen < 2 || chosen > 8;
+  });
+  fill(byId("content"), h("div", { class: "heading" }, title, copyButton(columns, rows)), form);
+});

@@ -1,0 +1,256 @@
+/** Who drives best on one benchmark version, by track. */
+
+import { get, getAll, page } from "../api.js";
+import { byId, fill, h, mark } from "../dom.js";
+import { agentName, estimateCells, missing, scale, verdict, whisker } from "../estimate.js";
+import { moment, number, short } from "../format.js";
+import { startCommand } from "../start.js";
+import { colours } from "../subject.js";
+import { copyButton, table } from "../table.js";
+import { label, words } from "../words.js";
+
+const TRACKS = ["", "sensors", "map", "privileged"];
+const TITLES = {
+  driving_score: "driving score DS",
+  route_completion: "route completion RC",
+  infraction_penalty: "penalty IP",
+  irs: "infraction rate score IRS",
+  success: "success",
+  nocrash_success: "success without crash",
+};
+
+page(async () => {
+  const query = new URLSearchParams(location.search);
+  const benchmarks = await getAll("/v1/benchmarks");
+  const name = query.get("benchmark") ?? (await firstDriven(benchmarks)) ?? "quickstart";
+  const asked = new URLSearchParams({ benchmark: name });
+  for (const key of ["version", "track"]) if (query.get(key)) asked.set(key, query.get(key));
+  const board = await get(`/v1/leaderboard?${asked}`);
+  const { rows } = board;
+  const colour = await colours(rows.map((row) => row.agent));
+  const columns = columnsOf(rows, board.metric ?? "driving_score", colour);
+  const benchmark = benchmarks.find((one) => one.name === name);
+  fill(
+    byId("content"),
+    h(
+      "div",
+      { class: "title" },
+      h("h1", {}, "Leaderboard"),
+      h("p", { class: "lead quiet" }, benchmark?.description ?? name),
+    ),
+    filters(benchmarks, board.versions, name, query, rows.length ? copyButton(columns, rows) : null),
+    rows.length
+      ? [
+          h("div", { class: "panel wide" }, table(columns, rows, { caption: `Leaderboard of ${name}` })),
+          notes(board, rows, asked),
+        ]
+      : empty(name, query.get("track")),
+  );
+});
+
+/** The benchmark to open with: the first that anybody finished. */
+async function firstDriven(benchmarks) {
+  const done = await getAll("/v1/evaluations?status=done&limit=1", 1).catch(() => []);
+  return done[0]?.benchmark ?? benchmarks.find((one) => one.name === "quickstart")?.name;
+}
+
+function filters(benchmarks, versions, name, query, copy) {
+  const go = (key, value) => {
+    const next = new URLSearchParams(location.search);
+    if (value) next.set(key, value);
+    else next.delete(key);
+    if (key === "benchmark") next.delete("version");
+    location.search = next;
+  };
+  const choice = (title, key, options, chosen) =>
+    h(
+      "label",
+      {},
+      title,
+      h(
+        "select",
+        { name: key, change: (event) => go(key, event.target.value) },
+        options.map(([value, text]) => h("option", { value, selected: value === chosen }, text)),
+      ),
+    );
+  const names = [...new Set([name, ...benchmarks.map((one) => one.name)])].sort();
+  return h(
+    "div",
+    { class: "filters" },
+    choice(
+      "benchmark",
+      "benchmark",
+      names.map((one) => [one, one]),
+      name,
+    ),
+    versions.length > 1 &&
+      choice(
+        "version",
+        "version",
+        versions.map((one, i) => [one, i ? short(one) : `${short(one)} newest`]),
+        query.get("version") ?? versions[0],
+      ),
+    choice(
+      "track",
+      "track",
+      TRACKS.map((one) => [one, one || "all"]),
+      query.get("track") ?? "",
+    ),
+    copy,
+  );
+}
+
+function columnsOf(rows, headline, colour) {
+  const score = (key, top = 100, unit = "%") => ({
+    title: TITLES[key] ?? key,
+    unit,
+    key,
+    css: "estimate",
+    head: scale(0, top),
+    cell: (row) =>
+      h("div", { style: { "--agent": colour[row.agent] ?? "var(--accent)" } }, whisker(row.scores[key], top)),
+    csv: (row) => estimateCells(key, row.scores[key]),
+  });
+  const keys = [
+    headline,
+    ...["driving_score", "route_completion", "irs", "success"].filter((key) => key !== headline),
+  ].slice(0, 4);
+  return [
+    {
+      title: "agent",
+      key: "agent",
+      cell: (row) => who(row, colour),
+      csv: (row) => ({ rank: row.rank, agent: row.agent, version: row.version, track: row.track }),
+    },
+    ...keys.map((key) => score(key)),
+    {
+      title: "infractions",
+      unit: "/km",
+      css: "infraction-rates",
+      cell: (row) => rates(row, rows),
+      csv: (row) => row.per_km,
+    },
+    {
+      title: "vs above",
+      cell: (row) =>
+        row.above
+          ? verdict(row.above, `${row.agent} against the row above`)
+          : missing("nobody above on the same drives"),
+      csv: (row) => ({ verdict: row.above?.verdict, probability: row.above?.probability }),
+    },
+    { title: "seeds", numeric: true, cell: (row) => row.seeds },
+    {
+      title: "when",
+      css: "when",
+      cell: (row) =>
+        h(
+          "a",
+          { href: `/evaluations/${encodeURIComponent(row.evaluation)}`, title: "the evaluation" },
+          h("time", { datetime: row.finished }, moment(row.finished).slice(0, 10)),
+        ),
+      csv: (row) => row.finished,
+    },
+  ];
+}
+
+function who(row, colour) {
+  return h(
+    "div",
+    { class: "ranked" },
+    h("span", { class: "rank-number number" }, String(row.rank)),
+    h(
+      "div",
+      {},
+      agentName(row.agent, colour[row.agent]),
+      h("div", { class: "quiet small plain" }, `v${row.version} · ${row.kind} · ${row.track}`),
+    ),
+  );
+}
+
+/** One bar per kind of infraction that anybody on the board committed, on a scale that all rows share. */
+function rates(row, rows) {
+  const kinds = Object.keys(words.marks).filter((kind) => rows.some((one) => rate(one, kind) > 0));
+  const top = Math.max(...rows.flatMap((one) => kinds.map((kind) => rate(one, kind))), 1e-9);
+  const total = kinds.reduce((sum, kind) => sum + rate(row, kind), 0);
+  const text = kinds
+    .filter((kind) => rate(row, kind) > 0)
+    .map((kind) => `${label(kind)} ${number(rate(row, kind))}`)
+    .join(", ");
+  return h(
+    "div",
+    { class: "rates", title: text || "none" },
+    h("b", { class: "number" }, number(total)),
+    h(
+      "span",
+      { class: "spark", role: "img", "aria-label": `per km: ${text || "none"}` },
+      kinds.map((kind) =>
+        h("i", {
+          class: rate(row, kind) ? null : "none",
+          style: { height: `${Math.max(4, (100 * rate(row, kind)) / top)}%` },
+        }),
+      ),
+    ),
+  );
+}
+
+const rate = (row, kind) => row.per_km[kind] ?? 0;
+
+function notes(board, rows, asked) {
+  const kinds = Object.keys(words.marks).filter((kind) => rows.some((one) => rate(one, kind) > 0));
+  const several = rows.slice(0, 4);
+  return h(
+    "div",
+    { class: "under" },
+    kinds.length > 0 &&
+      h(
+        "p",
+        { class: "note key" },
+        "bars, left to right: ",
+        kinds.map((kind) => h("span", {}, mark(kind, words.marks[kind].path), label(kind))),
+      ),
+    h(
+      "p",
+      { class: "note" },
+      `Ranked by ${board.description}. `,
+      "Rows that a paired test on the same drives cannot tell apart share a rank. Vs above: the paired test against the row above, and the probability of its sign. ",
+      "Version ",
+      h("code", {}, short(board.version)),
+      ".",
+    ),
+    h(
+      "p",
+      { class: "links" },
+      several.length > 1 && [
+        h(
+          "a",
+          { href: `/compare?${several.map((row) => `evaluation=${encodeURIComponent(row.evaluation)}`).join("&")}` },
+          several.length === 2 ? "compare the two" : `compare the first ${several.length}`,
+        ),
+        " · ",
+      ],
+      h("a", { href: `/v1/leaderboard?${asked}` }, "JSON"),
+      " · ",
+      h("a", { href: `/v1/leaderboard.csv?${asked}` }, "CSV"),
+    ),
+  );
+}
+
+function empty(name, track) {
+  return h(
+    "section",
+    { class: "state" },
+    h("h2", {}, track ? `Nobody on the ${track} track yet` : `Nobody has finished ${name} yet`),
+    h("p", {}, "One paste into a shell fills this board with the built-in autopilot, in a few minutes:"),
+    startCommand(name),
+    h(
+      "p",
+      { class: "quiet" },
+      h("code", {}, "TOKEN"),
+      " was printed when the service first started. Running evaluations are ",
+      h("a", { href: "/evaluations" }, "here"),
+      "; submitting by HTTP is explained under ",
+      h("a", { href: "/api" }, "API"),
+      ".",
+    ),
+  );
+}

@@ -1,0 +1,34 @@
+/** The address after #: which moment, which ego, and where the camera is, so that a copied link shows the same. */
+
+const WRITE_MS = 400; // browsers refuse more than some hundred changes in half a minute
+
+/** @returns {{t: number|null, ego: string|null, x: number|null, y: number|null, z: number|null}} */
+export function readAddress(hash = location.hash) {
+  const given = new URLSearchParams(hash.slice(1));
+  const value = (name) => {
+    const text = given.get(name);
+    return text !== null && text !== "" && Number.isFinite(Number(text)) ? Number(text) : null;
+  };
+  return { t: value("t"), ego: given.get("ego"), x: value("x"), y: value("y"), z: value("z") };
+}
+
+/** The address of a moment; a camera that follows its ego has no place of its own. */
+export function address(clock, camera, ego) {
+  const parts = [`t=${clock.time.toFixed(1)}`];
+  if (ego) parts.push(`ego=${encodeURIComponent(ego)}`);
+  if (!camera.follow) parts.push(`x=${camera.x.toFixed(1)}`, `y=${camera.y.toFixed(1)}`);
+  parts.push(`z=${camera.scale.toFixed(2)}`);
+  return `#${parts.join("&")}`;
+}
+
+/** Returns a function that writes the address soon, and seldom. */
+export function writer(make) {
+  let timer = 0;
+  return () => {
+    if (timer) return;
+    timer = setTimeout(() => {
+      timer = 0;
+      history.replaceState(history.state, "", make());
+    }, WRITE_MS);
+  };
+}

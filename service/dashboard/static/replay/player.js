@@ -1,0 +1,160 @@
+/** A replay on a page: loads drive and roads, and puts views, controls and timeline together. */
+
+import { get } from "../api.js";
+import { h } from "../dom.js";
+import { address, readAddress, writer } from "./address.js";
+import { Clock } from "./clock.js";
+import { Controls } from "./controls.js";
+import { Drive } from "./drive.js";
+import { Timeline } from "./timeline.js";
+import { View } from "./view.js";
+
+const AROUND_M = 120;
+
+/** Reads an episode's replay and the roads around it. */
+export async function load(episode) {
+  const replay = await get(`/v1/episodes/${encodeURIComponent(episode)}/replay`);
+  return { replay, map: await roads(replay.network, replay.bounds) };
+}
+
+/** The roads around a box; a network that is gone leaves the ground bare. */
+export async function roads(network, [x0, y0, x1, y1]) {
+  const box = new URLSearchParams({ x0: x0 - AROUND_M, y0: y0 - AROUND_M, x1: x1 + AROUND_M, y1: y1 + AROUND_M });
+  try {
+    return await get(`/v1/networks/${encodeURIComponent(network)}/map?${box}`);
+  } catch (error) {
+    console.warn(error);
+    return { lanes: [], junctions: [], stop_lines: [], missing: error.message };
+  }
+}
+
+/**
+ * Puts replays into `place`: one, or several side by side that share clock, keys and zoom.
+ * @param {HTMLElement} place
+ * @param {{replay: any, map: any, title?: Node}[]} loaded
+ */
+export function play(place, loaded) {
+  const drives = loaded.map(({ replay }) => new Drive(replay));
+  const clock = new Clock(Math.max(...drives.map((drive) => drive.duration)), drives[0].dt);
+  const given = readAddress();
+  const stages = loaded.map(({ replay, map, title }) => stage(replay, map, title));
+  const timelines = h("div", { class: "timelines" });
+  place.replaceChildren(
+    h(
+      "div",
+      { class: loaded.length > 1 ? "stages paired" : "stages" },
+      stages.map((one) => one.element),
+    ),
+  );
+
+  const views = stages.map(({ canvas }, i) => new View(canvas, drives[i], loaded[i].map, clock));
+  const chosen = () => (drives[0].egos.length > 1 ? views[0].ego.name : null);
+  const link = () => address(clock, views[0].camera, chosen());
+  const write = writer(link);
+  const controls = new Controls(clock, views, link);
+  for (const view of views) follow(view, given);
+  let shown = [];
+  const show = () => {
+    shown = views.map((view) => new Timeline(view.ego, clock));
+    const name = (i) => (views.length > 1 ? h("h3", {}, loaded[i].replay.agent) : "");
+    timelines.replaceChildren(...shown.flatMap((one, i) => [name(i), one.element]));
+  };
+  show();
+  clock.onFrame((time_s) => {
+    for (let i = 0; i < shown.length; i++) shown[i].show(time_s);
+  });
+  for (const [i, view] of views.entries()) {
+    view.onCamera = () => {
+      for (const other of views) if (other !== view) other.camera.scale = view.camera.scale;
+      controls.showCamera();
+      write();
+    };
+    clock.onFrame((time_s) => {
+      ruler(stages[i].ruler, view.camera);
+      stages[i].ended.hidden = time_s <= drives[i].duration + 1e-6;
+    });
+  }
+  clock.onChange(write);
+  place.append(controls.element, timelines, h("p", { class: "note keys" }, help()));
+  controls.showCamera();
+  clock.seek(given.t ?? 0);
+  addEventListener("hashchange", () => {
+    const now = readAddress();
+    for (const view of views) follow(view, now);
+    if (now.t !== null) clock.seek(now.t);
+    controls.showCamera();
+  });
+  return {
+    clock,
+    views,
+    controls,
+    choose(name) {
+      for (const view of views) {
+        const ego = view.drive.egos.find((one) => one.name === name);
+        if (ego) view.choose(ego);
+      }
+      show();
+      clock.seek(clock.time);
+    },
+  };
+}
+
+/** Takes a view's ego and camera from the address. */
+function follow(view, given) {
+  const ego = view.drive.egos.find((one) => one.name === given.ego);
+  if (ego) view.choose(ego);
+  if (given.z) view.camera.scale = Math.min(60, Math.max(0.2, given.z));
+  view.camera.follow = given.x === null || given.y === null;
+  if (!view.camera.follow) view.camera.lookAt(given.x, given.y);
+  view.canvas.classList.toggle("free", !view.camera.follow);
+}
+
+function stage(replay, map, title) {
+  const canvas = h("canvas", {
+    class: "stage",
+    tabindex: 0,
+    role: "img",
+    "aria-label": `Replay of ${replay.agent} on ${replay.scenario}, seen from above. Space plays, arrow keys step, i goes to the next infraction.`,
+  });
+  const line = h("span", {});
+  const measure = h("div", { class: "ruler", "aria-hidden": "true" }, line);
+  const ended = h("p", { class: "note ended", hidden: true }, "ended");
+  const element = h(
+    "figure",
+    { class: "stage-frame" },
+    title && h("figcaption", {}, title),
+    h(
+      "div",
+      { class: "ground" },
+      canvas,
+      measure,
+      ended,
+      map.missing && h("p", { class: "note bare" }, `The roads are missing: ${map.missing}`),
+    ),
+  );
+  return { element, canvas, ended, ruler: { box: measure, line, scale: 0 } };
+}
+
+/** Keeps the scale bar a round number of metres, about 100 px long. */
+function ruler(bar, camera) {
+  if (bar.scale === camera.scale) return;
+  bar.scale = camera.scale;
+  const rough = 100 / camera.scale;
+  const unit = 10 ** Math.floor(Math.log10(rough));
+  const metres = unit * [5, 2, 1].find((one) => one * unit <= rough);
+  bar.box.style.setProperty("width", `${(metres * camera.scale).toFixed(0)}px`);
+  bar.line.textContent = `${metres} m`;
+}
+
+function help() {
+  const keys = [
+    ["space", "plays"],
+    ["← →", "step a tick, with Shift a second"],
+    ["i", "next infraction"],
+    ["f", "follows"],
+    ["0", "whole route"],
+    ["+ −", "zoom"],
+    ["< >", "speed"],
+  ];
+  return keys.flatMap(([key, does], i) => [i ? " · " : "", h("kbd", {}, key), ` ${does}`]);
+}

@@ -1,0 +1,94 @@
+/** Why a drive scored as it did: the formula with its numbers, factor by factor. */
+
+import { h } from "../dom.js";
+import { number } from "../format.js";
+import { label } from "../words.js";
+
+const SINCE_2 = new Set(["minimum_speed", "scenario_timeout", "yield_emergency"]);
+const FREE = new Set(["outside_lanes", "route_deviation", "blocked", "route_timeout"]);
+
+/** @param ego of the replay @param {string} rules of the driving score */
+export function explain(ego, rules = "2.0") {
+  const { rc, ip, ds, irs } = ego.score;
+  const outside = ego.score.outside ?? 0;
+  const terms = [["RC", number(rc), "route completion, %"]];
+  if (outside > 0) terms.push(["lanes", number(1 - outside), "share of the distance inside the lanes"]);
+  const counted = ego.infractions.filter(
+    (one) => !FREE.has(one.kind) && (rules !== "1.0" || !SINCE_2.has(one.kind)),
+  );
+  const signs = rules === "2.1" ? costs(counted) : factors(counted);
+  return h(
+    "div",
+    { class: "why" },
+    h(
+      "p",
+      { class: "formula number" },
+      [...terms, ...signs].map(([name, text, title], i) => [
+        i ? " × " : "",
+        h("span", { title: `${name}: ${title}` }, text),
+      ]),
+      " = ",
+      h("b", {}, number(ds)),
+    ),
+    h(
+      "dl",
+      {},
+      [...terms, ...signs].map(([name, text, title]) =>
+        h(
+          "div",
+          {},
+          h("dt", {}, h("span", {}, name), h("span", { class: "quiet" }, title)),
+          h("dd", { class: "number" }, text),
+        ),
+      ),
+    ),
+    h(
+      "dl",
+      { class: "totals" },
+      [
+        ["DS", "driving score, %", ds],
+        ["IP", "infraction penalty", ip],
+        ["IRS", "infraction rate score, %", irs],
+      ]
+        .filter(([, , value]) => value !== undefined)
+        .map(([name, title, value]) =>
+          h(
+            "div",
+            {},
+            h("dt", {}, name, h("span", { class: "quiet" }, title)),
+            h("dd", { class: "number" }, number(value)),
+          ),
+        ),
+    ),
+    h(
+      "p",
+      { class: "quiet small" },
+      `Rules ${rules}. Leaving the lanes enters as a share of the distance; what ends a drive costs its completion.`,
+    ),
+  );
+}
+
+/** One factor per kind: 0.6² for two of a kind. */
+function factors(infractions) {
+  const kinds = new Map();
+  for (const one of infractions) {
+    const key = `${one.kind} ${one.factor}`;
+    kinds.set(key, { one, count: (kinds.get(key)?.count ?? 0) + 1 });
+  }
+  return [...kinds.values()].map(({ one, count }) => [
+    label(one.kind),
+    count > 1 ? `${number(one.factor)}${power(count)}` : number(one.factor),
+    count > 1 ? `${count} times, each × ${number(one.factor)}` : "infraction factor",
+  ]);
+}
+
+/** Rules 2.1: one over one plus all costs; a factor p alone is the cost 1 / p - 1. */
+function costs(infractions) {
+  if (!infractions.length) return [];
+  const each = infractions.map((one) => 1 / one.factor - 1);
+  return [
+    ["infractions", `1 / (1 + ${each.map(number).join(" + ")})`, infractions.map((one) => label(one.kind)).join(", ")],
+  ];
+}
+
+const power = (n) => [...String(n)].map((digit) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[Number(digit)]).join("");

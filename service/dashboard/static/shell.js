@@ -1,0 +1,22 @@
+/** What every page does: says who is signed in, and copies the examples. */
+
+import { get } from "./api.js";
+import { byId, h } from "./dom.js";
+import { copyText } from "./table.js";
+
+if (document.body.dataset.signedIn === "yes") {
+  get("/v1/me").then(
+    (me) => byId("who").prepend(h("span", { class: "quiet" }, `${me.owner} (${me.role})`)),
+    (error) =>
+      error.status === 401 &&
+      byId("who").prepend(h("span", { class: "problem", role: "alert" }, "token no longer accepted")),
+  );
+}
+
+for (const button of document.querySelectorAll("[data-copy]")) {
+  button.addEventListener("click", async () => {
+    await copyText(button.parentElement.querySelector("code").textContent);
+    button.textContent = "copied";
+    setTimeout(() => (button.textContent = "copy"), 1500);
+  });
+}

@@ -1,0 +1,279 @@
+"""A service that serves real episodes of two agents from files: what the dashboard reads, and no more.
+
+Its numbers are made by the same pure functions as the real ones; only database, queue and drives are missing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gzip
+import json
+from collections import Counter
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from fastapi import FastAPI, HTTPException, Request
+from starlette.responses import Response, StreamingResponse
+
+from evaluation.record import EpisodeRecord
+from service.comparison import compare_entries
+from service.dashboard import pages
+from service.dashboard.session import SessionCookie, show_errors_as_pages
+from service.leaderboard import Entry, rank
+from service.leaderboard import as_document as row_document
+from service.metrics import as_document as metrics_document
+from service.reading_views import ComparedView, EpisodeDetail, InfractionsView, LeaderboardView, MetricsView
+from service.scoring import Drive, summary_of
+from service.views import AgentView, BenchmarkView, EpisodeView, EvaluationView, MeView, Page, SubmissionView
+
+DATA = Path(__file__).parent / "data"
+CSP = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+)
+VERSION = "3f9c" + "0" * 60
+BENCHMARKS = [
+    BenchmarkView(
+        name=name, version=VERSION, description=description, metric="driving score: RC times IP", rules="2.0",
+        networks=["ingolstadt"], cells=["all"], scenarios=6, seeds=[0, 1, 2],
+    )
+    for name, description in (("quickstart", "Six drives through a signalised junction"), ("nocrash", "Two towns"))
+]  # fmt: skip
+WHEN = datetime(2026, 3, 1, 14, 5, tzinfo=UTC)
+TOKEN = "a-token-that-is-good"
+
+
+@cache
+def stored(name: str) -> Any:
+    """The content of a file of data/."""
+    return json.loads(gzip.decompress((DATA / f"{name}.json.gz").read_bytes()))
+
+
+@dataclass
+class Fake:
+    """What the service knows.
+
+    Attributes:
+        records: Episodes by id, such as "reckless-right-to-south-s0".
+        queued: Ids of episodes of evaluation "ev-live" that are not done.
+        empty: Whether to know nothing at all.
+        events: Server-sent events of "ev-live", as they come.
+    """
+
+    records: dict[str, EpisodeRecord] = field(default_factory=dict)
+    queued: list[str] = field(default_factory=list)
+    empty: bool = False
+    events: list[dict[str, Any]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        for document in stored("records"):
+            record = EpisodeRecord.model_validate(document)
+            agent, scenario = record.egos[0].agent.name, record.scenario
+            self.records[f"{agent}-{scenario.name}-s{scenario.seed}"] = record
+        self.queued = [name for name in self.records if name.startswith("autopilot")][4:]
+
+    def agents(self) -> list[str]:
+        return [] if self.empty else ["autopilot", "reckless"]
+
+    def drives(self, agent: str) -> tuple[Drive, ...]:
+        return tuple(
+            Drive(name, record.scenario.name, record.scenario.cell, record.scenario.seed, facts)
+            for name, record in self.records.items()
+            if name.startswith(agent)
+            for facts in summary_of(record, "2.0")["egos"]
+        )
+
+    def entry(self, agent: str) -> Entry:
+        return Entry(
+            f"ev-{agent}", f"su-{agent}", agent, 1, "lab", "builtin", "map" if agent == "autopilot" else "privileged",
+            "quickstart", VERSION, (0, 1), WHEN, self.drives(agent),
+        )  # fmt: skip
+
+    def evaluation(self, name: str) -> EvaluationView:
+        live = name == "ev-live"
+        agent = "autopilot" if live else name.removeprefix("ev-")
+        if agent not in self.agents():
+            raise HTTPException(404, f"no evaluation '{name}'")
+        rows, entry = self.episodes(name), self.entry(agent)
+        return EvaluationView(
+            id=name, owner="lab", agent=agent, version=1, kind=entry.kind, track=entry.track,
+            benchmark="quickstart", benchmark_version=VERSION, seeds=[0, 1], slow_policy="wait", act_deadline_s=10.0,
+            status="running" if live and self.queued else "done", failure=None,
+            progress={"total": len(rows)} | Counter(row.status.value for row in rows),
+            created=WHEN, started=WHEN, finished=None if live else WHEN + timedelta(minutes=3),
+        )  # fmt: skip
+
+    def episodes(self, name: str) -> list[EpisodeView]:
+        agent = "autopilot" if name == "ev-live" else name.removeprefix("ev-")
+        return [self.episode(one, name) for one in self.records if one.startswith(agent)]
+
+    def episode(self, name: str, evaluation: str) -> EpisodeDetail:
+        record = self.records[name]
+        waits = evaluation == "ev-live" and name in self.queued
+        return EpisodeDetail(
+            id=name, evaluation=evaluation, position=list(self.records).index(name), scenario=record.scenario.name,
+            cell=record.scenario.cell, seed=record.scenario.seed, attempts=1, failure=None, started=WHEN, finished=WHEN,
+            status="done" if not waits else "running" if name == self.queued[0] else "queued",
+            record_hash=None if waits else record.record_hash, summary=None if waits else summary_of(record, "2.0"),
+            agent=record.egos[0].agent.name, agent_version=1, benchmark="quickstart", benchmark_version=VERSION,
+            rules="2.0", network=record.scenario.network,
+        )  # fmt: skip
+
+    def infractions(self, name: str) -> InfractionsView:
+        found = [
+            {"episode": one.id, "scenario": one.scenario, "seed": one.seed, "cell": one.cell, "network": "ingolstadt",
+             "ego": ego["name"]} | mark
+            for one in self.episodes(name) for ego in (one.summary or {"egos": []})["egos"] for mark in ego["marks"]
+        ]  # fmt: skip
+        return InfractionsView(evaluation=name, networks=["ingolstadt"], infractions=found)
+
+
+def create() -> FastAPI:
+    """An app with the pages over the fake; the fake is `app.state.fake`."""
+    app = FastAPI()
+    fake = app.state.fake = Fake()
+
+    @app.middleware("http")
+    async def secure(request: Request, call_next: Any) -> Response:
+        response: Response = await call_next(request)
+        response.headers["content-security-policy"] = CSP
+        return response
+
+    @app.get("/v1/me")
+    def me(request: Request) -> MeView:
+        if request.headers.get("authorization") != f"Bearer {TOKEN}":
+            raise HTTPException(401, "expected a valid bearer token in the Authorization header")
+        return MeView(owner="lab", role="submitter", token="tok-1")
+
+    @app.get("/v1/benchmarks")
+    def benchmarks() -> Page[BenchmarkView]:
+        return Page(items=BENCHMARKS)
+
+    @app.get("/v1/leaderboard")
+    def leaderboard(benchmark: str, track: str | None = None) -> LeaderboardView:
+        entries = [one for one in map(fake.entry, fake.agents()) if track in (None, one.track)]
+        rows = rank(entries if benchmark == "quickstart" else [], "driving_score")
+        return LeaderboardView(
+            benchmark=benchmark, version=VERSION, versions=[VERSION], track=track, metric="driving_score",
+            description=BENCHMARKS[0].metric, rows=[row_document(row) for row in rows],
+        )  # fmt: skip
+
+    @app.get("/v1/comparison")
+    def comparison(request: Request) -> ComparedView:
+        names = [name.removeprefix("ev-") for name in request.query_params.getlist("evaluation")]
+        if "other" in names:
+            raise HTTPException(422, "expected evaluations of one benchmark version, got quickstart 3f9c, nocrash 77aa")
+        document = compare_entries([fake.entry(name) for name in names], "driving_score")
+        return ComparedView.model_validate(document)
+
+    @app.get("/v1/agents/{name}")
+    def agent(name: str) -> AgentView:
+        if name not in fake.agents():
+            raise HTTPException(404, f"no agent '{name}'")
+        return AgentView(
+            name=name, owner="lab", description="Drives by rules.", created=WHEN, version=1, kind="builtin", track="map"
+        )
+
+    @app.get("/v1/agents/{name}/submissions")
+    def submissions(name: str) -> Page[SubmissionView]:
+        info = fake.records[f"{name}-through-east-s0"].egos[0].agent.model_dump()
+        about = {key: info[key] for key in SubmissionView.model_fields.keys() & info.keys()}
+        one = {"id": "su-1", "agent": name, "version": 1, "kind": "builtin", "policy_sha256": None, "created": WHEN}
+        return Page(items=[SubmissionView(**one, **about)])
+
+    @app.get("/v1/evaluations")
+    def evaluations(agent: str | None = None, status: str | None = None) -> Page[EvaluationView]:
+        rows = [fake.evaluation(name) for name in ("ev-live", "ev-autopilot", "ev-reckless") if not fake.empty]
+        return Page(items=[row for row in rows if agent in (None, row.agent) and status in (None, row.status.value)])
+
+    @app.get("/v1/evaluations/{name}")
+    def evaluation(name: str) -> EvaluationView:
+        return fake.evaluation(name)
+
+    @app.get("/v1/evaluations/{name}/episodes")
+    def episodes(name: str) -> Page[EpisodeView]:
+        return Page(items=fake.episodes(name))
+
+    @app.get("/v1/evaluations/{name}/infractions")
+    def infractions(name: str) -> InfractionsView:
+        return fake.infractions(name)
+
+    @app.get("/v1/evaluations/{name}/metrics")
+    def metrics(name: str) -> MetricsView:
+        agent = "autopilot" if name == "ev-live" else name.removeprefix("ev-")
+        return MetricsView.model_validate(metrics_document(fake.entry(agent)))
+
+    @app.get("/v1/evaluations/{name}/progress")
+    async def progress(name: str) -> Response:
+        async def stream() -> AsyncIterator[str]:
+            yield f"event: state\ndata: {fake.evaluation(name).model_dump_json()}\n\n"
+            sent = 0
+            while fake.queued:
+                await asyncio.sleep(0.05)
+                for event in fake.events[sent:]:
+                    yield f"event: episode\ndata: {json.dumps(event)}\n\n"
+                sent = len(fake.events)
+            yield f"event: end\ndata: {fake.evaluation(name).model_dump_json()}\n\n"
+
+        return StreamingResponse(stream(), media_type="text/event-stream")
+
+    @app.get("/v1/episodes/{name}")
+    def episode(name: str) -> EpisodeDetail:
+        if name == "waiting":
+            return fake.episode(fake.queued[-1], "ev-live")
+        if name.startswith("crowd"):
+            return fake.episode("reckless-right-to-south-s0", "ev-reckless")
+        if name not in fake.records:
+            raise HTTPException(404, f"no episode '{name}'")
+        return fake.episode(name, "ev-" + name.split("-")[0])
+
+    @app.get("/v1/episodes/{name}/replay")
+    def replay(name: str) -> Any:
+        return crowded(200) if name == "crowd" else stored("replay-" + name.split("-")[0])
+
+    @app.get("/v1/networks/{name}/map")
+    def geometry(name: str) -> Any:
+        return stored("map")
+
+    @app.api_route("/v1/echo", methods=["GET", "POST", "DELETE"])
+    def echo(request: Request) -> str | None:
+        return request.headers.get("authorization")
+
+    @app.get("/broken")
+    def broken() -> Any:
+        raise RuntimeError("secret of the machine")
+
+    app.dependency_overrides[pages.token_check] = lambda: lambda token: token == TOKEN
+    app.include_router(pages.router)
+    app.mount("/static", pages.static)
+    app.add_middleware(SessionCookie)
+    show_errors_as_pages(app, pages.render)
+    return app
+
+
+@cache
+def crowded(actors: int) -> Any:
+    """The replay of the reckless agent among many more, for 60 s: cars and people that drive in circles."""
+    import math
+
+    replay = json.loads(json.dumps(stored("replay-reckless")))
+    ego = replay["egos"][0]["route"]
+    ticks = 600
+    found = [one for one in replay["actors"] if one["kind"] == "ego"]
+    for i in range(actors):
+        x0, y0 = ego[i * len(ego) // actors]
+        radius, turn = 6 + 2 * (i % 12), (0.02 + 0.002 * (i % 7)) * (-1) ** i
+        angles = [i + turn * tick for tick in range(ticks)]
+        found.append(
+            {"key": i, "name": f"actor-{i}", "kind": "pedestrian" if i % 4 == 0 else "car", "first": 0,
+             "length": 0.5 if i % 4 == 0 else 4.6, "width": 0.5 if i % 4 == 0 else 1.8,
+             "x": [round(x0 + radius * math.cos(a), 2) for a in angles],
+             "y": [round(y0 + radius * math.sin(a), 2) for a in angles],
+             "heading": [round(math.remainder(a + math.copysign(math.pi / 2, turn), 2 * math.pi), 2) for a in angles],
+             "speed": [round(abs(radius * turn) * 10, 2)] * ticks}
+        )  # fmt: skip
+    return {**replay, "actors": found, "ticks": ticks}

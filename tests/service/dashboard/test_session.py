@@ -1,0 +1,142 @@
+"""Signing in, errors as pages, and what is served to whom, without a browser."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+
+from evaluation.figures import MARKS
+from service import dashboard
+from tests.service.dashboard import fake as fakes
+from tests.service.dashboard.conftest import Site
+
+HTML = {"accept": "text/html"}
+
+
+@pytest.fixture
+def client(site: Site) -> Iterator[httpx.Client]:
+    with httpx.Client(base_url=site.origin, trust_env=False) as one:
+        yield one
+
+
+def sign_in(client: httpx.Client, token: str = fakes.TOKEN, headers: dict[str, str] | None = None) -> httpx.Response:
+    return client.post("/login", data={"token": token, "next": "/evaluations"}, headers=headers)
+
+
+def test_a_token_becomes_a_cookie_that_scripts_and_other_sites_cannot_use(client: httpx.Client) -> None:
+    answer = sign_in(client)
+    assert (answer.status_code, answer.headers["location"]) == (303, "/evaluations")
+    cookie = answer.headers["set-cookie"].lower()
+    assert "httponly" in cookie
+    assert "samesite=strict" in cookie
+    assert "expires" not in cookie
+    assert client.get("/v1/me").json()["owner"] == "lab"
+
+
+def test_the_cookie_reads_and_never_writes(client: httpx.Client) -> None:
+    sign_in(client)
+    assert client.get("/v1/echo").json() == f"Bearer {fakes.TOKEN}"
+    assert client.post("/v1/echo").json() is None
+    assert client.delete("/v1/echo").json() is None
+    assert client.get("/v1/echo", headers={"authorization": "Bearer another"}).json() == "Bearer another"
+
+
+@pytest.mark.parametrize("headers", [{"sec-fetch-site": "cross-site"}, {"origin": "https://evil.example"}])
+def test_a_form_of_another_site_signs_nobody_in_or_out(client: httpx.Client, headers: dict[str, str]) -> None:
+    answer = sign_in(client, headers=headers)
+    assert answer.status_code == 403
+    assert "set-cookie" not in answer.headers
+    assert "set-cookie" not in client.post("/logout", headers=headers).headers
+
+
+@pytest.mark.parametrize("token", ["", "short", "with space in it", "é" * 20, "x" * 201, "line\nbreak-in-it"])
+def test_what_is_no_token_is_refused_with_the_reason(client: httpx.Client, token: str) -> None:
+    answer = sign_in(client, token)
+    assert answer.status_code == 422
+    assert "set-cookie" not in answer.headers
+    assert "8 to 200 characters" in answer.text
+    if token:
+        assert token not in answer.text
+
+
+@pytest.mark.parametrize(
+    "target", ["https://evil.example", "//evil.example", "/\\evil.example", "javascript:1", "/\r\nx"]
+)
+def test_signing_in_leads_nowhere_else(client: httpx.Client, target: str) -> None:
+    answer = client.post("/login", data={"token": fakes.TOKEN, "next": target})
+    assert answer.headers["location"] == "/"
+
+
+def test_a_token_nobody_gave_out_is_refused(client: httpx.Client) -> None:
+    answer = sign_in(client, "a-token-that-is-not-good")
+    assert answer.status_code == 401
+    assert "set-cookie" not in answer.headers
+    assert "unknown, expired or revoked" in answer.text
+
+
+def test_signing_out_forgets_the_token(client: httpx.Client) -> None:
+    sign_in(client)
+    client.post("/logout")
+    assert client.get("/v1/me").status_code == 401
+
+
+def test_a_browser_gets_errors_as_pages_and_a_program_as_documents(client: httpx.Client) -> None:
+    page = client.get("/nothing", headers=HTML)
+    assert page.status_code == 404
+    assert "Nothing here" in page.text
+    assert client.get("/nothing").headers["content-type"].startswith("application/")
+    assert client.get("/v1/nothing", headers=HTML).headers["content-type"].startswith("application/")
+
+
+def test_a_defect_tells_nothing_of_itself(site: Site) -> None:
+    for headers in (HTML, {}):  # the server closes the connection after each
+        answer = httpx.get(site.origin + "/broken", headers=headers, trust_env=False)
+        assert answer.status_code == 500
+        assert "secret" not in answer.text
+
+
+def test_names_in_addresses_cannot_leave_their_place(client: httpx.Client) -> None:
+    page = client.get("/agents/%3C!--%3Cscript%3E%3Cb%3E", headers=HTML).text
+    assert "<script><b>" not in page
+    found = re.search(r'id="subject">(.*?)</script>', page)
+    assert found is not None
+    assert json.loads(found[1]) == "<!--<script><b>"
+
+
+def test_pages_hold_no_inline_script_or_style(client: httpx.Client) -> None:
+    for path in ("/", "/evaluations", "/episodes/x", "/compare", "/api", "/login", "/agents/a", "/nothing"):
+        text = client.get(path, headers=HTML).text
+        assert "style=" not in text
+        assert not re.search(r"\son\w+=", text)
+        for attributes in re.findall(r"<script([^>]*)>", text):
+            assert "src=" in attributes or "application/json" in attributes
+
+
+def test_every_page_knows_every_mark(client: httpx.Client) -> None:
+    text = client.get("/").text
+    found = re.search(r'id="words">(.*?)</script>', text)
+    assert found is not None
+    assert set(json.loads(found[1])["marks"]) == {kind.value for kind in MARKS}
+
+
+def test_agents_keep_the_colours_of_the_report(client: httpx.Client) -> None:
+    assert client.get("/colours", params={"agent": '["reckless"]'}).json() == {"reckless": "#E69F00"}
+    for nonsense in ("", "{", "7", '[1, null, {"a": 2}]'):
+        assert client.get("/colours", params={"agent": nonsense}).json() == {}
+
+
+def test_the_dashboard_shares_the_report_s_palette() -> None:
+    root = Path(dashboard.__file__).parents[2]
+    tokens = [
+        dict(re.findall(r"(--[a-z-]+): (#[0-9A-F]{6})", scheme))
+        for path in ("evaluation/templates/styles.css", "service/dashboard/static/styles.css")
+        for scheme in (root / path).read_text().split("@media", 2)[:2]
+    ]
+    for report, ours in ((tokens[0], tokens[2]), (tokens[1], tokens[3])):
+        assert report
+        assert report.items() <= ours.items()
