@@ -5,7 +5,7 @@ import { number } from "../format.js";
 import { label } from "../words.js";
 
 const SINCE_2 = new Set(["minimum_speed", "scenario_timeout", "yield_emergency"]);
-const FREE = new Set(["outside_lanes", "route_deviation", "blocked", "route_timeout"]);
+const FREE = new Set(["outside_lanes", "route_deviation", "blocked", "route_timeout", "gridlock"]);
 
 /** @param ego of the replay @param {string} rules of the driving score */
 export function explain(ego, rules = "2.0") {
