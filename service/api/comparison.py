@@ -1,0 +1,41 @@
+"""Comparison of chosen evaluations."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+from fastapi import APIRouter, Query, Response
+from pydantic import StringConstraints
+
+from service.access import Reader
+from service.api.documents import problems
+from service.api.reading import ID
+from service.comparison import MOST, compare_entries
+from service.database import reading
+from service.errors import NotFoundError
+from service.readers import ReadersOf, evaluation_for
+from service.reading_views import ComparedView
+from service.scoring import headline_of
+from service.state import ServicesOf
+
+router = APIRouter(prefix="/v1", tags=["comparison"], responses=problems(404))
+
+Chosen = Annotated[
+    list[Annotated[str, StringConstraints(min_length=1, max_length=40, pattern=ID)]],
+    Query(min_length=2, max_length=MOST, description="Two to eight, of one benchmark version."),
+]
+
+
+@router.get("/comparison", response_model=ComparedView)
+def compare(caller: Reader, services: ServicesOf, readers: ReadersOf, evaluation: Chosen) -> Response:
+    """Evaluations drive by drive: every score with its paired difference, and where they differ most."""
+    seen = [evaluation_for(services, caller, one) for one in evaluation]
+    with services.database.reading() as session:
+        found = reading.entries(session, evaluation)
+    missing = [one for one in evaluation if one not in found]
+    if missing:
+        raise NotFoundError(f"no evaluation '{missing[0]}'")
+    metric = headline_of(readers.benchmark(seen[0][1]).metric)
+    document = compare_entries([found[one] for one in evaluation], metric)
+    return Response(msgspec.json.encode(document), media_type="application/json")

@@ -1,0 +1,146 @@
+"""Leaderboard: submissions on one benchmark version and track, by its headline score, ties shown as ties."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from functools import cached_property
+from typing import Any
+
+from evaluation.statistics import Comparison, Estimate
+from service.scoring import Drive, compare_drives, estimate, rates_per_km
+from service.tables import csv_text
+
+COLUMNS = ("driving_score", "route_completion", "infraction_penalty", "irs", "success", "nocrash_success")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A finished evaluation as a leaderboard or a comparison needs it.
+
+    Attributes:
+        evaluation: Its id.
+        submission: Id of what drove.
+        agent: Name.
+        version: Of the agent.
+        owner: Who submitted it.
+        kind: How it drives: builtin, onnx, remote.
+        track: Which sensors it may use.
+        benchmark: Name.
+        benchmark_sha256: Version of the benchmark.
+        seeds: Driven.
+        finished: When.
+        drives: All of them.
+    """
+
+    evaluation: str
+    submission: str
+    agent: str
+    version: int
+    owner: str
+    kind: str
+    track: str
+    benchmark: str
+    benchmark_sha256: str
+    seeds: tuple[int, ...]
+    finished: datetime | None
+    drives: tuple[Drive, ...]
+
+    @cached_property
+    def scores(self) -> dict[str, Estimate]:
+        """Every column with its interval; computed once, since a finished evaluation never changes."""
+        return {name: estimate(name, self.drives) for name in COLUMNS}
+
+    @cached_property
+    def per_km(self) -> dict[str, float]:
+        """Infractions per kilometre."""
+        return rates_per_km(self.drives)
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A place on the leaderboard.
+
+    Attributes:
+        rank: Shared by all that cannot be told apart from the best of them.
+        entry: Who.
+        above: Comparison with the row above: "<" told apart, "=" not; None for the first, or without common drives.
+    """
+
+    rank: int
+    entry: Entry
+    above: Comparison | None
+
+
+def rank(entries: Sequence[Entry], metric: str) -> list[Row]:
+    """Entries by the mean of a score, highest first; equal means in the order of agent, version and evaluation.
+
+    A rank is shared with the best one above that holds it as long as the paired comparison with that one leaves the
+    question open; without drives in common, means alone decide.
+
+    Args:
+        entries: Of one benchmark version, with at least one drive each.
+        metric: A name of `COLUMNS`.
+    """
+    rows: list[Row] = []
+    for entry in sorted(entries, key=lambda one: _place(one, metric)):
+        if not rows:
+            rows.append(Row(1, entry, None))
+            continue
+        last = rows[-1]
+        best = rows[last.rank - 1].entry
+        above = compare_drives(metric, entry.drives, last.entry.drives)
+        from_best = above if best is last.entry else compare_drives(metric, entry.drives, best.drives)
+        tied = _same_mean(entry, best, metric) if from_best is None else from_best.verdict != "<"
+        rows.append(Row(last.rank if tied else len(rows) + 1, entry, above))
+    return rows
+
+
+def as_document(row: Row) -> dict[str, Any]:
+    """A row as plain JSON."""
+    entry = row.entry
+    return {
+        "rank": row.rank,
+        "agent": entry.agent,
+        "version": entry.version,
+        "submission": entry.submission,
+        "evaluation": entry.evaluation,
+        "owner": entry.owner,
+        "kind": entry.kind,
+        "track": entry.track,
+        "seeds": len(entry.seeds),
+        "episodes": len({drive.episode for drive in entry.drives}),
+        "drives": len(entry.drives),
+        "finished": entry.finished.isoformat() if entry.finished else None,
+        "scores": {name: asdict(score) for name, score in entry.scores.items()},
+        "per_km": entry.per_km,
+        "above": asdict(row.above) if row.above else None,
+    }
+
+
+def as_csv(rows: Sequence[Row], metric: str) -> str:
+    """The leaderboard as CSV: a row per submission, each score with the ends of its interval."""
+    header = ["rank", "agent", "version", "owner", "kind", "track", "evaluation", "seeds", "drives", "metric"]
+    header += [f"{name}{end}" for name in COLUMNS for end in ("", "_low", "_high")]
+    header += ["verdict_above", "probability_above"]
+    lines: list[list[object]] = []
+    for row in rows:
+        one = row.entry
+        who = [row.rank, one.agent, one.version, one.owner, one.kind, one.track, one.evaluation]
+        ends = [end for name in COLUMNS for end in _ends(one.scores[name])]
+        above = [row.above.verdict, row.above.probability] if row.above else [None, None]
+        lines.append([*who, len(one.seeds), len(one.drives), metric, *ends, *above])
+    return csv_text(header, lines)
+
+
+def _place(entry: Entry, metric: str) -> tuple[float, str, int, str]:
+    return -(entry.scores[metric].mean or 0.0), entry.agent, entry.version, entry.evaluation
+
+
+def _same_mean(a: Entry, b: Entry, metric: str) -> bool:
+    return a.scores[metric].mean == b.scores[metric].mean
+
+
+def _ends(score: Estimate) -> tuple[float | None, float | None, float | None]:
+    return score.mean, score.low, score.high

@@ -1,0 +1,189 @@
+"""Readers: what the reading routes share, and how they find records and files derived from them."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Final
+
+from fastapi import Depends, Request
+
+from evaluation.benchmark import Benchmark
+from evaluation.record import EpisodeRecord
+from evaluation.store import read_record, read_trajectory, write_atomically
+from evaluation.trajectory import Trajectory
+from service.access import Caller
+from service.database import reading
+from service.database.models import AgentKind, BenchmarkVersion, Episode, Evaluation
+from service.episodes.archive import archived_path
+from service.errors import ConflictError, GoneError, NotFoundError
+from service.redrives import Redrives
+from service.settings import Settings
+from service.standings import Recent, Standings
+from service.state import Services, ServicesOf
+from sumo_networks.errors import InvalidInputError
+
+STRIPES: Final = 64
+COUNTS_S: Final = 5.0
+
+logger = logging.getLogger("dohyo.service")
+
+
+@dataclass(slots=True)
+class Readers:
+    """Shared by the reading routes of one app.
+
+    Attributes:
+        standings: Leaderboards in memory.
+        redrives: Episodes being driven again.
+        benchmarks: Parsed documents by content hash.
+    """
+
+    standings: Standings
+    redrives: Redrives
+    benchmarks: Recent[str, Benchmark] = field(default_factory=lambda: Recent(50))
+    _counts: tuple[float, tuple[Mapping[str, int], Mapping[str, int]]] | None = None
+    _stripes: list[threading.Lock] = field(default_factory=lambda: [threading.Lock() for _ in range(STRIPES)])
+
+    def benchmark(self, version: BenchmarkVersion) -> Benchmark:
+        """A benchmark as it was when it was evaluated."""
+        benchmark = self.benchmarks.get(version.sha256)
+        if benchmark is None:
+            benchmark = Benchmark.model_validate(version.document)
+            self.benchmarks.put(version.sha256, benchmark)
+        return benchmark
+
+    def network_of(self, version: BenchmarkVersion, cell: str) -> str:
+        """Where a cell of a benchmark is; empty where the benchmark has no such cell."""
+        return next((one.network for one in self.benchmark(version).cells if one.name == cell), "")
+
+    def counts(self, services: Services) -> tuple[Mapping[str, int], Mapping[str, int]]:
+        """Episodes and evaluations by status, at most a few seconds old."""
+        now, known = time.monotonic(), self._counts
+        if known is None or now - known[0] > COUNTS_S:
+            with services.database.reading() as session:
+                known = self._counts = now, reading.count_by_status(session)
+        return known[1]
+
+    def derived(self, path: Path, make: Callable[[], bytes]) -> bytes:
+        """A file that can be made again: read, or made once and kept. Without room for it, it is made every time."""
+        with self._stripes[hash(path) % STRIPES]:
+            if path.exists():
+                return path.read_bytes()
+            content = make()
+            try:
+                write_atomically(path, content)
+            except OSError as error:
+                logger.warning("%s cannot be kept: %s", path.name, error.strerror)
+            return content
+
+
+async def readers_of(request: Request, services: ServicesOf) -> Readers:
+    """The app's; made at the first request, on the event loop, so that there is only one."""
+    state = request.app.state
+    if not hasattr(state, "readers"):
+        state.readers = Readers(Standings(), Redrives(services.settings.policies))
+    readers: Readers = state.readers
+    return readers
+
+
+ReadersOf = Annotated[Readers, Depends(readers_of)]
+
+
+def owner_filter(caller: Caller) -> str | None:
+    """Whose evaluations a caller sees; None: everybody's."""
+    return None if caller.sees_all else caller.owner
+
+
+def evaluation_for(services: Services, caller: Caller, evaluation_id: str) -> tuple[Evaluation, BenchmarkVersion]:
+    """An evaluation that the caller may see, with its benchmark.
+
+    Raises:
+        NotFoundError: There is none for this caller.
+    """
+    with services.database.reading() as session:
+        evaluation = reading.find_evaluation(session, evaluation_id, owner_filter(caller))
+        if evaluation is None:
+            raise NotFoundError(f"no evaluation '{evaluation_id}'")
+        return evaluation, evaluation.benchmark
+
+
+def episode_for(services: Services, caller: Caller, episode_id: str) -> tuple[Episode, Evaluation, BenchmarkVersion]:
+    """An episode that the caller may see, with its evaluation and benchmark.
+
+    Raises:
+        NotFoundError: There is none for this caller.
+    """
+    with services.database.reading() as session:
+        found = reading.find_episode(session, episode_id, owner_filter(caller))
+        if found is None:
+            raise NotFoundError(f"no episode '{episode_id}'")
+        episode, evaluation = found
+        return episode, evaluation, evaluation.benchmark
+
+
+def record_path(settings: Settings, episode: Episode) -> Path:
+    """Where an episode's record is.
+
+    Raises:
+        ConflictError: It has none yet.
+        GoneError: It had one, and the file is missing.
+    """
+    if episode.record_hash is None:
+        raise ConflictError(f"episode '{episode.id}' is {episode.status}: it has no record")
+    path = archived_path(settings, episode.record_hash)
+    if not path.exists():
+        raise unreadable(episode)
+    return path
+
+
+def record_of(settings: Settings, episode: Episode) -> EpisodeRecord:
+    """An episode's record, whole and unchanged.
+
+    Raises:
+        ConflictError: It has none yet.
+        GoneError: It cannot be read any more.
+    """
+    path = record_path(settings, episode)
+    try:
+        record = read_record(path)
+    except InvalidInputError as error:
+        raise unreadable(episode, error) from error
+    if record.record_hash != episode.record_hash:
+        raise unreadable(episode)
+    return record
+
+
+def trajectory_of(settings: Settings, episode: Episode) -> Trajectory:
+    """Where everything was in an episode, whole and unchanged.
+
+    Raises:
+        ConflictError: It has no record yet.
+        GoneError: It cannot be read any more.
+    """
+    try:
+        return read_trajectory(record_path(settings, episode))
+    except InvalidInputError as error:
+        raise unreadable(episode, error) from error
+
+
+def unreadable(episode: Episode, error: Exception | None = None) -> GoneError:
+    """What a caller is told of a damaged record; where it lies is for the log alone."""
+    logger.error("record %s of episode %s cannot be read: %s", episode.record_hash, episode.id, error or "missing")
+    return GoneError(f"the record of episode '{episode.id}' is missing or damaged on the server")
+
+
+def refuse_unrepeatable(evaluation: Evaluation) -> None:
+    """Raises where only a remote worker, or the clock, could tell what the agent did.
+
+    Raises:
+        ConflictError: The episode cannot be driven again here.
+    """
+    if evaluation.submission.kind is AgentKind.REMOTE:
+        raise ConflictError("a remote agent drove this episode: it cannot be driven again here")
+    if evaluation.slow_policy != "wait":
+        raise ConflictError("this episode was driven in real time: no replay gives the same")

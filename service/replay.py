@@ -1,0 +1,158 @@
+"""Replay: an episode as the player draws it, made from its record, its trajectory and its network."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Iterator
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from evaluation.record import EgoRecord, EpisodeRecord, Infraction
+from evaluation.scores.driving import Rules, infraction_penalty, outside_fraction
+from evaluation.summary import score_drive
+from evaluation.trajectory import Trajectory
+from sumo_networks.arrays import FloatArray, IntArray
+from sumo_networks.errors import InvalidInputError
+from sumo_networks.network import RoadNetwork
+from sumo_networks.routing import plan_route
+from sumo_networks.world import ActorKind
+
+FORMAT: Final = 1
+"""Grows whenever a replay of the same record would look different; caches are kept by it."""
+DT_S: Final = 0.1
+MARGIN_M: Final = 40.0
+_GZIP_LEVEL: Final = 4  # 6 takes four times as long for a twentieth less
+_SERIES: Final = {"speed": 2, "acceleration": 2, "steering": 3, "progress": 2, "lateral": 2}
+
+
+def replay_of(
+    record: EpisodeRecord, trajectory: Trajectory, network: RoadNetwork, *, episode: str, rules: Rules
+) -> dict[str, Any]:
+    """Everything a player needs but the roads; plain JSON, metres and radians to two decimals, network frame.
+
+    Args:
+        record: The facts.
+        trajectory: Of the same episode.
+        network: On which it was driven.
+        episode: Its name in the service.
+        rules: Of the driving score.
+
+    Returns:
+        `egos` with their routes, infractions and series; `actors`, an entry per gap-free appearance of whatever moved,
+        the egos included (kind "ego"); `signals` near them, each with its stop line and its changes.
+
+    Raises:
+        InvalidInputError: If the network is not the one of the record, or one of its missions cannot be driven on it.
+    """
+    if network.sha256 != record.versions.network_sha256:
+        raise InvalidInputError(
+            f"episode '{episode}' was driven on network '{record.scenario.network}' "
+            f"{record.versions.network_sha256[:12]}, and the one here is {network.sha256[:12]}"
+        )
+    routes = [plan_route(network, mission).position for mission in record.scenario.missions]
+    bounds = _bounds(trajectory, routes)
+    return {
+        "episode": episode,
+        "agent": record.egos[0].agent.name,
+        "scenario": record.scenario.name,
+        "network": record.scenario.network,
+        "rules": rules,
+        "dt_s": DT_S,
+        "ticks": int(trajectory.tick.max(initial=-1)) + 1,
+        "bounds": bounds,
+        "egos": [
+            _ego(ego, index, route, trajectory, rules)
+            for index, (ego, route) in enumerate(zip(record.egos, routes, strict=True))
+        ],
+        "actors": list(_appearances(trajectory)),
+        "signals": list(_signals(trajectory.signals, network, bounds)),
+    }
+
+
+def encode(replay: dict[str, Any]) -> bytes:
+    """The replay as JSON, gzip'd; the same bytes for the same replay."""
+    return gzip.compress(msgspec.json.encode(replay), _GZIP_LEVEL, mtime=0)
+
+
+def infraction_document(one: Infraction, rules: Rules) -> dict[str, Any]:
+    """An infraction as plain JSON, with `factor`: the infraction penalty of a drive with this infraction alone."""
+    return one.model_dump(mode="json") | {"factor": infraction_penalty([one], rules, 0.0)}
+
+
+def _bounds(trajectory: Trajectory, routes: list[FloatArray]) -> list[float]:
+    """Box x0, y0, x1, y1 of all that is drawn."""
+    moved = np.column_stack([trajectory.x, trajectory.y]).astype(np.float64)
+    points = np.concatenate([moved[np.isfinite(moved).all(axis=1)], *routes])
+    low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
+    return _rounded(np.array([*low, *high]), 2)
+
+
+def _ego(ego: EgoRecord, index: int, route: FloatArray, trajectory: Trajectory, rules: Rules) -> dict[str, Any]:
+    rows = np.flatnonzero(trajectory.key == -1 - index)
+    first = rows[:1]
+    scores = score_drive(ego, rules=rules)
+    return {
+        "name": ego.name,
+        "length": _rounded(trajectory.length[first], 2)[0] if len(first) else 0.0,
+        "width": _rounded(trajectory.width[first], 2)[0] if len(first) else 0.0,
+        "route": np.round(route, 2).tolist(),
+        "status": ego.status.value,
+        "failure": ego.failure,
+        "infractions": [infraction_document(one, rules) for one in ego.infractions],
+        "series": {name: _rounded(getattr(trajectory, name)[rows], digits) for name, digits in _SERIES.items()},
+        "score": {
+            "rc": scores["route_completion"],
+            "ip": scores["infraction_penalty"],
+            "ds": scores["driving_score"],
+            "irs": scores["irs"],
+            "outside": outside_fraction(ego),
+            "factors": [[one.kind.value, infraction_penalty([one], rules, 0.0)] for one in ego.infractions],
+        },
+    }
+
+
+def _appearances(trajectory: Trajectory) -> Iterator[dict[str, Any]]:
+    """Sorted by key, then time; whoever leaves the world and comes back has several."""
+    order = np.lexsort((trajectory.tick, trajectory.key))
+    tick, key = trajectory.tick[order], trajectory.key[order]
+    new = (np.diff(key) != 0) | (np.diff(tick) != 1)
+    starts = np.concatenate([[0], np.flatnonzero(new) + 1, [len(order)]]) if len(order) else np.zeros(1, dtype=int)
+    columns = {name: _rounded(getattr(trajectory, name)[order], 2) for name in ("x", "y", "heading", "speed")}
+    sizes = {name: _rounded(getattr(trajectory, name)[order], 2) for name in ("length", "width")}
+    kinds = trajectory.kind[order]
+    for start, stop in zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True):
+        yield {
+            "key": int(key[start]),
+            "name": trajectory.names[int(key[start])],
+            "kind": ActorKind(int(kinds[start])).name.lower(),
+            "first": int(tick[start]),
+            **{name: values[start] for name, values in sizes.items()},
+            **{name: values[start:stop] for name, values in columns.items()},
+        }
+
+
+def _signals(changes: NDArray[np.int32], network: RoadNetwork, bounds: list[float]) -> Iterator[dict[str, Any]]:
+    """Stop lines within the bounds; signals of one line that always agree are one, the others follow right to left."""
+    history: dict[int, list[list[int]]] = {}
+    for tick, signal, state in changes[np.argsort(changes[:, 0], kind="stable")].tolist():
+        history.setdefault(signal, []).append([tick, state])
+    for row in np.flatnonzero(network.stop_lines.lit).tolist():
+        line: FloatArray = network.stop_lines.segment[row]
+        if not (bounds[0] <= line[0] <= bounds[2] and bounds[1] <= line[1] <= bounds[3]):
+            continue
+        signals: IntArray = network.connections.signal[
+            np.array(network.connections_from(int(network.stop_lines.lane[row])), dtype=np.int64)
+        ]
+        seen = [history[int(signal)] for signal in signals if int(signal) in history]
+        for place, one in enumerate(seen):
+            if one not in seen[:place]:
+                yield {"line": np.round(line, 2).tolist(), "changes": one}
+
+
+def _rounded(values: NDArray[Any], digits: int) -> list[float]:
+    """As the shortest decimals, for which float32 is too short; NaN stays, and is null in JSON."""
+    rounded: list[float] = np.round(values.astype(np.float64), digits).tolist()
+    return rounded

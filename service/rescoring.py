@@ -1,0 +1,63 @@
+"""Rescoring: an evaluation's records under other rules. Pure; what is stored does not change."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, Final
+
+from evaluation.record import EpisodeRecord
+from evaluation.scores.driving import IrsLength, Rules, infraction_rate_score
+from evaluation.statistics import mean_estimate
+from evaluation.summary import Summary, as_document, score_drive, summarise, summarise_cells
+
+LAMBDA: Final = 4.0
+
+
+def rescore(
+    records: Sequence[EpisodeRecord], *, rules: Rules, irs_lambda: float = LAMBDA, irs_length: IrsLength = "driven"
+) -> dict[str, Any]:
+    """Every score from the records' facts, as `dohyo score --json` prints them; plain JSON.
+
+    Args:
+        records: Of one agent and one benchmark version.
+        rules: Of the driving score.
+        irs_lambda: Decay of the infraction rate score, km per infraction.
+        irs_length: What its kilometres are.
+
+    Returns:
+        The summary of all drives, with `irs_lambda`, `cells` (a summary each) and `drives`.
+
+    Raises:
+        InvalidInputError: If there are no records, they do not belong together, or lambda is out of range.
+    """
+    summary = summarise(records, rules=rules, irs_length=irs_length)
+    cells = summarise_cells(records, rules=rules, irs_length=irs_length)
+    by_cell = {cell: [record for record in records if record.scenario.cell == cell] for cell in cells}
+    return {
+        **as_document(_with_lambda(summary, records, irs_lambda)),
+        "irs_lambda": irs_lambda,
+        "cells": {cell: as_document(_with_lambda(one, by_cell[cell], irs_lambda)) for cell, one in cells.items()},
+        "drives": [
+            {
+                "scenario": record.scenario.name,
+                "seed": record.scenario.seed,
+                "ego": ego.name,
+                **score_drive(ego, rules=rules, irs_length=irs_length),
+                "irs": infraction_rate_score(ego, irs_lambda, irs_length),
+            }
+            for record in _counted(records)
+            for ego in record.egos
+        ],
+    }
+
+
+def _with_lambda(summary: Summary, records: Sequence[EpisodeRecord], irs_lambda: float) -> Summary:
+    values = [
+        infraction_rate_score(ego, irs_lambda, summary.irs_length) for one in _counted(records) for ego in one.egos
+    ]
+    return dataclasses.replace(summary, scores={**summary.scores, "irs": mean_estimate(values)})
+
+
+def _counted(records: Sequence[EpisodeRecord]) -> list[EpisodeRecord]:
+    return [record for record in records if not any(ego.status.infrastructure_fault for ego in record.egos)]

@@ -1,0 +1,159 @@
+"""What the database keeps of an episode: the numbers that pages rank and count by, recomputable from the record."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+from evaluation.record import EgoRecord, EpisodeRecord, Infraction, InfractionKind, Status
+from evaluation.scores.driving import MIN_KM, Rules
+from evaluation.scores.rates import infraction_counts, route_km
+from evaluation.statistics import Comparison, Estimate, mean_estimate, paired, ratio_estimate, share_estimate
+from evaluation.summary import SHARES, score_drive
+
+SCORE_KEYS: Final[Mapping[str, str]] = {
+    "driving_score": "ds",
+    "route_completion": "rc",
+    "infraction_penalty": "ip",
+    "irs": "irs",
+    "success": "success",
+    "nocrash_success": "nocrash",
+    "road_completed": "road",
+}
+"""Names of the scores, as `dohyo score` prints them, and what a summary calls them."""
+
+_HEADLINES: Final = (("nocrash success", "nocrash_success"), ("success", "success"), ("irs", "irs"))
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """What one ego did in one episode, as a summary tells it.
+
+    Attributes:
+        episode: Its id.
+        scenario: Name.
+        cell: Of the benchmark.
+        seed: Of the scenario.
+        facts: One of the summary's egos, see `summary_of`.
+    """
+
+    episode: str
+    scenario: str
+    cell: str
+    seed: int
+    facts: Mapping[str, Any]
+
+    @property
+    def key(self) -> tuple[str, int, str]:
+        """What makes drives of two agents comparable: the same scenario, seed and ego."""
+        return self.scenario, self.seed, self.facts["name"]
+
+    @property
+    def status(self) -> Status:
+        """How it ended."""
+        return Status(self.facts["status"])
+
+    def score(self, name: str) -> float:
+        """A score by its name in `SCORE_KEYS`: percent, but the infraction penalty in [0, 1]."""
+        value = float(self.facts[SCORE_KEYS[name]])
+        return 100.0 * value if name in SHARES else value
+
+
+def summary_of(record: EpisodeRecord, rules: Rules) -> dict[str, Any]:
+    """A record as plain JSON, small enough that a leaderboard reads thousands.
+
+    Args:
+        record: Of any status; one that was lost is summarised too, and told by its egos' statuses.
+        rules: Of the driving score, those of the benchmark.
+
+    Returns:
+        `egos`, one per mission: name, status, success, scores in percent (`ip` in [0, 1]), infractions counted by kind,
+        `marks` (each infraction's kind, time and place), metres and seconds; `decision_ms`: the slowest ego's p50, p95,
+        p99, None where the record has no timing; `wall_s`.
+
+    Raises:
+        InvalidInputError: If a number of the record is not finite.
+    """
+    timing = record.timing
+    decisions: list[tuple[float, float, float]] = [*timing.decision_ms.values()] if timing else []
+    return {
+        "egos": [_ego(ego, rules) for ego in record.egos],
+        "decision_ms": [*max(decisions, key=lambda one: one[2])] if decisions else None,
+        "wall_s": timing.wall_s if timing else None,
+    }
+
+
+def headline_of(metric: str) -> str:
+    """The score that a benchmark ranks by, from the first words of its `metric`; the driving score by default."""
+    words = metric.partition(":")[0].strip().lower()
+    return next((name for start, name in _HEADLINES if words.startswith(start)), "driving_score")
+
+
+def estimate(name: str, drives: Sequence[Drive]) -> Estimate:
+    """Mean of a score over drives with its 95 % interval: Wilson's for shares, bootstrap else."""
+    values = [drive.score(name) for drive in drives]
+    return share_estimate([value > 0.0 for value in values]) if name in SHARES else mean_estimate(values)
+
+
+def summarise_drives(drives: Sequence[Drive]) -> dict[str, Any]:
+    """Scores, infractions per kilometre and endings of drives, as `dohyo score --json` gives them; plain JSON."""
+    statuses = Counter(drive.status for drive in drives)
+    km = [float(drive.facts["km"]) for drive in drives]
+    return {
+        "drives": len(drives),
+        "episodes": len({drive.episode for drive in drives}),
+        "km": math.fsum(km),
+        "scores": {name: asdict(estimate(name, drives)) for name in SCORE_KEYS},
+        "per_km": {
+            kind.value: asdict(
+                ratio_estimate([drive.facts["infractions"].get(kind.value, 0) for drive in drives], km, floor=MIN_KM)
+            )
+            for kind in InfractionKind
+        },
+        "statuses": {status.value: statuses[status] for status in Status if statuses[status]},
+    }
+
+
+def rates_per_km(drives: Sequence[Drive]) -> dict[str, float]:
+    """Infractions of every kind per kilometre of route completed, pooled; kinds that never happened left out."""
+    km = max(MIN_KM, math.fsum(drive.facts["km"] for drive in drives))
+    counts: Counter[str] = Counter()
+    for drive in drives:
+        counts.update(drive.facts["infractions"])
+    return {kind.value: counts[kind.value] / km for kind in InfractionKind if counts[kind.value]}
+
+
+def compare_drives(name: str, ours: Iterable[Drive], theirs: Iterable[Drive]) -> Comparison | None:
+    """How a score differs on the drives both made, ours - theirs; None where there is no such drive."""
+    a, b = ({drive.key: drive.score(name) for drive in side} for side in (ours, theirs))
+    keys = sorted(a.keys() & b.keys())
+    return paired([a[key] for key in keys], [b[key] for key in keys]) if keys else None
+
+
+def _ego(ego: EgoRecord, rules: Rules) -> dict[str, Any]:
+    scores = score_drive(ego, rules=rules)
+    return {
+        "name": ego.name,
+        "status": ego.status.value,
+        "success": ego.status.completed,
+        "nocrash": scores["nocrash_success"] > 0.0,
+        "ds": scores["driving_score"],
+        "rc": scores["route_completion"],
+        "ip": scores["infraction_penalty"],
+        "irs": scores["irs"],
+        "road": scores["road_completed"],
+        "infractions": {kind.value: count for kind, count in infraction_counts(ego).items() if count},
+        "marks": [_mark(one) for one in ego.infractions],
+        "km": route_km(ego),
+        "route_m": ego.route_length_m,
+        "driven_m": ego.driven_m,
+        "duration_s": ego.duration_s,
+    }
+
+
+def _mark(one: Infraction) -> dict[str, Any]:
+    places = {name: round(getattr(one, name), 2) for name in ("time_s", "x_m", "y_m", "route_m")}
+    return {"kind": one.kind.value, **places}

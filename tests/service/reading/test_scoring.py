@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import pytest
+
+from evaluation.record import EpisodeRecord, InfractionKind, Status
+from evaluation.summary import summarise
+from service.leaderboard import Entry
+from service.scoring import Drive, headline_of, rates_per_km, summarise_drives, summary_of
+from tests.evaluation.builders import ego, episode, infraction, lost
+
+
+def drives_of(record: EpisodeRecord, name: str = "ep") -> list[Drive]:
+    summary = json.loads(json.dumps(summary_of(record, "2.0")))  # as it comes back from a database
+    scenario = record.scenario
+    return [Drive(name, scenario.name, scenario.cell, scenario.seed, facts) for facts in summary["egos"]]
+
+
+def entry(agent: str, drives: list[Drive], **changes: object) -> Entry:
+    made = Entry(
+        evaluation=f"ev-{agent}",
+        submission=f"su-{agent}",
+        agent=agent,
+        version=1,
+        owner="ann",
+        kind="builtin",
+        track="map",
+        benchmark="made",
+        benchmark_sha256="b" * 64,
+        seeds=(0,),
+        finished=None,
+        drives=tuple(drives),
+    )
+    return dataclasses.replace(made, **changes)  # type: ignore[arg-type]
+
+
+VEHICLE = infraction(InfractionKind.COLLISION_VEHICLE, time_s=3.14159, route_m=40.0)
+RED = infraction(InfractionKind.RED_LIGHT, time_s=9.0, route_m=90.0)
+
+
+def test_a_drive_of_80_percent_with_two_hits_and_a_red_light() -> None:
+    summary = summary_of(episode(ego(VEHICLE, VEHICLE, RED)), "2.0")
+    (facts,) = summary["egos"]
+    assert facts["rc"] == 80.0
+    assert facts["ip"] == pytest.approx(0.6 * 0.6 * 0.7)
+    assert facts["ds"] == pytest.approx(20.16)
+    assert facts["infractions"] == {"collision_vehicle": 2, "red_light": 1}
+    assert facts["marks"][0] == {"kind": "collision_vehicle", "time_s": 3.14, "x_m": 0.0, "y_m": 0.0, "route_m": 40.0}
+    assert (facts["success"], facts["nocrash"], facts["status"]) == (False, False, "failed: agent ran out of time")
+    assert (facts["route_m"], facts["driven_m"], facts["km"]) == (1000.0, 800.0, 0.8)
+    assert summary["decision_ms"] == [1.0, 2.0, 3.0]
+    assert summary["wall_s"] == 1.5
+
+
+def test_rules_change_the_driving_score_alone() -> None:
+    record = episode(ego(VEHICLE, VEHICLE, RED))
+    old, new = (summary_of(record, rules)["egos"][0] for rules in ("2.0", "2.1"))
+    assert new["ds"] == pytest.approx(80 / 2.8)
+    assert {key for key in old if old[key] != new[key]} == {"ds", "ip"}
+
+
+def test_a_record_without_timing_and_a_lost_one_are_summarised_too() -> None:
+    assert summary_of(episode(timing=None), "2.0")["decision_ms"] is None
+    assert summary_of(lost(), "2.0")["egos"][0]["status"] == "lost: simulation failed"
+
+
+def test_drives_summarised_from_the_database_equal_the_records() -> None:
+    records = [
+        episode(ego(VEHICLE), name="a"),
+        episode(ego(RED, status=Status.COMPLETED, progress_m=1000.0), name="b"),
+        episode(ego(name="one"), ego(VEHICLE, RED, name="two", progress_m=300.0), name="c"),
+    ]
+    drives = [drive for number, record in enumerate(records) for drive in drives_of(record, f"ep{number}")]
+    found, expected = summarise_drives(drives), summarise(records)
+    for name, estimate in expected.scores.items():
+        assert found["scores"][name] == dataclasses.asdict(estimate), name
+    for kind, estimate in expected.per_km.items():
+        assert found["per_km"][kind] == dataclasses.asdict(estimate), kind
+    assert found["statuses"] == expected.statuses
+    assert found["km"] == expected.km
+    assert (found["episodes"], found["drives"]) == (3, 4)
+
+
+def test_rates_pool_kilometres() -> None:
+    drives = drives_of(episode(ego(VEHICLE))) + drives_of(episode(ego(VEHICLE, progress_m=200.0)))
+    assert rates_per_km(drives) == {"collision_vehicle": pytest.approx(2 / 1.0)}
+
+
+@pytest.mark.parametrize(
+    ("metric", "score"),
+    [
+        ("success: share of episodes that reach the goal in time, collisions notwithstanding", "success"),
+        ("NoCrash success: share of episodes that reach the goal in time without a collision", "nocrash_success"),
+        ("driving score: route completion times infraction penalty, mean over drives", "driving_score"),
+        ("something of ours", "driving_score"),
+    ],
+)
+def test_the_headline_follows_the_benchmarks_words(metric: str, score: str) -> None:
+    assert headline_of(metric) == score
