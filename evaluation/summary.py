@@ -29,12 +29,13 @@ SCORES = (
     "success",
     "nocrash_success",
     "road_completed",
+    "drove_2500m",
     "route_completion",
     "infraction_penalty",
     "driving_score",
     "irs",
 )
-SHARES = ("success", "nocrash_success")
+SHARES = ("success", "nocrash_success", "drove_2500m")
 """Scores that are 0 or 100 in every drive."""
 
 
@@ -149,6 +150,7 @@ def score_drive(ego: EgoRecord, *, rules: Rules = "2.0", irs_length: IrsLength =
         "success": 100.0 * ego.status.completed,
         "nocrash_success": 100.0 * nocrash.success(ego),
         "road_completed": nocrash.road_completed(ego),
+        "drove_2500m": 100.0 * nocrash.drove(ego),
         "route_completion": route_completion(ego),
         "infraction_penalty": infraction_penalty(ego.infractions, rules, outside_fraction(ego)),
         "driving_score": driving_score(ego, rules),

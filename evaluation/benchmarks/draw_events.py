@@ -1,4 +1,4 @@
-"""Draws `obstacles`, `precrash`, `leaderboard` and `leaderboard-train`: python -m evaluation.benchmarks.draw_events.
+"""Draws `obstacles`, `precrash`, `endurance` and the leaderboards: python -m evaluation.benchmarks.draw_events.
 
 As in draw_missions.py, places are drawn at random from fixed seeds and the files are committed. A scripted event is
 kept where it fits; the leaderboards place theirs at every evaluation, from its seed.
@@ -178,6 +178,24 @@ def leaderboard(name: str, routes: Mapping[str, int], conditions: Sequence[str],
             yield from _mission(network, Drawn(mission, {}))
 
 
+def endurance() -> Iterator[str]:
+    """Lines of endurance.toml: routes long enough to drive 2500 m."""
+    yield from _head(
+        "endurance",
+        "Ten long routes through each town in regular traffic: how far without a collision?",
+        "2500 m: share of episodes that drive 2500 m before any collision",
+        "stop_on_collision = true",
+        "seeds = [0, 1, 2]",
+        "time_limit = { speed_kmh = 5.0, extra_s = 20.0 }",
+    )
+    for number, (town, vehicles) in enumerate({"town-train": 20, "town-test": 15}.items()):
+        yield from _cell(town, town, town, TRAIN_CONDITIONS + TEST_CONDITIONS, vehicles)
+        draw = Draw(town, 41 + number)
+        for j in range(10):
+            mission, _ = draw.mission(f"m{j + 1:02d}", 2510.0, 3200.0, stops=7)
+            yield from _mission(town, Drawn(mission, {}))
+
+
 def _head(name: str, description: str, metric: str, *more: str) -> Iterator[str]:
     yield from (f'name = "{name}"', f'description = "{description}"', f'metric = "{metric}"', 'rules = "2.0"', *more)
 
@@ -220,6 +238,7 @@ def _toml(value: Value) -> str:
 
 if __name__ == "__main__":
     files = {
+        "endurance": endurance(),
         "obstacles": obstacles(),
         "precrash": precrash(),
         "leaderboard": leaderboard("leaderboard", {"adlershof": 12, "district": 8}, TEST_CONDITIONS, 71),

@@ -33,6 +33,15 @@ def road_completed(ego: EgoRecord) -> float:
     return 100.0 * min(max(share, 0.0), 1.0)
 
 
+def drove(ego: EgoRecord, metres: float = 2500.0) -> bool:
+    """Whether the ego came so far along its route before the first collision.
+
+    Source: Albilani 2023, where 2500 m on routes between random points count as success; a third number under NoCrash's
+    name. Routes must be at least so long.
+    """
+    return road_completed(ego) / 100.0 * ego.route_length_m >= metres
+
+
 def first_collision(ego: EgoRecord) -> Infraction | None:
     """The earliest collision of the record, or None."""
     collisions = (one for one in ego.infractions if one.kind in COLLISIONS)

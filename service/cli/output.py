@@ -73,8 +73,13 @@ def print_cells(cells: Mapping[str, Summary]) -> None:
     """Prints one row per cell of a benchmark, where there is more than one."""
     if len(cells) < 2:
         return
-    titles = SCORES | {"nocrash_success": "NoCrash success %", "road_completed": "road without crash %"}
-    shown = ("success", "nocrash_success", "road_completed", "driving_score")
+    titles = SCORES | {
+        "nocrash_success": "NoCrash success %",
+        "road_completed": "road without crash %",
+        "drove_2500m": "2500 m without crash %",
+    }
+    far = any(summary.scores["drove_2500m"].mean for summary in cells.values())  # most routes are shorter
+    shown = ("success", "nocrash_success", "road_completed", *(["drove_2500m"] if far else []), "driving_score")
     rows = [
         (cell, *(interval(summary.scores[name]) for name in shown), str(summary.episodes))
         for cell, summary in cells.items()

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from evaluation.record import InfractionKind, Status
-from evaluation.scores.nocrash import road_completed, success
+from evaluation.scores.nocrash import drove, road_completed, success
 from tests.evaluation.builders import ego, infraction
 
 COLLISIONS = (
@@ -43,3 +43,14 @@ def test_road_completed_without_collision_is_route_completion() -> None:
 @pytest.mark.parametrize(("route_m", "expected"), [(-2.0, 0.0), (1003.0, 100.0)])
 def test_road_completed_stays_in_its_range(route_m: float, expected: float) -> None:
     assert road_completed(ego(infraction(InfractionKind.COLLISION_STATIC, route_m=route_m))) == expected
+
+
+@pytest.mark.parametrize(("hit_at", "far"), [(None, True), (2500.0, True), (2499.0, False)])
+def test_2500_metres_are_counted_up_to_the_first_collision(hit_at: float | None, far: bool) -> None:
+    hits = () if hit_at is None else (infraction(InfractionKind.COLLISION_VEHICLE, route_m=hit_at),)
+    assert drove(ego(*hits, route_length_m=3000.0, progress_m=2600.0)) is far
+
+
+def test_success_road_completed_and_2500_metres_are_three_numbers() -> None:
+    one = ego(infraction(InfractionKind.COLLISION_VEHICLE, route_m=2700.0), route_length_m=3000.0, progress_m=2900.0)
+    assert (success(one), road_completed(one), drove(one)) == (False, pytest.approx(90.0), True)
