@@ -33,6 +33,7 @@ class Settings(BaseSettings):
         cors_origins: Browsers' origins that may call the API.
         lease_ttl_s: A worker silent for longer loses its lease.
         act_deadline_s: Wall-clock time for one decision where the simulation waits.
+        webhook_private_addresses: Let webhooks call this machine and its private network.
         drain_s: After SIGTERM, time for running episodes to end.
     """
 
@@ -57,6 +58,7 @@ class Settings(BaseSettings):
     cors_origins: tuple[str, ...] = ()
     lease_ttl_s: Annotated[float, Field(gt=0)] = 30.0
     act_deadline_s: Annotated[float, Field(gt=0)] = 10.0
+    webhook_private_addresses: bool = False
     drain_s: Annotated[float, Field(ge=0)] = 30.0
 
     @property

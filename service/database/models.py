@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import secrets
 from datetime import UTC, datetime
-from enum import StrEnum
+from enum import Enum, StrEnum
 from typing import Any
 
 from sqlalchemy import JSON, DateTime, ForeignKey, Index, String, TypeDecorator, UniqueConstraint
+from sqlalchemy import Enum as EnumColumn
 from sqlalchemy.engine import Dialect
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
@@ -78,7 +79,13 @@ def new_id(prefix: str) -> str:
 class Base(DeclarativeBase):
     """Of all tables."""
 
-    type_annotation_map = {datetime: UtcDateTime, dict[str, Any]: JSON, list[int]: JSON}  # noqa: RUF012
+    type_annotation_map = {  # noqa: RUF012
+        datetime: UtcDateTime,
+        dict[str, Any]: JSON,
+        list[int]: JSON,
+        # As plain text, so that a new member needs no change of a database's types.
+        Enum: EnumColumn(Enum, native_enum=False, length=20, values_callable=lambda kind: [one.value for one in kind]),
+    }
 
 
 class Token(Base):
@@ -137,7 +144,7 @@ class BenchmarkVersion(Base):
 
 
 class Evaluation(Base):
-    """One submission on one benchmark version."""
+    """One submission on one benchmark version. `announced` is the end that webhooks were told of."""
 
     __tablename__ = "evaluations"
 
@@ -153,6 +160,7 @@ class Evaluation(Base):
     created: Mapped[datetime] = mapped_column(default=now)
     started: Mapped[datetime | None]
     finished: Mapped[datetime | None]
+    announced: Mapped[datetime | None]
     submission: Mapped[Submission] = relationship(lazy="joined")
     benchmark: Mapped[BenchmarkVersion] = relationship()
 
@@ -206,3 +214,15 @@ class Delivery(Base):
     due: Mapped[datetime] = mapped_column(default=now, index=True)
     delivered: Mapped[datetime | None]
     failure: Mapped[str | None] = mapped_column(String(500))
+
+
+class Idempotency(Base):
+    """What a request with an `Idempotency-Key` made, so that the same request again makes nothing new."""
+
+    __tablename__ = "idempotency"
+
+    owner: Mapped[str] = mapped_column(String(100), primary_key=True)
+    key: Mapped[str] = mapped_column(String(200), primary_key=True)
+    request_sha256: Mapped[str] = mapped_column(String(64))
+    made: Mapped[str] = mapped_column(String(32))
+    created: Mapped[datetime] = mapped_column(default=now, index=True)

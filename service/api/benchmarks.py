@@ -1,0 +1,67 @@
+"""Benchmarks: those that come with dohyo, and the versions of them that were evaluated here."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from evaluation.benchmark import Benchmark, benchmark_names, load_benchmark
+from service.access import Reader
+from service.api.documents import Name, problems
+from service.database.evaluations import count_by_version
+from service.state import ServicesOf
+from service.views import BenchmarkVersionView, BenchmarkView
+from sumo_networks.errors import UnknownNameError
+
+router = APIRouter(prefix="/v1/benchmarks", tags=["benchmarks"])
+
+
+@router.get("", responses=problems())
+def show_all(caller: Reader) -> list[BenchmarkView]:
+    """Lists the benchmarks."""
+    return [_view(load_benchmark(name)) for name in benchmark_names()]
+
+
+@router.get("/{name}", responses=problems(404))
+def show(name: Name, caller: Reader) -> BenchmarkView:
+    """One benchmark."""
+    return _view(find_benchmark(name))
+
+
+@router.get("/{name}/versions", responses=problems(404))
+def versions(name: Name, caller: Reader, services: ServicesOf) -> list[BenchmarkVersionView]:
+    """The benchmark as it is now, and as it was when it was evaluated here; the newest first."""
+    current = find_benchmark(name).sha256
+    with services.database.reading() as session:
+        rows = count_by_version(session, name)
+    known = [
+        BenchmarkVersionView(version=sha256, current=sha256 == current, first_evaluated=created, evaluations=count)
+        for sha256, created, count in rows
+    ]
+    if any(one.current for one in known):
+        return known
+    return [BenchmarkVersionView(version=current, current=True, first_evaluated=None, evaluations=0), *known]
+
+
+def find_benchmark(name: str) -> Benchmark:
+    """A benchmark of the catalog by its name; never a path, whatever a stranger calls it.
+
+    Raises:
+        UnknownNameError: There is none.
+    """
+    if name not in benchmark_names():
+        raise UnknownNameError("benchmark", name, benchmark_names())
+    return load_benchmark(name)
+
+
+def _view(benchmark: Benchmark) -> BenchmarkView:
+    return BenchmarkView(
+        name=benchmark.name,
+        version=benchmark.sha256,
+        description=benchmark.description,
+        metric=benchmark.metric,
+        rules=benchmark.rules,
+        networks=list(benchmark.networks),
+        cells=[cell.name for cell in benchmark.cells],
+        scenarios=sum(1 if cell.together else len(benchmark.missions[cell.missions]) for cell in benchmark.cells),
+        seeds=list(benchmark.seeds),
+    )

@@ -1,0 +1,258 @@
+"""Submissions: versions of an agent, of three kinds. Each is checked before anything of it is stored."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Body, Request
+from fastapi.concurrency import run_in_threadpool
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from sqlalchemy.orm import Session
+
+from agents.registry import agent_entries
+from evaluation.agent import AgentSpec, agent_info
+from evaluation.record import AgentInfo
+from service.access import Caller, Reader, Submitter
+from service.api.agents import IdempotencyKey, owned_agent, visible_agent
+from service.api.documents import Limit, Name, problems
+from service.database.agents import add_submission, count_submissions, list_submissions
+from service.database.idempotency import made_before, remember
+from service.database.models import AgentKind, Submission
+from service.errors import TooManyRequestsError
+from service.isolated import run_isolated
+from service.policies.agent import ENTRY, OnnxPolicy
+from service.policies.limits import MEGABYTE, PolicyLimits
+from service.state import Services, ServicesOf
+from service.uploads import Upload, form_body, receive_upload
+from service.views import Page, SubmissionView, view_submission
+from sumo_networks.control import CONTROLS
+from sumo_networks.errors import InvalidInputError, UnknownNameError
+from sumo_networks.scenario import content_hash
+from sumo_networks.sensors import Track, make_sensors
+
+router = APIRouter(prefix="/v1/agents/{name}/submissions", tags=["agents"])
+
+PER_AGENT = 1000
+TRIAL_S = 60.0
+SETTINGS_BYTES = 20_000
+FORM = form_body(
+    ["spec"],
+    {
+        "spec": {
+            "type": "string",
+            "description": "JSON: track, sensors, control, as `GET /v1/observations` describes them, and maybe a name.",
+            "examples": ['{"track": "map", "sensors": ["speedometer", "route"], "control": "target_speed_steering"}'],
+        }
+    },
+)
+
+Settings = dict[str, Any]
+TrackName = Literal["sensors", "map", "privileged"]
+Text = Annotated[str, Field(min_length=1, max_length=100)]
+
+
+class _Order(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    settings: Annotated[Settings, Field(description="Plain JSON.")] = {}
+
+    @field_validator("settings")
+    @classmethod
+    def _is_plain(cls, settings: Settings) -> Settings:
+        try:
+            content_hash(settings)
+        except (ValueError, RecursionError) as error:
+            raise ValueError("expected plain JSON with finite numbers") from error
+        if len(repr(settings)) > SETTINGS_BYTES:
+            raise ValueError(f"expected at most {SETTINGS_BYTES} characters")
+        return settings
+
+
+class BuiltinOrder(_Order):
+    """An agent that comes with this service, and what to make it with."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={"examples": [{"kind": "builtin", "entry": "autopilot", "settings": {}}]},
+    )
+
+    kind: Literal["builtin"]
+    entry: Annotated[Text, Field(description="A registered name, as `dohyo agents list` shows them.")]
+
+
+class RemoteOrder(_Order):
+    """An agent that drives through its own workers: what it will see and do."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "examples": [
+                {
+                    "kind": "remote",
+                    "track": "map",
+                    "sensors": ["speedometer", "route"],
+                    "control": "target_speed_steering",
+                }
+            ]
+        },
+    )
+
+    kind: Literal["remote"]
+    name: Annotated[Text | None, Field(description="As records call it; default: the agent's name.")] = None
+    track: TrackName = "map"
+    sensors: Annotated[list[Text], Field(min_length=1, max_length=50)] = ["speedometer", "route"]
+    control: Text = "target_speed_steering"
+    entry: Annotated[str | None, Field(min_length=1, max_length=200)] = None
+    source_sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$", description="Of the agent's program.")] = ""
+
+
+Order = Annotated[BuiltinOrder | RemoteOrder, Body(discriminator="kind")]
+
+
+@router.post("", status_code=201, responses=problems(403, 404, 409, 413, 507))
+def create(
+    name: Name, order: Order, caller: Submitter, services: ServicesOf, idempotency_key: IdempotencyKey = None
+) -> SubmissionView:
+    """Submits a built-in agent with settings, or declares a remote one."""
+    _check_owner(services, caller, name)
+    info = _builtin(order) if isinstance(order, BuiltinOrder) else _remote(order, name)
+    request = content_hash({"agent": name, "submission": order.model_dump()})
+    return _store(services, caller, name, AgentKind(order.kind), info, None, (idempotency_key, request))
+
+
+@router.post("/onnx", status_code=201, responses=problems(403, 404, 409, 413, 507), openapi_extra=FORM)
+async def create_onnx(
+    name: Name, request: Request, caller: Submitter, services: ServicesOf, idempotency_key: IdempotencyKey = None
+) -> SubmissionView:
+    """Submits an ONNX policy: checked, tried for two decisions, and later run without network, files or privileges."""
+    async with receive_upload(request, services.settings.upload_limit_bytes) as given:
+        return await run_in_threadpool(_submit_onnx, services, caller, name, given, idempotency_key)
+
+
+@router.get("", responses=problems(404))
+def show_all(
+    name: Name,
+    caller: Reader,
+    services: ServicesOf,
+    limit: Limit = 100,
+    after: Annotated[int | None, Field(ge=1, le=2**31 - 1)] = None,
+) -> Page[SubmissionView]:
+    """Lists an agent's submissions, the newest first."""
+    with services.database.reading() as session:
+        rows = list_submissions(session, visible_agent(session, caller, name), limit + 1, after)
+    items = [view_submission(submission, name) for submission in rows[:limit]]
+    return Page(items=items, next=str(items[-1].version) if len(rows) > limit else None)
+
+
+def _builtin(order: BuiltinOrder) -> AgentInfo:
+    """Made once in a process of its own, since its constructor sees what a stranger wrote."""
+    entries = agent_entries()
+    if order.entry not in entries:
+        raise InvalidInputError(str(UnknownNameError("built-in agent", order.entry, entries)))
+    arguments = {"entry": entries[order.entry], "settings": order.settings}
+    return AgentInfo.model_validate(run_isolated("describe_agent", arguments, TRIAL_S))
+
+
+def _remote(order: RemoteOrder, agent: str) -> AgentInfo:
+    try:
+        make_sensors(order.sensors, Track[order.track.upper()])
+        if order.control not in CONTROLS:
+            raise UnknownNameError("control", order.control, CONTROLS)
+    except UnknownNameError as error:
+        raise InvalidInputError(str(error)) from error
+    name = order.name or agent
+    return AgentInfo(
+        name=name,
+        entry=order.entry or f"remote:{name}",
+        source_sha256=order.source_sha256,
+        track=order.track,
+        sensors=tuple(order.sensors),
+        control=order.control,
+        settings=order.settings,
+    )
+
+
+def _submit_onnx(services: Services, caller: Caller, name: str, given: Upload, key: str | None) -> SubmissionView:
+    _check_owner(services, caller, name)
+    spec = _spec(given.fields.get("spec"), name)
+    content = given.path.read_bytes()
+    limits = PolicyLimits(file_mb=services.settings.upload_limit_bytes / MEGABYTE)
+    try:
+        policy = OnnxPolicy(content=content, **spec.model_dump(), limits=limits)
+    except UnknownNameError as error:
+        raise InvalidInputError(str(error)) from error
+    info = agent_info(policy, ENTRY, policy.settings)
+    request = content_hash({"agent": name, "spec": spec.model_dump(mode="json"), "sha256": policy.sha256})
+    _keep(services.settings.policies, content)
+    return _store(services, caller, name, AgentKind.ONNX, info, policy.sha256, (key, request))
+
+
+def _spec(text: str | None, agent: str) -> AgentSpec:
+    """The agent's declaration in a form; its name is the agent's where it says none."""
+    try:
+        given = json.loads(text or "")
+    except (ValueError, RecursionError) as error:
+        raise InvalidInputError("spec: expected a field with a JSON object (track, sensors, control)") from error
+    if not isinstance(given, dict):
+        raise InvalidInputError("spec: expected a JSON object (track, sensors, control)")
+    try:
+        order = RemoteOrder.model_validate({"kind": "remote", **given})
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "spec"
+        raise InvalidInputError(f"spec: {where}: {first['msg']}") from error
+    name = order.name or agent
+    return AgentSpec(name=name, track=order.track, sensors=tuple(order.sensors), control=order.control)
+
+
+def _check_owner(services: Services, caller: Caller, name: str) -> None:
+    """Before anything costly: may the caller submit at all?"""
+    with services.database.reading() as session:
+        agent = owned_agent(session, caller, name)
+        if count_submissions(session, agent) >= PER_AGENT:
+            raise TooManyRequestsError(f"at most {PER_AGENT} submissions of one agent", retry_s=3600)
+
+
+def _store(
+    services: Services,
+    caller: Caller,
+    name: str,
+    kind: AgentKind,
+    info: AgentInfo,
+    policy_sha256: str | None,
+    once: tuple[str | None, str],
+) -> SubmissionView:
+    key, request = once
+    with services.database.session() as session:
+        if before := made_before(session, caller.owner, key, request):
+            return view_submission(_made(session, before), name)
+        agent = owned_agent(session, caller, name)
+        submission = add_submission(session, agent, kind, info, policy_sha256)
+        remember(session, caller.owner, key, request, submission.id)
+        return view_submission(submission, name)
+
+
+def _made(session: Session, identifier: str) -> Submission:
+    return session.get_one(Submission, identifier)
+
+
+def _keep(folder: Path, content: bytes) -> None:
+    """Stores a policy under its hash; whole or not at all."""
+    path = folder / f"{hashlib.sha256(content).hexdigest()}.onnx"
+    if path.exists():
+        return
+    descriptor, name = tempfile.mkstemp(dir=folder, suffix=".tmp")
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(name, path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise

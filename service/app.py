@@ -1,0 +1,119 @@
+"""App: the FastAPI service, put together."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
+from importlib.metadata import version
+from typing import Any
+
+from anyio import to_thread
+from fastapi import FastAPI
+from fastapi.middleware.cors import CORSMiddleware
+
+from service import errors, limits
+from service.api import (
+    agents,
+    benchmarks,
+    comparison,
+    episodes,
+    evaluations,
+    health,
+    leaderboard,
+    metrics,
+    networks,
+    observations,
+    rescoring,
+    submissions,
+    tokens,
+    webhooks,
+    workers,
+)
+from service.api.documents import SUMMARY, TAGS, describe, problems
+from service.dashboard import pages
+from service.dashboard.session import SessionCookie, show_errors_as_pages
+from service.data_folder import held, told
+from service.database.engine import Database
+from service.delivery import Deliverer
+from service.episodes.scheduler import Scheduler
+from service.settings import Settings
+from service.state import Broadcast, Services
+
+ROUTERS = tuple(
+    module.router
+    for module in (
+        *(health, tokens, networks, benchmarks, observations, agents, submissions, evaluations, episodes),
+        *(leaderboard, comparison, metrics, rescoring, webhooks, workers),
+    )
+)
+
+logger = logging.getLogger("dohyo.service")
+
+
+def create_app(
+    settings: Settings | None = None,
+    make_scheduler: Callable[[Settings, Database, Broadcast], Any] = Scheduler,
+) -> FastAPI:
+    """Makes the service; its parts start with the app's lifespan.
+
+    Args:
+        settings: None: from the environment.
+        make_scheduler: What drives episodes.
+    """
+    settings = settings or Settings()
+    database, events = Database(settings.database_url), Broadcast()
+    app = FastAPI(
+        title="dohyo",
+        summary=SUMMARY,
+        version=version("dohyo"),
+        openapi_tags=TAGS,
+        docs_url=None,
+        redoc_url=None,
+        lifespan=_lifespan,
+        responses=problems(),
+    )
+    app.state.services = Services(settings, database, make_scheduler(settings, database, events), events)
+    errors.install(app)
+    app.router.routes.insert(0, workers.step_route)
+    for router in ROUTERS:
+        app.include_router(router)
+    describe(app)
+    app.include_router(pages.router)
+    app.mount("/static", pages.static, name="static")
+    show_errors_as_pages(app, pages.render)
+    _add_layers(app, settings)
+    return app
+
+
+def _add_layers(app: FastAPI, settings: Settings) -> None:
+    """Each added layer is put around those before."""
+    app.add_middleware(limits.BodyLimit, limit=settings.body_limit_bytes, upload_limit=settings.upload_limit_bytes)
+    app.add_middleware(limits.RateLimit, per_minute=settings.requests_per_minute)
+    app.add_middleware(SessionCookie)
+    if settings.cors_origins:
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=list(settings.cors_origins),
+            allow_methods=["GET", "POST", "DELETE"],
+            allow_headers=["authorization", "content-type", "idempotency-key"],
+        )
+    app.add_middleware(limits.SecurityHeaders, tls=settings.tls_certificate is not None)
+    app.add_middleware(limits.AccessLog)
+
+
+@asynccontextmanager
+async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
+    services: Services = app.state.services
+    async with AsyncExitStack() as stack:
+        stack.enter_context(held(services.settings))
+        stack.enter_context(told(services.settings))
+        stack.callback(services.database.close)
+        await to_thread.run_sync(services.database.migrate)
+        deliverer = Deliverer(services)
+        await deliverer.start()
+        stack.push_async_callback(deliverer.stop)
+        stack.push_async_callback(services.drain)
+        await services.scheduler.start()
+        logger.info("ready")
+        yield

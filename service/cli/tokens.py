@@ -1,0 +1,90 @@
+"""`dohyo tokens`: who may do what, from the machine of the service."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from sqlalchemy.orm import Session
+
+from service.cli.output import DASH, console, print_json, print_rows
+from service.cli.serve import make_settings
+from service.database.engine import Database
+from service.database.models import Role
+from service.database.tokens import create_token, list_tokens, revoke_token
+from service.views import view_token
+from sumo_networks.errors import InvalidInputError
+
+tokens = typer.Typer(help="Tokens of the service.", no_args_is_help=True)
+
+Data = Annotated[Path | None, typer.Option(help="Folder of the service's data.")]
+Url = Annotated[str | None, typer.Option("--database", help="URL of the service's database.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
+
+
+@tokens.command("create")
+def create(
+    owner: Annotated[str, typer.Option(help="Whose; what one owner submits, others cannot touch.")],
+    role: Annotated[Role, typer.Option(help="What it may do.")] = Role.SUBMITTER,
+    days: Annotated[float | None, typer.Option(min=0.001, help="Until it expires; default: never.")] = None,
+    data: Data = None,
+    database: Url = None,
+    json: Json = False,
+) -> None:
+    """Makes a token and prints it; it cannot be shown again."""
+    if not owner.isprintable() or not 0 < len(owner.strip()) <= 100:
+        raise InvalidInputError("owner: expected 1 to 100 printable characters")
+    with _session(data, database) as session:
+        token, secret = create_token(session, owner, role, timedelta(days=days) if days is not None else None)
+    if json:
+        print_json(view_token(token).model_dump(mode="json") | {"token": secret})
+    else:
+        console.print(secret, soft_wrap=True, highlight=False)
+
+
+@tokens.command("list")
+def show_all(data: Data = None, database: Url = None, json: Json = False) -> None:
+    """Lists tokens, without their secrets."""
+    with _session(data, database) as session:
+        views = [view_token(token) for token in list_tokens(session)]
+    if json:
+        print_json([view.model_dump(mode="json") for view in views])
+        return
+    rows = [
+        (
+            *(view.id, view.owner, view.role.value, f"{view.created:%Y-%m-%d}"),
+            *(f"{moment:%Y-%m-%d %H:%M}" if moment else DASH for moment in (view.expires, view.revoked)),
+        )
+        for view in views
+    ]
+    print_rows(("id", "owner", "role", "created", "expires", "revoked"), rows)
+
+
+@tokens.command("revoke")
+def revoke(
+    identifier: Annotated[str, typer.Argument(help="As `dohyo tokens list` shows it.")],
+    data: Data = None,
+    database: Url = None,
+) -> None:
+    """Ends a token for good, at once."""
+    with _session(data, database) as session:
+        if revoke_token(session, identifier) is None:
+            raise InvalidInputError(f"no token '{identifier}' (dohyo tokens list)")
+
+
+@contextmanager
+def _session(data: Path | None, url: str | None) -> Iterator[Session]:
+    settings = make_settings({"data": data}, url)
+    if settings.database is None and not (settings.data / "dohyo.db").is_file():
+        raise InvalidInputError(f"'{settings.data}' holds no service's data; `dohyo serve --data` makes it")
+    database = Database(settings.database_url)
+    try:
+        database.migrate()
+        with database.session() as session:
+            yield session
+    finally:
+        database.close()

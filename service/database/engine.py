@@ -1,0 +1,124 @@
+"""Engine: connections to SQLite or PostgreSQL, transactions, and migrations at the start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from alembic import command
+from alembic.config import Config as AlembicConfig
+from sqlalchemy import Connection, Engine, create_engine, event, make_url, text
+from sqlalchemy.exc import ArgumentError
+from sqlalchemy.orm import Session
+
+from sumo_networks.errors import InvalidInputError
+
+MIGRATIONS = Path(__file__).with_name("migrations")
+BUSY_S = 5.0
+_LOCK = 0x0D0E_0400  # of PostgreSQL's advisory locks, while tables change
+_ENQUEUE_LOCK = _LOCK + 1
+
+
+class Database:
+    """One database and its pool of connections; safe to use from any thread.
+
+    Attributes:
+        engine: SQLAlchemy's.
+    """
+
+    def __init__(self, url: str, *, busy_s: float = BUSY_S, pool: int = 20) -> None:
+        """Prepares; connects at the first use.
+
+        Args:
+            url: SQLAlchemy's, of SQLite or PostgreSQL.
+            busy_s: How long a transaction waits for another one's lock.
+            pool: Connections at once; FastAPI has 40 threads, few of which are in the database at one moment.
+
+        Raises:
+            InvalidInputError: No such kind of database.
+        """
+        self.engine = _make_engine(url, busy_s, pool)
+        self.is_sqlite = self.engine.dialect.name == "sqlite"
+        self._writing = self.engine.execution_options(dohyo_write=True)
+
+    @contextmanager
+    def session(self) -> Iterator[Session]:
+        """A transaction that may write; commits at the end, rolls back if anything is raised.
+
+        On SQLite its first statement takes the write lock: one that reads first and writes later could never be
+        completed if another wrote in between.
+        """
+        with Session(self._writing, expire_on_commit=False) as session, session.begin():
+            yield session
+
+    @contextmanager
+    def reading(self) -> Iterator[Session]:
+        """A transaction that only reads; never waits for one that writes."""
+        with Session(self.engine, expire_on_commit=False, autoflush=False) as session:
+            yield session
+
+    def migrate(self) -> None:
+        """Brings the tables to what the models say; two services that start at once wait for each other."""
+        config = AlembicConfig()
+        config.set_main_option("script_location", str(MIGRATIONS))
+        with self._writing.begin() as connection:
+            if not self.is_sqlite:
+                connection.execute(text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _LOCK})
+            config.attributes["connection"] = connection
+            command.upgrade(config, "head")
+
+    def check(self) -> None:
+        """Asks the database for a sign of life."""
+        with self.reading() as session:
+            session.execute(text("SELECT 1"))
+
+    def close(self) -> None:
+        """Closes all connections."""
+        self.engine.dispose()
+
+
+def serialise(session: Session) -> None:
+    """Waits until no other transaction is between this call and its end, so that what it counts stays true."""
+    if session.get_bind().dialect.name == "postgresql":
+        session.execute(text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _ENQUEUE_LOCK})
+
+
+def _make_engine(url: str, busy_s: float, pool: int) -> Engine:
+    try:
+        parsed = make_url(url)
+    except ArgumentError as error:
+        # The URL may hold a password: it is not repeated.
+        raise InvalidInputError("database: expected a URL such as postgresql://user:password@host/name") from error
+    if parsed.get_backend_name() == "sqlite":
+        engine = create_engine(parsed, connect_args={"timeout": busy_s, "check_same_thread": False}, pool_size=pool)
+        event.listen(engine, "connect", _configure_sqlite)
+        event.listen(engine, "begin", _begin_sqlite)
+        return engine
+    if parsed.get_backend_name() not in ("postgresql", "postgres"):
+        raise InvalidInputError(f"database: expected sqlite or postgresql, got '{parsed.get_backend_name()}'")
+    milliseconds = int(busy_s * 1000)
+    options = f"-c lock_timeout={milliseconds} -c statement_timeout={milliseconds * 6} -c timezone=UTC"
+    return create_engine(
+        parsed.set(drivername="postgresql+psycopg"),
+        connect_args={"options": options, "connect_timeout": max(2, int(busy_s))},
+        pool_size=pool,
+        max_overflow=pool,
+        pool_timeout=busy_s,
+        pool_pre_ping=True,
+    )
+
+
+def _configure_sqlite(connection: Any, _record: object) -> None:
+    # The driver would begin transactions by itself, and only before the first write.
+    connection.isolation_level = None
+    cursor = connection.cursor()
+    for pragma in ("journal_mode=WAL", "synchronous=NORMAL", "foreign_keys=ON"):
+        cursor.execute(f"PRAGMA {pragma}")
+    cursor.close()
+
+
+def _begin_sqlite(connection: Connection) -> None:
+    write = connection.get_execution_options().get("dohyo_write", False)
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if write else "BEGIN")

@@ -1,0 +1,1 @@
+"""Migrations: how tables come to be what the models say."""

@@ -1,0 +1,194 @@
+"""Initial tables."""
+
+from __future__ import annotations
+
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0001"
+down_revision = None
+branch_labels = None
+depends_on = None
+
+MOMENT = sa.DateTime(timezone=True)
+
+
+def upgrade() -> None:
+    """Makes the change."""
+    op.create_table(
+        "agents",
+        sa.Column("id", sa.String(length=32), nullable=False),
+        sa.Column("name", sa.String(length=100), nullable=False),
+        sa.Column("owner", sa.String(length=100), nullable=False),
+        sa.Column("description", sa.String(length=2000), nullable=False),
+        sa.Column("created", MOMENT, nullable=False),
+        sa.PrimaryKeyConstraint("id"),
+        sa.UniqueConstraint("name"),
+    )
+    op.create_index("ix_agents_owner", "agents", ["owner"])
+
+    op.create_table(
+        "benchmarks",
+        sa.Column("sha256", sa.String(length=64), nullable=False),
+        sa.Column("name", sa.String(length=100), nullable=False),
+        sa.Column("document", sa.JSON(), nullable=False),
+        sa.Column("created", MOMENT, nullable=False),
+        sa.PrimaryKeyConstraint("sha256"),
+    )
+    op.create_index("ix_benchmarks_name", "benchmarks", ["name"])
+
+    op.create_table(
+        "idempotency",
+        sa.Column("owner", sa.String(length=100), nullable=False),
+        sa.Column("key", sa.String(length=200), nullable=False),
+        sa.Column("request_sha256", sa.String(length=64), nullable=False),
+        sa.Column("made", sa.String(length=32), nullable=False),
+        sa.Column("created", MOMENT, nullable=False),
+        sa.PrimaryKeyConstraint("owner", "key"),
+    )
+    op.create_index("ix_idempotency_created", "idempotency", ["created"])
+
+    op.create_table(
+        "tokens",
+        sa.Column("id", sa.String(length=32), nullable=False),
+        sa.Column("owner", sa.String(length=100), nullable=False),
+        sa.Column(
+            "role",
+            sa.Enum("admin", "submitter", "worker", "reader", name="role", native_enum=False, length=20),
+            nullable=False,
+        ),
+        sa.Column("sha256", sa.String(length=64), nullable=False),
+        sa.Column("created", MOMENT, nullable=False),
+        sa.Column("expires", MOMENT, nullable=True),
+        sa.Column("revoked", MOMENT, nullable=True),
+        sa.PrimaryKeyConstraint("id"),
+        sa.UniqueConstraint("sha256"),
+    )
+    op.create_index("ix_tokens_owner", "tokens", ["owner"])
+
+    op.create_table(
+        "webhooks",
+        sa.Column("id", sa.String(length=32), nullable=False),
+        sa.Column("owner", sa.String(length=100), nullable=False),
+        sa.Column("url", sa.String(length=2000), nullable=False),
+        sa.Column("secret", sa.String(length=100), nullable=False),
+        sa.Column("created", MOMENT, nullable=False),
+        sa.PrimaryKeyConstraint("id"),
+    )
+    op.create_index("ix_webhooks_owner", "webhooks", ["owner"])
+
+    op.create_table(
+        "deliveries",
+        sa.Column("id", sa.String(length=32), nullable=False),
+        sa.Column("webhook_id", sa.String(length=32), nullable=False),
+        sa.Column("body", sa.JSON(), nullable=False),
+        sa.Column("attempts", sa.Integer(), nullable=False),
+        sa.Column("due", MOMENT, nullable=False),
+        sa.Column("delivered", MOMENT, nullable=True),
+        sa.Column("failure", sa.String(length=500), nullable=True),
+        sa.ForeignKeyConstraint(["webhook_id"], ["webhooks.id"], ondelete="CASCADE"),
+        sa.PrimaryKeyConstraint("id"),
+    )
+    op.create_index("ix_deliveries_due", "deliveries", ["due"])
+    op.create_index("ix_deliveries_webhook_id", "deliveries", ["webhook_id"])
+
+    op.create_table(
+        "submissions",
+        sa.Column("id", sa.String(length=32), nullable=False),
+        sa.Column("agent_id", sa.String(length=32), nullable=False),
+        sa.Column("version", sa.Integer(), nullable=False),
+        sa.Column(
+            "kind", sa.Enum("builtin", "onnx", "remote", name="agentkind", native_enum=False, length=20), nullable=False
+        ),
+        sa.Column("track", sa.String(length=20), nullable=False),
+        sa.Column("info", sa.JSON(), nullable=False),
+        sa.Column("policy_sha256", sa.String(length=64), nullable=True),
+        sa.Column("created", MOMENT, nullable=False),
+        sa.ForeignKeyConstraint(["agent_id"], ["agents.id"]),
+        sa.PrimaryKeyConstraint("id"),
+        sa.UniqueConstraint("agent_id", "version"),
+    )
+    op.create_index("ix_submissions_agent_id", "submissions", ["agent_id"])
+    op.create_index("ix_submissions_track", "submissions", ["track"])
+
+    op.create_table(
+        "evaluations",
+        sa.Column("id", sa.String(length=32), nullable=False),
+        sa.Column("owner", sa.String(length=100), nullable=False),
+        sa.Column("submission_id", sa.String(length=32), nullable=False),
+        sa.Column("benchmark_sha256", sa.String(length=64), nullable=False),
+        sa.Column("seeds", sa.JSON(), nullable=False),
+        sa.Column(
+            "status",
+            sa.Enum(
+                "queued",
+                "running",
+                "done",
+                "failed",
+                "cancelled",
+                name="evaluationstatus",
+                native_enum=False,
+                length=20,
+            ),
+            nullable=False,
+        ),
+        sa.Column("slow_policy", sa.String(length=10), nullable=False),
+        sa.Column("act_deadline_s", sa.Double(), nullable=False),
+        sa.Column("failure", sa.String(length=2000), nullable=True),
+        sa.Column("created", MOMENT, nullable=False),
+        sa.Column("started", MOMENT, nullable=True),
+        sa.Column("finished", MOMENT, nullable=True),
+        sa.Column("announced", MOMENT, nullable=True),
+        sa.ForeignKeyConstraint(["benchmark_sha256"], ["benchmarks.sha256"]),
+        sa.ForeignKeyConstraint(["submission_id"], ["submissions.id"]),
+        sa.PrimaryKeyConstraint("id"),
+    )
+    op.create_index("ix_evaluations_benchmark_sha256", "evaluations", ["benchmark_sha256"])
+    op.create_index("ix_evaluations_owner", "evaluations", ["owner"])
+    op.create_index("ix_evaluations_status", "evaluations", ["status"])
+    op.create_index("ix_evaluations_submission_id", "evaluations", ["submission_id"])
+
+    op.create_table(
+        "episodes",
+        sa.Column("id", sa.String(length=32), nullable=False),
+        sa.Column("evaluation_id", sa.String(length=32), nullable=False),
+        sa.Column("position", sa.Integer(), nullable=False),
+        sa.Column("scenario", sa.String(length=220), nullable=False),
+        sa.Column("cell", sa.String(length=100), nullable=False),
+        sa.Column("seed", sa.Integer(), nullable=False),
+        sa.Column(
+            "status",
+            sa.Enum(
+                "queued", "running", "done", "lost", "cancelled", name="episodestatus", native_enum=False, length=20
+            ),
+            nullable=False,
+        ),
+        sa.Column("attempts", sa.Integer(), nullable=False),
+        sa.Column("record_hash", sa.String(length=64), nullable=True),
+        sa.Column("summary", sa.JSON(), nullable=True),
+        sa.Column("failure", sa.String(length=2000), nullable=True),
+        sa.Column("started", MOMENT, nullable=True),
+        sa.Column("finished", MOMENT, nullable=True),
+        sa.ForeignKeyConstraint(["evaluation_id"], ["evaluations.id"]),
+        sa.PrimaryKeyConstraint("id"),
+        sa.UniqueConstraint("evaluation_id", "position"),
+    )
+    op.create_index("by_status", "episodes", ["evaluation_id", "status"])
+    op.create_index("ix_episodes_evaluation_id", "episodes", ["evaluation_id"])
+    op.create_index("ix_episodes_record_hash", "episodes", ["record_hash"])
+
+
+def downgrade() -> None:
+    """Takes it back."""
+    for table in (
+        "episodes",
+        "evaluations",
+        "submissions",
+        "deliveries",
+        "webhooks",
+        "tokens",
+        "idempotency",
+        "benchmarks",
+        "agents",
+    ):
+        op.drop_table(table)

@@ -1,0 +1,73 @@
+"""Tokens: bearer secrets, of which only the hash is kept."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import secrets
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from service.database.engine import serialise
+from service.database.models import Role, Token, new_id, now
+
+PREFIX = "dohyo_"
+FIRST_OWNER = "admin"
+
+
+def create_token(session: Session, owner: str, role: Role, expires_in: timedelta | None = None) -> tuple[Token, str]:
+    """Makes a token.
+
+    Returns:
+        The row, and the secret, which cannot be had again.
+    """
+    secret = PREFIX + secrets.token_urlsafe(32)
+    created = now()
+    expires = created + expires_in if expires_in is not None else None
+    token = Token(
+        id=new_id("tok"), owner=owner, role=role, sha256=_digest(secret), created=created, expires=expires, revoked=None
+    )
+    session.add(token)
+    session.flush()
+    return token, secret
+
+
+def first_admin_token(session: Session) -> str | None:
+    """The secret of an administrator's token, if there was no token at all."""
+    serialise(session)
+    if session.scalar(select(func.count()).select_from(Token)):
+        return None
+    return create_token(session, FIRST_OWNER, Role.ADMIN)[1]
+
+
+def find_token(session: Session, secret: str, at: datetime | None = None) -> Token | None:
+    """The token of a secret, if it is neither expired nor revoked.
+
+    The search is by the secret's hash, so that its duration tells nothing about secrets that are near.
+    """
+    digest = _digest(secret)
+    token = session.scalar(select(Token).where(Token.sha256 == digest))
+    if token is None or not hmac.compare_digest(token.sha256, digest) or token.revoked is not None:
+        return None
+    return token if token.expires is None or (at or now()) < token.expires else None
+
+
+def list_tokens(session: Session, limit: int | None = None, after: str | None = None) -> Sequence[Token]:
+    """Tokens by identifier, those past `after`."""
+    query = select(Token).order_by(Token.id)
+    return session.scalars((query.where(Token.id > after) if after else query).limit(limit)).all()
+
+
+def revoke_token(session: Session, token_id: str) -> Token | None:
+    """Ends a token for good; None where there is none."""
+    token = session.get(Token, token_id)
+    if token is not None and token.revoked is None:
+        token.revoked = now()
+    return token
+
+
+def _digest(secret: str) -> str:
+    return hashlib.sha256(secret.encode("utf-8", "surrogateescape")).hexdigest()

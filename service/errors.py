@@ -1,0 +1,201 @@
+"""Errors of the service, and how every error becomes `application/problem+json` (RFC 9457)."""
+
+from __future__ import annotations
+
+import errno
+import logging
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from sqlalchemy.exc import DataError, DBAPIError, IntegrityError
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
+from starlette.exceptions import HTTPException
+
+from sumo_networks.errors import DohyoError, InvalidInputError, SimulationError, UnknownNameError
+
+PROBLEM = "application/problem+json"
+RETRY_S = 5
+DISK_FULL = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
+
+logger = logging.getLogger("dohyo.service")
+
+
+class ServiceError(DohyoError):
+    """A request that is refused.
+
+    Attributes:
+        status: Of the answer.
+        headers: Of the answer.
+    """
+
+    status = 500
+
+    def __init__(self, detail: str, headers: Mapping[str, str] | None = None) -> None:
+        super().__init__(detail)
+        self.headers = dict(headers or {})
+
+
+class UnauthorisedError(ServiceError):
+    """No token, or one that is unknown, expired or revoked: which of them is not said."""
+
+    status = 401
+
+    def __init__(self, detail: str = "expected a valid bearer token in the Authorization header") -> None:
+        super().__init__(detail, {"www-authenticate": "Bearer"})
+
+
+class ForbiddenError(ServiceError):
+    """The token is good, but not for this."""
+
+    status = 403
+
+
+class NotFoundError(ServiceError):
+    """No such thing, or one that the caller may not know of."""
+
+    status = 404
+
+
+class ConflictError(ServiceError):
+    """It contradicts what is there."""
+
+    status = 409
+
+
+class GoneError(ServiceError):
+    """It was there, and will not come back."""
+
+    status = 410
+
+
+class TooLargeError(ServiceError):
+    """More bytes than are taken."""
+
+    status = 413
+
+    def __init__(self, limit: int) -> None:
+        super().__init__(f"the body is larger than {limit} bytes", {"connection": "close"})
+
+
+class TooManyRequestsError(ServiceError):
+    """Past a quota or a rate limit."""
+
+    status = 429
+
+    def __init__(self, detail: str, retry_s: float = RETRY_S) -> None:
+        super().__init__(detail, {"retry-after": str(max(1, round(retry_s)))})
+
+
+class BusyError(ServiceError):
+    """Not now: a queue is full, the database is locked, the service is shutting down."""
+
+    status = 503
+
+    def __init__(self, detail: str, retry_s: float = RETRY_S) -> None:
+        super().__init__(detail, {"retry-after": str(max(1, round(retry_s)))})
+
+
+class StorageFullError(ServiceError):
+    """The disk is full; nothing was kept of what was sent."""
+
+    status = 507
+
+    def __init__(self, detail: str = "no space is left to store this; nothing of it was kept") -> None:
+        super().__init__(detail)
+
+
+def problem(status: int, detail: str, headers: Mapping[str, str] | None = None, **members: Any) -> JSONResponse:
+    """An error as a problem document.
+
+    Args:
+        status: Of HTTP.
+        detail: One line: what was expected, what came.
+        headers: Of the answer.
+        members: More of the document, such as the `errors` of a body.
+    """
+    body = {"type": "about:blank", "title": HTTPStatus(status).phrase, "status": status, "detail": detail, **members}
+    return JSONResponse(body, status, headers, media_type=PROBLEM)
+
+
+def as_service_error(error: Exception) -> DohyoError | None:
+    """What the infrastructure threw, as what a caller can act on; None for a defect of ours."""
+    if isinstance(error, ServiceError):
+        return error
+    if isinstance(error, OSError):
+        return StorageFullError() if error.errno in DISK_FULL else None
+    if isinstance(error, PoolTimeoutError):
+        return BusyError("the database is busy")
+    if isinstance(error, IntegrityError):
+        return ConflictError("it contradicts what is stored; somebody else was faster")
+    if isinstance(error, DataError):
+        return InvalidInputError("the request holds a value that cannot be stored, such as a NUL character")
+    if not isinstance(error, DBAPIError):
+        return None
+    told = str(error.orig).lower()
+    if "disk is full" in told or "no space left" in told:
+        return StorageFullError()
+    if error.connection_invalidated or any(sign in told for sign in _BUSY_SIGNS):
+        return BusyError("the database is busy or cannot be reached")
+    return None
+
+
+_BUSY_SIGNS = (
+    *("locked", "lock timeout", "busy", "deadlock", "statement timeout", "could not serialize"),
+    *("connection failed", "connection refused", "too many clients", "closed the connection", "the database system is"),
+)
+
+
+def install(app: FastAPI) -> None:
+    """Registers the handlers."""
+    app.add_exception_handler(DohyoError, _dohyo_error)
+    app.add_exception_handler(RequestValidationError, _invalid_request)
+    app.add_exception_handler(HTTPException, _http_exception)
+    for kind in (OSError, DBAPIError, PoolTimeoutError):
+        app.add_exception_handler(kind, _infrastructure)
+    app.add_exception_handler(Exception, _unexpected)
+
+
+def _dohyo_error(request: Request, error: Exception) -> JSONResponse:
+    if isinstance(error, ServiceError):
+        return problem(error.status, str(error), error.headers)
+    if isinstance(error, UnknownNameError):
+        return problem(404, str(error))
+    if isinstance(error, InvalidInputError):
+        return problem(422, str(error))
+    if isinstance(error, SimulationError):
+        logger.error("infrastructure fault: %s", error)
+        return problem(503, "the simulation or a sandbox failed on this machine; try again", {"retry-after": "5"})
+    return problem(422, str(error))
+
+
+def _invalid_request(request: Request, error: Exception) -> JSONResponse:
+    """Says where each fault is and what was expected, but not what came: it may be a secret."""
+    given = error.errors() if isinstance(error, RequestValidationError) else []
+    faults = [{"where": ".".join(str(part) for part in one["loc"]), "expected": str(one["msg"])} for one in given]
+    first = faults[0] if faults else {"where": "request", "expected": "another one"}
+    return problem(422, f"{first['where']}: {first['expected']}", errors=faults[:20])
+
+
+def _http_exception(request: Request, error: Exception) -> JSONResponse:
+    if not isinstance(error, HTTPException):
+        return _unexpected(request, error)
+    return problem(error.status_code, str(error.detail), error.headers)
+
+
+def _infrastructure(request: Request, error: Exception) -> JSONResponse:
+    known = as_service_error(error)
+    if known is None:
+        return _unexpected(request, error)
+    logger.warning("%s: %s", type(error).__name__, known)
+    return _dohyo_error(request, known)
+
+
+def _unexpected(request: Request, error: Exception) -> JSONResponse:
+    """Tells the log everything and the caller nothing but how to name it."""
+    name = getattr(request.state, "request_id", "unknown")
+    logger.error("request %s failed", name, exc_info=error)
+    return problem(500, f"an error of the service; its log tells more under request {name}")

@@ -1,0 +1,238 @@
+"""Limits: what every request meets before a route does. Pure ASGI, since each layer adds to every step on the wire."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import math
+import secrets
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.errors import TooLargeError, problem
+
+WIRE = ("/v1/workers", "/v1/leases")
+FREE = ("/health", "/static")
+UPLOADS = ("/v1/networks", "/submissions/onnx")
+FORM_BYTES = 100_000  # of an upload, beside the file
+SECURITY = {
+    "content-security-policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+        "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+    ),
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "permissions-policy": "camera=(), geolocation=(), microphone=()",
+    "referrer-policy": "same-origin",
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "DENY",
+}
+
+access_log = logging.getLogger("dohyo.access")
+
+
+def _on_wire(path: str) -> bool:
+    return path.startswith(WIRE)
+
+
+class BodyLimit:
+    """Refuses bodies that are too large, by what they say and by what comes: 413, and nothing is kept in memory."""
+
+    def __init__(self, app: ASGIApp, limit: int, upload_limit: int) -> None:
+        self.app, self.limit, self.upload_limit = app, limit, upload_limit + FORM_BYTES
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Passes on what is small enough."""
+        if scope["type"] != "http" or scope["method"] in ("GET", "HEAD"):
+            await self.app(scope, receive, send)
+            return
+        limit = self.upload_limit if scope["path"].rstrip("/").endswith(UPLOADS) else self.limit
+        told = Headers(scope=scope).get("content-length", "")
+        if told.isdigit() and int(told) > limit:
+            await _too_large(limit)(scope, receive, send)
+            return
+        answered, got = False, 0
+
+        async def count() -> Message:
+            nonlocal got
+            message = await receive()
+            got += len(message.get("body", b""))
+            if got > limit:
+                raise HTTPException(413, f"the body is larger than {limit} bytes", {"connection": "close"})
+            return message
+
+        async def watch(message: Message) -> None:
+            nonlocal answered
+            answered = answered or message["type"] == "http.response.start"
+            await send(message)
+
+        try:
+            await self.app(scope, count, watch)
+        except HTTPException as error:
+            # Whoever read the body outside the routes' own error handling.
+            if error.status_code != 413 or answered:
+                raise
+            await _too_large(limit)(scope, receive, send)
+
+
+def _too_large(limit: int) -> Response:
+    error = TooLargeError(limit)
+    return problem(413, str(error), error.headers)
+
+
+@dataclass(slots=True)
+class _Bucket:
+    """Requests that are left at a moment; fills steadily."""
+
+    left: float
+    at: float
+
+
+class RateLimit:
+    """So many requests a minute per token; callers without a valid one share what their address has.
+
+    A token counts for itself only once it was accepted: whoever guesses tokens spends what their address has. Steps of
+    policy workers are not counted, nor health checks; wrong tokens on the wire are.
+    """
+
+    def __init__(
+        self, app: ASGIApp, per_minute: int, clock: Callable[[], float] = time.monotonic, remembered: int = 10_000
+    ) -> None:
+        self.app, self.per_minute, self.clock, self.remembered = app, per_minute, clock, remembered
+        self._buckets: OrderedDict[str, _Bucket] = OrderedDict()
+        self._accepted: OrderedDict[str, None] = OrderedDict()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Passes on what is within the rate."""
+        if scope["type"] != "http" or scope["path"].startswith(FREE):
+            await self.app(scope, receive, send)
+            return
+        header = Headers(scope=scope).get("authorization", "")
+        token = hashlib.sha256(header.encode("latin-1")).hexdigest() if header else ""
+        address = f"address {(scope.get('client') or ('unknown',))[0]}"
+        if _on_wire(scope["path"]):
+            await self._pass_on_wire(scope, receive, send, token, address)
+            return
+        if wait_s := self._take(token if token in self._accepted else address):
+            await self._refusal(wait_s)(scope, receive, send)
+            return
+        state = scope.setdefault("state", {})
+        await self.app(scope, receive, send)
+        if token and "caller" in state:
+            self._remember(token)
+
+    async def _pass_on_wire(self, scope: Scope, receive: Receive, send: Send, token: str, address: str) -> None:
+        """Counts only what is refused for its token; one that was good before always passes."""
+        if token in self._accepted:
+            await self.app(scope, receive, send)
+            return
+        guesses = f"wire {address}"
+        if wait_s := self._take(guesses, count=0.0):
+            await self._refusal(wait_s)(scope, receive, send)
+            return
+
+        async def judge(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                if message["status"] in (401, 404):
+                    self._take(guesses)
+                elif token and message["status"] < 300:
+                    self._remember(token)
+            await send(message)
+
+        await self.app(scope, receive, judge)
+
+    def _refusal(self, wait_s: float) -> Response:
+        seconds = math.ceil(wait_s)
+        detail = f"more than {self.per_minute} requests a minute; wait {seconds} s"
+        return problem(429, detail, {"retry-after": str(seconds)})
+
+    def _take(self, key: str, count: float = 1.0) -> float:
+        """Takes requests from what a key has left; returns the seconds to wait where there is not one."""
+        now = self.clock()
+        bucket = self._buckets.pop(key, None) or _Bucket(float(self.per_minute), now)
+        rate = self.per_minute / 60.0
+        bucket.left = min(float(self.per_minute), bucket.left + (now - bucket.at) * rate)
+        bucket.at = now
+        self._buckets[key] = bucket
+        while len(self._buckets) > self.remembered:
+            self._buckets.popitem(last=False)
+        if bucket.left < 1.0:
+            return (1.0 - bucket.left) / rate
+        bucket.left -= count
+        return 0.0
+
+    def _remember(self, token: str) -> None:
+        self._accepted[token] = None
+        self._accepted.move_to_end(token)
+        while len(self._accepted) > self.remembered:
+            self._accepted.popitem(last=False)
+
+
+class SecurityHeaders:
+    """Tells browsers to run only what the service itself serves, and to show it in no frame."""
+
+    def __init__(self, app: ASGIApp, tls: bool) -> None:
+        self.app = app
+        headers = {**SECURITY, **({"strict-transport-security": "max-age=31536000"} if tls else {})}
+        self.headers: Iterable[tuple[bytes, bytes]] = tuple((k.encode(), v.encode()) for k, v in headers.items())
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Adds the headers; the wire is for programs, and gets none."""
+        if scope["type"] != "http" or _on_wire(scope["path"]):
+            await self.app(scope, receive, send)
+            return
+
+        async def add(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", ()), *self.headers]
+            await send(message)
+
+        await self.app(scope, receive, add)
+
+
+class AccessLog:
+    """Gives each request a name, and writes one line about it: who, what, how long; never a token, body or query."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Names, measures and writes."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        name = secrets.token_hex(8)
+        state = scope.setdefault("state", {})
+        state["request_id"] = name
+        started, status = time.perf_counter(), 500
+
+        async def note(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                MutableHeaders(scope=message)["x-request-id"] = name
+            await send(message)
+
+        try:
+            await self.app(scope, receive, note)
+        finally:
+            level = logging.DEBUG if _on_wire(scope["path"]) and status < 400 else logging.INFO
+            if access_log.isEnabledFor(level):
+                caller = state.get("caller")
+                facts = {
+                    "request": name,
+                    "method": scope["method"],
+                    "path": scope["path"],
+                    "status": status,
+                    "ms": round((time.perf_counter() - started) * 1000, 1),
+                    "address": (scope.get("client") or (None,))[0],
+                    "owner": caller.owner if caller is not None else None,
+                }
+                access_log.log(level, "request", extra={"facts": facts})

@@ -1,0 +1,149 @@
+"""Server: uvicorn around the app, on a socket of ours, with a shutdown that lets episodes end."""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import socket
+from collections.abc import Callable
+from types import FrameType
+
+import uvicorn
+from fastapi import FastAPI
+
+from service import logs
+from service.app import create_app
+from service.data_folder import held
+from service.database.engine import Database
+from service.database.tokens import first_admin_token
+from service.settings import Settings
+from service.state import Services
+from sumo_networks.errors import InvalidInputError
+
+KEEP_ALIVE_S = 120
+CLOSE_S = 5
+
+
+def run(settings: Settings, listening: Callable[[str, str | None], None]) -> bool:
+    """Runs the service until it is told to end.
+
+    Args:
+        settings: How.
+        listening: Is told the URL, and at the very first start an administrator's token.
+
+    Returns:
+        Whether it ever started.
+
+    Raises:
+        InvalidInputError: The settings cannot be served.
+    """
+    check_exposure(settings)
+    logs.configure()
+    with _listen(settings) as own:
+        token = _prepare(settings)
+        scheme = "https" if settings.tls_certificate else "http"
+        listening(f"{scheme}://{_shown(settings.host)}:{own.getsockname()[1]}", token)
+        app = create_app(settings)
+        server = DrainingServer(_configuration(settings, app), app.state.services)
+        server.run(sockets=[own])
+    return server.started
+
+
+def check_exposure(settings: Settings) -> None:
+    """Refuses to be heard by others without encryption, unless told to.
+
+    Raises:
+        InvalidInputError: Beyond loopback without TLS, or half of a TLS setting.
+    """
+    certificate, key = settings.tls_certificate, settings.tls_key
+    if (certificate is None) != (key is None):
+        raise InvalidInputError("TLS: expected both --tls-certificate and --tls-key")
+    for file in (certificate, key):
+        if file is not None and not file.is_file():
+            raise InvalidInputError(f"TLS: no file '{file}'")
+    if certificate is None and not settings.insecure and not _is_loopback(settings.host):
+        raise InvalidInputError(
+            f"host '{settings.host}' is heard by other machines, and tokens would travel unencrypted; expected"
+            " --tls-certificate and --tls-key, or --insecure behind a proxy that encrypts"
+        )
+
+
+class DrainingServer(uvicorn.Server):
+    """At the first signal the scheduler drains while workers are still served; at the second, it ends at once."""
+
+    def __init__(self, config: uvicorn.Config, services: Services) -> None:
+        super().__init__(config)
+        self._services = services
+        self._drain: asyncio.Task[None] | None = None
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Remembers the loop for signals."""
+        self._loop = asyncio.get_running_loop()
+        await super().startup(sockets)
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Begins to drain, or ends."""
+        if self._drain is None and self.started:
+            self._loop.call_soon_threadsafe(self._begin)
+        else:
+            super().handle_exit(sig, frame)
+
+    def _begin(self) -> None:
+        if self._drain is None:
+            self._drain = self._loop.create_task(self._drain_and_exit())
+
+    async def _drain_and_exit(self) -> None:
+        try:
+            await self._services.drain()
+        finally:
+            self.should_exit = True
+
+
+def _configuration(settings: Settings, app: FastAPI) -> uvicorn.Config:
+    return uvicorn.Config(
+        app,
+        loop="uvloop",
+        http="httptools",
+        ws="none",
+        lifespan="on",
+        log_config=None,
+        access_log=False,
+        server_header=False,
+        proxy_headers=settings.insecure,
+        timeout_keep_alive=KEEP_ALIVE_S,
+        timeout_graceful_shutdown=CLOSE_S,
+        ssl_certfile=settings.tls_certificate,
+        ssl_keyfile=settings.tls_key,
+    )
+
+
+def _listen(settings: Settings) -> socket.socket:
+    try:
+        family = socket.getaddrinfo(settings.host, settings.port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((settings.host, settings.port), family=family, backlog=2048)
+    except OSError as error:
+        where = f"{settings.host}:{settings.port}"
+        raise InvalidInputError(f"cannot listen on {where}: {error.strerror or error}") from error
+
+
+def _prepare(settings: Settings) -> str | None:
+    """Makes the folder and the tables; returns the first token, if there was none."""
+    with held(settings):
+        database = Database(settings.database_url)
+        try:
+            database.migrate()
+            with database.session() as session:
+                return first_admin_token(session)
+        finally:
+            database.close()
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def _shown(host: str) -> str:
+    return f"[{host}]" if ":" in host else host

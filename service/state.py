@@ -1,0 +1,162 @@
+"""State: what all requests share, and the broadcast of what happens."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+from fastapi import Depends, Request
+
+from service.database.engine import Database
+from service.database.models import now
+from service.settings import Settings
+
+if TYPE_CHECKING:
+    from service.episodes.scheduler import Scheduler
+
+BACKLOG = 256
+
+
+class Subscription:
+    """What one listener has not read yet of one topic; counts from its creation, so that nothing falls in between.
+
+    A listener that falls behind loses the oldest messages, and `lagged` tells it to read the full state again.
+
+    Attributes:
+        lagged: Whether messages were lost since it was last set to False.
+    """
+
+    def __init__(self, broadcast: Broadcast, topic: str) -> None:
+        self.lagged = False
+        self._broadcast, self._topic = broadcast, topic
+        self._waiting: deque[dict[str, Any]] = deque(maxlen=BACKLOG)
+        self._filled = asyncio.Event()
+        self._closed = False
+
+    def put(self, message: dict[str, Any]) -> None:
+        """Adds a message; on the event loop only."""
+        self.lagged = self.lagged or len(self._waiting) == BACKLOG
+        self._waiting.append(message)
+        self._filled.set()
+
+    async def get(self, timeout_s: float | None = None) -> dict[str, Any] | None:
+        """The next message; None where none came in time, or where there will be no more (`closed`)."""
+        while not self._waiting:
+            if self._closed:
+                return None
+            self._filled.clear()
+            try:
+                await asyncio.wait_for(self._filled.wait(), timeout_s)
+            except TimeoutError:
+                return None
+        return self._waiting.popleft()
+
+    @property
+    def closed(self) -> bool:
+        """Whether no message will come any more."""
+        return self._closed and not self._waiting
+
+    def close(self) -> None:
+        """Stops listening."""
+        self._closed = True
+        self._filled.set()
+        self._broadcast.forget(self._topic, self)
+
+    async def __aiter__(self) -> AsyncIterator[dict[str, Any]]:
+        """Yields messages until the subscription is closed."""
+        while not self.closed:
+            message = await self.get()
+            if message is not None:
+                yield message
+
+    def __enter__(self) -> Subscription:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class Broadcast:
+    """Messages by topic, such as "evaluation:ev-..." and "evaluations", to whoever listens now."""
+
+    def __init__(self) -> None:
+        self._subscriptions: dict[str, set[Subscription]] = {}
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._ended = False
+
+    def publish(self, topic: str, data: dict[str, Any]) -> None:
+        """Sends a message to all listeners of a topic; from any thread, and never waits."""
+        try:
+            asyncio.get_running_loop()
+        except RuntimeError:
+            if self._loop is not None and not self._loop.is_closed():
+                self._loop.call_soon_threadsafe(self._deliver, topic, data)
+            return
+        self._deliver(topic, data)
+
+    def subscribe(self, topic: str) -> Subscription:
+        """Listens from now on; an async iterator and a context manager. On the event loop only."""
+        self._loop = asyncio.get_running_loop()
+        subscription = Subscription(self, topic)
+        if self._ended:
+            subscription.close()
+            return subscription
+        self._subscriptions.setdefault(topic, set()).add(subscription)
+        return subscription
+
+    def forget(self, topic: str, subscription: Subscription) -> None:
+        """Removes a listener."""
+        listeners = self._subscriptions.get(topic, set())
+        listeners.discard(subscription)
+        if not listeners:
+            self._subscriptions.pop(topic, None)
+
+    def close(self) -> None:
+        """Ends all subscriptions, so that no open stream keeps the service from ending."""
+        self._ended = True
+        for subscription in [one for listeners in self._subscriptions.values() for one in listeners]:
+            subscription.close()
+
+    def _deliver(self, topic: str, data: dict[str, Any]) -> None:
+        for subscription in tuple(self._subscriptions.get(topic, ())):
+            subscription.put(data)
+
+
+@dataclass(slots=True)
+class Services:
+    """Shared by all requests, in `app.state.services`.
+
+    Attributes:
+        settings: How the service runs.
+        database: What it remembers.
+        scheduler: What drives.
+        events: What happens.
+        started: When.
+        draining: Whether it is shutting down: nothing new is taken.
+    """
+
+    settings: Settings
+    database: Database
+    scheduler: Scheduler
+    events: Broadcast
+    started: datetime = field(default_factory=now)
+    draining: bool = False
+
+    async def drain(self) -> None:
+        """Lets running episodes end while their workers are still served, then ends all open streams."""
+        if not self.draining:
+            self.draining = True
+            await self.scheduler.stop()
+            self.events.close()
+
+
+def services_of(request: Request) -> Services:
+    """The services of the app that got a request."""
+    return cast(Services, request.app.state.services)
+
+
+ServicesOf = Annotated[Services, Depends(services_of)]

@@ -1,0 +1,97 @@
+"""Uploads: multipart forms that hold one file, read to a temporary file under a limit."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fastapi import Request
+from starlette.datastructures import FormData, UploadFile
+from starlette.exceptions import HTTPException
+
+from service.errors import TooLargeError
+from sumo_networks.errors import InvalidInputError
+
+CHUNK = 1 << 20
+FIELDS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Upload:
+    """One file and the form's other fields.
+
+    Attributes:
+        path: Of the temporary file, which is gone when the request ends.
+        name: As its sender calls it, without folders; never used as a path.
+        fields: The other fields.
+    """
+
+    path: Path
+    name: str
+    fields: Mapping[str, str]
+
+
+@asynccontextmanager
+async def receive_upload(request: Request, limit: int) -> AsyncIterator[Upload]:
+    """Reads the form of a request: the part `file`, and text fields.
+
+    Args:
+        request: With a body `multipart/form-data`.
+        limit: Of the file, bytes.
+
+    Raises:
+        InvalidInputError: It is no such form, or has not exactly one `file`.
+        TooLargeError: The file is too large.
+        OSError: The disk is full.
+    """
+    if not request.headers.get("content-type", "").startswith("multipart/form-data"):
+        raise InvalidInputError("expected a body of type multipart/form-data with a part 'file'")
+    form = await _form(request)
+    try:
+        file = _file(form)
+        fields = {key: value for key, value in form.multi_items() if isinstance(value, str)}
+        name = os.path.basename((file.filename or "").replace("\\", "/"))
+        with tempfile.TemporaryDirectory(prefix="dohyo-upload-") as folder:
+            path = Path(folder) / "file"
+            await _copy(file, path, limit)
+            yield Upload(path, name, fields)
+    finally:
+        await form.close()
+
+
+def form_body(required: list[str], properties: Mapping[str, Any]) -> dict[str, Any]:
+    """The OpenAPI entry of a form with a part `file` and other fields."""
+    file = {"file": {"type": "string", "format": "binary"}}
+    schema = {"type": "object", "required": ["file", *required], "properties": {**file, **properties}}
+    return {"requestBody": {"required": True, "content": {"multipart/form-data": {"schema": schema}}}}
+
+
+async def _form(request: Request) -> FormData:
+    try:
+        return await request.form(max_files=1, max_fields=FIELDS, max_part_size=CHUNK)
+    except HTTPException as error:
+        if error.status_code != 400:
+            raise
+        raise InvalidInputError(f"the form cannot be read: {error.detail}") from error
+
+
+def _file(form: FormData) -> UploadFile:
+    files = [value for key, value in form.multi_items() if key == "file" and isinstance(value, UploadFile)]
+    if len(files) != 1:
+        raise InvalidInputError("expected one part 'file' with a file name")
+    return files[0]
+
+
+async def _copy(file: UploadFile, path: Path, limit: int) -> None:
+    size = 0
+    with path.open("wb") as target:
+        while chunk := await file.read(CHUNK):
+            size += len(chunk)
+            if size > limit:
+                raise TooLargeError(limit)
+            target.write(chunk)

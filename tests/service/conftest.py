@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pydantic import SecretStr
+
+from service.database.engine import Database
+from tests.service import postgres
+from tests.service.harness import Harness, running
+
+
+@pytest.fixture(scope="session")
+def postgres_server() -> Iterator[str]:
+    with postgres.running() as url:
+        yield url
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """An empty database of each kind."""
+    if request.param == "sqlite":
+        return f"sqlite:///{tmp_path / 'dohyo.db'}"
+    server: str = request.getfixturevalue("postgres_server")
+    return postgres.fresh_database(server, f"test_{secrets.token_hex(6)}")
+
+
+@pytest.fixture
+def database(database_url: str) -> Iterator[Database]:
+    """The same with its tables."""
+    opened = Database(database_url, busy_s=0.5)
+    opened.migrate()
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[Harness]:
+    """A service on SQLite that everybody may read, and that drives nothing."""
+    with running(tmp_path / "data") as harness:
+        yield harness
+
+
+@pytest.fixture
+def stored(tmp_path: Path, database_url: str) -> Iterator[Harness]:
+    """The same on SQLite and on PostgreSQL."""
+    with running(tmp_path / "data", database=SecretStr(database_url)) as harness:
+        yield harness
+
+
+@pytest.fixture
+def private(tmp_path: Path) -> Iterator[Harness]:
+    """The same where only owners see what is theirs."""
+    with running(tmp_path / "data", public=False) as harness:
+        yield harness

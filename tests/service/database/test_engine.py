@@ -1,0 +1,147 @@
+from __future__ import annotations
+
+import multiprocessing
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from alembic import command
+from alembic.autogenerate import compare_metadata
+from alembic.config import Config
+from alembic.migration import MigrationContext
+from sqlalchemy import inspect, select, text
+from sqlalchemy.exc import IntegrityError, OperationalError
+
+from service.database.engine import MIGRATIONS, Database
+from service.database.models import Agent, Base, Role, Submission, Token
+from service.database.tokens import create_token
+from sumo_networks.errors import InvalidInputError
+
+
+def test_the_migrations_make_exactly_what_the_models_say(database: Database) -> None:
+    with database.engine.connect() as connection:
+        context = MigrationContext.configure(connection, opts={"compare_type": True, "compare_server_default": True})
+        assert compare_metadata(context, Base.metadata) == []
+
+
+def test_a_missing_column_would_be_noticed(database: Database) -> None:
+    """The test above can fail."""
+    with database.engine.begin() as connection:
+        connection.execute(text("ALTER TABLE agents DROP COLUMN description"))
+    with database.engine.connect() as connection:
+        (difference,) = compare_metadata(MigrationContext.configure(connection), Base.metadata)
+        assert difference[0] == "add_column"
+
+
+def test_migrating_again_changes_nothing(database: Database) -> None:
+    with database.session() as session:
+        create_token(session, "team", Role.READER)
+    database.migrate()
+    with database.reading() as session:
+        assert session.scalars(select(Token.owner)).all() == ["team"]
+
+
+def test_migrations_can_be_taken_back(database: Database) -> None:
+    config = Config()
+    config.set_main_option("script_location", str(MIGRATIONS))
+    with database.engine.begin() as connection:
+        config.attributes["connection"] = connection
+        command.downgrade(config, "base")
+    assert inspect(database.engine).get_table_names() == ["alembic_version"]
+
+
+def _migrate(url: str, start: object) -> None:
+    start.wait()  # type: ignore[attr-defined]
+    database = Database(url, busy_s=30.0)
+    database.migrate()
+    database.close()
+
+
+def test_services_that_start_at_once_do_not_race(database_url: str) -> None:
+    spawn = multiprocessing.get_context("spawn")
+    start = spawn.Barrier(3)
+    children = [spawn.Process(target=_migrate, args=(database_url, start)) for _ in range(3)]
+    for child in children:
+        child.start()
+    for child in children:
+        child.join(60)
+    assert [child.exitcode for child in children] == [0, 0, 0]
+    database = Database(database_url)
+    with database.reading() as session:
+        assert session.scalars(text("SELECT version_num FROM alembic_version")).all() == ["0001"]  # type: ignore[call-overload]
+    database.close()
+
+
+def test_what_raises_leaves_nothing_behind(database: Database) -> None:
+    def fail() -> None:
+        with database.session() as session:
+            create_token(session, "team", Role.READER)
+            raise RuntimeError("late")
+
+    with pytest.raises(RuntimeError):
+        fail()
+    with database.reading() as session:
+        assert session.scalars(select(Token)).all() == []
+
+
+def test_readers_do_not_wait_for_a_writer(database: Database) -> None:
+    with database.session() as writing:
+        create_token(writing, "team", Role.READER)
+        started = time.monotonic()
+        with database.reading() as session:
+            assert session.scalars(select(Token)).all() == []
+        assert time.monotonic() - started < 0.4
+
+
+def test_writers_on_sqlite_wait_for_each_other_and_none_is_lost(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path / 'd.db'}", busy_s=20.0)
+    database.migrate()
+
+    def count_up() -> None:
+        for _ in range(10):
+            with database.session() as session:
+                # Reads before it writes: with SQLite's own transactions this fails or loses counts.
+                seen = len(session.scalars(select(Token)).all())
+                session.add(Token(id=f"tok-{seen}", owner="o", role=Role.READER, sha256=f"{seen:064d}"))
+
+    threads = [threading.Thread(target=count_up) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    with database.reading() as session:
+        assert sorted(session.scalars(select(Token.id))) == sorted(f"tok-{i}" for i in range(40))
+    database.close()
+
+
+def test_a_writer_gives_up_when_another_holds_the_lock(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path / 'd.db'}", busy_s=0.2)
+    database.migrate()
+    with database.session() as first:
+        create_token(first, "team", Role.READER)
+        with pytest.raises(OperationalError, match="locked"), database.session() as second:
+            create_token(second, "team", Role.READER)
+    database.close()
+
+
+def test_foreign_keys_hold(database: Database) -> None:
+    orphan = Submission(id="s", agent_id="none", version=1, kind="builtin", track="map", info={})
+    with pytest.raises(IntegrityError), database.session() as session:
+        session.add(orphan)
+
+
+def test_moments_come_back_with_their_zone(database: Database) -> None:
+    with database.session() as session:
+        session.add(Agent(id="a", name="a", owner="o", description=""))
+    with database.reading() as session:
+        (created,) = session.scalars(select(Agent.created)).all()
+    assert created.utcoffset() is not None
+    assert created.utcoffset().total_seconds() == 0  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("url", ["mysql://user:hunter2@host/name", "no url with hunter2", "mongodb://hunter2@host"])
+def test_other_databases_are_refused_without_telling_the_password(url: str) -> None:
+    with pytest.raises(InvalidInputError, match="expected") as raised:
+        Database(url)
+    assert "hunter2" not in str(raised.value)

@@ -1,0 +1,130 @@
+"""The service in this process, with a scheduler that drives nothing: what it was asked for can be read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+from fastapi.testclient import TestClient
+from sqlalchemy import update
+
+from service.app import create_app
+from service.database.engine import Database
+from service.database.models import Episode, EpisodeStatus, Evaluation, EvaluationStatus, Role, now
+from service.database.tokens import create_token
+from service.episodes.leases import LeaseBook
+from service.settings import Settings
+from service.state import Broadcast, Services
+
+PASSWORD_OF_NOBODY = "dohyo_" + "A" * 43
+
+
+class IdleScheduler:
+    """Takes orders, and drives nothing."""
+
+    def __init__(self, settings: Settings, database: Database, events: Broadcast) -> None:
+        self.database, self.events = database, events
+        self.leases = LeaseBook(settings.lease_ttl_s)
+        self.calls: list[str] = []
+
+    async def start(self) -> None:
+        self.calls.append("start")
+
+    async def stop(self) -> None:
+        self.calls.append("stop")
+
+    def wake(self) -> None:
+        self.calls.append("wake")
+
+    async def cancel(self, evaluation_id: str) -> None:
+        self.calls.append(f"cancel {evaluation_id}")
+        finish(self.database, evaluation_id, EvaluationStatus.CANCELLED, EpisodeStatus.CANCELLED)
+
+    def snapshot(self) -> dict[str, Any]:
+        return {"running": 0, "queued": 0, "processes": 0, "workers": 0, "leases": 0}
+
+
+def finish(database: Database, evaluation_id: str, status: EvaluationStatus, episodes: EpisodeStatus) -> None:
+    """Ends an evaluation and all its episodes that have not ended."""
+    with database.session() as session:
+        open_ones = (EpisodeStatus.QUEUED, EpisodeStatus.RUNNING)
+        which = (Episode.evaluation_id == evaluation_id, Episode.status.in_(open_ones))
+        session.execute(update(Episode).where(*which).values(status=episodes))
+        session.execute(update(Evaluation).where(Evaluation.id == evaluation_id).values(status=status, finished=now()))
+
+
+class Harness:
+    """A running app and its callers.
+
+    Attributes:
+        client: Without a token.
+        services: Of the app.
+    """
+
+    def __init__(self, client: TestClient, services: Services) -> None:
+        self.client, self.services = client, services
+
+    @property
+    def scheduler(self) -> IdleScheduler:
+        return self.services.scheduler  # type: ignore[return-value]
+
+    def token(self, owner: str, role: Role = Role.SUBMITTER, expires_in: timedelta | None = None) -> str:
+        with self.services.database.session() as session:
+            return create_token(session, owner, role, expires_in)[1]
+
+    def caller(self, owner: str, role: Role = Role.SUBMITTER) -> Caller:
+        return Caller(self.client, self.token(owner, role))
+
+
+class Caller:
+    """Sends requests with one token."""
+
+    def __init__(self, client: TestClient, token: str) -> None:
+        self.client, self.headers = client, {"authorization": f"Bearer {token}"}
+
+    def get(self, path: str, **options: Any) -> Any:
+        return self._send("GET", path, **options)
+
+    def post(self, path: str, json: Any = None, **options: Any) -> Any:
+        return self._send("POST", path, json=json, **options)
+
+    def delete(self, path: str, **options: Any) -> Any:
+        return self._send("DELETE", path, **options)
+
+    def agent(self, name: str, **settings: Any) -> None:
+        """Registers an agent with one remote submission."""
+        assert self.post("/v1/agents", {"name": name}).status_code == 201
+        answer = self.post(f"/v1/agents/{name}/submissions", {"kind": "remote", "settings": settings})
+        assert answer.status_code == 201, answer.text
+
+    def evaluation(self, agent: str, benchmark: str = "quickstart", **order: Any) -> str:
+        answer = self.post("/v1/evaluations", {"agent": agent, "benchmark": benchmark, **order})
+        assert answer.status_code == 201, answer.text
+        identifier: str = answer.json()["id"]
+        return identifier
+
+    def _send(self, method: str, path: str, headers: dict[str, str] | None = None, **options: Any) -> Any:
+        return self.client.request(method, path, headers=self.headers | (headers or {}), **options)
+
+
+@contextmanager
+def running(data: Path, **settings: Any) -> Iterator[Harness]:
+    """A service on a folder, until the end of the block."""
+    given = {"requests_per_minute": 100_000, "_env_file": None} | settings
+    app = create_app(Settings(data=data, **given), IdleScheduler)
+    with TestClient(app, raise_server_exceptions=False) as client:
+        yield Harness(client, app.state.services)
+
+
+def assert_problem(answer: Any, status: int, *words: str) -> None:
+    """It is a problem document of a status, whose detail has these words."""
+    assert answer.status_code == status, answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+    body = answer.json()
+    assert body["status"] == status
+    assert body["type"] == "about:blank"
+    for word in words:
+        assert word in body["detail"], body

@@ -1,0 +1,238 @@
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from typer.testing import CliRunner
+
+from service.cli.main import app
+from service.server import check_exposure
+from service.settings import Settings
+from sumo_networks.errors import InvalidInputError
+
+DOHYO = [sys.executable, "-c", "from service.cli import main; main()"]
+START_S = 60.0
+
+
+class Served:
+    """`dohyo serve` in a process of its own.
+
+    Attributes:
+        url: Where it listens.
+        printed: Lines on standard output.
+        log: Lines on standard error, parsed.
+    """
+
+    def __init__(self, data: Path, *options: str) -> None:
+        environment = {key: value for key, value in os.environ.items() if not key.startswith("DOHYO_")}
+        self.process = subprocess.Popen(
+            [*DOHYO, "serve", "--port", "0", "--data", str(data), "--processes", "1", *options],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environment,
+        )
+        self.printed: list[str] = []
+        self.log: list[dict[str, Any]] = []
+        self._readers = [
+            threading.Thread(target=self._read, args=(self.process.stdout, self.printed.append)),
+            threading.Thread(target=self._read, args=(self.process.stderr, self._note)),
+        ]
+        for reader in self._readers:
+            reader.start()
+        self.url = self._ready()
+
+    @staticmethod
+    def _read(stream: Any, take: Any) -> None:
+        for line in stream:
+            take(line.rstrip("\n"))
+
+    def _note(self, line: str) -> None:
+        self.log.append(json.loads(line))
+
+    def _ready(self) -> str:
+        deadline = time.monotonic() + START_S
+        while time.monotonic() < deadline:
+            assert self.process.poll() is None, (self.printed, self.log)
+            if self.printed:
+                url = self.printed[0].removeprefix("dohyo: ")
+                try:
+                    if httpx.get(f"{url}/health/ready", timeout=1).status_code == 200:
+                        return url
+                except httpx.TransportError:
+                    pass
+            time.sleep(0.1)
+        raise AssertionError(f"not ready: {self.printed} {self.log}")
+
+    @property
+    def token(self) -> str:
+        (found,) = (match[1] for line in self.printed if (match := re.search(r"(dohyo_\S+)", line)))
+        return found
+
+    def ask(self, method: str, path: str, json: Any = None) -> Any:
+        headers = {"authorization": f"Bearer {self.token}"}
+        answer = httpx.request(method, self.url + path, json=json, headers=headers, timeout=30)
+        assert answer.status_code < 300, (answer.text, self.log)
+        return answer.json()
+
+    def end(self, with_signal: int = signal.SIGTERM) -> int:
+        self.process.send_signal(with_signal)
+        code = self.process.wait(60)
+        for reader in self._readers:
+            reader.join(10)
+        return code
+
+
+@contextmanager
+def serving(data: Path, *options: str) -> Iterator[Served]:
+    served = Served(data, *options)
+    try:
+        yield served
+    finally:
+        if served.process.poll() is None:
+            served.process.kill()
+            served.process.wait()
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*DOHYO, *arguments], capture_output=True, text=True, timeout=60, check=False)
+
+
+def command(*arguments: str) -> Any:
+    """The same in this process, which is faster."""
+    return CliRunner().invoke(app, arguments)
+
+
+@pytest.mark.slow
+def test_the_first_token_is_printed_once_and_logs_hold_no_secret(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    with serving(data) as served:
+        token = served.token
+        assert served.url.startswith("http://127.0.0.1:")
+        assert served.ask("GET", "/v1/me")["role"] == "admin"
+        assert served.end() == 0
+        lines = [line for line in served.log if line["message"] == "request"]
+        assert {line["path"] for line in lines} >= {"/v1/me", "/health/ready"}
+        assert token not in json.dumps(served.log)
+    assert oct(data.stat().st_mode)[-3:] == "700"
+    with serving(data) as again:
+        assert len(again.printed) == 1
+        assert httpx.get(f"{again.url}/v1/me", headers={"authorization": f"Bearer {token}"}).status_code == 200
+        assert again.end(signal.SIGINT) == 0
+
+
+@pytest.mark.slow
+def test_tokens_from_the_command_line_work_at_once(tmp_path: Path) -> None:
+    data = str(tmp_path / "data")
+    with serving(tmp_path / "data") as served:
+        made = json.loads(
+            command("tokens", "create", "--owner", "team", "--role", "worker", "--data", data, "--json").stdout
+        )
+        headers = {"authorization": f"Bearer {made['token']}"}
+        assert httpx.get(f"{served.url}/v1/me", headers=headers).json()["owner"] == "team"
+        listed = command("tokens", "list", "--data", data, "--json").stdout
+        assert made["id"] in listed
+        assert made["token"] not in listed
+        assert command("tokens", "revoke", made["id"], "--data", data).exit_code == 0
+        assert httpx.get(f"{served.url}/v1/me", headers=headers).status_code == 401
+    missing = command("tokens", "revoke", "tok-none", "--data", data)
+    assert isinstance(missing.exception, InvalidInputError)
+
+
+@pytest.mark.slow
+def test_a_second_service_on_the_folder_is_refused_in_one_line(tmp_path: Path) -> None:
+    with serving(tmp_path / "data"):
+        done = run("serve", "--port", "0", "--data", str(tmp_path / "data"))
+    assert done.returncode == 2
+    assert re.fullmatch(r"dohyo: data folder '.*' is in use by another service\n", done.stderr)
+
+
+@pytest.mark.slow
+def test_sigterm_under_load_ends_streams_and_queues_again_what_was_unfinished(tmp_path: Path) -> None:
+    with serving(tmp_path / "data") as served:
+        served.ask("POST", "/v1/agents", {"name": "a"})
+        served.ask("POST", "/v1/agents/a/submissions", {"kind": "builtin", "entry": "autopilot"})
+        order = {"agent": "a", "benchmark": "quickstart", "seeds": [0, 1, 2]}
+        evaluation = served.ask("POST", "/v1/evaluations", order)["id"]
+        with httpx.stream("GET", f"{served.url}/v1/evaluations/{evaluation}/progress", timeout=60) as stream:
+            events = stream.iter_lines()
+            while "running" not in next(events):
+                pass
+            started = time.monotonic()
+            code = served.end()
+            took = time.monotonic() - started
+        assert code == 0
+        assert took < 50
+        assert not [line for line in served.log if line["level"] == "error"]
+    with serving(tmp_path / "data") as again:
+        headers = {"authorization": f"Bearer {served.token}"}
+        state = httpx.get(f"{again.url}/v1/evaluations/{evaluation}", headers=headers).json()
+        progress = state["progress"]
+        assert state["status"] in ("queued", "running", "done")
+        assert progress["lost"] == progress["cancelled"] == 0
+        assert progress["total"] == 18
+
+
+def test_beyond_this_machine_only_with_tls_or_on_purpose(tmp_path: Path) -> None:
+    pem = tmp_path / "x.pem"
+    pem.write_text("")
+    for host in ("127.0.0.1", "::1", "localhost", "127.9.9.9"):
+        check_exposure(Settings(host=host))
+    for host in ("0.0.0.0", "::", "192.168.0.7", "example.org"):
+        with pytest.raises(InvalidInputError, match="unencrypted"):
+            check_exposure(Settings(host=host))
+        check_exposure(Settings(host=host, insecure=True))
+        check_exposure(Settings(host=host, tls_certificate=pem, tls_key=pem))
+    with pytest.raises(InvalidInputError, match="both"):
+        check_exposure(Settings(tls_certificate=pem))
+    with pytest.raises(InvalidInputError, match="no file"):
+        check_exposure(Settings(tls_certificate=pem, tls_key=tmp_path / "none.pem"))
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("--host", "0.0.0.0"), "unencrypted"),
+        (("--executor", "magic"), "executor"),
+        (("--database", "mysql://user:hunter2@host/x"), "expected sqlite or postgresql"),
+        (("--data", "/proc/nowhere"), "cannot be used"),
+        (("--host", "192.0.2.1", "--insecure"), "cannot listen"),
+    ],
+)
+def test_what_cannot_be_served_is_refused(tmp_path: Path, options: tuple[str, ...], says: str) -> None:
+    data = () if "--data" in options else ("--data", str(tmp_path / "data"))
+    done = command("serve", "--port", "0", *data, *options)
+    assert isinstance(done.exception, InvalidInputError)
+    assert says in str(done.exception)
+    assert "hunter2" not in str(done.exception) + done.output
+
+
+def test_tokens_need_a_service(tmp_path: Path) -> None:
+    done = command("tokens", "list", "--data", str(tmp_path / "none"))
+    assert isinstance(done.exception, InvalidInputError)
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.slow
+def test_it_serves_from_postgresql(tmp_path: Path, postgres_server: str) -> None:
+    from tests.service.postgres import fresh_database
+
+    url = fresh_database(postgres_server, "served")
+    with serving(tmp_path / "data", "--database", url) as served:
+        served.ask("POST", "/v1/agents", {"name": "a"})
+        assert [one["name"] for one in served.ask("GET", "/v1/agents")["items"]] == ["a"]
+        assert served.end() == 0
+        assert url not in json.dumps(served.log)
+    assert not (tmp_path / "data" / "dohyo.db").exists()
