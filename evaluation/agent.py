@@ -91,8 +91,10 @@ def make_agent(entry: str, settings: Mapping[str, Any] | None = None) -> Agent:
 
 def agent_info(agent: Agent, entry: str, settings: Mapping[str, Any] | None = None) -> AgentInfo:
     """What a record says of an agent."""
+    # An agent that wraps another one is made of both files.
+    parts = (agent, *filter(None, [getattr(agent, "inner", None)]))
     try:
-        source = Path(inspect.getfile(type(agent))).read_bytes()
+        source = b"".join(Path(inspect.getfile(type(part))).read_bytes() for part in parts)
     except (TypeError, OSError):
         source = b""
     return AgentInfo(

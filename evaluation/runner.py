@@ -31,14 +31,15 @@ from evaluation.trajectory import Trajectory, TrajectoryRecorder
 from sumo_networks.catalog import load_network
 from sumo_networks.control import InvalidActionError
 from sumo_networks.env import DrivingEnv
-from sumo_networks.errors import AgentTimeoutError, InvalidInputError, SimulationError
+from sumo_networks.errors import AgentError, AgentTimeoutError, InvalidInputError, SimulationError
 from sumo_networks.network import RoadNetwork
 from sumo_networks.scenario import Scenario
-from sumo_networks.simulation import sumo_version
+from sumo_networks.simulation import TICK_S, sumo_version
 from sumo_networks.world import World
 
 ACT_DEADLINE_S = 10.0
 RESET_DEADLINE_S = 60.0
+LONGEST_FAILURE = 500
 COLLISIONS = (
     InfractionKind.COLLISION_PEDESTRIAN,
     InfractionKind.COLLISION_STATIC,
@@ -66,6 +67,7 @@ def drive_episode(
     benchmark: tuple[str, str] | None = None,
     act_deadline_s: float = ACT_DEADLINE_S,
     watch: Callable[[float], None] = lambda seconds: None,
+    show: Callable[[int, dict[str, Observation]], None] | None = None,
 ) -> tuple[EpisodeRecord, Trajectory]:
     """Drives one scenario to the end of every ego's episode.
 
@@ -79,6 +81,8 @@ def drive_episode(
         benchmark: Name and content hash, for the record.
         act_deadline_s: Wall-clock time an agent may take for one decision.
         watch: Called with the deadline in seconds before every call of an agent, and with 0 after it.
+        show: Called in every tick before any agent acts, with the tick and the observations of all who will; for
+            agents that decide together, elsewhere. Its errors are not the agents'.
 
     Raises:
         InvalidInputError: The scenario cannot be driven at all, or a mission has no agent.
@@ -93,7 +97,7 @@ def drive_episode(
         control={name: agent.spec.control for name, agent in agents.items()},
         reward=None,
     )
-    episode = _Episode(env, scenario, agents, act_deadline_s, watch)
+    episode = _Episode(env, scenario, agents, act_deadline_s, watch, show)
     try:
         episode.run()
     finally:
@@ -128,9 +132,10 @@ class _Episode:
         agents: Mapping[str, Agent],
         act_deadline_s: float,
         watch: Callable[[float], None],
+        show: Callable[[int, dict[str, Observation]], None] | None,
     ) -> None:
         self.env, self.scenario = env, scenario
-        self.act_deadline_s, self.watch = act_deadline_s, watch
+        self.act_deadline_s, self.watch, self.show = act_deadline_s, watch, show
         self.drives = {
             name: _Drive(name, i, agents[name], criteria_for(scenario)) for i, name in enumerate(env.possible_agents)
         }
@@ -164,6 +169,8 @@ class _Episode:
 
     def _tick(self, observations: dict[str, Observation]) -> dict[str, Observation]:
         actions = {}
+        if self.show is not None and self.env.agents:
+            self.show(self.env.world.tick, {name: observations[name] for name in self.env.agents})
         for name in list(self.env.agents):
             action = self._act(self.drives[name], observations[name])
             if action is not None:
@@ -201,8 +208,12 @@ class _Episode:
                 call()
         except AgentTimeoutError as error:
             self._end(drive, Status.AGENT_DEADLINE, str(error))
+        except InvalidActionError as error:
+            self._end(drive, Status.AGENT_ACTION, str(error))
+        except AgentError as error:  # worded by whoever found the fault
+            self._end(drive, status, str(error)[:LONGEST_FAILURE])
         except Exception as error:  # an agent may raise anything; the batch must survive
-            self._end(drive, status, _describe(error))
+            self._end(drive, status, describe(error))
         finally:
             self.watch(0.0)
 
@@ -219,6 +230,8 @@ class _Episode:
             self._end(drive, ending)
         elif reached:
             self._end(drive, Status.COMPLETED)
+        elif self.scenario.duration_s is not None and after.time >= self.scenario.duration_s - TICK_S / 2:
+            self._end(drive, Status.FINISHED)
 
     def _end(self, drive: _Drive, status: Status, failure: str | None = None) -> None:
         if hasattr(self.env, "world"):
@@ -278,12 +291,12 @@ def versions(network: RoadNetwork) -> Versions:
     return Versions(dohyo=version("dohyo"), sumo=sumo_version(), network_sha256=network.sha256)
 
 
-def _describe(error: Exception) -> str:
+def describe(error: Exception) -> str:
     """Type, message and place of an error, without addresses that would differ from run to run."""
     frames = traceback.extract_tb(error.__traceback__)
     where = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
     text = f"{type(error).__name__}: {error}{where}"
-    return re.sub(r"0x[0-9a-f]+", "0x", text)[:500]
+    return re.sub(r"0x[0-9a-f]+", "0x", text)[:LONGEST_FAILURE]
 
 
 def _percentiles(latencies: list[float]) -> tuple[float, float, float]:

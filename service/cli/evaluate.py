@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from agents.registry import resolve
+from agents.registry import resolve_with
 from evaluation.evaluation import Result, run_benchmark
 from evaluation.executors import Executor, ProcessPool
 from evaluation.ray_executor import RayExecutor
@@ -53,11 +53,12 @@ def evaluate(
         bar.start()  # not before everything was checked, so that a refusal is one line
         bar.update(task, completed=done, total=total, note=_note(record))
 
+    entry, made_with = resolve_with(agent, parse_settings(settings or []))
     try:
         result = run_benchmark(
             benchmark,
-            resolve(agent),
-            settings=_parse_settings(settings or []),
+            entry,
+            settings=made_with,
             seeds=_parse_seeds(seeds) if seeds is not None else None,
             out=out or Path("out") / Path(benchmark).stem / re.sub(r"[^\w.-]", "_", agent),
             executor=_executor(executor, workers, address),
@@ -154,7 +155,7 @@ def _parse_seeds(text: str) -> list[int]:
     return seeds
 
 
-def _parse_settings(pairs: list[str]) -> dict[str, Any]:
+def parse_settings(pairs: list[str]) -> dict[str, Any]:
     """Values are Python literals where they read as such, else text."""
     settings: dict[str, Any] = {}
     for pair in pairs:

@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from service.cli import catalogs, evaluate, networks, records, routes
+from service.cli import catalogs, dataset, evaluate, localize, networks, records, routes, serve, tokens, train, worker
 from sumo_networks.errors import DohyoError
 
 BAD_INPUT, INTERRUPTED = 2, 130
@@ -26,6 +26,12 @@ app.command("evaluate")(evaluate.evaluate)
 app.command("report")(records.report)
 app.command("verify")(records.verify)
 app.command("score")(records.score)
+app.command("localize")(localize.localize)
+app.command("serve")(serve.serve)
+app.command("worker")(worker.worker)
+app.add_typer(tokens.tokens, name="tokens")
+app.add_typer(dataset.dataset, name="dataset")
+app.add_typer(train.train, name="train")
 
 
 def main() -> None:

@@ -1,0 +1,40 @@
+"""A complete policy worker in plain Python: `python worker_stdlib.py http://127.0.0.1:8000 TOKEN AGENT`."""
+
+import http.client
+import json
+import math
+import sys
+from urllib.parse import urlsplit
+
+url, token, agent = sys.argv[1:4]
+connection = http.client.HTTPConnection(urlsplit(url).netloc, timeout=150)
+
+
+def post(path, body, bearer):
+    """One request; None where the answer is empty."""
+    headers = {"Authorization": f"Bearer {bearer}", "Content-Type": "application/json"}
+    connection.request("POST", path, json.dumps(body), headers)
+    response = connection.getresponse()
+    text = response.read()
+    if response.status >= 400:
+        sys.exit(f"{response.status}: {text.decode()}")
+    return json.loads(text) if text else None
+
+
+def decide(seen):
+    """Target speed [m/s] and steering [-1, 1]: towards the path 8 m ahead, slower in curves and near the goal."""
+    path = seen["route"]
+    x, y = path[8][:2]  # in the ego's frame, m
+    bend = max(abs(point[3]) for point in path[:30])
+    steering = math.atan2(2 * 2.7 * y, x * x + y * y) / 0.6  # wheelbase [m], angle at full lock [rad]
+    return [min(path[0][4], math.sqrt(2 / max(bend, 0.01)), 10.0), steering]
+
+
+worker = post("/v1/workers", {"agent": agent}, token)
+while True:
+    episode = post(f"/v1/workers/{worker['worker']}/acquire?wait=20", {}, worker["token"])
+    reply = episode
+    while reply and not reply.get("done"):
+        actions = {ego: decide(seen) for ego, seen in reply["observations"].items()}
+        step = {"tick": reply["tick"], "actions": actions}
+        reply = post(f"/v1/leases/{episode['lease']}/step", step, worker["token"])

@@ -1,0 +1,36 @@
+"""`dohyo dataset`: what learners learn from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from agents.mcts.predictors.recording import TRAINING, Order, record_motion
+from service.cli.output import console
+
+dataset = typer.Typer(help="Datasets for learning.", no_args_is_help=True)
+
+
+@dataset.callback()
+def _group() -> None:
+    """Keeps `dohyo dataset` a group while it has one command."""
+
+
+@dataset.command("motion")
+def motion(
+    out: Annotated[Path, typer.Option(help="Folder; what is already there is kept.")],
+    networks: Annotated[str, typer.Option(help="Names with commas between.")] = ",".join(TRAINING),
+    hours: Annotated[float, typer.Option(min=0.01, help="Of driving, all egos together.")] = 2.0,
+    seed: Annotated[int, typer.Option(min=0, help="Decides everything random.")] = 0,
+    every: Annotated[float, typer.Option(min=0.1, help="Seconds between two samples of one ego.")] = 0.5,
+) -> None:
+    """Records scenes of the autopilot among traffic, and what came of them; the same order gives the same bytes."""
+    order = Order(tuple(name.strip() for name in networks.split(",") if name.strip()), hours, seed, every)
+    columns = (TextColumn("recorded"), BarColumn(), TextColumn("{task.completed:.2f} of {task.total:g} h"))
+    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
+        bar = progress.add_task("motion", total=hours)
+        samples = record_motion(order, out, lambda done: progress.update(bar, completed=done))
+    console.print(f"{samples} samples: {out.resolve()}", soft_wrap=True)

@@ -1,0 +1,110 @@
+"""`dohyo localize`: where a vehicle was, from real logs of an IMU and a GNSS receiver."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from agents.localization.consistency import mean_bounds, quantile
+from agents.localization.figures import error_figure, nis_figure, page, track_figure
+from agents.localization.localizer import Localizer, Settings
+from agents.localization.logs import ImuLog, PositionLog, check_together, read_imu, read_positions
+from agents.localization.lowpass import ALPHA
+from agents.localization.track import Track, follow
+from evaluation.scores.localization import accuracy, max_drift, p95, rmse
+from evaluation.store import write_atomically
+from service.cli.output import console, number, print_json, print_rows
+from sumo_networks.arrays import FloatArray
+from sumo_networks.errors import InvalidInputError
+
+
+def localize(
+    imu: Annotated[Path, typer.Option(help="CSV: t, ax, ay, az, gx, gy, gz (SI; x forward, y left, z up).")],
+    gnss: Annotated[Path, typer.Option(help="CSV: t, lat, lon, alt (degrees, m) or t, x, y, z (m).")],
+    truth: Annotated[Path | None, typer.Option(help="CSV like --gnss, to score the estimate against.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write an HTML report with the track.")] = None,
+    filter_: Annotated[str, typer.Option("--filter", help="es-ekf, ekf, ukf or imu.")] = "es-ekf",
+    sigma: Annotated[float, typer.Option(min=0.001, help="Standard deviation of a fix, m.")] = 2.1,
+    alpha: Annotated[float, typer.Option(min=0.0, max=0.99, help="Of the low-pass filter; 0: none.")] = ALPHA,
+    standing: Annotated[float, typer.Option(min=0.3, help="Seconds at the start in which it stands.")] = 3.0,
+    calibrate: Annotated[bool, typer.Option(help="Measure the IMU's offsets while it stands.")] = True,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """Estimates a vehicle's track from its IMU and GNSS logs; it must stand level at first."""
+    samples, fixes = read_imu(imu), read_positions(gnss)
+    true = read_positions(truth, fixes.origin) if truth else None
+    if true and (true.origin is None) != (fixes.origin is None):
+        raise InvalidInputError(f"'{truth}' and '{gnss}': expected both in degrees or both in metres")
+    check_together(samples, fixes)
+    settings = Settings(filter=filter_, calibrate=calibrate, alpha=alpha, standing_s=standing, gnss_sigma_m=sigma)
+    track = follow(Localizer(settings), samples.time, samples.samples, fixes.fixes())
+    within, reference = _reference(track, true) if true else (track, None)
+    facts = _facts(within, reference) | _timing(track, samples, fixes)
+    if out:
+        figures = [track_figure(track, fixes, reference)]
+        figures += [error_figure(within, reference)] if reference is not None else []
+        figures += [nis_figure(track, quantile(3, 0.95))] if track.innovations else []
+        text = page(f"Localization: {html.escape(imu.name)}", figures, {k: number(v) for k, v in facts.items()})
+        try:
+            out.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(out, text.encode())
+        except OSError as error:
+            raise InvalidInputError(f"cannot write '{out}': {error.strerror}") from error
+    if json:
+        print_json(facts)
+        return
+    print_rows(["", settings.filter], [(name, number(value)) for name, value in facts.items()])
+    if out:
+        console.print(f"report: {out.resolve()}")
+
+
+def _reference(track: Track, true: PositionLog) -> tuple[Track, FloatArray]:
+    """The part of a track for which there is a truth, and the truth at its times."""
+    inside = (track.time >= true.time[0]) & (track.time <= true.time[-1])
+    if not inside.any():
+        raise InvalidInputError("the truth does not overlap the estimate in time")
+    part = Track(
+        row=track.row[inside],
+        time=track.time[inside],
+        position=track.position[inside],
+        heading=track.heading[inside],
+        covariance=track.covariance[inside],
+        innovations=track.innovations,
+        rejected=track.rejected,
+        step_us=track.step_us,
+    )
+    at = [np.interp(part.time, true.time, true.position[:, axis]) for axis in (0, 1)]
+    return part, np.column_stack(at)
+
+
+def _facts(track: Track, reference: FloatArray | None) -> dict[str, float]:
+    if reference is None:
+        return {}
+    error = track.position - reference
+    nees = np.einsum("ki,kij,kj->k", error, np.linalg.inv(track.covariance), error)
+    return {
+        "within 0.5 m, %": accuracy(track.position, reference),
+        "RMSE, m": rmse(track.position, reference),
+        "95 % within, m": p95(track.position, reference),
+        "largest error, m": max_drift(track.position, reference),
+        "mean NEES (2 if consistent)": float(nees.mean()),
+    }
+
+
+def _timing(track: Track, imu: ImuLog, gnss: PositionLog) -> dict[str, float]:
+    nis = [one.nis for one in track.innovations]
+    facts = {
+        "IMU samples": float(len(imu.time)),
+        "fixes": float(len(gnss.time)),
+        "fixes left out": float(track.rejected),
+        "runs from t, s": float(track.time[0]),
+        "us per IMU sample": track.step_us,
+    }
+    if nis:
+        low, high = mean_bounds(3, len(nis))
+        facts |= {"mean NIS": float(np.mean(nis)), "NIS expected from": low, "NIS expected to": high}
+    return facts

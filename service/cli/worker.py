@@ -1,0 +1,48 @@
+"""`dohyo worker`: drives an agent's episodes for a service, from this machine."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from typing import Annotated
+
+import typer
+
+from agents.registry import resolve_with
+from evaluation.agent import agent_info, make_agent
+from service.cli.evaluate import parse_settings
+from service.client import Client
+from service.worker import Driver, keep_working, work
+from service.worker_session import WorkerSession
+
+TOKEN = "DOHYO_TOKEN"
+
+
+def worker(
+    server: Annotated[str, typer.Option(help="Address of the service, such as http://127.0.0.1:8000.")],
+    agent: Annotated[str, typer.Option(help="Its name at the service.")],
+    token: Annotated[str, typer.Option(envvar=TOKEN, help="Of role worker; of role submitter to submit as well.")],
+    entry: Annotated[str | None, typer.Option(help="Registered name or module:Class here; default: --agent.")] = None,
+    settings: Annotated[list[str] | None, typer.Option("--set", help="key=value for the agent; repeatable.")] = None,
+    capacity: Annotated[int, typer.Option(min=1, max=64, help="Episodes at once, a process each.")] = 1,
+    episodes: Annotated[int | None, typer.Option(min=1, help="Stop after so many; default: never.")] = None,
+) -> None:
+    """Drives an agent's episodes for a service until it is stopped. Submits the agent first, where it is not known."""
+    logging.basicConfig(format="dohyo worker: %(message)s", level=logging.INFO)
+    logging.getLogger("httpx").setLevel(logging.WARNING)
+    sys.path.insert(0, os.getcwd())
+    resolved, given = resolve_with(entry or agent, parse_settings(settings or []))
+    probe = make_agent(resolved, given)
+    info = agent_info(probe, resolved, given)
+    probe.close()
+    with Client(server, token) as client:
+        version = client.ensure_remote(agent, info)
+    logging.getLogger("dohyo.worker").info("agent '%s', version %d, for %s", agent, version, server)
+    if capacity == 1:
+        work(WorkerSession(server, token, agent, version=version), Driver(resolved, given), episodes)
+        return
+    command = ["-c", "from service.cli import main; main()", "worker", "--server", server, "--agent", agent]
+    command += ["--entry", entry or agent, *[part for pair in settings or [] for part in ("--set", pair)]]
+    command += ["--episodes", str(episodes)] if episodes is not None else []
+    keep_working(command, capacity, {TOKEN: token})  # not as an argument, which everybody on this machine can read

@@ -1,0 +1,86 @@
+"""An episode process: drives one order after the other until the server closes its channel or dies.
+
+Started as `python -m service.episodes.child CHANNEL ALARM`, two file descriptors. The alarm is shared memory with one
+float64: the moment on the monotonic clock by which the agent must have returned, 0 while none is called.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import select
+import socket
+import sys
+import threading
+import time
+import traceback
+from dataclasses import replace
+
+from agents.registry import resolve
+from evaluation.agent import agent_info, make_agent
+from evaluation.executors import drive_job, lost_episode
+from service.episodes.channel import Channel, Kind
+from service.episodes.order import Order
+from service.episodes.remote import drive_remotely
+from sumo_networks.errors import InvalidInputError
+
+ALARM_BYTES = 8
+
+
+def main() -> None:
+    """Drives until there is no server any more."""
+    channel = Channel(socket.socket(fileno=int(sys.argv[1])))
+    alarm = memoryview(mmap.mmap(int(sys.argv[2]), ALARM_BYTES)).cast("d")
+    threading.Thread(target=_end_with_server, args=(channel.fileno(),), daemon=True).start()
+    while (frame := channel.receive()) is not None:
+        if frame[0] is Kind.ORDER:  # anything else was for an episode that has ended
+            alarm[0] = 0.0
+            channel.send(*_drive(Order.model_validate_json(frame[1]), channel, alarm))
+
+
+def _drive(order: Order, channel: Channel, alarm: memoryview[float]) -> tuple[Kind, bytes]:
+    def watch(seconds: float) -> None:
+        alarm[0] = time.monotonic() + seconds if seconds else 0.0
+
+    try:
+        if order.verdict is not None:
+            lost_episode(order.job, *order.verdict)
+        elif order.remote:
+            return Kind.FINISHED, drive_remotely(order, channel)
+        else:
+            entry = resolve(order.info.entry)
+            _refuse_changed(order, entry)
+            drive_job(replace(order.job, info=order.info.model_copy(update={"entry": entry})), watch)
+    except InvalidInputError as error:  # no second attempt would go better
+        return Kind.IMPOSSIBLE, str(error).encode()
+    except Exception as error:  # of ours, or a full disk: the server decides what becomes of the episode
+        traceback.print_exc()
+        return Kind.FAILED, f"{type(error).__name__}: {error}"[:1000].encode()
+    return Kind.FINISHED, b""
+
+
+def _refuse_changed(order: Order, entry: str) -> None:
+    """Refuses to drive other code than was submitted: the record would tell a lie."""
+    if not order.info.source_sha256:
+        return
+    agent = make_agent(entry, order.info.settings)
+    try:
+        there = agent_info(agent, entry, order.info.settings)
+    finally:
+        agent.close()
+    if there.source_sha256 != order.info.source_sha256:
+        raise InvalidInputError(
+            f"agent '{order.info.name}': its code has changed since it was submitted; submit it again"
+        )
+
+
+def _end_with_server(descriptor: int) -> None:
+    """Ends this process, wherever it is, once the server's end of the channel is closed."""
+    hangup = select.poll()
+    hangup.register(descriptor, 0)  # a hang-up is always told
+    hangup.poll()
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,172 @@
+"""RemoteAgent: an agent whose decisions are taken by a policy worker, at the other end of a channel."""
+
+from __future__ import annotations
+
+import json
+import struct
+import time
+from enum import StrEnum
+from typing import Literal
+
+import numpy as np
+
+from evaluation.agent import Agent, AgentSpec, Mission, Observation
+from evaluation.runner import drive_episode
+from evaluation.store import write_record
+from service.episodes.channel import Channel, Kind
+from service.episodes.order import Order
+from service.wire import Format, decode, encode_observations, unpack
+from sumo_networks.control import InvalidActionError, make_control
+from sumo_networks.errors import AgentError, AgentTimeoutError, DohyoError, InvalidInputError
+from sumo_networks.sensors import Track, make_sensors
+from sumo_networks.simulation import TICK_S
+from sumo_networks.vehicle import VehicleParameters
+
+SEEN = struct.Struct("!IdI")  # tick, simulated time [s], decisions missed
+FORMATS = (Format.MSGPACK, Format.JSON)
+NO_LIMIT_S = 86_400.0
+
+
+class Fault(StrEnum):
+    """What a worker's agent did wrong."""
+
+    RAISED = "raised"
+    INVALID_ACTION = "invalid_action"
+    TIMEOUT = "timeout"
+
+
+FAULTS: dict[Fault, type[AgentError]] = {
+    Fault.RAISED: AgentError,
+    Fault.INVALID_ACTION: InvalidActionError,
+    Fault.TIMEOUT: AgentTimeoutError,
+}
+
+
+class Bridge:
+    """The lockstep with one worker, which decides for all egos of the episode at once.
+
+    The server owns the deadlines: it knows whether a silent worker still lives. Here, `wait` waits for as long as it
+    takes, and `realtime` for at most one tick.
+    """
+
+    def __init__(self, channel: Channel, spec: AgentSpec, slow_policy: Literal["wait", "realtime"]) -> None:
+        """Checks that the track may use the sensors.
+
+        Raises:
+            InvalidInputError: It may not, or a name is unknown.
+        """
+        make_sensors(spec.sensors, Track[spec.track.upper()])
+        self._channel, self._realtime = channel, slow_policy == "realtime"
+        self._control = make_control(spec.control, VehicleParameters(), TICK_S)
+        self._granted = False
+        self._fault: AgentError | None = None
+        self._deciding: tuple[str, ...] = ()
+        self._actions: dict[str, np.ndarray] = {}
+        self._shown, self._decided = 0.0, True
+        self.missed = 0
+
+    def show(self, tick: int, observations: dict[str, Observation]) -> None:
+        """Shows the worker a tick; the first one waits until there is a worker."""
+        time_s = round(tick * TICK_S, 3)
+        self._channel.send(Kind.SEEN, SEEN.pack(tick, time_s, self.missed) + encode_observations(observations))
+        self._deciding, self._decided = tuple(observations), False
+        while not self._granted:
+            frame = self._channel.receive()
+            self._granted = frame is not None and frame[0] is Kind.GRANT
+        self._shown = time.monotonic()
+
+    def decision(self, ego: str) -> np.ndarray:
+        """The worker's action for an ego in the tick last shown.
+
+        Raises:
+            AgentError: The worker's agent has failed.
+        """
+        if not self._decided:
+            self._decide()
+        if self._fault is not None:
+            raise self._fault
+        return self._actions[ego]
+
+    def _decide(self) -> None:
+        self._decided = True
+        waits = not self._realtime or not self._actions
+        while self._fault is None:
+            left = None if waits else self._shown + TICK_S - time.monotonic()
+            frame = self._channel.receive(left)
+            if frame is None:
+                self.missed += 1
+                return
+            if self._take(*frame):
+                return
+
+    def _take(self, kind: Kind, payload: bytes) -> bool:
+        """Whether a frame decides the tick."""
+        if kind is Kind.FAULT:
+            fault, text = json.loads(payload)
+            self._fault = FAULTS[Fault(fault)](text)
+            return True
+        if kind is not Kind.ACTIONS:
+            return False
+        try:
+            self._actions = self._checked(decode(payload[1:], FORMATS[payload[0]]))
+        except DohyoError as error:
+            self._channel.send(Kind.REFUSED, str(error)[:1000].encode())
+            return False
+        return True
+
+    def _checked(self, actions: object) -> dict[str, np.ndarray]:
+        if not isinstance(actions, dict) or not all(ego in actions for ego in self._deciding):
+            given = sorted(map(str, actions))[:10] if isinstance(actions, dict) else type(actions).__name__
+            raise InvalidInputError(f"expected an action for each of {list(self._deciding)}, got {given}")
+        out = {}
+        for ego in self._deciding:
+            try:
+                out[ego] = self._control.checked(unpack(actions[ego]))
+            except DohyoError as error:
+                raise InvalidInputError(f"action of '{ego}': {error}") from None
+        return out
+
+
+class RemoteAgent(Agent):
+    """One ego of a worker."""
+
+    def __init__(self, bridge: Bridge, spec: AgentSpec, ego: str) -> None:
+        self.spec, self._bridge, self._ego = spec, bridge, ego
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        """The worker has both from its lease."""
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """The worker's action; it was shown the observation before."""
+        return self._bridge.decision(self._ego)
+
+    def close(self) -> None:
+        """Nothing to free."""
+
+
+def drive_remotely(order: Order, channel: Channel) -> bytes:
+    """Drives an order in lockstep with a worker and writes its record.
+
+    Returns:
+        The last tick, as `SEEN`.
+
+    Raises:
+        InvalidInputError: It cannot be driven.
+    """
+    info = order.info
+    spec = AgentSpec(name=info.name, track=info.track, sensors=info.sensors, control=info.control)
+    bridge = Bridge(channel, spec, order.slow_policy)
+    agents = {mission.name: RemoteAgent(bridge, spec, mission.name) for mission in order.scenario.missions}
+    record, trajectory = drive_episode(
+        order.scenario,
+        agents,
+        infos=dict.fromkeys(agents, info),
+        benchmark=order.benchmark,
+        act_deadline_s=NO_LIMIT_S,
+        show=bridge.show,
+    )
+    if order.slow_policy == "realtime" and record.timing is not None:
+        timing = record.timing.model_copy(update={"realtime": True, "missed": bridge.missed})
+        record = record.model_copy(update={"timing": timing})
+    write_record(order.directory, order.stem, record, trajectory)
+    return SEEN.pack(record.ticks, round(record.ticks * TICK_S, 3), bridge.missed)

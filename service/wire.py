@@ -1,0 +1,155 @@
+"""The wire's two encodings: msgpack with arrays as raw bytes, and JSON with arrays as nested lists.
+
+An array on the msgpack wire is a map `{shape, dtype, data}` of row-major, little-endian bytes; nested lists of numbers
+are understood too. Observations are encoded once, where they are read; the server passes their bytes on.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping
+from enum import StrEnum
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from sumo_networks.errors import InvalidInputError
+
+DTYPES = ("float32", "float64", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "bool")
+MOST_VALUES = 1_000_000
+
+
+class Format(StrEnum):
+    """A media type of the wire."""
+
+    MSGPACK = "application/msgpack"
+    JSON = "application/json"
+
+
+class Reply(msgspec.Struct):
+    """What a step answers. `observations` is msgpack as the episode process wrote it."""
+
+    tick: int
+    time_s: float
+    observations: msgspec.Raw
+    done: bool
+    missed: int
+    directive: str
+    rewards: None = None  # drives are ranked; nothing on the wire tells how well
+
+
+class Step(msgspec.Struct):
+    """A worker's answer; `actions` stays encoded until it is where the action is checked."""
+
+    tick: int
+    actions: msgspec.Raw
+
+
+_msgpack, _json = msgspec.msgpack.Encoder(), msgspec.json.Encoder()
+_msgpack_steps, _json_steps = msgspec.msgpack.Decoder(Step), msgspec.json.Decoder(Step)
+
+NOTHING = msgspec.Raw(b"\x80")
+"""Observations of nobody: an empty msgpack map."""
+
+
+def format_of(media_type: str | None, default: Format | None = Format.JSON) -> Format | None:
+    """The wire's format that a Content-Type or an Accept header asks for; the default where it names neither."""
+    given = (media_type or "").lower()
+    if "msgpack" in given:
+        return Format.MSGPACK
+    return Format.JSON if "json" in given else default
+
+
+def encode(document: Any, fmt: Format) -> bytes:
+    """Encodes a document; `Raw` parts of it are msgpack."""
+    if fmt is Format.MSGPACK:
+        return _msgpack.encode(document)
+    return _json.encode(plain(msgspec.msgpack.decode(_msgpack.encode(document))))
+
+
+def decode(body: bytes, fmt: Format) -> Any:
+    """Decodes a document.
+
+    Raises:
+        InvalidInputError: It is not of that format.
+    """
+    try:
+        return msgspec.msgpack.decode(body) if fmt is Format.MSGPACK else msgspec.json.decode(body)
+    except (msgspec.DecodeError, RecursionError, ValueError) as error:
+        raise InvalidInputError(f"expected a body of {fmt}, got {len(body)} bytes: {error}") from None
+
+
+def decode_step(body: bytes, fmt: Format) -> Step:
+    """Decodes a step, its actions apart.
+
+    Raises:
+        InvalidInputError: It is none.
+    """
+    try:
+        return (_msgpack_steps if fmt is Format.MSGPACK else _json_steps).decode(body)
+    except (msgspec.DecodeError, RecursionError, ValueError) as error:
+        raise InvalidInputError(f"expected {{tick, actions}} in {fmt}, got {len(body)} bytes: {error}") from None
+
+
+def encode_observations(observations: Mapping[str, Mapping[str, np.ndarray]]) -> bytes:
+    """Observations by ego and sensor as msgpack."""
+    return _msgpack.encode(
+        {ego: {sensor: pack(array) for sensor, array in seen.items()} for ego, seen in observations.items()}
+    )
+
+
+def pack(array: np.ndarray) -> dict[str, Any]:
+    """An array as the msgpack wire has it."""
+    if array.dtype.byteorder == ">" or (array.dtype.byteorder == "=" and sys.byteorder == "big"):
+        array = array.astype(array.dtype.newbyteorder("<"))
+    return {"shape": array.shape, "dtype": array.dtype.name, "data": array.tobytes()}
+
+
+def unpack(value: Any) -> np.ndarray:
+    """An array from the wire: a packed one, or a (nested) list of numbers.
+
+    Raises:
+        InvalidInputError: It is neither.
+    """
+    if isinstance(value, Mapping):
+        return _unpacked(value)
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise InvalidInputError(f"expected an array, got lists of unequal lengths: {error}") from None
+    if array.dtype.kind not in "biuf":
+        raise InvalidInputError(f"expected numbers, got {type(value).__name__} of {array.dtype}")
+    return array
+
+
+def _unpacked(value: Mapping[str, Any]) -> np.ndarray:
+    shape: Any = value.get("shape")
+    dtype: Any = value.get("dtype")
+    data: Any = value.get("data")
+    well_formed = isinstance(shape, list | tuple) and isinstance(data, bytes) and dtype in DTYPES
+    if not well_formed or not all(type(n) is int and 0 <= n <= MOST_VALUES for n in shape or ()):
+        raise InvalidInputError(f"expected an array {{shape, dtype, data}}, dtype one of {', '.join(DTYPES)}")
+    kind = np.dtype(dtype).newbyteorder("<")
+    size = math.prod(shape)
+    if size * kind.itemsize != len(data):
+        raise InvalidInputError(f"expected {size} values of {dtype} for shape {shape}, got {len(data)} bytes")
+    return np.frombuffer(data, kind).reshape(shape)
+
+
+def plain(value: Any) -> Any:
+    """The same document with nested lists for packed arrays."""
+    if isinstance(value, dict):
+        if value.keys() == {"shape", "dtype", "data"}:
+            return unpack(value).tolist()
+        return {key: plain(one) for key, one in value.items()}
+    return [plain(one) for one in value] if isinstance(value, list | tuple) else value
+
+
+def arrays(observations: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, np.ndarray]]:
+    """Observations from the wire as an agent wants them: float32 arrays by ego and sensor."""
+    return {
+        ego: {sensor: unpack(value).astype(np.float32, copy=False) for sensor, value in seen.items()}
+        for ego, seen in observations.items()
+    }

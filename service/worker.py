@@ -1,0 +1,245 @@
+"""The worker loop: drives any local agent's episodes for a service, until it is told to stop.
+
+The same agent gets the same missions, seeds and observations as in a local evaluation, so the records are the same, to
+the hash. What the agent does wrong is told to the service in the words a local evaluation would use.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from types import FrameType
+from typing import Any
+
+from evaluation.agent import Agent, agent_info, make_agent
+from evaluation.deadline import deadline
+from evaluation.runner import describe
+from service.worker_session import (
+    Drive,
+    LeaseLostError,
+    Pauses,
+    UnknownWorkerError,
+    UnreachableError,
+    WireError,
+    WorkerSession,
+)
+from sumo_networks.control import InvalidActionError, make_control
+from sumo_networks.errors import AgentError, AgentTimeoutError, DohyoError, InvalidInputError
+from sumo_networks.simulation import TICK_S
+from sumo_networks.vehicle import VehicleParameters
+
+GRACE_S = 1.0  # the service judges first
+REFUSED = 2  # exit code of a command that cannot do what was asked
+HANG_S = 10.0  # past a lost lease, before a process whose agent never returns ends itself
+INVALID_ACTION = "invalid_action"
+PASSING = (409, 429, 503)
+
+logger = logging.getLogger("dohyo.worker")
+
+
+class _Stop(BaseException):
+    """Raised wherever the worker is when it is told to stop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Driver:
+    """What a worker drives with.
+
+    Attributes:
+        entry: "module:Class" of the agent.
+        settings: Of its constructor.
+    """
+
+    entry: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def agents(self, drive: Drive) -> dict[str, Agent]:
+        """A fresh agent for each ego of an episode.
+
+        Raises:
+            InvalidInputError: It cannot be made, or is not what was submitted.
+        """
+        made = {ego: make_agent(self.entry, self.settings) for ego in drive.missions}
+        for agent in made.values():
+            info = agent_info(agent, self.entry, self.settings)
+            wanted = drive.spec
+            if [*info.sensors] != [*wanted["sensors"]] or info.control != wanted["control"]:
+                raise InvalidInputError(
+                    f"agent '{wanted['name']}' was submitted with sensors {wanted['sensors']} and control "
+                    f"'{wanted['control']}'; '{self.entry}' here has {[*info.sensors]} and '{info.control}'"
+                )
+        return made
+
+
+def work(session: WorkerSession, driver: Driver, episodes: int | None = None) -> None:
+    """Drives episode after episode; returns when it is told to stop (SIGINT, SIGTERM), or after so many episodes.
+
+    Raises:
+        WireError: The service refuses this worker for good.
+        InvalidInputError: The agent is not what was submitted.
+    """
+    pauses, driven = Pauses(), 0
+    with suppress(_Stop), _stopping(), session:
+        while episodes is None or driven < episodes:
+            try:
+                drive = session.acquire()
+                pauses.reset()
+            except (UnreachableError, WireError) as error:
+                passing = isinstance(error, UnreachableError | UnknownWorkerError) or error.status in PASSING
+                if not passing:
+                    raise
+                logger.warning("%s", error)
+                time.sleep(pauses.next(error))
+                continue
+            if drive is not None:
+                drive_episode(session, driver, drive)
+                driven += 1
+
+
+def drive_episode(session: WorkerSession, driver: Driver, drive: Drive) -> None:
+    """Drives one episode to its end, or until it is no longer this worker's.
+
+    Raises:
+        InvalidInputError: The agent is not what was submitted; the episode has been given back.
+    """
+    logger.info("episode on lease %s, attempt %d", drive.lease, drive.attempt)
+    try:
+        agents = driver.agents(drive)
+    except InvalidInputError as error:
+        _give_back(session, drive, str(error))
+        raise
+    try:
+        with _heartbeats(session, drive):
+            _decide_all(session, agents, drive)
+    except LeaseLostError as error:
+        logger.warning("%s", error)
+    except (UnreachableError, WireError) as error:
+        logger.warning("episode given up: %s", error)
+    except _Stop:
+        _give_back(session, drive, "the worker was told to stop")
+        raise
+    finally:
+        for agent in agents.values():
+            agent.close()
+
+
+def _decide_all(session: WorkerSession, agents: Mapping[str, Agent], drive: Drive) -> None:
+    """Decides tick after tick; what the agent does wrong ends the episode, in the words of a local evaluation."""
+    control = make_control(drive.spec["control"], VehicleParameters(), TICK_S)
+    seconds, started = drive.first_deadline_s, False
+    while not drive.done:
+        try:
+            with deadline(seconds + GRACE_S, "deciding"):
+                if not started:
+                    for ego, agent in agents.items():
+                        agent.reset(drive.missions[ego], drive.seed)
+                actions = {ego: agents[ego].act(seen) for ego, seen in drive.observations.items()}
+            for action in actions.values():
+                control.checked(action)
+        except Exception as error:  # a stranger's agent may raise anything
+            _report(session, drive, error)
+            return
+        session.step(drive, actions)
+        seconds, started = drive.deadline_s, True
+
+
+def _report(session: WorkerSession, drive: Drive, error: Exception) -> None:
+    """Tells the service how the agent failed."""
+    if isinstance(error, AgentTimeoutError):
+        session.heartbeat(drive)  # past the deadline this is answered by the end of the lease: the agent was too slow
+    if isinstance(error, InvalidActionError):
+        session.release(drive, INVALID_ACTION, str(error))
+    else:
+        session.release(drive, "the agent failed", str(error) if isinstance(error, AgentError) else describe(error))
+
+
+def _give_back(session: WorkerSession, drive: Drive, reason: str) -> None:
+    with suppress(DohyoError):
+        session.release(drive, reason)
+
+
+@contextmanager
+def _heartbeats(session: WorkerSession, drive: Drive) -> Iterator[None]:
+    """Signs of life while the agent decides for long; a process whose agent never returns is ended."""
+    over = threading.Event()
+    every = session.lease_ttl_s / 3
+
+    def beat() -> None:
+        while not over.wait(every / 4):
+            if time.monotonic() - session.heard < every:
+                continue
+            try:
+                session.heartbeat(drive)
+            except LeaseLostError:
+                if not over.wait(HANG_S):
+                    logger.error("the agent does not return; this process ends")
+                    os._exit(1)
+                return
+            except DohyoError as error:
+                logger.warning("%s", error)
+
+    thread = threading.Thread(target=beat, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+
+
+@contextmanager
+def _stopping() -> Iterator[None]:
+    """SIGINT and SIGTERM raise `_Stop`, in the main thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        for one in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(one, signal.SIG_IGN)  # what is being released is released once
+        raise _Stop
+
+    before = {one: signal.signal(one, stop) for one in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for one, handler in before.items():
+            signal.signal(one, handler)
+
+
+def keep_working(command: Sequence[str], count: int, environment: Mapping[str, str]) -> None:
+    """Runs worker processes side by side, and starts those anew that die; ends them when it is told to stop.
+
+    Args:
+        command: Arguments of Python.
+        count: Processes.
+        environment: Of each, beside this one's own.
+    """
+    crew: list[subprocess.Popen[bytes]] = []
+    pauses = Pauses()
+    try:
+        with suppress(_Stop), _stopping():
+            crew += [_start(command, environment) for _ in range(count)]
+            while crew:
+                time.sleep(0.5)
+                for process in [one for one in crew if one.poll() is not None]:
+                    crew.remove(process)
+                    if process.returncode not in (0, REFUSED):
+                        time.sleep(pauses.next())
+                        crew.append(_start(command, environment))
+    finally:
+        for process in crew:
+            process.terminate()
+        for process in crew:
+            process.wait()
+
+
+def _start(command: Sequence[str], environment: Mapping[str, str]) -> subprocess.Popen[bytes]:
+    return subprocess.Popen([sys.executable, *command], start_new_session=True, env=os.environ | dict(environment))
