@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib.metadata import entry_points
+from typing import Any
 
 from sumo_networks.errors import InvalidInputError, UnknownNameError
 
 GROUP = "dohyo.agents"
+LOCALIZED = "agents.localization.localized:Localized"
 
 
 def agent_entries() -> dict[str, str]:
@@ -34,3 +37,15 @@ def resolve(name: str) -> str:
     if name not in entries:
         raise UnknownNameError("agent", name, entries)
     return entries[name]
+
+
+def resolve_with(name: str, settings: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """The "module:Class" and settings that make an agent; the setting `localization` puts a filter's pose before it.
+
+    Raises:
+        UnknownNameError: No agent is registered under the name.
+    """
+    entry = resolve(name)
+    if "localization" in settings and entry != LOCALIZED:
+        return LOCALIZED, {"inner": entry, **settings}
+    return entry, dict(settings)

@@ -21,6 +21,8 @@ from sumo_networks.routing import Route, plan_route
 from sumo_networks.scenario import Config, Mission, Name, Scenario, Traffic, content_hash
 
 BENCHMARKS = Path(__file__).with_name("benchmarks")
+CLOSED_LOOP = "closed_loop"
+"""The metric of benchmarks that `scores.closed_loop` decides."""
 
 
 class AutoEvents(Config):
@@ -35,15 +37,33 @@ class AutoEvents(Config):
     kinds: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
 
 
+class Excerpt(Config):
+    """A stretch of traffic, known to the last vehicle, and what the reference did in it.
+
+    Attributes:
+        seed: Of the traffic; the mission has no other.
+        warm_up_s: After which the mission begins; replaces that of the cell's traffic.
+        reference_m: How far the reference came.
+        log: Content hash of everybody else's motion around the reference.
+    """
+
+    seed: Annotated[int, Field(ge=0, lt=2**31)]
+    warm_up_s: Annotated[float, Field(ge=0, le=3600)]
+    reference_m: Annotated[float, Field(ge=0)]
+    log: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
 class ScriptedMission(Mission):
     """A mission of a benchmark, with the scripted events on it.
 
     Attributes:
         events: By hand; they come before those of the cell. Their `ego` is this mission's.
+        excerpt: From the midst of which traffic it was taken; None: it begins at rest, in any.
     """
 
     # Left out where there are none, so that benchmarks without events keep their hashes.
     events: Annotated[tuple[Event, ...], Field(exclude_if=lambda events: not events)] = ()
+    excerpt: Annotated[Excerpt | None, Field(exclude_if=lambda excerpt: excerpt is None)] = None
 
     @model_validator(mode="before")
     @classmethod
@@ -52,7 +72,7 @@ class ScriptedMission(Mission):
 
     def mission(self, name: str) -> Mission:
         """The mission itself, under a name."""
-        return Mission(name=name, start=self.start, goal=self.goal, via=self.via)
+        return Mission(name=name, start=self.start, goal=self.goal, via=self.via, start_speed_mps=self.start_speed_mps)
 
 
 class Cell(Config):
@@ -109,7 +129,9 @@ class Benchmark(Config):
         missions: Sets of missions by name.
         stop_on_collision: As in NoCrash.
         time_limit: None: the CARLA Leaderboard's (see `evaluation.criteria.timeout`).
-        seeds: Driven by default.
+        seeds: Driven by default; missions with an excerpt have their own.
+        duration_s: Of every episode; None: to the goal.
+        replay: Everybody but the egos replays the log of the mission's excerpt, whatever the egos do.
     """
 
     name: Name
@@ -121,6 +143,8 @@ class Benchmark(Config):
     stop_on_collision: bool = False
     time_limit: TimeLimit | None = None
     seeds: Annotated[tuple[int, ...], Field(min_length=1)] = (0, 1, 2)
+    duration_s: Annotated[float | None, Field(gt=0, exclude_if=lambda duration: duration is None)] = None
+    replay: Annotated[bool, Field(exclude_if=lambda replay: not replay)] = False
 
     @model_validator(mode="before")
     @classmethod
@@ -140,6 +164,8 @@ class Benchmark(Config):
         ):
             if len(set(names)) != len(names):
                 raise ValueError(f"names must be unique, got {names}")
+        if self.replay and not self.duration_s:
+            raise ValueError("replay: expected a duration_s beside it, since logs end")
         for cell in self.cells:
             if cell.missions not in self.missions:
                 raise ValueError(f"cell '{cell.name}': no set of missions '{cell.missions}'")
@@ -161,7 +187,21 @@ class Benchmark(Config):
         Raises:
             InvalidInputError: A mission cannot be driven or conditions are unknown; the message says which.
         """
+        if self.excerpts and list(seeds) != [0]:
+            raise InvalidInputError(
+                f"the missions of benchmark '{self.name}' have seeds of their own; leave out --seeds"
+            )
         return [scenario for seed in seeds for cell in self.cells for scenario in self._scenarios(cell, seed)]
+
+    @property
+    def excerpts(self) -> bool:
+        """Whether its missions begin in the midst of traffic."""
+        return any(mission.excerpt is not None for missions in self.missions.values() for mission in missions)
+
+    @property
+    def closed_loop(self) -> bool:
+        """Whether its headline is the closed-loop score."""
+        return self.metric == CLOSED_LOOP
 
     def _scenarios(self, cell: Cell, seed: int) -> Iterator[Scenario]:
         missions = self.missions[cell.missions]
@@ -180,7 +220,20 @@ class Benchmark(Config):
             name = mission.name if len(self.cells) == 1 else f"{cell.name}.{mission.name}"
             conditions = cell.conditions[number % len(cell.conditions)]
             events = self._events(cell, number, mission, "ego", seed, together=False)
-            yield self._scenario(cell, name, (mission.mission("ego"),), events, conditions, length, seed)
+            scenario = self._scenario(cell, name, (mission.mission("ego"),), events, conditions, length, seed)
+            yield scenario if mission.excerpt is None else self._excerpted(scenario, mission.excerpt)
+
+    def _excerpted(self, scenario: Scenario, excerpt: Excerpt) -> Scenario:
+        warmed_up = scenario.traffic.model_copy(update={"warm_up_s": excerpt.warm_up_s})
+        return scenario.model_copy(
+            update={
+                "seed": excerpt.seed,
+                "traffic": warmed_up,
+                "duration_s": self.duration_s,
+                "reference_m": excerpt.reference_m,
+                "log": excerpt.log if self.replay else None,
+            }
+        )
 
     def _events(
         self, cell: Cell, number: int, mission: ScriptedMission, ego: str, seed: int, *, together: bool
@@ -250,6 +303,14 @@ def _route(network: str, mission: Mission) -> Route:
     return plan_route(load_network(network), mission)
 
 
+def _document(path: Path) -> dict[str, Any]:
+    """A file's tables; where it is `like` another one beside it, what it does not say is said there."""
+    document = tomllib.loads(path.read_text())
+    if (like := document.pop("like", None)) is None:
+        return document
+    return _document(path.with_name(f"{like}.toml")) | document
+
+
 def benchmark_names() -> list[str]:
     """Names of the benchmarks that come with dohyo, sorted."""
     return sorted(path.stem for path in BENCHMARKS.glob("*.toml"))
@@ -266,7 +327,7 @@ def load_benchmark(name: str) -> Benchmark:
     if not name.endswith(".toml") and name not in benchmark_names():
         raise UnknownNameError("benchmark", name, benchmark_names())
     try:
-        return Benchmark.model_validate(tomllib.loads(path.read_text()))
+        return Benchmark.model_validate(_document(path))
     except OSError as error:
         raise InvalidInputError(f"cannot read benchmark file '{path}': {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

@@ -107,6 +107,7 @@ ENDINGS: Mapping[Status, tuple[str, str]] = MappingProxyType(
     {
         Status.PERFECT: ("success", ""),
         Status.COMPLETED: ("success", "/"),
+        Status.FINISHED: ("success", "x"),
         Status.COLLIDED: ("infraction", ""),
         Status.DEVIATED: ("infraction", "x"),
         Status.BLOCKED: ("infraction", "/"),

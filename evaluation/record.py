@@ -34,10 +34,11 @@ class InfractionKind(StrEnum):
 
 
 class Status(StrEnum):
-    """How an ego's episode ended."""
+    """How an ego's episode ended; FINISHED: its scenario was over before the goal was reached, as planned."""
 
     PERFECT = "perfect"
     COMPLETED = "completed"
+    FINISHED = "finished"
     COLLIDED = "failed: collision"
     DEVIATED = "failed: agent deviated from the route"
     BLOCKED = "failed: agent got blocked"

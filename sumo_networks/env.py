@@ -13,14 +13,17 @@ from sumo_networks.arrays import Float32Array
 from sumo_networks.catalog import load_network
 from sumo_networks.conditions import conditions_named
 from sumo_networks.control import Control, InvalidActionError, make_control
+from sumo_networks.errors import InvalidInputError
+from sumo_networks.log import LogRecorder
 from sumo_networks.reward import Reward, make_reward
 from sumo_networks.routing import Route
 from sumo_networks.scenario import Scenario
-from sumo_networks.sensors import Sensor, Track, make_sensors
-from sumo_networks.simulation import TICK_S, Simulation
+from sumo_networks.sensors import Sensor, SensorConfig, Track, make_sensors
+from sumo_networks.simulation import TICK_S, Replay, Simulation
 from sumo_networks.world import World
 
 Observation = dict[str, Float32Array]
+SensorNames = Sequence[str | SensorConfig]
 
 SENSOR_NOISE = 1  # keeps this stream of random numbers apart from the traffic's
 GOAL_SHARE = 0.99
@@ -49,7 +52,7 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
     def __init__(
         self,
         scenario: Scenario,
-        sensors: Sequence[str] | Mapping[str, Sequence[str]] = DEFAULT_SENSORS,
+        sensors: SensorNames | Mapping[str, SensorNames] = DEFAULT_SENSORS,
         control: str | Mapping[str, str] = "target_speed_steering",
         reward: str | None = "roach",
     ) -> None:
@@ -57,7 +60,7 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
 
         Args:
             scenario: What to simulate.
-            sensors: Names from `sensors.SENSORS`, for all egos or by ego name.
+            sensors: Names from `sensors.SENSORS` or configurations of one's own, for all egos or by ego name.
             control: Name from `control.CONTROLS`, for all egos or by ego name.
             reward: Name from `reward.REWARDS`; None: rewards are 0 and only the goal terminates.
 
@@ -76,7 +79,8 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
             dict(control) if isinstance(control, Mapping) else dict.fromkeys(self.possible_agents, control)
         )
         self._reward_name = reward
-        self._simulation = Simulation(load_network(scenario.network), scenario)
+        live = scenario.log is None
+        self._simulation = (Simulation if live else Replay)(load_network(scenario.network), scenario)
         self._controls = self._new_controls()
         self._rewards: dict[str, Reward] = {name: make_reward(reward) for name in self.possible_agents if reward}
         self._action_spaces = {name: control.space for name, control in self._controls.items()}
@@ -149,8 +153,8 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
             value, ended = self._rewards[name](before, self.world, ego) if name in self._rewards else (0.0, False)
             rewards[name] = value
             terminations[name] = ended or reached_goal(self.world, ego)
-            limit = self.scenario.time_limit_s
-            truncations[name] = limit is not None and self.world.time >= limit - TICK_S / 2
+            limits = [limit for limit in (self.scenario.time_limit_s, self.scenario.duration_s) if limit is not None]
+            truncations[name] = bool(limits) and self.world.time >= min(limits) - TICK_S / 2
         observations = self._observe(drove)
         for name in drove:
             if terminations[name] or truncations[name]:
@@ -165,6 +169,16 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         """Ends the episode of one ego and takes it off the road."""
         self.agents.remove(name)
         self._simulation.retire(self._index[name])
+
+    def record(self, recorder: LogRecorder) -> None:
+        """Adds the last tick to a log of everybody but the egos.
+
+        Raises:
+            InvalidInputError: The scenario replays a log itself.
+        """
+        if not isinstance(self._simulation, Simulation):
+            raise InvalidInputError(f"scenario '{self.scenario.name}' replays a log; there is nothing to record")
+        self._simulation.record(recorder)
 
     def close(self) -> None:
         """Ends SUMO."""

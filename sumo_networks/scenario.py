@@ -24,20 +24,27 @@ __all__ = [
 ]
 
 
+_OPTIONAL = Field(default=None, exclude_if=lambda value: value is None)
+
+
 class Mission(Config):
     """What one ego has to do: drive from start to goal.
 
     Attributes:
         name: The ego's name, unique in its scenario.
-        start: Where the ego's box centre stands at the first tick, at rest.
+        start: Where the ego's box centre is at the first tick.
         goal: Where the route ends.
         via: Edges the route must pass, in order.
+        start_speed_mps: None: it starts at rest, and whoever is within 20 m makes room. A speed: it starts in the
+            midst of the traffic, which has warmed up without it, and takes the place of whom it would touch.
     """
 
     name: Name = "ego"
     start: Place
     goal: Place
     via: tuple[str, ...] = ()
+    # What most scenarios have not is left out, so that they keep their hashes.
+    start_speed_mps: Annotated[float, Field(ge=0, le=60)] | None = _OPTIONAL
 
 
 class Traffic(Config):
@@ -89,6 +96,9 @@ class Scenario(Config):
         time_limit_s: Ends the episode; None: from the route (see `evaluation.criteria.timeout`).
         stop_on_collision: End an ego's episode at its first collision (NoCrash) instead of driving on.
         seed: Decides everything random in the world.
+        duration_s: Ends the episode wherever the ego is then, which is no failure; None: it goes on to the goal.
+        reference_m: How far a reference came in that time, for scores that compare with it.
+        log: Content hash of the log that everybody but the egos replays; None: they live, in SUMO.
     """
 
     name: Name = "scenario"
@@ -103,6 +113,9 @@ class Scenario(Config):
     time_limit_s: Annotated[float, Field(gt=0)] | None = None
     stop_on_collision: bool = False
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    duration_s: Annotated[float, Field(gt=0)] | None = _OPTIONAL
+    reference_m: Annotated[float, Field(ge=0)] | None = _OPTIONAL
+    log: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] | None = _OPTIONAL
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> Scenario:

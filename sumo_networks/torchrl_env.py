@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -10,9 +9,10 @@ from gymnasium.spaces import Box, Dict
 from gymnasium.vector import AutoresetMode
 from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Bounded, Categorical, Composite, TensorSpec, Unbounded
+from torchrl.data.utils import numpy_to_torch_dtype_dict
 from torchrl.envs import EnvBase
 
-from sumo_networks.env import DEFAULT_SENSORS
+from sumo_networks.env import DEFAULT_SENSORS, SensorNames
 from sumo_networks.vector_env import Observations, ScenarioSource, VectorDrivingEnv
 
 ENDS = ("done", "terminated", "truncated")
@@ -21,7 +21,7 @@ ENDS = ("done", "terminated", "truncated")
 def make_torchrl_env(
     scenarios: ScenarioSource,
     num_envs: int,
-    sensors: Sequence[str] = DEFAULT_SENSORS,
+    sensors: SensorNames = DEFAULT_SENSORS,
     control: str = "target_speed_steering",
     reward: str | None = "roach",
     seed: int = 0,
@@ -71,7 +71,8 @@ class TorchDrivingEnv(EnvBase):  # type: ignore[misc]
         assert isinstance(sensors, Dict)
         assert isinstance(actions, Box)
         observations: dict[str, TensorSpec] = {
-            name: Unbounded(torch.Size(box.shape or ())) for name, box in sensors.spaces.items()
+            name: Unbounded(torch.Size(box.shape or ()), dtype=numpy_to_torch_dtype_dict[box.dtype])
+            for name, box in sensors.spaces.items()
         }
         if self._many:
             observations["mask"] = _flag(self._rows)

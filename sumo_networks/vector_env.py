@@ -26,15 +26,15 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from sumo_networks.control import InvalidActionError, make_control
-from sumo_networks.env import DEFAULT_SENSORS, DrivingEnv
+from sumo_networks.env import DEFAULT_SENSORS, DrivingEnv, SensorNames
 from sumo_networks.errors import InvalidInputError, SimulationError
 from sumo_networks.reward import make_reward
 from sumo_networks.scenario import Scenario
-from sumo_networks.sensors import make_sensors
+from sumo_networks.sensors import SensorConfig, make_sensors
 from sumo_networks.simulation import TICK_S
 from sumo_networks.vehicle import VehicleParameters
 
@@ -85,7 +85,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         self,
         scenarios: ScenarioSource,
         num_envs: int,
-        sensors: Sequence[str] = DEFAULT_SENSORS,
+        sensors: SensorNames = DEFAULT_SENSORS,
         control: str = "target_speed_steering",
         reward: str | None = "roach",
         autoreset_mode: AutoresetMode = AutoresetMode.SAME_STEP,
@@ -96,7 +96,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
             scenarios: One or more with equally many egos; or a function from the episode's number to its scenario,
                 which the workers call (so it must be importable there).
             num_envs: How many processes.
-            sensors: Names from `sensors.SENSORS`, for all egos.
+            sensors: Names from `sensors.SENSORS` or configurations of one's own, for all egos.
             control: Name from `control.CONTROLS`, for all egos.
             reward: Name from `reward.REWARDS`; None: rewards are 0 and only the goal terminates.
             autoreset_mode: SAME_STEP or DISABLED.
@@ -116,7 +116,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         self.metadata = {"autoreset_mode": autoreset_mode}
         self._set_spaces(sensors, control)
         context = multiprocessing.get_context("spawn")
-        memory = _Memory(context, self.num_envs, self.num_egos, self._sensor_shapes, self._action.shape)
+        memory = _Memory(context, self.num_envs, self.num_egos, self._sensor_boxes, self._action.shape)
         self._arrays = memory.arrays()
         plan = _Plan(scenarios, tuple(sensors), control, reward, num_envs, autoreset_mode is AutoresetMode.SAME_STEP)
         self._channels: list[_Channel] = []
@@ -132,7 +132,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
             self._processes.append(process)
         self._seeded = False
 
-    def _set_spaces(self, sensors: Sequence[str], control: str) -> None:
+    def _set_spaces(self, sensors: SensorNames, control: str) -> None:
         self._action = make_control(control, VehicleParameters(), TICK_S).space
         boxes = {sensor.name: sensor.space for sensor in make_sensors(sensors)}
         single: Callable[[gymnasium.Space[Any]], gymnasium.Space[Any]] = (
@@ -142,7 +142,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         self.single_action_space = single(self._action)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._sensor_shapes = {name: box.shape for name, box in boxes.items()}
+        self._sensor_boxes = boxes
 
     @property
     def pids(self) -> tuple[int, ...]:
@@ -183,7 +183,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
             actions: (N, ...) or (N, E, ...) of `action_space`.
 
         Returns:
-            observations: By sensor, float32, (N, ...) or (N, E, ...).
+            observations: By sensor, of its dtype, (N, ...) or (N, E, ...).
             rewards: (N,) or (N, E), float64; so are:
             terminations: Whether an ego's episode ended in this tick, at its goal or by its reward.
             truncations: Whether it ended at the time limit.
@@ -308,10 +308,10 @@ class _Memory:
         context: SpawnContext,
         envs: int,
         egos: int,
-        sensors: Mapping[str, tuple[int, ...]],
+        sensors: Mapping[str, gymnasium.spaces.Box],
         action: tuple[int, ...],
     ) -> None:
-        def block(dtype: type[np.generic], *shape: int) -> _Block:
+        def block(dtype: DTypeLike, *shape: int) -> _Block:
             raw = context.RawArray(ctypes.c_byte, int(np.prod(shape)) * np.dtype(dtype).itemsize)
             return raw, np.dtype(dtype).str, shape
 
@@ -323,8 +323,8 @@ class _Memory:
             "rewards": block(np.float64, envs, egos),
             **{name: block(np.bool_, envs, egos) for name in ("terminations", "truncations", "active")},
         }
-        self._observations = {name: block(np.float32, envs, egos, *shape) for name, shape in sensors.items()}
-        self._finals = {name: block(np.float32, envs, egos, *shape) for name, shape in sensors.items()}
+        self._observations = {name: block(box.dtype, envs, egos, *box.shape) for name, box in sensors.items()}
+        self._finals = {name: block(box.dtype, envs, egos, *box.shape) for name, box in sensors.items()}
 
     def arrays(self) -> _Arrays:
         """Views on it, for this process."""
@@ -382,7 +382,7 @@ class _Plan:
     """What a worker needs to know once."""
 
     scenarios: ScenarioSource
-    sensors: tuple[str, ...]
+    sensors: tuple[str | SensorConfig, ...]
     control: str
     reward: str | None
     envs: int

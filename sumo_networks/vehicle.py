@@ -171,11 +171,12 @@ class Vehicles:
             p.friction * GRAVITY,
         )
 
-    def place(self, vehicle: int, x: float, y: float, heading: float) -> None:
-        """Puts a vehicle at rest with the centre of its box at x, y [m]."""
+    def place(self, vehicle: int, x: float, y: float, heading: float, speed: float = 0.0) -> None:
+        """Puts a vehicle with the centre of its box at x, y [m], at rest or coasting straight on at a speed [m/s]."""
         back = self.parameters.axle_to_centre
         self.states[vehicle] = 0.0
         self.states[vehicle, :3] = x - back * math.cos(heading), y - back * math.sin(heading), heading
+        self.states[vehicle, SPEED] = speed
 
     def advance(self, commands: FloatArray, seconds: float) -> None:
         """Drives all vehicles for a while.

@@ -8,18 +8,39 @@ import numpy as np
 
 from sumo_networks.conditions import Conditions
 from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.sensors.base import Sensor, Track
+from sumo_networks.sensors.base import Sensor, SensorConfig, Track
+from sumo_networks.sensors.birdseye import BirdseyeConfig
+from sumo_networks.sensors.camera import CameraConfig
 from sumo_networks.sensors.conflicts import Conflicts
 from sumo_networks.sensors.detections import Detections
+from sumo_networks.sensors.ego_state import EgoState
+from sumo_networks.sensors.gnss import Gnss, GnssRtk
+from sumo_networks.sensors.imu import Imu
 from sumo_networks.sensors.lane import Lane
+from sumo_networks.sensors.lanes import Lanes
 from sumo_networks.sensors.lights import Lights
 from sumo_networks.sensors.objects import Objects
+from sumo_networks.sensors.path import Path
+from sumo_networks.sensors.radar import Radar
 from sumo_networks.sensors.route import Navigation, Route
+from sumo_networks.sensors.route_map import RouteMap
 from sumo_networks.sensors.speedometer import Speedometer
 
-__all__ = ["SENSORS", "Sensor", "Track", "make_sensors"]
+__all__ = ["PRESETS", "SENSORS", "BirdseyeConfig", "CameraConfig", "Sensor", "SensorConfig", "Track", "make_sensors"]
 
-SENSORS: dict[str, type[Sensor]] = {
+# PRIBOOT's view from above, RLAD's image, GHRL's semantic image, GRIAD's three cameras.
+PRESETS = (
+    BirdseyeConfig(name="birdseye"),
+    BirdseyeConfig(name="birdseye_rgb", mode="rgb"),
+    CameraConfig(name="camera_rgb"),
+    CameraConfig(name="camera_semantic", mode="semantic", width=160, height=80),
+    CameraConfig(name="camera_depth", mode="depth"),
+    CameraConfig(name="camera_left", width=256, height=144, fov_deg=70.0, yaw_deg=60.0),
+    CameraConfig(name="camera_front", width=256, height=144, fov_deg=70.0),
+    CameraConfig(name="camera_right", width=256, height=144, fov_deg=70.0, yaw_deg=-60.0),
+)
+
+SENSORS: dict[str, type[Sensor] | SensorConfig] = {
     "speedometer": Speedometer,
     "navigation": Navigation,
     "lane": Lane,
@@ -28,11 +49,20 @@ SENSORS: dict[str, type[Sensor]] = {
     "detections": Detections,
     "lights": Lights,
     "conflicts": Conflicts,
+    "radar": Radar,
+    "gnss": Gnss,
+    "gnss_rtk": GnssRtk,
+    "imu": Imu,
+    "route_map": RouteMap,
+    "ego_state": EgoState,
+    "lanes": Lanes,
+    "path": Path,
+    **{preset.name: preset for preset in PRESETS},
 }
 
 
 def make_sensors(
-    names: Iterable[str],
+    names: Iterable[str | SensorConfig],
     track: Track = Track.PRIVILEGED,
     conditions: Conditions | None = None,
     rng: np.random.Generator | None = None,
@@ -40,7 +70,7 @@ def make_sensors(
     """Sensors by name, for one ego and episode.
 
     Args:
-        names: Of `SENSORS`.
+        names: Of `SENSORS`; or configurations of one's own.
         track: The agent's.
         conditions: By default clear.
         rng: Of the sensors' noise.
@@ -51,12 +81,14 @@ def make_sensors(
     """
     out = []
     for name in names:
-        if name not in SENSORS:
+        if not isinstance(name, SensorConfig) and name not in SENSORS:
             raise UnknownNameError("sensor", name, SENSORS)
-        sensor = SENSORS[name].make(conditions or Conditions(), rng or np.random.default_rng(0))
+        maker = name if isinstance(name, SensorConfig) else SENSORS[name]
+        sensor = maker.make(conditions or Conditions(), rng or np.random.default_rng(0))
         if sensor.track > track:
             raise InvalidInputError(
-                f"sensor '{name}' needs track '{sensor.track.name.lower()}', the agent's is '{track.name.lower()}'"
+                f"sensor '{sensor.name}' needs track '{sensor.track.name.lower()}', "
+                f"the agent's is '{track.name.lower()}'"
             )
         out.append(sensor)
     return tuple(out)

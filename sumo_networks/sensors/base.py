@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from enum import IntEnum
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from gymnasium.spaces import Box
+from numpy.typing import NDArray
 
-from sumo_networks.arrays import Float32Array
 from sumo_networks.conditions import Conditions
+from sumo_networks.config import Config, Name
 from sumo_networks.world import World
 
 
@@ -41,5 +42,29 @@ class Sensor(ABC):
         return cls()
 
     @abstractmethod
-    def read(self, world: World, ego: int) -> Float32Array:
-        """The array as one ego senses it now."""
+    def read(self, world: World, ego: int) -> NDArray[Any]:
+        """The array as one ego senses it now: float32, but uint8 where it is a picture."""
+
+
+class SensorConfig(Config, ABC):
+    """A sensor with parameters. Like a class of `Sensor`, it makes one per ego and episode.
+
+    Attributes:
+        name: Key in the observation.
+    """
+
+    name: Name
+
+    @property
+    @abstractmethod
+    def track(self) -> Track:
+        """The lowest track that may use it."""
+
+    @property
+    @abstractmethod
+    def space(self) -> Box:
+        """Shape, dtype and bounds of the array."""
+
+    @abstractmethod
+    def make(self, conditions: Conditions, rng: np.random.Generator) -> Sensor:
+        """A sensor for one ego and episode."""

@@ -32,7 +32,7 @@ class Route(Sensor):
         """See the class."""
         route, egos = world.routes[ego], world.egos
         x, y = egos.position[ego]
-        return _ahead(
+        return path_ahead(
             route.index(float(egos.progress[ego])),
             float(x),
             float(y),
@@ -61,7 +61,7 @@ class Navigation(Sensor):
 
 
 @njit(cache=True)
-def _ahead(
+def path_ahead(
     first: int,
     x: float,
     y: float,
@@ -73,6 +73,7 @@ def _ahead(
     width: FloatArray,
     command: IntArray,
 ) -> Float32Array:
+    """(80, 7) what `Route` says, from a row of the path [network frame] on, to whom is at x, y [m], heading [rad]."""
     out = np.empty((POINTS, 7), dtype=np.float32)
     cos, sin = math.cos(heading), math.sin(heading)
     for row in range(POINTS):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from sumo_networks.arrays import BoolArray, FloatArray
@@ -21,13 +23,19 @@ class Fleet:
     """
 
     def __init__(
-        self, network: RoadNetwork, names: tuple[str, ...], routes: tuple[Route, ...], vehicle: VehicleParameters
+        self,
+        network: RoadNetwork,
+        names: tuple[str, ...],
+        routes: tuple[Route, ...],
+        vehicle: VehicleParameters,
+        speeds: Sequence[float] = (),
     ) -> None:
+        """Puts the egos at the starts of their routes, at given speeds [m/s] or at rest."""
         self._network, self._names, self._routes, self._vehicle = network, names, routes, vehicle
         self._vehicles = Vehicles(vehicle, len(names))
         for ego, route in enumerate(routes):
             x, y = route.position[0].tolist()
-            self._vehicles.place(ego, x, y, route.heading.item(0))
+            self._vehicles.place(ego, x, y, route.heading.item(0), speeds[ego] if speeds else 0.0)
         self.active: BoolArray = np.ones(len(names), dtype=np.bool_)
         self.centres: FloatArray = self._vehicles.centres()
         self._driven = np.zeros(len(names))

@@ -16,7 +16,7 @@ from sumo_networks.simulation.surroundings import Surroundings
 from sumo_networks.vehicle import VehicleParameters
 from sumo_networks.world import ActorKind, Actors
 
-_KINDS = {
+KINDS = {
     "car": ActorKind.CAR,
     "van": ActorKind.VAN,
     "truck": ActorKind.TRUCK,
@@ -25,7 +25,7 @@ _KINDS = {
     "emergency": ActorKind.EMERGENCY,
     "pedestrian": ActorKind.PEDESTRIAN,
 }
-_INDICATOR = {0: 0, 1: -1, 2: 1, 3: 0}  # SUMO's lowest two bits: right, left
+INDICATOR = {0: 0, 1: -1, 2: 1, 3: 0}  # SUMO's lowest two bits: right, left
 _Point = tuple[float, float]
 _Row = tuple[float, float, float, float, int, int]  # x, y, angle, speed, lane, indicator
 
@@ -116,10 +116,19 @@ class Registry:
         keys, lanes = self._keys, self._lane_index
         return self._table(
             {
-                keys[name]: (x, y, angle, speed, lanes.get(lane, -1), _INDICATOR[signals & 3])
+                keys[name]: (x, y, angle, speed, lanes.get(lane, -1), INDICATOR[signals & 3])
                 for name, x, y, angle, speed, lane, signals in readings
             }
         )
+
+    @property
+    def images(self) -> set[str]:
+        """Names in SUMO that stand for something of ours."""
+        return self._images
+
+    def obstacles(self) -> Actors:
+        """The scenario's static boxes."""
+        return self._table({})
 
     @property
     def keys(self) -> Mapping[str, int]:
@@ -146,7 +155,7 @@ class Registry:
 
     def _first_sight(self, name: str) -> None:
         domain = libsumo.person if name.startswith("pedestrian") else libsumo.vehicle
-        kind = _KINDS[domain.getTypeID(name).split("@")[0]]
+        kind = KINDS[domain.getTypeID(name).split("@")[0]]
         self.register(name, kind, domain.getLength(name), domain.getWidth(name))
 
     def register(self, name: str, kind: ActorKind, length: float, width: float) -> int:

@@ -18,6 +18,8 @@ from sumo_networks.arrays import FloatArray
 from sumo_networks.conditions import conditions_named
 from sumo_networks.errors import SimulationError
 from sumo_networks.events.director import Director, check_placement
+from sumo_networks.geometry import boxes_overlap
+from sumo_networks.log import LogRecorder
 from sumo_networks.network import RoadNetwork
 from sumo_networks.routing import Route, plan_route
 from sumo_networks.scenario import Scenario
@@ -27,11 +29,14 @@ from sumo_networks.simulation.process import TICK_S, failing_as_simulation_error
 from sumo_networks.simulation.registry import Registry
 from sumo_networks.simulation.signals import SignalReader
 from sumo_networks.simulation.stage import SumoStage
+from sumo_networks.simulation.survey import Survey, reachable
 from sumo_networks.traffic import Population, Trip, Walk
 from sumo_networks.vehicle import VehicleParameters
-from sumo_networks.world import Egos, World
+from sumo_networks.world import Actors, Egos, World
 
 START_CLEARANCE_M = 20.0
+FASTER = 1.3  # how much faster than the limit an ego may come along
+_NOWHERE: FloatArray = np.empty((0, 2))
 
 
 class Simulation:
@@ -55,6 +60,7 @@ class Simulation:
         self.vehicle = replace(dry, friction=dry.friction * self.conditions.friction)
         self.routes: tuple[Route, ...] = tuple(plan_route(network, mission) for mission in scenario.missions)
         self._names = tuple(mission.name for mission in scenario.missions)
+        self._survey: Survey | None = None
         self._images = tuple(f"ego:{name}" for name in self._names)  # no vehicle of the traffic is called so
         for event in scenario.events:
             ego = event.ego or self._names[0]
@@ -80,7 +86,7 @@ class Simulation:
             raise
 
     def _warm_up(self, traffic_rng: np.random.Generator, events_seed: np.random.SeedSequence) -> World:
-        self._fleet = Fleet(self.network, self._names, self.routes, self.vehicle)
+        self._fleet = Fleet(self.network, self._names, self.routes, self.vehicle, self._speeds())
         self._tick = 0
         self._registry = Registry(self.network, self.scenario, self.vehicle, self._images)
         self._signals = SignalReader(self.network)
@@ -90,7 +96,7 @@ class Simulation:
         with failing_as_simulation_error(self._tick):
             self._population.fill(self)
             for _ in range(round(self.scenario.traffic.warm_up_s / TICK_S)):
-                self._population.replace_arrived(self, self._starts())
+                self._population.replace_arrived(self, self._starts() if self._at_rest else _NOWHERE)
                 libsumo.simulationStep()
             self._place_egos()
         self._world = self._read(self._fleet.read(None))
@@ -124,6 +130,19 @@ class Simulation:
         if self._fleet.active[ego]:
             self._fleet.active[ego] = False
             self._registry.forget_ego(self._images[ego])
+
+    def record(self, recorder: LogRecorder) -> None:
+        """Adds the last tick to a log: everybody near where the egos may come within the scenario's duration."""
+        if self._survey is None:
+            fastest = max(float(route.speed_limit.max()) for route in self.routes)
+            ahead_m = FASTER * fastest * (self.scenario.duration_s or 0.0)
+            self._survey = Survey(self.network, reachable(self.routes, ahead_m))
+        names, actors = self._survey.read(self._registry.images, self._director.cast, self._registry.obstacles())
+        recorder.append(names, actors, self._world.signals)
+
+    def everybody(self) -> Actors:
+        """Everything in the whole network but the egos; keys are those of rows."""
+        return Survey(self.network, None).read(self._registry.images, self._director.cast, self._registry.obstacles())[1]
 
     def close(self) -> None:
         """Ends SUMO; safe to call twice."""
@@ -167,11 +186,11 @@ class Simulation:
         for name, route in zip(self._images, self.routes, strict=True):
             self._registry.add_ego(name, route)
         # Twice: whoever departs in the step in which SUMO first hears of the egos does not see them yet.
-        for _ in range(2):
+        for step in (1, 0):
             self._population.replace_arrived(self, self._starts())
             self._clear_starts()
-            for ego in range(len(self._names)):
-                self._show_ego(ego)
+            for ego, speed in enumerate(self._speeds()):
+                self._show_ego(ego, behind=speed * step * TICK_S)
             libsumo.simulationStep()
 
     def _clear_starts(self) -> None:
@@ -179,15 +198,36 @@ class Simulation:
         starts, cleared = self._starts(), []
         for name in libsumo.vehicle.getIDList():
             x, y = libsumo.vehicle.getPosition(name)
-            if name not in self._images and np.hypot(*(starts - (x, y)).T).min() < START_CLEARANCE_M:
+            if name not in self._images and self._in_the_way(name, np.hypot(*(starts - (x, y)).T)):
                 libsumo.vehicle.remove(name)
                 cleared.append(name)
         self._population.replace(self, cleared, (), starts)
 
-    def _show_ego(self, ego: int) -> None:
-        """Moves an ego's image in SUMO, whose point of reference is the front bumper."""
+    def _in_the_way(self, name: str, distance: FloatArray) -> bool:
+        """Whether a vehicle, so far from each start [m], must make room."""
+        if self._at_rest:
+            return bool(distance.min() < START_CLEARANCE_M)
+        ego = int(distance.argmin())
+        if distance[ego] > START_CLEARANCE_M:
+            return False
+        heading = (1.5 * math.pi - math.radians(libsumo.vehicle.getAngle(name))) % (2 * math.pi) - math.pi
+        x, y = libsumo.vehicle.getPosition(name)
+        length, width = libsumo.vehicle.getLength(name), libsumo.vehicle.getWidth(name)
+        centre = x - 0.5 * length * math.cos(heading), y - 0.5 * length * math.sin(heading)
+        own = (*self._fleet.centres[ego], self._fleet.heading(ego), self.vehicle.length, self.vehicle.width)
+        return bool(boxes_overlap(np.array([own]), np.array([(*centre, heading, length, width)]))[0, 0])
+
+    @property
+    def _at_rest(self) -> bool:
+        return all(mission.start_speed_mps is None for mission in self.scenario.missions)
+
+    def _speeds(self) -> list[float]:
+        return [mission.start_speed_mps or 0.0 for mission in self.scenario.missions]
+
+    def _show_ego(self, ego: int, behind: float = 0.0) -> None:
+        """Moves an ego's image in SUMO, whose point of reference is the front bumper, or so far behind it [m]."""
         x, y = self._fleet.centres[ego].tolist()
-        heading, half = self._fleet.heading(ego), 0.5 * self.vehicle.length
+        heading, half = self._fleet.heading(ego), 0.5 * self.vehicle.length - behind
         front = (x + half * math.cos(heading), y + half * math.sin(heading))
         lane, offset, _ = self.network.nearest_lane(*front, heading, self.routes[ego].on_route)
         name, lanes = self._images[ego], self.network.lanes

@@ -1,57 +1,109 @@
-"""How long radar, IMU, GNSS and the filters take; `make bench` prints it."""
+"""How long a picture takes, on one core: each sensor that draws, before a signalised junction of adlershof.
+
+    OMP_NUM_THREADS=1 python -m tests.performance.senses
+
+Nothing is simulated: vehicles stand on the lanes and people on the sidewalks around the ego. While it is read, the ego
+moves along its route, so that tiles and surroundings are renewed as in a drive. "fresh" is the first picture of a
+process that has compiled kernels, with all its tiles.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
+import json
+import sys
 import time
-from collections.abc import Callable
 
 import numpy as np
 
-from agents.localization.filters import Filter, FilterNoise, InitialState
-from agents.localization.localizer import FILTERS
-from sumo_networks.sensors import make_sensors
-from sumo_networks.world import World
+from sumo_networks.catalog import load_network
+from sumo_networks.conditions import CONDITIONS
+from sumo_networks.network import RoadNetwork
+from sumo_networks.scenario import Mission, Place
+from sumo_networks.sensors import PRESETS, SensorConfig, make_sensors
+from sumo_networks.world import ActorKind, World
+from tests.worlds import Scene, straight_road
 
-ROUNDS, CALLS = 15, 400
-SENSORS = ("radar", "imu", "gnss")
-FORCE, RATE = np.array([0.5, 1.0, 9.8]), np.array([0.0, 0.0, 0.1])
+MISSION = Mission(start=Place(lane="46039050#0_2", position_m=8.0), goal=Place(lane="414563781_4", position_m=-15.0))
+BEFORE_M = 25.0
+READINGS = 400
+STEP_M = 0.5
+COUNTS = (40, 100)
+SIZES = {
+    ActorKind.CAR: (4.6, 1.8),
+    ActorKind.VAN: (6.2, 2.1),
+    ActorKind.BUS: (12.0, 2.5),
+    ActorKind.BICYCLE: (1.7, 0.65),
+}
 
 
-def microseconds(call: Callable[[], object], calls: int = CALLS) -> float:
-    """Of one call: the median over rounds, so that a slow moment of the machine does not count."""
-    call()
-    rounds = []
-    for _ in range(ROUNDS):
+def crowd(network: RoadNetwork, x: float, y: float, count: int) -> list[tuple[ActorKind, float, float, float]]:
+    """Kind, x, y [m] and heading [rad] of so many actors: three of five drive, nearest first."""
+    found: dict[bool, list[tuple[float, float, float, float]]] = {True: [], False: []}
+    lanes = network.lanes
+    for lane in np.flatnonzero((lanes.drivable | lanes.pedestrian) & ~lanes.internal & ~lanes.crossing).tolist():
+        if str(lanes.ids[lane]).startswith(":") or np.hypot(*(network.lane_shape(lane) - (x, y)).T).min() > 150.0:
+            continue
+        for position in np.arange(4.0, float(lanes.length[lane]) - 4.0, 9.0):
+            px, py, heading = network.lane_point(lane, float(position))
+            found[bool(lanes.drivable[lane])].append((float(np.hypot(px - x, py - y)), px, py, heading))
+    kinds = itertools.cycle(
+        (ActorKind.CAR, ActorKind.CAR, ActorKind.VAN, ActorKind.CAR, ActorKind.BUS, ActorKind.BICYCLE)
+    )
+    driving = [(next(kinds), *place[1:]) for place in sorted(found[True]) if 7.0 < place[0] < 98.0][: count * 3 // 5]
+    walking = [(ActorKind.PEDESTRIAN, *place[1:]) for place in sorted(found[False]) if place[0] < 98.0]
+    return driving + walking[: count - len(driving)]
+
+
+def junction(count: int) -> list[World]:
+    """The worlds of an ego that comes to a light among so many actors."""
+    network = load_network("adlershof")
+    scene = Scene(network, MISSION)
+    light = next(passage for passage in scene.route.passages if passage.signal >= 0)
+    row = scene.route.index(light.entry - BEFORE_M)
+    (x, y), heading = scene.route.position[row], float(scene.route.heading[row])
+    for kind, px, py, direction in crowd(network, x, y, count):
+        length, width = SIZES.get(kind, (0.5, 0.5))
+        scene = scene.with_actor(px, 5.0, kind=kind, y=py, heading=direction, length=length, width=width)
+    start = scene.with_ego(x, y=y, heading=heading).world()
+    worlds = []
+    for step in range(round(10.0 / STEP_M)):
+        here = start.egos.position + step * STEP_M * np.array([[np.cos(heading), np.sin(heading)]])
+        worlds.append(dataclasses.replace(start, egos=dataclasses.replace(start.egos, position=here)))
+    return worlds
+
+
+def measure(config: SensorConfig, worlds: list[World], conditions: str = "clear") -> dict[str, float]:
+    """Milliseconds of the first picture, and of later ones."""
+    make_sensors([config])[0].read(straight_road().with_ego(x=100.0).world(), 0)  # compiles
+    (sensor,) = make_sensors([config], conditions=CONDITIONS[conditions])
+    times = []
+    for world in itertools.islice(itertools.cycle(worlds), READINGS):
         began = time.perf_counter()
-        for _ in range(calls):
-            call()
-        rounds.append(1e6 * (time.perf_counter() - began) / calls)
-    return round(float(np.median(rounds)), 2)
+        sensor.read(world, 0)
+        times.append(1e3 * (time.perf_counter() - began))
+    later = np.array(times[len(worlds) :])
+    values = times[0], np.median(later), np.percentile(later, 10)
+    return {name: round(float(value), 3) for name, value in zip(("fresh", "median", "p10"), values, strict=True)}
 
 
-def sensors(world: World) -> dict[str, float]:
-    """Microseconds per reading of the first ego of a world."""
-    made = make_sensors(SENSORS)
-    return {f"{sensor.name}_us": microseconds(lambda s=sensor: s.read(world, 0)) for sensor in made}  # type: ignore[misc]
+def main() -> None:
+    """Prints the table, and with --json a document instead."""
+    rows = {}
+    for count in COUNTS:
+        worlds = junction(count)
+        for config in PRESETS:
+            rows[f"{config.name}, {count} actors"] = measure(config, worlds)
+    rain = next(preset for preset in PRESETS if preset.name == "camera_rgb")
+    rows["camera_rgb, 100 actors, heavy-rain"] = measure(rain, worlds, "heavy-rain")
+    if "--json" in sys.argv:
+        print(json.dumps(rows, indent=1))
+        return
+    print(f"{'sensor':<36}{'median ms':>11}{'p10 ms':>9}{'fresh ms':>10}")
+    for name, row in rows.items():
+        print(f"{name:<36}{row['median']:>11}{row['p10']:>9}{row['fresh']:>10}")
 
 
-def filters() -> dict[str, float]:
-    """Microseconds per IMU sample and per fix of every filter."""
-    start = InitialState(np.zeros(3), np.array([8.0, 0.0, 0.0]), 0.3, 0.5, 0.1, 0.05)
-    out = {}
-    for name in ("es-ekf", "ekf", "ukf"):
-        filter_: Filter = FILTERS[name](start, FilterNoise())
-        calls = CALLS if name != "ukf" else 40
-        # A fix now and then, or the covariance would grow without bounds.
-        filter_.correct(filter_.position, 0.5)
-        out[f"{name}_imu_us"] = microseconds(lambda f=filter_: f.predict(FORCE, RATE, 0.01), calls)  # type: ignore[misc]
-        out[f"{name}_fix_us"] = microseconds(lambda f=filter_: f.correct(f.position, 0.5), calls)  # type: ignore[misc]
-    return out
-
-
-def report(world: World) -> dict[str, float]:
-    """All of it, printed."""
-    results = sensors(world) | filters()
-    for name, value in results.items():
-        print(f"{name:<16}{value:>9} us")
-    return results
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,199 @@
+"""PDM's proposals: fifteen ways to follow the route, simulated and scored together in numba."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from agents.planning.motion import (
+    DT,
+    Body,
+    Idm,
+    boxes_meet,
+    idm_acceleration,
+    limited_steering,
+    project,
+    pursuit,
+    vehicle_step,
+)
+from agents.planning.situation import (
+    CLASS_OBJECT,
+    NO_LINE,
+    ROAD_BIT,
+    ROUTE_BIT,
+    Situation,
+    at_row,
+    box_on_grid,
+    leader,
+    on_grid,
+)
+from sumo_networks.arrays import FloatArray
+from sumo_networks.geometry import wrap
+
+OFFSETS_M = (0.0, -1.0, 1.0)
+FACTORS = (0.2, 0.4, 0.6, 0.8, 1.0)
+PROPOSALS = len(OFFSETS_M) * len(FACTORS)
+STEPS = 40
+X, Y, HEADING, SPEED, ACCELERATION, STEERING, S, CENTRE_X, CENTRE_Y, WHEEL, DEMAND = range(11)
+STATE = 11
+"""Rear axle x, y [m], heading [rad], speed [m/s], acceleration [m/s^2], wheel angle [rad], arc length [m], box centre
+x, y [m], demanded wheel angle [rad] and acceleration [m/s^2]."""
+NC, DAC, DDC, EP, TTC, COMFORT, TOTAL, MET_AT = range(8)
+SCORES = 8
+"""Multipliers NC, DAC, DDC; shares EP, TTC, C; the score; when it meets somebody, s (infinite: never)."""
+STANDING = 0.05
+BEHIND_COS = -math.sqrt(3.0) / 2.0
+TTC_AHEAD_S = (0.0, 0.3, 0.6, 0.9)
+AHEAD_COS = math.sqrt(3.0) / 2.0
+JERK_STEPS = 7
+
+
+@njit(cache=True)
+def roll_out(
+    road: Situation, car: Body, idm: Idm, line_gap: float, margin: float, start: FloatArray, states: FloatArray
+) -> None:
+    """Simulates every proposal.
+
+    Args:
+        road: The situation.
+        car: The vehicle.
+        idm: Of all proposals.
+        line_gap: Between the front and a closed line, m.
+        margin: Beside the ego, within which somebody ahead is a leader, m.
+        start: (11,) the ego now; every proposal begins with a copy of its own.
+        states: (15, 41, 11) where the states are written.
+    """
+    for number in range(states.shape[0]):
+        offset, factor = OFFSETS_M[number // len(FACTORS)], FACTORS[number % len(FACTORS)]
+        states[number, 0] = start
+        gap, leading = math.inf, 0.0
+        for k in range(states.shape[1] - 1):
+            now, then = states[number, k], states[number, k + 1]
+            speed, s = now[SPEED], now[S]
+            if k % 2 == 0:  # the leader is looked up every second step
+                gap, leading = leader(road, 0.5 * car.length, 0.5 * car.width + margin, s, k * DT, offset)
+            else:
+                gap += (leading - speed) * DT
+            ahead, pace = gap, leading
+            if road.line < NO_LINE:
+                line = road.line - s - 0.5 * car.length - line_gap + idm.gap
+                if line > -2.0 and line < ahead:
+                    ahead, pace = line, 0.0
+            allowed = road.allowed[at_row(road, s)]
+            demand = idm_acceleration(idm, speed, factor * allowed, ahead, pace)
+            if speed > allowed:  # a curve is near: slow down whatever IDM's exponent says
+                demand = min(demand, max(allowed - speed, -idm.hardest))
+            x, y, heading = now[X], now[Y], now[HEADING]
+            wheel = pursuit(car, road.path, road.first_s, road.spacing, x, y, heading, speed, s, offset)
+            wheel = limited_steering(car, speed, wheel)
+            now[WHEEL], now[DEMAND] = wheel, demand
+            then[X], then[Y], then[HEADING], then[SPEED], then[ACCELERATION], then[STEERING] = vehicle_step(
+                car, x, y, heading, speed, now[ACCELERATION], now[STEERING], demand, wheel
+            )
+            cos, sin = math.cos(then[HEADING]), math.sin(then[HEADING])
+            then[CENTRE_X], then[CENTRE_Y] = then[X] + car.axle * cos, then[Y] + car.axle * sin
+            near = s + 0.1 * speed
+            then[S], _, _ = project(road.path, road.first_s, road.spacing, then[CENTRE_X], then[CENTRE_Y], near, 4.0)
+
+
+@njit(cache=True)
+def score(road: Situation, car: Body, states: FloatArray, scores: FloatArray) -> None:
+    """Scores every proposal: NC x DAC x DDC x (5 EP + 5 TTC + 2 C) / 12, EP relative to the best.
+
+    Args:
+        road: The situation.
+        car: The vehicle.
+        states: (15, 41, 11) from `roll_out`.
+        scores: (15, 8) where the terms are written.
+    """
+    farthest = 0.0
+    for number in range(states.shape[0]):
+        _judge(road, car, states[number], scores[number])
+        terms = scores[number]
+        terms[EP] = max(states[number, states.shape[1] - 1, S] - states[number, 0, S], 0.0)
+        if terms[NC] * terms[DAC] * terms[DDC] > 0.0:
+            farthest = max(farthest, terms[EP])
+    for number in range(states.shape[0]):
+        terms = scores[number]
+        # Where nobody gets anywhere, standing is no fault.
+        terms[EP] = min(terms[EP] / farthest, 1.0) if farthest > 0.5 else 1.0
+        weighted = (5.0 * terms[EP] + 5.0 * terms[TTC] + 2.0 * terms[COMFORT]) / 12.0
+        terms[TOTAL] = terms[NC] * terms[DAC] * terms[DDC] * weighted
+
+
+@njit(cache=True)
+def _judge(road: Situation, car: Body, states: FloatArray, terms: FloatArray) -> None:
+    terms[NC] = terms[DAC] = terms[DDC] = terms[TTC] = 1.0
+    terms[MET_AT] = math.inf
+    half_length, half_width = 0.5 * car.length, 0.5 * car.width
+    against, window = 0.0, np.zeros(10)
+    was_off = True
+    for k in range(states.shape[0]):
+        x, y, heading, speed = states[k, CENTRE_X], states[k, CENTRE_Y], states[k, HEADING], states[k, SPEED]
+        cos, sin = math.cos(heading), math.sin(heading)
+        hit = _met(road, car, x, y, cos, sin, speed, k, BEHIND_COS)
+        if hit >= 0 and terms[MET_AT] == math.inf:
+            terms[NC] = 0.5 if road.kind[hit] == CLASS_OBJECT else 0.0
+            terms[MET_AT] = k * DT
+        on_road = box_on_grid(road.grid, x, y, cos, sin, half_length, half_width) & ROAD_BIT
+        if not on_road and not was_off:
+            terms[DAC] = 0.0
+        was_off = was_off and not on_road
+        step = speed * DT if not on_grid(road.grid, x, y) & ROUTE_BIT and on_grid(road.grid, x, y) & ROAD_BIT else 0.0
+        against += step - window[k % 10]
+        window[k % 10] = step
+        if against > 6.0:
+            terms[DDC] = 0.0
+        elif against > 2.0:
+            terms[DDC] = min(terms[DDC], 0.5)
+        if terms[TTC] > 0.0 and speed > STANDING:
+            for ahead in TTC_AHEAD_S:
+                moved, then = speed * ahead, min(k + round(ahead / DT), road.boxes.shape[0] - 1)
+                if _met(road, car, x + moved * cos, y + moved * sin, cos, sin, speed, then, AHEAD_COS) >= 0:
+                    terms[TTC] = 0.0
+                    break
+    terms[COMFORT] = 1.0 if _comfortable(states) else 0.0
+
+
+@njit(cache=True)
+def _met(
+    road: Situation, car: Body, x: float, y: float, cos: float, sin: float, speed: float, k: int, least_cos: float
+) -> int:
+    """An actor the ego's box touches at a step, if it moves and the actor's centre is within an angle; -1 for none."""
+    if speed <= STANDING:
+        return -1
+    half_length, half_width = 0.5 * car.length, 0.5 * car.width
+    reach = math.hypot(half_length, half_width)
+    for n in range(road.boxes.shape[1]):
+        ox, oy = road.boxes[k, n, 0], road.boxes[k, n, 1]
+        dx, dy = ox - x, oy - y
+        square, far = dx * dx + dy * dy, reach + road.reach[n]
+        if square > far * far or dx * cos + dy * sin < least_cos * math.sqrt(square):
+            continue
+        oc, os, ol, ow = road.boxes[k, n, 2], road.boxes[k, n, 3], road.boxes[k, n, 4], road.boxes[k, n, 5]
+        if boxes_meet(x, y, cos, sin, half_length, half_width, ox, oy, oc, os, ol, ow):
+            return n
+    return -1
+
+
+@njit(cache=True)
+def _comfortable(states: FloatArray) -> bool:
+    """Whether rates over 0.1 s and jerks over 1.4 s, in place of nuPlan's filters, stay within its bounds."""
+    last = states.shape[0] - 1
+    turn = 0.0
+    for k in range(last):
+        rate = wrap(states[k + 1, HEADING] - states[k, HEADING]) / DT
+        acceleration, lateral = states[k + 1, ACCELERATION], states[k + 1, SPEED] * rate
+        if acceleration < -4.05 or acceleration > 2.40 or abs(lateral) > 4.89 or abs(rate) > 0.95:
+            return False
+        if k > 6 and abs(rate - turn) / (7 * DT) > 1.93:
+            return False
+        if k % 7 == 0:
+            turn = rate
+    for k in range(JERK_STEPS, last - JERK_STEPS):
+        jerk = (states[k + JERK_STEPS, ACCELERATION] - states[k - JERK_STEPS, ACCELERATION]) / (2 * JERK_STEPS * DT)
+        if abs(jerk) > 4.13:
+            return False
+    return True

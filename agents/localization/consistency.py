@@ -1,0 +1,35 @@
+"""Consistency: whether a filter is as wrong as it says. NEES against the truth, NIS against the fixes.
+
+Source: Bar-Shalom, Li and Kirubarajan 2001, 5.4.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import chdtri  # type: ignore[import-untyped]
+
+from sumo_networks.arrays import FloatArray
+
+
+def nees(error: FloatArray, covariance: FloatArray) -> float:
+    """Normalised estimation error squared: the error in units of its covariance.
+
+    Args:
+        error: (d,).
+        covariance: (d, d) as the filter sees it.
+
+    Returns:
+        Chi-square of d degrees of freedom if the filter is right; above d where it is too sure of itself.
+    """
+    return float(error @ np.linalg.solve(covariance, error))
+
+
+def mean_bounds(dimension: int, runs: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Within which the mean of so many independent NEES or NIS of one dimension lies, if the filter is right."""
+    degrees, tail = dimension * runs, 0.5 * (1.0 - confidence)
+    return float(chdtri(degrees, 1.0 - tail)) / runs, float(chdtri(degrees, tail)) / runs
+
+
+def quantile(dimension: int, probability: float) -> float:
+    """Below which one NEES or NIS lies with a probability, if the filter is right."""
+    return float(chdtri(dimension, 1.0 - probability))

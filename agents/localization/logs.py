@@ -1,0 +1,236 @@
+"""Logs: real recordings as CSV files, checked before they mislead a filter.
+
+IMU: t, ax, ay, az, gx, gy, gz (s, m/s^2, rad/s; x forward, y left, z up). GNSS and truth: t, lat, lon, alt (degrees, m)
+or t, x, y, z (m, east, north, up); the height may be missing.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from agents.localization.localizer import Fix
+from sumo_networks.arrays import FloatArray
+from sumo_networks.errors import InvalidInputError
+from sumo_networks.projection import geodetic_to_enu
+from sumo_networks.vehicle import GRAVITY
+
+IMU_COLUMNS = ("t", "ax", "ay", "az", "gx", "gy", "gz")
+GEODETIC, PLANE = ("lat", "lon", "alt"), ("x", "y", "z")
+MAX_IMU_GAP_S = 1.0
+MAX_MISSING = 0.05
+"""Share of the IMU's samples that may be unreadable or repeated."""
+STANDING_RATE = 0.5
+"""No gyroscope's offset is larger, rad/s."""
+
+log = logging.getLogger(__name__)
+Origin = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class ImuLog:
+    """Samples of an IMU.
+
+    Attributes:
+        time: (N,), s, increasing.
+        samples: (N, 6) specific force [m/s^2] and angular rate [rad/s].
+    """
+
+    time: FloatArray
+    samples: FloatArray
+
+
+@dataclass(frozen=True)
+class PositionLog:
+    """Positions by time.
+
+    Attributes:
+        time: (M,), s, increasing.
+        position: (M, 3), m: east, north, up of the origin.
+        origin: Latitude, longitude [degrees] and height [m] where the file has them; None where it is in metres.
+    """
+
+    time: FloatArray
+    position: FloatArray
+    origin: Origin | None
+
+    def fixes(self) -> list[Fix]:
+        """One per row."""
+        return [Fix(float(t), position) for t, position in zip(self.time, self.position, strict=True)]
+
+
+def read_imu(path: Path) -> ImuLog:
+    """Reads the samples of an IMU.
+
+    Repeated time stamps and rows with missing numbers are left out, up to one in twenty.
+
+    Raises:
+        InvalidInputError: A column is missing or no number, time runs backwards or stops, or the units are others.
+    """
+    table, rows = _read(path, IMU_COLUMNS), 0
+    rows, table = len(table), _usable(path, table)
+    if rows - len(table) > MAX_MISSING * rows:
+        raise InvalidInputError(f"'{path}': {rows - len(table)} of {rows} rows are repeated or have missing numbers")
+    time, samples = table[:, 0], table[:, 1:]
+    step = np.diff(time)
+    if np.median(step) > 0.2:
+        hint = ": is t in milliseconds?" if np.median(step) > 1.0 else ""
+        raise InvalidInputError(
+            f"'{path}': expected samples at 5 Hz or faster, got one in {np.median(step):.3g} s{hint}"
+        )
+    if step.max() > MAX_IMU_GAP_S:
+        at = time[step.argmax()]
+        raise InvalidInputError(
+            f"'{path}': the IMU is silent for {step.max():.3g} s after t = {at:.3f} s; at most {MAX_IMU_GAP_S} s can "
+            "be bridged"
+        )
+    _check_units(path, samples)
+    return ImuLog(time, samples)
+
+
+def read_positions(path: Path, origin: Origin | None = None) -> PositionLog:
+    """Reads fixes or true positions.
+
+    Rows with missing numbers, as receivers write without a fix, and repeated time stamps are left out.
+
+    Args:
+        path: The CSV file.
+        origin: Of east, north and up; None: the first position of the file.
+
+    Raises:
+        InvalidInputError: A column is missing or no number, time runs backwards, or a coordinate is impossible.
+    """
+    header = _header(path)
+    geodetic = {"lat", "lon"} <= header
+    if not geodetic and not {"x", "y"} <= header:
+        raise InvalidInputError(
+            f"'{path}': expected the columns t, lat, lon, alt or t, x, y, z, got {', '.join(sorted(header))}"[:200]
+        )
+    names = [name for name in (GEODETIC if geodetic else PLANE) if name in header]
+    table = _usable(path, _read(path, ("t", *names)))
+    if len(names) == 2:
+        table = np.column_stack([table, np.zeros(len(table))])
+    if not geodetic:
+        return PositionLog(table[:, 0], table[:, 1:], None)
+    if np.abs(table[:, 1]).max() > 90.0:
+        swapped = ": are lat and lon swapped?" if np.abs(table[:, 2]).max() <= 90.0 else ""
+        raise InvalidInputError(f"'{path}': expected latitudes from -90 to 90, got {table[0, 1]:.6g}{swapped}")
+    if np.abs(table[:, 2]).max() > 180.0:
+        raise InvalidInputError(f"'{path}': expected longitudes from -180 to 180, got {np.abs(table[:, 2]).max():.6g}")
+    origin = origin or (float(table[0, 1]), float(table[0, 2]), float(table[0, 3]))
+    return PositionLog(table[:, 0], geodetic_to_enu(table[:, 1:], origin), origin)
+
+
+def check_together(imu: ImuLog, gnss: PositionLog) -> None:
+    """Checks that two recordings are of one journey.
+
+    Raises:
+        InvalidInputError: They do not overlap, or turn different ways.
+    """
+    overlap = min(imu.time[-1], gnss.time[-1]) - max(imu.time[0], gnss.time[0])
+    if overlap <= 0.0:
+        raise InvalidInputError(
+            f"IMU and GNSS do not overlap in time: t is {imu.time[0]:.3f} to {imu.time[-1]:.3f} s in one, "
+            f"{gnss.time[0]:.3f} to {gnss.time[-1]:.3f} s in the other"
+        )
+    turned, course = _turns(imu, gnss)
+    if np.abs(course).sum() < 1.0:
+        return  # too straight a journey to tell
+    slope = float(turned @ course / (course @ course))
+    if slope > 10.0:
+        raise InvalidInputError(
+            f"the IMU turns {slope:.0f} times as fast as the GNSS track: are gx, gy, gz in degrees/s?"
+        )
+    if slope < -0.5:
+        raise InvalidInputError(
+            "the IMU turns left where the GNSS track turns right: are lat and lon (or x and y) swapped, or does the "
+            "IMU's z axis point down?"
+        )
+
+
+def _turns(imu: ImuLog, gnss: PositionLog) -> tuple[FloatArray, FloatArray]:
+    """By how much the IMU and the course of the fixes turn between legs of at least 10 m, rad."""
+    offset = np.median(imu.samples[: max(10, len(imu.samples) // 50), 5])
+    heading = np.concatenate([[0.0], np.cumsum((imu.samples[1:, 5] - offset) * np.diff(imu.time))])
+    rows = [0]
+    for row in range(1, len(gnss.time)):
+        if np.hypot(*(gnss.position[row, :2] - gnss.position[rows[-1], :2])) >= 10.0:
+            rows.append(row)
+    if len(rows) < 4:
+        return np.zeros(1), np.zeros(1)
+    legs = np.diff(gnss.position[rows, :2], axis=0)
+    course = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
+    middle = 0.5 * (gnss.time[rows][1:] + gnss.time[rows][:-1])
+    return np.diff(np.interp(middle, imu.time, heading)), np.diff(course)
+
+
+def _header(path: Path) -> set[str]:
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            return {name.strip() for name in file.readline().split(",")}
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidInputError(f"cannot read '{path}': {error}") from error
+
+
+def _read(path: Path, names: tuple[str, ...]) -> FloatArray:
+    """(N, len(names)) columns of a CSV file; NaN where a row has nothing."""
+    header = _header(path)
+    if missing := [name for name in names if name not in header]:
+        raise InvalidInputError(f"'{path}': no column {', '.join(missing)}; expected {', '.join(names)}")
+    try:
+        frame = pl.read_csv(path, null_values=["", "nan", "NaN", "NAN", "null"], infer_schema_length=None)
+        frame = frame.rename({name: name.strip() for name in frame.columns})
+        table = frame.select(pl.col(names).cast(pl.Float64, strict=True)).to_numpy().astype(np.float64)
+    except (pl.exceptions.PolarsError, OSError) as error:
+        raise InvalidInputError(f"'{path}': {str(error).splitlines()[0]}") from error
+    if len(table) < 2:
+        raise InvalidInputError(f"'{path}': expected at least 2 rows, got {len(table)}")
+    return table
+
+
+def _usable(path: Path, table: FloatArray) -> FloatArray:
+    """The rows that are whole, each time stamp once."""
+    whole = table[np.isfinite(table).all(axis=1)]
+    if len(whole) < 2:
+        raise InvalidInputError(f"'{path}': expected at least 2 rows without missing numbers, got {len(whole)}")
+    step = np.diff(whole[:, 0])
+    if (step < 0.0).any():
+        row = int(np.argmax(step < 0.0))
+        raise InvalidInputError(
+            f"'{path}': time runs backwards, from t = {whole[row, 0]:.3f} to {whole[row + 1, 0]:.3f} s; sort the rows"
+        )
+    once = whole[np.concatenate([[True], step > 0.0])]
+    if len(once) < len(table):
+        log.warning(
+            "'%s': %d of %d rows left out (missing numbers, repeated times)", path, len(table) - len(once), len(table)
+        )
+    return np.asarray(once)
+
+
+def _check_units(path: Path, samples: FloatArray) -> None:
+    """Looks at the first samples, in which the vehicle should stand, and at all of them."""
+    first = np.median(samples[: max(10, min(100, len(samples) // 10))], axis=0)
+    force, rate = float(np.linalg.norm(first[:3])), float(np.linalg.norm(first[3:]))
+    if 0.8 < force < 1.2:
+        raise InvalidInputError(f"'{path}': the acceleration at the start is {force:.2f}: is it in g? Expected m/s^2")
+    if force < 5.0:
+        raise InvalidInputError(
+            f"'{path}': the acceleration at the start is {force:.2f} m/s^2: has gravity been taken out? Expected the "
+            f"specific force, {GRAVITY} m/s^2 at rest"
+        )
+    if first[2] < 0.8 * force:
+        axis = "xyz"[int(np.abs(first[:3]).argmax())]
+        sign = "-" if first[int(np.abs(first[:3]).argmax())] < 0 else ""
+        raise InvalidInputError(
+            f"'{path}': gravity lies along {sign}{axis}; expected z to point up (az near {GRAVITY})"
+        )
+    if rate > STANDING_RATE or np.abs(samples[:, 5]).max() > 2.0 * math.pi:
+        raise InvalidInputError(
+            f"'{path}': the gyroscope reads {rate:.2f} at the start and up to {np.abs(samples[:, 5]).max():.2f}: is it "
+            "in degrees/s? Expected rad/s"
+        )

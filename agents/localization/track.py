@@ -1,0 +1,81 @@
+"""Track: a localizer led over a whole recording, and what came of it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.localization.filters import Innovation
+from agents.localization.localizer import Fix, Localizer
+from sumo_networks.arrays import FloatArray
+from sumo_networks.errors import InvalidInputError
+
+
+@dataclass(frozen=True)
+class Track:
+    """Where a localizer thought the vehicle was, after every IMU sample since it began to run.
+
+    Attributes:
+        row: (K,) rows of the IMU's samples.
+        time: (K,), s.
+        position: (K, 2) east, north, m.
+        heading: (K,), rad.
+        covariance: (K, 2, 2), m^2, of east and north.
+        innovations: Of every fix met.
+        rejected: How many fixes were left out as outliers.
+        step_us: Wall-clock time per IMU sample, fixes included, microseconds.
+    """
+
+    row: FloatArray
+    time: FloatArray
+    position: FloatArray
+    heading: FloatArray
+    covariance: FloatArray
+    innovations: Sequence[Innovation]
+    rejected: int
+    step_us: float
+
+
+def follow(localizer: Localizer, times: FloatArray, samples: FloatArray, fixes: Sequence[Fix]) -> Track:
+    """Leads a localizer over a recording, in order of time.
+
+    Args:
+        localizer: A fresh one.
+        times: (N,), s, of the IMU's samples, increasing.
+        samples: (N, 6) specific force [m/s^2] and angular rate [rad/s].
+        fixes: In order of time.
+
+    Raises:
+        InvalidInputError: The vehicle did not stand still at first, or never came far enough to know its heading.
+    """
+    poses, covariances, first, next_fix = [], [], len(times), 0
+    began = time.perf_counter()
+    for row, now in enumerate(times.tolist()):
+        localizer.imu(now, samples[row])
+        while next_fix < len(fixes) and fixes[next_fix].time <= now + 1e-6:
+            localizer.gnss(fixes[next_fix].time, fixes[next_fix].position)
+            next_fix += 1
+        if localizer.filter is not None:
+            first = min(first, row)
+            poses.append(localizer.pose)
+            covariances.append(localizer.filter.position_covariance)
+    spent = time.perf_counter() - began
+    if not poses:
+        raise InvalidInputError(
+            "localizer: the vehicle never came far enough from its start to know its heading "
+            f"(expected {max(localizer.settings.align_m, 4 * localizer.settings.gnss_sigma_m):.1f} m, by IMU and GNSS)"
+        )
+    table = np.array(poses, dtype=np.float64)
+    return Track(
+        row=np.arange(first, len(times), dtype=np.float64),
+        time=times[first:],
+        position=table[:, :2],
+        heading=table[:, 2],
+        covariance=np.array(covariances)[:, :2, :2],
+        innovations=tuple(localizer.innovations),
+        rejected=localizer.rejected,
+        step_us=1e6 * spent / len(times),
+    )

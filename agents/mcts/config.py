@@ -1,0 +1,191 @@
+"""Every number of the planner, with where it comes from."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, NamedTuple
+
+from pydantic import Field
+
+from sumo_networks.scenario import Config
+
+Prior = Literal["none", "learned", "crafted", "both"]
+Constraints = Literal["none", "tree", "node", "both"]
+Choice = Literal["visits", "q", "best"]
+Crafted = Literal["limit", "idm"]
+Steering = Literal["lane", "wheel"]
+
+ACTIONS = 13
+"""Values of either part of an action (thesis)."""
+MIDDLE = 6
+"""Index of no acceleration, and of no deviation (thesis)."""
+HORIZON_S = 8.0
+"""Thesis: 6 to 8 s; its code: 8 s."""
+DT = 0.1
+
+
+class Settings(Config):
+    """What may be set from outside: the arms of the ablations.
+
+    Attributes:
+        predictor: Name of the predictor, see `agents.mcts.predictors`.
+        prior: Which priors are summed (thesis: both).
+        crafted: What the crafted prior is centred on: "limit", +1 m/s^2 while below the limit, else 0 (the thesis's
+            code); "idm", the acceleration IDM would choose (ours).
+        learned_prior_s: For how long the learned prior holds (thesis: 1 s, so at the root alone).
+        prior_variance: sigma^2 of the priors' Gaussians over index distance (thesis: 100, almost uniform).
+        constraints: Which continuity constraints hold (thesis: both).
+        steering: What the 13 steering values are. "wheel": front wheel angles pi/24 apart (thesis); "lane": lines 0.5 m
+            apart beside the route, which pure pursuit steers to (ours).
+        hold_s: How long an action is held (thesis: 1 s; 0.1 s as its ablation).
+        simulations: Per decision (thesis: 256).
+        budget_ms: Stops after that much wall-clock time; None: never. Decisions then depend on the machine, and are not
+            reproducible.
+        first_play: Q of an action not yet tried: "zero" (thesis), or "parent", the mean of its parent (ours).
+        choice: Most visits and 10 for every perfect rollout below (the thesis's code), "q" the highest mean return (its
+            text), or "best", the first action of the best rollout (ours).
+        early_stop: End the search if the very first rollout is perfect (the thesis's code).
+        reuse: Search first along the plan of the tick before (ours).
+        emergency: Brake hard where the plan meets somebody soon (ours; PDM's idea).
+    """
+
+    predictor: str = "learned"
+    prior: Prior = "both"
+    crafted: Crafted = "idm"
+    learned_prior_s: Annotated[float, Field(ge=0, le=HORIZON_S)] = 1.0
+    prior_variance: Annotated[float, Field(gt=0)] = 100.0
+    constraints: Constraints = "both"
+    steering: Steering = "lane"
+    hold_s: Annotated[float, Field(ge=0.1, le=2.0, multiple_of=0.1)] = 1.0
+    simulations: Annotated[int, Field(ge=1, le=100_000)] = 256
+    budget_ms: Annotated[float, Field(gt=0)] | None = None
+    first_play: Literal["zero", "parent"] = "parent"
+    choice: Choice = "best"
+    early_stop: bool = False
+    reuse: bool = True
+    emergency: bool = True
+
+
+class Rules(NamedTuple):
+    """The inner simulator's and the search's numbers, as the kernels take them.
+
+    Attributes:
+        hold_steps: Steps of 0.1 s an action is held.
+        depth: Actions to the horizon.
+        acceleration_step: Between two accelerations, m/s^2 (thesis: -3 to 3 in steps of 0.5).
+        steering_step: Between two wheel angles, rad (thesis: pi/24); with `lane_steering`, between two lines, m (ours).
+        lane_steering: 1 where steering values are lines beside the route.
+        jerk: The demanded acceleration changes by at most this much, m/s^3 (ours: comfort allows 4.13).
+        exploration: c of PUCT (thesis: 2).
+        root_window: Index distance at the root, exclusive (the thesis's code: 5).
+        node_window: Index distance below it, exclusive (the thesis's code: 3; its text: 4, so 7 x 7).
+        standing: Below this speed acceleration is unconstrained, m/s (the thesis's code gives "extra freedom").
+        variance: sigma^2 of the priors (thesis: 100).
+        crafted: 0 none, 1 towards the limit, 2 IDM.
+        parent_first: 1 where an untried action has the value of its parent.
+        penalty_pedestrian: Collision with a pedestrian or cyclist (thesis's text; its code: -3).
+        penalty_vehicle: With a vehicle (thesis).
+        penalty_object: With an object (thesis).
+        penalty_margin: Somebody within the margins (the thesis's code).
+        penalty_route: Not on the route's roads (thesis).
+        penalty_road: Off the drivable area (thesis).
+        penalty_line: Over a closed line: off the route and off the road, since lanes behind a red light are closed
+            (thesis: the sum of both).
+        bonus_return: Per second on the road, for an ego that began off it (the thesis's code: "a small bonus").
+        heading: Weight of |sin| of the heading error (thesis: 1/2, without the absolute value).
+        centring: Weight of the distance to the centreline, 1/m (thesis: 1/2).
+        heading_most: Beyond this heading error no progress counts, rad (the thesis's code: 0.20).
+        comfort: Weight of |acceleration| in m/s^2 and of its change between actions (ours; the thesis's code subtracts
+            |a|/10 and |change|/5 in the selection).
+        margin_along: Beyond the ends of the ego's box, m (the thesis's code: 0.7).
+        margin_across: Beside it, m (the thesis's code: 0.3).
+        headway: The margin ahead grows by this times the speed, s (the thesis's code: 1/2 on the length, so 1/4).
+        skin: What counts as a collision beyond the boxes themselves, m (ours: forecasts are not exact).
+        line_gap: The front stops this far before a closed line, m (ours).
+    """
+
+    hold_steps: int
+    depth: int
+    acceleration_step: float
+    steering_step: float
+    lane_steering: int
+    jerk: float
+    exploration: float
+    root_window: int
+    node_window: int
+    standing: float
+    variance: float
+    crafted: int
+    parent_first: int
+    penalty_pedestrian: float
+    penalty_vehicle: float
+    penalty_object: float
+    penalty_margin: float
+    penalty_route: float
+    penalty_road: float
+    penalty_line: float
+    bonus_return: float
+    heading: float
+    centring: float
+    heading_most: float
+    comfort: float
+    margin_along: float
+    margin_across: float
+    headway: float
+    skin: float
+    line_gap: float
+
+
+MAX_SPEED = 13.9
+"""m/s (ours; the thesis's code: 13.4). 50 km/h."""
+CURVE_LATERAL = 2.5
+"""Lateral acceleration up to which the crafted prior drives curves, m/s^2 (ours)."""
+CURVE_BRAKING = 2.0
+"""Deceleration with which it slows down for them, m/s^2 (ours)."""
+LATERAL_LIMIT = 5.0
+"""Lateral acceleration beyond which the inner vehicle runs wide, m/s^2 (the thesis's code masks above 10; tyres end at
+8.8 here, comfort at 4.89)."""
+EMERGENCY_S, EMERGENCY_BRAKING = 1.5, 8.0
+"""A plan that meets somebody within that time is answered by that deceleration, m/s^2 (ours; PDM: 2 s)."""
+PERFECT_BONUS = 10
+"""Visits a perfect rollout is worth in the final choice (the thesis's code)."""
+
+FREE = 2 * ACTIONS
+_CRAFTED = {"limit": 1, "idm": 2}
+
+
+def rules(settings: Settings) -> Rules:
+    """The kernels' numbers under some settings."""
+    lane = settings.steering == "lane"
+    crafted = _CRAFTED[settings.crafted] if settings.prior in ("crafted", "both") else 0
+    return Rules(
+        hold_steps=round(settings.hold_s / DT),
+        depth=round(HORIZON_S / settings.hold_s),
+        acceleration_step=0.5,
+        steering_step=0.5 if lane else 0.1308996938995747,
+        lane_steering=int(lane),
+        jerk=4.0,
+        exploration=2.0,
+        root_window=5 if settings.constraints in ("tree", "both") else FREE,
+        node_window=3 if settings.constraints in ("node", "both") else FREE,
+        standing=0.5,
+        variance=settings.prior_variance,
+        crafted=crafted,
+        parent_first=int(settings.first_play == "parent"),
+        penalty_pedestrian=-5.0,
+        penalty_vehicle=-5.0,
+        penalty_object=-2.0,
+        penalty_margin=-0.5,
+        penalty_route=-0.5,
+        penalty_road=-1.0,
+        penalty_line=-1.5,
+        bonus_return=0.05,
+        heading=0.5,
+        centring=0.5,
+        heading_most=0.2,
+        comfort=0.02,
+        margin_along=0.7,
+        margin_across=0.3,
+        headway=0.25,
+        skin=0.1,
+        line_gap=0.3,
+    )

@@ -1,0 +1,196 @@
+"""MBAPPE: plans every tick by a tree search in an inner simulator, guided by a prior.
+
+Source: Chekroun, Gilles, Toromanoff, Hornauer, Moutarde, "MBAPPE: MCTS-Built-Around Prediction for Planning
+Explicitly", 2023, and the thesis of R. Chekroun, chapter 5.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from agents.mcts.config import (
+    ACTIONS,
+    CURVE_BRAKING,
+    CURVE_LATERAL,
+    EMERGENCY_BRAKING,
+    EMERGENCY_S,
+    HORIZON_S,
+    LATERAL_LIMIT,
+    MAX_SPEED,
+    MIDDLE,
+    PERFECT_BONUS,
+    Settings,
+    rules,
+)
+from agents.mcts.explanation import explain_search
+from agents.mcts.predicting import make_predictor
+from agents.mcts.prior import kernel, learned_actions
+from agents.mcts.simulator import COLLISION, FAILED, LINE, STANDING, STATE, controls
+from agents.mcts.tree import BEST_LEAF, PAIRS, Beliefs, best_child, make_tree, search, start
+from agents.planning.motion import Idm, body, limited_steering, pursuit
+from agents.planning.prediction import Forecast
+from agents.planning.scene import SENSORS, Scene, SceneBuilder
+from agents.planning.situation import ROAD_BIT, Situation, box_on_grid, situation
+from agents.planning.warm_up import empty_road
+from evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
+from sumo_networks.arrays import FloatArray, IntArray
+from sumo_networks.errors import InvalidInputError
+from sumo_networks.vehicle import VehicleParameters
+
+CRAFTED_IDM = Idm(gap=2.0, headway=1.2, acceleration=1.5, braking=2.0, exponent=4.0, least_gap=0.1, hardest=3.0)
+_CHOICES = {"visits": 0, "q": 1, "best": 2}
+_CHUNK = 16
+
+
+class Mbappe(Agent):
+    """The planner; its settings are the fields of `config.Settings`.
+
+    The same settings, seed and observations give the same actions, but under `budget_ms`.
+    """
+
+    spec = AgentSpec(name="mbappe", track="privileged", sensors=SENSORS, control="acceleration_steering")
+
+    def __init__(self, **settings: Any) -> None:
+        try:
+            self.settings = Settings(**settings)
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"])
+            raise InvalidInputError(f"agent '{self.spec.name}', setting '{where}': {first['msg']}") from error
+        self.rules = rules(self.settings)
+        self.predictor = make_predictor(self.settings.predictor)
+        self._vehicle = VehicleParameters()
+        self.car = body(self._vehicle, LATERAL_LIMIT)
+        self.tree = make_tree(self.settings.simulations, self.rules.depth)
+        self._kernel = kernel(self.settings.prior_variance)
+        self.builder = SceneBuilder()
+        self._forget(seed=0)
+        self.act(empty_road(self.spec.sensors))
+        self.builder.reset()
+        self._forget(seed=0)
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        """Forgets the last episode."""
+        self.builder.reset()
+        self._forget(seed)
+
+    def _forget(self, seed: int) -> None:
+        order = np.random.default_rng(seed).permutation(PAIRS)
+        self._order: IntArray = np.ascontiguousarray(order, dtype=np.int64)
+        self._last = np.array([MIDDLE, MIDDLE], dtype=np.int64)
+        self._plan: IntArray = np.full(self.rules.depth, -1, dtype=np.int64)
+        self._demand = 0.0
+        self._why: dict[str, Any] = {}
+        self.scene: Scene | None = None
+        self.road: Situation | None = None
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """The first 0.1 s of the best plan: acceleration, and steering as a share of full lock."""
+        scene = self.builder.update(observation)
+        forecast = self.predictor.predict(scene)
+        road = situation(
+            scene, forecast.actors, max_speed=MAX_SPEED, curve=CURVE_LATERAL, braking=CURVE_BRAKING
+        )  # fmt: skip
+        self.scene, self.road = scene, road
+        state = self._root(scene, road)
+        decision = self.decide(road, state, forecast)
+        demand, wheel = self._command(road, state, decision)
+        self._demand = demand
+        return np.array([demand, wheel / self._vehicle.max_steering])
+
+    def explain(self) -> Explanation | None:
+        """The tree: nodes with Q, N, P, the terms of the reward and the trajectory; see `explanation`."""
+        if self.road is None or self.scene is None:
+            return None
+        return {"agent": self.spec.name, **self._why, **explain_search(self.tree, self.road, self.car, self.rules)}
+
+    def decide(self, road: Situation, state: FloatArray, forecast: Forecast) -> tuple[int, int] | None:
+        """The action to begin with, as indices; None where no plan is safe, and the ego had better stop."""
+        s = self.settings
+        trajectory = forecast.ego if s.prior in ("learned", "both") else None
+        beliefs = Beliefs(
+            kernel=self._kernel,
+            learned=learned_actions(trajectory, road, self.car, self.rules, s.learned_prior_s),
+            order=self._order,
+            plan=self._plan,
+            last=self._last,
+            draws=self._draws(),
+        )
+        start(self.tree, road, self.car, self.rules, CRAFTED_IDM, beliefs, state)
+        ran = self._search(road, beliefs)
+        chain = self._chain()
+        self._why = {"simulations": ran, "nodes": int(self.tree.numbers[0]), "plan": [int(node) for node in chain]}
+        if s.reuse:
+            self._plan[:] = -1
+            self._plan[: len(chain)] = self.tree.action[chain]
+        action = int(self.tree.action[chain[0]])
+        self._last[:] = action // ACTIONS, action % ACTIONS
+        danger = self._danger(chain)
+        self._why |= {"emergency": danger, "action": [int(i) for i in self._last]}
+        if s.emergency and danger:
+            return None
+        return int(self._last[0]), int(self._last[1])
+
+    def _draws(self) -> FloatArray:
+        return np.zeros(0)
+
+    def _search(self, road: Situation, beliefs: Beliefs) -> int:
+        s, arguments = self.settings, (self.tree, road, self.car, self.rules, CRAFTED_IDM, beliefs)
+        if s.budget_ms is None:
+            return int(search(*arguments, s.simulations, s.early_stop))
+        until, ran = time.perf_counter() + s.budget_ms / 1000.0, 0
+        while ran < s.simulations and time.perf_counter() < until:
+            ran += int(search(*arguments, min(_CHUNK, s.simulations - ran), s.early_stop))
+            if self.tree.numbers[1]:
+                break
+        return ran
+
+    def _chain(self) -> list[int]:
+        """The nodes of the plan, from the first action on."""
+        choice, chain, node = _CHOICES[self.settings.choice], [], 0
+        if choice == 2:
+            node = int(self.tree.numbers[BEST_LEAF])
+            while node > 0:
+                chain.append(node)
+                node = int(self.tree.parent[node])
+            return chain[::-1]
+        while (node := int(best_child(self.tree, node, choice, PERFECT_BONUS))) >= 0:
+            chain.append(node)
+        return chain
+
+    def _danger(self, chain: list[int]) -> bool:
+        """Whether the plan meets somebody, or a closed line, too soon to hope for better."""
+        last = chain[-1]
+        met = self.tree.terms[last, COLLISION] < 0.0 or self.tree.terms[last, LINE] < 0.0
+        within = int(self.tree.depth[last]) * self.settings.hold_s <= max(EMERGENCY_S, self.settings.hold_s)
+        return bool(self.tree.outcome[last] == FAILED and met and within)
+
+    def _root(self, scene: Scene, road: Situation) -> FloatArray:
+        ego, state = scene.ego, np.zeros(STATE)
+        if ego.speed < STANDING:  # brakes held while standing are released at once
+            self._demand = 0.0
+        on_road = box_on_grid(road.grid, 0.0, 0.0, 1.0, 0.0, 0.5 * self.car.length, 0.5 * self.car.width) & ROAD_BIT
+        state[:] = (
+            -self.car.axle, 0.0, 0.0, ego.speed, ego.acceleration, ego.steering, self._demand, 0.0,
+            scene.path.lateral, 0.0 if on_road else 1.0,
+        )  # fmt: skip
+        return state
+
+    def _command(self, road: Situation, state: FloatArray, decision: tuple[int, int] | None) -> tuple[float, float]:
+        """Acceleration [m/s^2] and wheel angle [rad] of the next 0.1 s."""
+        rules = self.rules
+        if decision is not None:
+            target = (decision[0] - MIDDLE) * rules.acceleration_step
+            lateral = (decision[1] - MIDDLE) * rules.steering_step
+            demand, wheel = controls(road, self.car, rules, state, target, lateral)
+            return float(demand), float(wheel)
+        x, y, heading, speed = (float(v) for v in state[:4])
+        wheel = pursuit(self.car, road.path, road.first_s, road.spacing, x, y, heading, speed, 0.0, 0.0)
+        return -EMERGENCY_BRAKING, float(limited_steering(self.car, speed, wheel))
+
+
+__all__ = ["HORIZON_S", "Mbappe"]

@@ -1,0 +1,35 @@
+"""A predictor alone as planner: drives what it predicts the ego to do."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agents.mcts.predicting import make_predictor
+from agents.planning.scene import SENSORS, SceneBuilder
+from evaluation.agent import Agent, AgentSpec, Mission, Observation
+from sumo_networks.control import WAYPOINT_COUNT, WAYPOINT_INTERVAL_S
+from sumo_networks.errors import InvalidInputError
+
+_STRIDE = round(WAYPOINT_INTERVAL_S / 0.1)
+
+
+class PredictorOnly(Agent):
+    """Hands the first 4 s of the predicted ego trajectory to the waypoint control."""
+
+    spec = AgentSpec(name="predictor-only", track="privileged", sensors=SENSORS, control="waypoints")
+
+    def __init__(self, predictor: str = "learned") -> None:
+        self.predictor = make_predictor(predictor)
+        self._name = predictor
+        self._builder = SceneBuilder()
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        """Forgets the last episode."""
+        self._builder.reset()
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Positions every half second."""
+        forecast = self.predictor.predict(self._builder.update(observation))
+        if forecast.ego is None:
+            raise InvalidInputError(f"predictor '{self._name}' predicts no ego trajectory, so it cannot drive")
+        return np.ascontiguousarray(forecast.ego[_STRIDE : _STRIDE * WAYPOINT_COUNT + 1 : _STRIDE, :2])

@@ -1,0 +1,1 @@
+"""Predictors, the motion dataset they learn from, and their training."""

@@ -1,0 +1,65 @@
+"""What the network sees of a scene: fixed-size arrays in the ego's frame, padded with zeros."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agents.planning.prediction import NEAREST
+from agents.planning.scene import HISTORY, Scene
+from sumo_networks.arrays import Float32Array
+from sumo_networks.sensors.lanes import POINTS
+from sumo_networks.world import ActorKind
+
+AGENTS = NEAREST + 1
+LANES = 64
+KINDS = len(ActorKind)
+AGENT_ATTRIBUTES = 3 + KINDS
+LANE_ATTRIBUTES = 8
+SPEED_UNIT, LENGTH_UNIT, WIDTH_UNIT = 10.0, 5.0, 2.0
+
+SHAPES = {
+    "history": (AGENTS, HISTORY, 3),
+    "history_valid": (AGENTS, HISTORY),
+    "agents": (AGENTS, AGENT_ATTRIBUTES),
+    "agents_valid": (AGENTS,),
+    "points": (LANES, POINTS, 2),
+    "lanes": (LANES, LANE_ATTRIBUTES),
+    "lanes_valid": (LANES,),
+}
+"""The network's inputs: name and shape, all float32, flags as 0 and 1.
+
+history: x, y [m], heading [rad] 1.5, 1.0, 0.5 and 0 s ago; row 0 is the ego, then its nearest 30 actors.
+agents: speed [10 m/s], length [5 m], width [2 m], then one column per `world.ActorKind`.
+points: the lanes nearest to the ego, pieces of at most 40 m, in driving direction [m].
+lanes: width [2 m], limit [10 m/s], road, junction, crossing, the route's lane, beside the route's lane, red.
+"""
+
+
+def features(scene: Scene) -> dict[str, Float32Array]:
+    """The network's inputs for one scene; actors and lanes beyond the nearest are left out."""
+    out = {name: np.zeros(shape, dtype=np.float32) for name, shape in SHAPES.items()}
+    ego, actors, lanes = scene.ego, scene.actors, scene.lanes
+    seen, known = min(len(actors), NEAREST), min(len(lanes), LANES)
+    rows = slice(1, seen + 1)
+    out["history"][0], out["history"][rows] = ego.history, actors.history[:seen]
+    out["history_valid"][0], out["history_valid"][rows] = ego.history_valid, actors.history_valid[:seen]
+    table = out["agents"]
+    table[0, :3] = ego.speed / SPEED_UNIT, ego.length / LENGTH_UNIT, ego.width / WIDTH_UNIT
+    table[rows, 0] = actors.speed[:seen] / SPEED_UNIT
+    table[rows, 1] = actors.length[:seen] / LENGTH_UNIT
+    table[rows, 2] = actors.width[:seen] / WIDTH_UNIT
+    table[0, 3 + ActorKind.EGO] = 1.0
+    # Another ego is a car to this one: who drives it must not be told.
+    kind = np.where(actors.kind[:seen] == ActorKind.EGO, int(ActorKind.CAR), actors.kind[:seen])
+    table[np.arange(1, seen + 1), 3 + kind] = 1.0
+    out["agents_valid"][: seen + 1] = 1.0
+    out["points"][:known] = lanes.points[:known]
+    about = out["lanes"]
+    about[:known, 0] = lanes.width[:known] / WIDTH_UNIT
+    about[:known, 1] = lanes.limit[:known] / SPEED_UNIT
+    about[np.arange(known), 2 + lanes.kind[:known]] = 1.0
+    about[:known, 5] = lanes.on_route[:known] == 2
+    about[:known, 6] = lanes.on_route[:known] == 1
+    about[:known, 7] = lanes.red[:known]
+    out["lanes_valid"][:known] = 1.0
+    return out

@@ -1,0 +1,331 @@
+"""IDM roll-out: everybody keeps to its lane, and to the Intelligent Driver Model behind leaders and before red lights.
+
+All are rolled out together, so that leaders brake for their own leaders. Nobody changes lanes; where a lane forks, the
+straightest branch is taken, but by the ego, which keeps to its route. People on foot, objects, and whoever is on no
+lane go on at constant velocity.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from agents.planning.motion import Idm, idm_acceleration
+from agents.planning.prediction import STEP_S, STEPS, Forecast
+from agents.planning.scene import Scene
+from sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from sumo_networks.geometry import wrap
+from sumo_networks.sensors.lanes import CROSSING
+from sumo_networks.world import ActorKind
+
+MODEL = Idm(gap=2.0, headway=1.0, acceleration=2.0, braking=2.5, exponent=4.0, least_gap=0.1, hardest=6.0)
+"""SUMO's cars keep 2.5 m and 1 s; the rest is that of an ordinary driver."""
+SPACING_M, PATH_POINTS = 2.0, 90
+LATERAL_ACCELERATION, CURVE_BRAKING = 2.5, 2.0
+ASIDE_M, MOST_TURN = 1.0, math.pi / 3
+HEADING_COST_M = 3.0
+"""Metres beside a lane that one radian across it counts for."""
+CENTRING_S = 2.0
+LEADER_TICKS = 5
+BESIDE_M = 0.3
+LINE_GAP_M = 1.0
+STOPPABLE = 4.0
+BICYCLE_SPEED = 5.0
+FAR = 1e9
+ROUTE_BONUS = 10.0
+_ON_FOOT = (int(ActorKind.PEDESTRIAN), int(ActorKind.STATIC))
+
+
+class Agents(NamedTuple):
+    """The ego and the others, N of them.
+
+    Attributes:
+        pose: (N, 3) x, y [m], heading [rad].
+        speed: (N,), m/s.
+        length: (N,), m.
+        width: (N,), m.
+        fastest: (N,), m/s, whatever the limit.
+        drives: (N,) whether it keeps to lanes.
+    """
+
+    pose: FloatArray
+    speed: FloatArray
+    length: FloatArray
+    width: FloatArray
+    fastest: FloatArray
+    drives: BoolArray
+
+
+class Paths(NamedTuple):
+    """Where each will drive, N paths of 90 points, 2 m apart, from the foot point on its lane; straight on at the end.
+
+    Attributes:
+        points: (N, 90, 4) x, y [m], cosine, sine.
+        allowed: (N, 90), m/s: limit and curves, braking in time.
+        line: (N,) arc length of the first red light's line, m.
+        lateral: (N,), m, distance of the agent to the left of its path.
+        found: (N,) False: it is on no lane.
+    """
+
+    points: FloatArray
+    allowed: FloatArray
+    line: FloatArray
+    lateral: FloatArray
+    found: BoolArray
+
+
+class IdmRollout:
+    """The predictor; see the module.
+
+    Source: Treiber, Hennecke, Helbing 2000.
+    """
+
+    def __init__(self, model: Idm = MODEL) -> None:
+        self.model = model
+
+    def predict(self, scene: Scene) -> Forecast:
+        """See the module."""
+        agents = _agents(scene)
+        poses = roll_out(self.model, agents, paths(scene, agents))
+        poses[1:, 0] = agents.pose[1:]
+        return Forecast(actors=poses[1:], ego=poses[0])
+
+
+def paths(scene: Scene, agents: Agents) -> Paths:
+    """The path of every agent."""
+    lanes, count = scene.lanes, len(agents.speed)
+    out = Paths(
+        points=np.zeros((count, PATH_POINTS, 4)),
+        allowed=np.zeros((count, PATH_POINTS)),
+        line=np.full(count, FAR),
+        lateral=np.zeros(count),
+        found=np.zeros(count, dtype=np.bool_),
+    )
+    if len(lanes):
+        drivable = lanes.kind != CROSSING
+        _find(agents, lanes.points, lanes.width, lanes.limit, drivable, lanes.on_route, lanes.red, lanes.following, out)
+    return out
+
+
+def _agents(scene: Scene) -> Agents:
+    ego, actors = scene.ego, scene.actors
+    speed = np.concatenate([[ego.speed], actors.speed])
+    fastest = np.where(actors.kind == ActorKind.BICYCLE, np.maximum(actors.speed, BICYCLE_SPEED), FAR)
+    return Agents(
+        pose=np.concatenate([np.zeros((1, 3)), np.column_stack([actors.position, actors.heading])]),
+        speed=speed,
+        length=np.concatenate([[ego.length], actors.length]),
+        width=np.concatenate([[ego.width], actors.width]),
+        fastest=np.concatenate([[FAR], fastest]),
+        drives=np.concatenate([[True], ~np.isin(actors.kind, _ON_FOOT)]),
+    )
+
+
+@njit(cache=True)
+def _foot(points: FloatArray, x: float, y: float) -> tuple[int, float, float, float]:
+    """Nearest place on a polyline: segment, share of it, signed distance [m, left positive], direction [rad]."""
+    best, row, share = math.inf, 0, 0.0
+    for i in range(points.shape[0] - 1):
+        ux, uy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
+        dx, dy = x - points[i, 0], y - points[i, 1]
+        square = ux * ux + uy * uy
+        t = min(max((dx * ux + dy * uy) / square, 0.0), 1.0) if square > 0.0 else 0.0
+        ex, ey = dx - t * ux, dy - t * uy
+        if ex * ex + ey * ey < best:
+            best, row, share = ex * ex + ey * ey, i, t
+    ux, uy = points[row + 1, 0] - points[row, 0], points[row + 1, 1] - points[row, 1]
+    side = ux * (y - points[row, 1]) - uy * (x - points[row, 0])
+    return row, share, math.copysign(math.sqrt(best), side), math.atan2(uy, ux)
+
+
+@njit(cache=True)
+def _onward(now: int, points: FloatArray, following: IntArray, on_route: IntArray, ego: bool) -> int:
+    """The piece taken after one: the straightest, for the ego its route's; -1 at the end of the known map."""
+    last = points[now, -1] - points[now, -2]
+    before = math.atan2(last[1], last[0])
+    best, chosen = math.inf, -1
+    for k in range(following.shape[1]):
+        piece = following[now, k]
+        if piece < 0:
+            continue
+        end = points[piece, -1] - points[piece, -2]
+        cost = abs(wrap(math.atan2(end[1], end[0]) - before))
+        if ego:
+            cost -= ROUTE_BONUS * on_route[piece]
+        if cost < best:
+            best, chosen = cost, piece
+    return chosen
+
+
+@njit(cache=True)
+def _find(
+    agents: Agents,
+    points: FloatArray,
+    width: FloatArray,
+    limit: FloatArray,
+    drivable: BoolArray,
+    on_route: IntArray,
+    red: BoolArray,
+    following: IntArray,
+    out: Paths,
+) -> None:
+    for n in range(agents.speed.shape[0]):
+        if not agents.drives[n]:
+            continue
+        x, y, heading = agents.pose[n]
+        best, piece, segment, share = math.inf, -1, 0, 0.0
+        for p in range(points.shape[0]):
+            middle = points[p, points.shape[1] // 2]
+            # A piece is at most 40 m long, so its middle is near wherever the piece is.
+            if not drivable[p] or abs(middle[0] - x) > 45.0 or abs(middle[1] - y) > 45.0:
+                continue
+            row, at, side, direction = _foot(points[p], x, y)
+            turn = abs(wrap(direction - heading))
+            if abs(side) > 0.5 * width[p] + ASIDE_M or turn > MOST_TURN:
+                continue
+            cost = abs(side) + HEADING_COST_M * turn - (0.5 * on_route[p] if n == 0 else 0.0)
+            if cost < best:
+                best, piece, segment, share = cost, p, row, at
+                out.lateral[n] = side
+        if piece >= 0:
+            out.found[n] = True
+            _lay(n, piece, segment, share, points, limit, red, following, on_route, agents.fastest[n], out)
+
+
+@njit(cache=True)
+def _lay(
+    n: int,
+    piece: int,
+    segment: int,
+    share: float,
+    points: FloatArray,
+    limit: FloatArray,
+    red: BoolArray,
+    following: IntArray,
+    on_route: IntArray,
+    fastest: float,
+    out: Paths,
+) -> None:
+    """Lays a path's points along pieces, and its speeds."""
+    start = points[piece, segment] + share * (points[piece, segment + 1] - points[piece, segment])
+    x, y = start[0], start[1]
+    row, left, travelled, filled = segment + 1, 0.0, 0.0, 0
+    cos, sin, fast = 1.0, 0.0, limit[piece]
+    while filled < PATH_POINTS:
+        if row == points.shape[1]:
+            piece = _onward(piece, points, following, on_route, n == 0)
+            if piece < 0:
+                break
+            if red[piece] and out.line[n] == FAR:
+                out.line[n] = travelled
+            row, fast = 0, limit[piece]
+        dx, dy = points[piece, row, 0] - x, points[piece, row, 1] - y
+        step = math.hypot(dx, dy)
+        if step > 1e-6:
+            cos, sin = dx / step, dy / step
+            while left <= step and filled < PATH_POINTS:
+                out.points[n, filled] = x + left * cos, y + left * sin, cos, sin
+                out.allowed[n, filled] = min(fast, fastest)
+                filled += 1
+                left += SPACING_M
+            left -= step
+            x, y, travelled = x + dx, y + dy, travelled + step
+        row += 1
+    while filled < PATH_POINTS:  # beyond the known map
+        out.points[n, filled] = x + left * cos, y + left * sin, cos, sin
+        out.allowed[n, filled] = min(fast, fastest)
+        filled += 1
+        left += SPACING_M
+    for i in range(1, PATH_POINTS - 1):
+        a, b = out.points[n, i - 1], out.points[n, i + 1]
+        bend = abs(wrap(math.atan2(b[3], b[2]) - math.atan2(a[3], a[2]))) / (2.0 * SPACING_M)
+        out.allowed[n, i] = min(out.allowed[n, i], math.sqrt(LATERAL_ACCELERATION / max(bend, 1e-4)))
+    for i in range(PATH_POINTS - 2, -1, -1):
+        reachable = math.sqrt(out.allowed[n, i + 1] ** 2 + 2.0 * CURVE_BRAKING * SPACING_M)
+        out.allowed[n, i] = min(out.allowed[n, i], reachable)
+
+
+@njit(cache=True)
+def roll_out(model: Idm, agents: Agents, way: Paths) -> FloatArray:
+    """(N, 81, 3) poses of all agents, every 0.1 s."""
+    count = agents.speed.shape[0]
+    out = np.empty((count, STEPS, 3))
+    now, speed, s = agents.pose.copy(), agents.speed.copy(), np.zeros(count)
+    turn = np.zeros(count)
+    for n in range(count):
+        turn[n] = wrap(now[n, 2] - math.atan2(way.points[n, 0, 3], way.points[n, 0, 2])) if way.found[n] else 0.0
+    leader, gap = np.full(count, -1), np.full(count, math.inf)
+    for k in range(STEPS):
+        out[:, k] = now
+        if k % LEADER_TICKS == 0:
+            _leaders(agents, way, now, s, leader, gap)
+        before = speed.copy()
+        for n in range(count):
+            if not way.found[n]:
+                now[n, 0] += speed[n] * STEP_S * math.cos(now[n, 2])
+                now[n, 1] += speed[n] * STEP_S * math.sin(now[n, 2])
+                continue
+            row = min(max(int(s[n] / SPACING_M), 0), PATH_POINTS - 2)
+            ahead = leader[n]
+            their = before[ahead] * math.cos(now[ahead, 2] - now[n, 2]) if ahead >= 0 else 0.0
+            drive = idm_acceleration(model, speed[n], way.allowed[n, row], gap[n], max(their, 0.0))
+            to_line = way.line[n] - s[n] - 0.5 * agents.length[n]
+            if to_line > 0.0 and speed[n] ** 2 <= 2.0 * STOPPABLE * to_line:
+                free = to_line + model.gap - LINE_GAP_M
+                drive = min(drive, idm_acceleration(model, speed[n], way.allowed[n, row], free, 0.0))
+            faster = max(speed[n] + drive * STEP_S, 0.0)
+            moved = 0.5 * (speed[n] + faster) * STEP_S
+            s[n], speed[n] = s[n] + moved, faster
+            gap[n] += max(their, 0.0) * STEP_S - moved
+            _place(way.points[n], s[n], way.lateral[n], turn[n], (k + 1) * STEP_S, now[n])
+    return out
+
+
+@njit(cache=True)
+def _place(points: FloatArray, s: float, lateral: float, turn: float, time: float, now: FloatArray) -> None:
+    """The pose at an arc length; the distance and the angle to the lane at the start die away."""
+    row = min(max(int(s / SPACING_M), 0), points.shape[0] - 2)
+    share = s / SPACING_M - row
+    fading = math.exp(-time / CENTRING_S)
+    a, b = points[row], points[row + 1]
+    direction = math.atan2(a[3], a[2])
+    direction += min(max(share, 0.0), 1.0) * wrap(math.atan2(b[3], b[2]) - direction)
+    now[0] = a[0] + share * (b[0] - a[0]) - lateral * fading * math.sin(direction)
+    now[1] = a[1] + share * (b[1] - a[1]) + lateral * fading * math.cos(direction)
+    now[2] = wrap(direction + turn * fading)
+
+
+@njit(cache=True)
+def _leaders(agents: Agents, way: Paths, now: FloatArray, s: FloatArray, leader: IntArray, gap: FloatArray) -> None:
+    """Who is next ahead on each path, and how far, m."""
+    count = agents.speed.shape[0]
+    reach = PATH_POINTS * SPACING_M
+    for n in range(count):
+        leader[n], gap[n] = -1, math.inf
+        if not way.found[n]:
+            continue
+        first = min(max(int(s[n] / SPACING_M), 0), PATH_POINTS - 2)
+        for m in range(count):
+            if m == n or abs(now[m, 0] - now[n, 0]) > reach or abs(now[m, 1] - now[n, 1]) > reach:
+                continue
+            half = 0.5 * (agents.width[n] + agents.width[m]) + BESIDE_M
+            row = first
+            while row < PATH_POINTS:
+                p = way.points[n, row]
+                dx, dy = now[m, 0] - p[0], now[m, 1] - p[1]
+                spare = math.hypot(dx, dy) - half - SPACING_M
+                if spare > 0.0:  # a point is at most 2 m nearer than the one before it
+                    row += max(int(spare / SPACING_M), 1)
+                    continue
+                along = dx * p[2] + dy * p[3]
+                if abs(along) > SPACING_M or abs(dy * p[2] - dx * p[3]) > half:
+                    row += 1
+                    continue
+                at = row * SPACING_M + along
+                free = at - s[n] - 0.5 * (agents.length[n] + agents.length[m])
+                if at > s[n] and free < gap[n]:
+                    leader[n], gap[n] = m, free
+                break

@@ -1,0 +1,244 @@
+"""Recording: the autopilot drives among traffic, and all that an ego's scene holds becomes samples.
+
+Episodes are numbered; network, missions, traffic and seed follow from the number and the dataset's seed alone, so a
+recording that was interrupted goes on where it stopped, and the same order gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from agents.experts.autopilot import Autopilot
+from agents.mcts.predictors.dataset import FUTURE_STEP_S, FUTURE_STEPS, SCHEMA_VERSION, Sample, Shard, load_shard
+from agents.planning.scene import SENSORS, TICK_S, Scene, SceneBuilder
+from evaluation.agent import Agent
+from evaluation.store import write_atomically
+from sumo_networks.arrays import FloatArray
+from sumo_networks.catalog import load_network
+from sumo_networks.env import DrivingEnv
+from sumo_networks.errors import InvalidInputError
+from sumo_networks.geometry import wrap_angle
+from sumo_networks.network import RoadNetwork
+from sumo_networks.routing import plan_route
+from sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from sumo_networks.world import World
+
+TRAINING = ("town-train", "adlershof", "braunschweig", "district")
+HELD_OUT = ("town-test", "ingolstadt")
+EGOS, EPISODE_S = 6, 60.0
+VALIDATION_EVERY = 5
+ROUTES_M = (250.0, 1500.0)
+VEHICLES_PER_KM, MOST_VEHICLES = (2.0, 12.0), 300
+ATTEMPTS = 2000
+_FUTURE_TICKS = MappingProxyType({j: round((j + 1) * FUTURE_STEP_S / TICK_S) for j in range(FUTURE_STEPS)})
+_LAST = _FUTURE_TICKS[FUTURE_STEPS - 1]
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What to record.
+
+    Attributes:
+        networks: In turn, one episode each.
+        hours: Of driving, all egos together.
+        seed: Decides everything random.
+        every_s: Between two samples of one ego.
+    """
+
+    networks: tuple[str, ...] = TRAINING
+    hours: float = 2.0
+    seed: int = 0
+    every_s: float = 0.5
+
+
+def record_motion(order: Order, out: Path, progress: Callable[[float], None] = lambda hours: None) -> int:
+    """Records until there are enough hours; what is already there is kept.
+
+    Args:
+        order: What to record.
+        out: Folder; gets dataset.json and train/, validation/, test/ with one shard per episode.
+        progress: Called with the hours recorded so far after every episode.
+
+    Returns:
+        How many samples there are.
+
+    Raises:
+        InvalidInputError: Unknown networks, or the folder holds a dataset made otherwise.
+    """
+    _claim(order, out)
+    hours, samples, episode = 0.0, 0, 0
+    while hours < order.hours:
+        network, number = order.networks[episode % len(order.networks)], episode // len(order.networks)
+        path = out / split_of(network, number) / f"{network}-{number:04d}.npz"
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(path, record_episode(scenario(network, order.seed, number), order.every_s).to_bytes())
+        shard = load_shard(path)
+        samples += len(shard)
+        hours += EGOS * EPISODE_S / 3600.0
+        episode += 1
+        progress(min(hours, order.hours))
+    return samples
+
+
+def split_of(network: str, number: int) -> str:
+    """Held-out networks are for tests; of the others every fifth episode is for validation."""
+    if network in HELD_OUT:
+        return "test"
+    return "validation" if number % VALIDATION_EVERY == VALIDATION_EVERY - 1 else "train"
+
+
+def scenario(name: str, seed: int, number: int) -> Scenario:
+    """The scenario of one episode.
+
+    Raises:
+        InvalidInputError: No such network, or it has too few missions.
+    """
+    network = load_network(name)
+    rng = np.random.default_rng([seed, zlib.crc32(name.encode()), number])
+    lanes = network.lanes
+    km = float(lanes.length[lanes.drivable & ~lanes.internal].sum()) / 1000.0
+    vehicles = min(round(km * rng.uniform(*VEHICLES_PER_KM)), MOST_VEHICLES)
+    missions = tuple(_missions(network, rng))
+    if len(missions) < EGOS:
+        raise InvalidInputError(f"network '{name}' has only {len(missions)} missions of {ROUTES_M} m, not {EGOS}")
+    return Scenario(
+        name=f"motion-{name}-{number}",
+        network=name,
+        missions=missions,
+        traffic=Traffic(vehicles=vehicles, bicycles=vehicles // 8, pedestrians=vehicles // 2, warm_up_s=30.0),
+        seed=int(rng.integers(2**31)),
+    )
+
+
+def record_episode(scenario: Scenario, every_s: float) -> Shard:
+    """Drives one scenario with the autopilot and takes samples."""
+    agents: dict[str, Agent] = {mission.name: Autopilot() for mission in scenario.missions}  # type: ignore[abstract]
+    sensors = tuple(dict.fromkeys((*SENSORS, *Autopilot.spec.sensors)))
+    env = DrivingEnv(scenario, sensors=sensors, control=Autopilot.spec.control, reward=None)
+    builders = {name: SceneBuilder() for name in agents}
+    stride = max(round(every_s / TICK_S), 1)
+    moments: list[tuple[int, int, Scene]] = []
+    worlds: list[World] = []
+    try:
+        observations, _ = env.reset()
+        for mission in scenario.missions:
+            agents[mission.name].reset(mission, scenario.seed)
+        for tick in range(round(EPISODE_S / TICK_S)):
+            worlds.append(env.world)
+            for ego, name in enumerate(agents):
+                if name in env.agents:
+                    scene = builders[name].update(observations[name])
+                    if tick % stride == 0:
+                        moments.append((tick, ego, scene))
+            if not env.agents:
+                break
+            observations, *_ = env.step({name: agents[name].act(observations[name]) for name in env.agents})
+    finally:
+        env.close()
+    tracks = _Tracks(worlds)
+    return Shard.of([tracks.sample(*moment) for moment in moments if tracks.whole(*moment[:2])])
+
+
+class _Tracks:
+    """Who was where in an episode."""
+
+    def __init__(self, worlds: list[World]) -> None:
+        self._ticks = len(worlds)
+        self._poses: dict[int, FloatArray] = {}
+        for tick, world in enumerate(worlds):
+            egos, actors = world.egos, world.actors
+            for ego in np.flatnonzero(egos.active).tolist():
+                self._put(-1 - ego, tick, egos.position[ego], egos.heading[ego])
+            for row, key in enumerate(actors.key.tolist()):
+                self._put(key, tick, actors.position[row], actors.heading[row])
+
+    def _put(self, key: int, tick: int, position: FloatArray, heading: float) -> None:
+        if key not in self._poses:
+            self._poses[key] = np.full((self._ticks + _LAST + 1, 3), np.nan)
+        self._poses[key][tick] = *position, heading
+
+    def whole(self, tick: int, ego: int) -> bool:
+        """Whether the ego drove on for the whole future."""
+        return bool(np.isfinite(self._poses[-1 - ego][tick + _LAST, 0]))
+
+    def sample(self, tick: int, ego: int, scene: Scene) -> Sample:
+        """A scene with what came of it."""
+        now = self._poses[-1 - ego][tick]
+        rows = tick + np.array(list(_FUTURE_TICKS.values()))
+        keys = scene.actors.key.tolist()
+        future = np.full((len(keys) + 1, FUTURE_STEPS, 3), np.nan)
+        for row, key in enumerate((-1 - ego, *keys)):
+            if key in self._poses:
+                future[row] = _in_frame(now, self._poses[key][rows])
+        valid = np.isfinite(future[:, :, 0])
+        future = np.where(valid[:, :, None], future, 0.0).astype(np.float32)
+        return Sample(scene, future[0], valid[0], future[1:], valid[1:])
+
+
+def _in_frame(frame: FloatArray, poses: FloatArray) -> FloatArray:
+    """(T, 3) poses of the network frame in that of a pose."""
+    cos, sin = math.cos(frame[2]), math.sin(frame[2])
+    dx, dy = poses[:, 0] - frame[0], poses[:, 1] - frame[1]
+    return np.column_stack([dx * cos + dy * sin, dy * cos - dx * sin, wrap_angle(poses[:, 2] - frame[2])])
+
+
+def _missions(network: RoadNetwork, rng: np.random.Generator) -> Iterator[Mission]:
+    """Missions from different lanes, without U-turns."""
+    lanes, taken = network.lanes, set[int]()
+    long = np.flatnonzero(lanes.drivable & ~lanes.internal & (lanes.length > 40.0))
+    for _ in range(ATTEMPTS):
+        a, b = (int(lane) for lane in rng.choice(long, 2, replace=False))
+        mission = Mission(
+            name=f"ego{len(taken)}",
+            start=Place(lane=str(lanes.ids[a]), position_m=round(float(rng.uniform(8.0, lanes.length[a] - 20.0)), 1)),
+            goal=Place(lane=str(lanes.ids[b]), position_m=round(float(rng.uniform(15.0, lanes.length[b] - 15.0)), 1)),
+        )
+        if a in taken:
+            continue
+        try:
+            route = plan_route(network, mission)
+        except InvalidInputError:
+            continue
+        turns_back = any(network.connections.direction[p.connection] == "t" for p in route.passages)
+        if turns_back or not ROUTES_M[0] <= route.length <= ROUTES_M[1]:
+            continue
+        taken.add(a)
+        yield mission
+        if len(taken) == EGOS:
+            return
+
+
+def _claim(order: Order, out: Path) -> None:
+    """Writes dataset.json, or checks that the one there says the same."""
+    if not order.networks or order.hours <= 0 or order.every_s < TICK_S:
+        raise InvalidInputError(f"expected networks, hours > 0 and a sample at most every {TICK_S} s, got {order}")
+    for name in order.networks:
+        load_network(name)
+    document = {
+        "schema": SCHEMA_VERSION,
+        "networks": list(order.networks),
+        "seed": order.seed,
+        "every_s": order.every_s,
+        "egos": EGOS,
+        "episode_s": EPISODE_S,
+    }
+    path = out / "dataset.json"
+    if path.exists():
+        try:
+            there = json.loads(path.read_text())
+        except ValueError as error:
+            raise InvalidInputError(f"'{path}' is damaged: {error}") from error
+        if there != document:
+            raise InvalidInputError(f"'{out}' holds a dataset made otherwise: {there}, not {document}")
+        return
+    out.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, (json.dumps(document, indent=1) + "\n").encode())

@@ -1,0 +1,35 @@
+"""Random shooting: MBAPPE without its tree. The same actions, constraints, prior and reward, drawn blindly."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from agents.mcts.mbappe import Mbappe
+from evaluation.agent import AgentSpec, Mission
+from sumo_networks.arrays import FloatArray
+from sumo_networks.errors import InvalidInputError
+
+
+class RandomShooting(Mbappe):
+    """Draws as many rollouts from the prior as MBAPPE simulates, and begins the best one.
+
+    Its settings are MBAPPE's; the final choice is always the best rollout.
+    """
+
+    spec = AgentSpec(name="random-shooting", **Mbappe.spec.model_dump(exclude={"name"}))
+
+    def __init__(self, **settings: Any) -> None:
+        if settings.setdefault("choice", "best") != "best":
+            raise InvalidInputError(f"agent '{self.spec.name}': expected choice 'best', got '{settings['choice']}'")
+        self._rng = np.random.default_rng(0)
+        super().__init__(**settings)
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        """Seeds the dice."""
+        super().reset(mission, seed)
+        self._rng = np.random.default_rng(seed)
+
+    def _draws(self) -> FloatArray:
+        return self._rng.random(self.settings.simulations * self.rules.depth)

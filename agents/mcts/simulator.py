@@ -1,0 +1,235 @@
+"""The inner simulator: what one held action leads to, and what it is worth. Numba, no allocation."""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from agents.mcts.config import ACTIONS, DT, MIDDLE, Rules
+from agents.planning.motion import (
+    Body,
+    Idm,
+    boxes_meet,
+    idm_acceleration,
+    limited_steering,
+    project,
+    pursuit,
+    vehicle_step,
+)
+from agents.planning.situation import (
+    CLASS_OBJECT,
+    CLASS_PEDESTRIAN,
+    ROAD_BIT,
+    ROUTE_BIT,
+    Situation,
+    at_row,
+    box_on_grid,
+    leader,
+    on_grid,
+)
+from sumo_networks.arrays import FloatArray
+from sumo_networks.geometry import wrap
+
+X, Y, HEADING, SPEED, ACCELERATION, STEERING, DEMAND, S, LATERAL, OFF_ROAD = range(10)
+STATE = 10
+"""Rear axle x, y [m], heading [rad], speed [m/s], acceleration [m/s^2], wheel angle [rad], demanded acceleration
+[m/s^2], arc length and lateral distance of the box centre on the path [m], 1 while it began off the road and is still
+there."""
+PROGRESS, COLLISION, MARGIN, ROUTE, ROAD, LINE, HEADING_TERM, CENTRING, COMFORT = range(9)
+TERMS = 9
+TERM_NAMES = ("progress", "collision", "margin", "route", "road", "line", "heading", "centring", "comfort")
+ALIVE, FAILED = 0, 1
+STANDING, MOVING = 0.1, 2.0
+BEHIND = -0.5
+REACH_M = 4.0
+
+
+@njit(cache=True)
+def controls(
+    road: Situation, car: Body, rules: Rules, state: FloatArray, target: float, lateral: float
+) -> tuple[float, float]:
+    """What is asked of the vehicle in the next 0.1 s by a held action.
+
+    Args:
+        road: The situation.
+        car: The vehicle.
+        rules: The numbers.
+        state: (10,), see `STATE`.
+        target: Acceleration of the action, m/s^2.
+        lateral: Line beside the path [m], or wheel angle [rad].
+
+    Returns:
+        Demanded acceleration [m/s^2] and wheel angle [rad].
+    """
+    speed, most = state[SPEED], rules.jerk * DT
+    row = at_row(road, state[S])
+    # Never beyond the limit; what is above it already is given back gently.
+    target = min(target, max((road.limit[row] - speed) / 0.5, -1.5))
+    demand = min(max(target, state[DEMAND] - most), state[DEMAND] + most)
+    if speed < STANDING and target <= 0.0:
+        demand = min(demand, target)
+    if rules.lane_steering:
+        x, y = state[X], state[Y]
+        wheel = pursuit(car, road.path, road.first_s, road.spacing, x, y, state[HEADING], speed, state[S], lateral)
+    else:
+        wheel = lateral
+    return demand, limited_steering(car, speed, wheel)
+
+
+@njit(cache=True)
+def advance(
+    road: Situation, car: Body, rules: Rules, state: FloatArray, first: int, accelerate: int, steer: int,
+    before: int, terms: FloatArray,
+) -> int:  # fmt: skip
+    """Holds an action, in place.
+
+    Args:
+        road: The situation.
+        car: The vehicle.
+        rules: The numbers.
+        state: (10,) before, and after; see `STATE`.
+        first: Step of 0.1 s at which the action begins.
+        accelerate: Index of the acceleration.
+        steer: Index of the steering.
+        before: Index of the acceleration before it.
+        terms: (9,) where the terms of the reward are written.
+
+    Returns:
+        FAILED where it ends in a collision, off the road or beyond a closed line; else ALIVE.
+    """
+    for i in range(terms.shape[0]):
+        terms[i] = 0.0
+    target = (accelerate - MIDDLE) * rules.acceleration_step
+    lateral = (steer - MIDDLE) * rules.steering_step
+    began, hold = state[S], rules.hold_steps * DT
+    near, front = False, 0.5 * car.length
+    for step in range(rules.hold_steps):
+        demand, wheel = controls(road, car, rules, state, target, lateral)
+        state[DEMAND] = demand
+        moved = vehicle_step(
+            car, state[X], state[Y], state[HEADING], state[SPEED], state[ACCELERATION], state[STEERING], demand, wheel
+        )
+        state[X], state[Y], state[HEADING], state[SPEED], state[ACCELERATION], state[STEERING] = moved
+        cos, sin = math.cos(state[HEADING]), math.sin(state[HEADING])
+        x, y = state[X] + car.axle * cos, state[Y] + car.axle * sin
+        behind_line = state[S] + front <= road.line
+        s, side, row = project(road.path, road.first_s, road.spacing, x, y, state[S] + 0.1 * state[SPEED], REACH_M)
+        state[S], state[LATERAL] = s, side
+        hit = _touched(road, car, rules, x, y, cos, sin, state[SPEED], min(first + step + 1, road.boxes.shape[0] - 1))
+        if hit >= 0:
+            if state[SPEED] > STANDING:
+                terms[COLLISION] = _collision(rules, road.kind[hit])
+                return FAILED
+            near = True
+        elif hit == -2:
+            near = True
+        if behind_line and s + front > road.line:
+            terms[LINE] = rules.penalty_line
+            return FAILED
+        # Corners are looked up every half second and at the end: a lane's edge is not left and regained in between.
+        if (step + 1) % 5 == 0 or step + 1 == rules.hold_steps:
+            flags = box_on_grid(road.grid, x, y, cos, sin, 0.5 * car.length, 0.5 * car.width)
+            if flags & ROAD_BIT:
+                state[OFF_ROAD] = 0.0
+            elif state[OFF_ROAD] == 0.0:
+                terms[ROAD] = rules.penalty_road
+                return FAILED
+            if step + 1 == rules.hold_steps:
+                _settle(road, rules, state, terms, began, hold, x, y, row, near, accelerate, before)
+    return ALIVE
+
+
+@njit(cache=True)
+def _settle(
+    road: Situation,
+    rules: Rules,
+    state: FloatArray,
+    terms: FloatArray,
+    began: float,
+    hold: float,
+    x: float,
+    y: float,
+    row: int,
+    near: bool,
+    accelerate: int,
+    before: int,
+) -> None:
+    """The terms of an action that ended well."""
+    error = wrap(state[HEADING] - math.atan2(road.path[row, 3], road.path[row, 2]))
+    on_route = on_grid(road.grid, x, y) & ROUTE_BIT
+    # Standing costs nothing, however it stands: else a quick failure would end a lasting cost.
+    moving = min(max((state[S] - began) / (MOVING * hold), 0.0), 1.0)
+    if near and state[SPEED] > STANDING:
+        terms[MARGIN] = rules.penalty_margin * hold
+    if state[OFF_ROAD] > 0.0:
+        on_route = 0
+    elif not on_route:
+        terms[ROUTE] = rules.penalty_route * hold * moving
+    if on_route and abs(error) < rules.heading_most:
+        possible = max(road.limit[at_row(road, began)] * hold, 0.1)
+        terms[PROGRESS] = min(max((state[S] - began) / possible, 0.0), 1.0) * hold
+    terms[HEADING_TERM] = -rules.heading * abs(math.sin(error)) * hold * moving
+    terms[CENTRING] = -rules.centring * min(abs(state[LATERAL]), 4.0) * hold * moving
+    change = abs(accelerate - before) * rules.acceleration_step
+    terms[COMFORT] = -rules.comfort * (abs(state[DEMAND]) + change) * hold
+    if state[OFF_ROAD] > 0.0:
+        terms[PROGRESS] = rules.bonus_return * min(max(state[S] - began, 0.0), 5.0)
+
+
+@njit(cache=True)
+def _collision(rules: Rules, kind: int) -> float:
+    if kind == CLASS_PEDESTRIAN:
+        return rules.penalty_pedestrian
+    return rules.penalty_object if kind == CLASS_OBJECT else rules.penalty_vehicle
+
+
+@njit(cache=True)
+def _touched(
+    road: Situation, car: Body, rules: Rules, x: float, y: float, cos: float, sin: float, speed: float, step: int
+) -> int:
+    """Index of the actor the ego touches, -2 where one is within the margins only, -1 for none.
+
+    Whoever is behind the ego's rear is left out: it is for that one to keep its distance.
+    """
+    half_length, half_width = 0.5 * car.length, 0.5 * car.width
+    ahead = rules.margin_along + rules.headway * speed
+    reach = math.hypot(half_length, half_width) + ahead + rules.skin
+    near = False
+    for n in range(road.boxes.shape[1]):
+        ox, oy = road.boxes[step, n, 0], road.boxes[step, n, 1]
+        dx, dy = ox - x, oy - y
+        far = reach + road.reach[n]
+        if dx * dx + dy * dy > far * far:
+            continue
+        if dx * cos + dy * sin < -half_length + BEHIND:
+            continue
+        oc, os, ol, ow = road.boxes[step, n, 2], road.boxes[step, n, 3], road.boxes[step, n, 4], road.boxes[step, n, 5]
+        if boxes_meet(x, y, cos, sin, half_length + rules.skin, half_width + rules.skin, ox, oy, oc, os, ol, ow):
+            return n
+        shift = 0.5 * ahead
+        if not near and boxes_meet(
+            x + shift * cos, y + shift * sin, cos, sin, half_length + shift, half_width + rules.margin_across,
+            ox, oy, oc, os, ol, ow,
+        ):  # fmt: skip
+            near = True
+    return -2 if near else -1
+
+
+@njit(cache=True)
+def crafted_centre(road: Situation, car: Body, rules: Rules, idm: Idm, state: FloatArray, time: float) -> int:
+    """Index of the acceleration on which the crafted prior is centred."""
+    speed = state[SPEED]
+    row = at_row(road, state[S] + speed * 0.5)
+    if rules.crafted == 1:
+        return MIDDLE + 2 if speed < road.limit[row] - 0.5 * rules.acceleration_step else MIDDLE
+    target = road.allowed[row]
+    gap, leading = leader(road, 0.5 * car.length, 0.5 * car.width + rules.margin_across, state[S], time + 0.5, 0.0)
+    wish = idm_acceleration(idm, speed, target, gap, leading)
+    if speed > target:
+        wish = min(wish, max((target - speed) / 1.0, -idm.hardest))
+    to_line = road.line - state[S] - 0.5 * car.length - rules.line_gap
+    if to_line > -1.0 and road.line < 1e8:
+        wish = min(wish, idm_acceleration(idm, speed, max(target, 1.0), max(to_line + idm.gap, 0.05), 0.0))
+    index = MIDDLE + math.floor(wish / rules.acceleration_step + 0.5)
+    return min(max(index, 0), ACTIONS - 1)

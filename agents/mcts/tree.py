@@ -1,0 +1,361 @@
+"""The tree: PUCT over flat preallocated arrays, in numba.
+
+A simulation walks from the root to the horizon, or to a failure, and makes every node on its way that is not there yet:
+there is no value network to ask at a leaf, so each walk ends where its return is known. Selection, expansion,
+evaluation and back-up are the thesis's; see README.md for what is ours.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from agents.mcts.config import ACTIONS, DT, MIDDLE, Rules
+from agents.mcts.simulator import FAILED, SPEED, STATE, TERMS, advance, crafted_centre
+from agents.planning.motion import Body, Idm
+from agents.planning.situation import Situation
+from sumo_networks.arrays import FloatArray, IntArray
+
+PAIRS = ACTIONS * ACTIONS
+NODES, PERFECT_FIRST, BEST_LEAF, DRAWN = range(4)
+
+
+class Tree(NamedTuple):
+    """A search, M nodes at most; node 0 is the root. Edges are kept with the node they lead to.
+
+    Attributes:
+        numbers: (4,) number of nodes, whether the first rollout was perfect, the leaf of the best rollout, draws used.
+        child: (M, 169) node under each action, -1 where not tried.
+        parent: (M,) node above.
+        action: (M,) the action that led here, acceleration index times 13 plus steering index.
+        depth: (M,) actions since the root.
+        state: (M, 10) see `simulator.STATE`.
+        terms: (M, 9) terms of the reward of the action that led here.
+        reward: (M,) their sum.
+        outcome: (M,) `simulator.ALIVE` or FAILED.
+        visits: (M,) N.
+        value: (M,) Q, the mean return of the action that led here.
+        prior: (M,) P of that action.
+        perfect: (M,) rollouts through here that reached the horizon without failure.
+        best: (M,) the best return through here, from the root on.
+        window: (M, 4) first and last index of acceleration, first and last of steering, all inclusive.
+        centre: (M, 3) centre of the crafted prior's acceleration, norm of the crafted, norm of the learned prior.
+        path: (D + 1,) nodes of the walk in progress.
+    """
+
+    numbers: IntArray
+    child: np.ndarray
+    parent: np.ndarray
+    action: np.ndarray
+    depth: np.ndarray
+    state: FloatArray
+    terms: FloatArray
+    reward: FloatArray
+    outcome: np.ndarray
+    visits: np.ndarray
+    value: FloatArray
+    prior: FloatArray
+    perfect: np.ndarray
+    best: FloatArray
+    window: np.ndarray
+    centre: FloatArray
+    path: np.ndarray
+
+
+def make_tree(simulations: int, depth: int) -> Tree:
+    """Memory for a search."""
+    nodes = simulations * depth + 1
+    return Tree(
+        numbers=np.zeros(4, dtype=np.int64),
+        child=np.full((nodes, PAIRS), -1, dtype=np.int32),
+        parent=np.zeros(nodes, dtype=np.int32),
+        action=np.zeros(nodes, dtype=np.int32),
+        depth=np.zeros(nodes, dtype=np.int32),
+        state=np.zeros((nodes, STATE)),
+        terms=np.zeros((nodes, TERMS)),
+        reward=np.zeros(nodes),
+        outcome=np.zeros(nodes, dtype=np.int8),
+        visits=np.zeros(nodes, dtype=np.int32),
+        value=np.zeros(nodes),
+        prior=np.zeros(nodes),
+        perfect=np.zeros(nodes, dtype=np.int32),
+        best=np.zeros(nodes),
+        window=np.zeros((nodes, 4), dtype=np.int8),
+        centre=np.zeros((nodes, 3)),
+        path=np.zeros(depth + 1, dtype=np.int32),
+    )
+
+
+class Beliefs(NamedTuple):
+    """What the search begins with.
+
+    Attributes:
+        kernel: (13,) the priors' Gaussian by index distance.
+        learned: (D, 2) indices of the learned prior's action at each depth; -1 where it says nothing.
+        order: (169,) rank of every action, so that equals are not all decided towards one side.
+        plan: (D,) actions to try first, -1 for none.
+        last: (2,) indices of the action executed before.
+        draws: (K,) uniform in [0, 1), one per step of a random walk; empty for a search.
+    """
+
+    kernel: FloatArray
+    learned: IntArray
+    order: IntArray
+    plan: IntArray
+    last: IntArray
+    draws: FloatArray
+
+
+@njit(cache=True)
+def start(tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, beliefs: Beliefs, state: FloatArray) -> None:
+    """Empties the tree and puts the ego's state at its root."""
+    used = tree.numbers[NODES]
+    for node in range(used):
+        for pair in range(PAIRS):
+            tree.child[node, pair] = -1
+    tree.numbers[:] = 0
+    tree.numbers[NODES] = 1
+    tree.parent[0], tree.action[0], tree.depth[0], tree.outcome[0] = (
+        -1,
+        beliefs.last[0] * ACTIONS + beliefs.last[1],
+        0,
+        0,
+    )
+    for i in range(STATE):
+        tree.state[0, i] = state[i]
+    tree.terms[0, :] = 0.0
+    tree.reward[0], tree.visits[0], tree.value[0], tree.prior[0], tree.perfect[0] = 0.0, 0, 0.0, 1.0, 0
+    tree.best[0] = -math.inf
+    _open(tree, road, car, rules, idm, beliefs, 0)
+
+
+@njit(cache=True)
+def search(
+    tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, beliefs: Beliefs, simulations: int,
+    early_stop: bool,
+) -> int:  # fmt: skip
+    """Runs simulations on a started tree; call it again to go on.
+
+    Args:
+        tree: The tree.
+        road: The situation.
+        car: The vehicle.
+        rules: The numbers.
+        idm: Of the crafted prior.
+        beliefs: The priors.
+        simulations: How many.
+        early_stop: Stop if the rollout that follows the prior alone is perfect.
+
+    Returns:
+        How many simulations ran.
+    """
+    by_prior = 1 if beliefs.plan[0] >= 0 else 0
+    for simulation in range(simulations):
+        node, steps = 0, 0
+        tree.path[0] = 0
+        following = beliefs.plan[0] >= 0 and tree.visits[0] == 0
+        prior_only = tree.visits[0] == by_prior
+        while tree.depth[node] < rules.depth and tree.outcome[node] != FAILED:
+            action = -1
+            if following:
+                action = _planned(tree, beliefs, node)
+                following = action >= 0
+            if action < 0:
+                if len(beliefs.draws) > 0 and not prior_only:
+                    action = draw(tree, rules, beliefs, node)
+                else:
+                    action = select(tree, rules, beliefs, node, prior_only)
+            child = tree.child[node, action]
+            if child < 0:
+                child = _expand(tree, road, car, rules, idm, beliefs, node, action)
+            steps += 1
+            tree.path[steps] = child
+            node = child
+        back_up(tree, steps)
+        if early_stop and prior_only and tree.outcome[node] != FAILED:
+            tree.numbers[PERFECT_FIRST] = 1
+            return simulation + 1
+    return simulations
+
+
+@njit(cache=True)
+def _planned(tree: Tree, beliefs: Beliefs, node: int) -> int:
+    """The action of the plan of the tick before, where the constraints still allow it."""
+    action = beliefs.plan[tree.depth[node]]
+    if action < 0:
+        return -1
+    a, b = action // ACTIONS, action % ACTIONS
+    w = tree.window[node]
+    return int(action) if w[0] <= a <= w[1] and w[2] <= b <= w[3] else -1
+
+
+@njit(cache=True)
+def prior_of(tree: Tree, rules: Rules, beliefs: Beliefs, node: int, action: int) -> float:
+    """P of an action under a node: the mean of the priors in force, each normalised over the actions allowed."""
+    a, b = action // ACTIONS, action % ACTIONS
+    total, parts = 0.0, 0
+    if rules.crafted:
+        total += (
+            beliefs.kernel[abs(a - int(tree.centre[node, 0]))] * beliefs.kernel[abs(b - MIDDLE)] / tree.centre[node, 1]
+        )
+        parts += 1
+    depth = tree.depth[node]
+    if beliefs.learned[depth, 0] >= 0:
+        near = beliefs.kernel[abs(a - beliefs.learned[depth, 0])] * beliefs.kernel[abs(b - beliefs.learned[depth, 1])]
+        total += near / tree.centre[node, 2]
+        parts += 1
+    if parts == 0:
+        w = tree.window[node]
+        return 1.0 / float((w[1] - w[0] + 1.0) * (w[3] - w[2] + 1.0))
+    return float(total / parts)
+
+
+@njit(cache=True)
+def select(tree: Tree, rules: Rules, beliefs: Beliefs, node: int, prior_only: bool) -> int:
+    """The action of the highest Q + c P sqrt(sum N) / (1 + N).
+
+    Args:
+        tree: The tree.
+        rules: The numbers.
+        beliefs: The priors.
+        node: Where.
+        prior_only: Follow the prior alone, as the first rollout does (the thesis's code).
+    """
+    w, children = tree.window[node], tree.child[node]
+    # Every walk through a node goes on to a child, so its visits are the sum of theirs.
+    root = rules.exploration * math.sqrt(tree.visits[node])
+    untried = tree.value[node] - tree.reward[node] if rules.parent_first else 0.0
+    crafted, centre, mass = rules.crafted > 0, int(tree.centre[node, 0]), tree.centre[node, 1]
+    depth, mass_learned = tree.depth[node], tree.centre[node, 2]
+    la, lb = beliefs.learned[depth, 0], beliefs.learned[depth, 1]
+    parts = (1 if crafted else 0) + (1 if la >= 0 else 0)
+    uniform = 1.0 / ((w[1] - w[0] + 1.0) * (w[3] - w[2] + 1.0))
+    kernel, rank = beliefs.kernel, beliefs.order
+    best, chosen = -math.inf, -1
+    for a in range(w[0], w[1] + 1):
+        for b in range(w[2], w[3] + 1):
+            action = a * ACTIONS + b
+            child = children[action]
+            if child < 0:
+                p = uniform if parts == 0 else 0.0
+                if crafted:
+                    p += kernel[abs(a - centre)] * kernel[abs(b - MIDDLE)] / (mass * parts)
+                if la >= 0:
+                    p += kernel[abs(a - la)] * kernel[abs(b - lb)] / (mass_learned * parts)
+                score = p if prior_only else untried + root * p
+            elif prior_only:
+                score = tree.prior[child] / (1.0 + tree.visits[child])
+            else:
+                score = tree.value[child] + root * tree.prior[child] / (1.0 + tree.visits[child])
+            if score > best or (score == best and rank[action] < rank[chosen]):
+                best, chosen = score, action
+    return int(chosen)
+
+
+@njit(cache=True)
+def draw(tree: Tree, rules: Rules, beliefs: Beliefs, node: int) -> int:
+    """An action drawn from the prior, whatever came of the others: random shooting."""
+    w, left = tree.window[node], beliefs.draws[tree.numbers[DRAWN] % len(beliefs.draws)]
+    tree.numbers[DRAWN] += 1
+    action = w[0] * ACTIONS + w[2]
+    for a in range(w[0], w[1] + 1):
+        for b in range(w[2], w[3] + 1):
+            action = a * ACTIONS + b
+            left -= prior_of(tree, rules, beliefs, node, action)
+            if left < 0.0:
+                return int(action)
+    return int(action)
+
+
+@njit(cache=True)
+def _expand(
+    tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, beliefs: Beliefs, node: int, action: int
+) -> int:
+    child = tree.numbers[NODES]
+    tree.numbers[NODES] = child + 1
+    tree.child[node, action] = child
+    tree.parent[child], tree.action[child], tree.depth[child] = node, action, tree.depth[node] + 1
+    tree.visits[child], tree.value[child], tree.perfect[child], tree.best[child] = 0, 0.0, 0, -math.inf
+    tree.prior[child] = prior_of(tree, rules, beliefs, node, action)
+    for i in range(STATE):
+        tree.state[child, i] = tree.state[node, i]
+    first = tree.depth[node] * rules.hold_steps
+    before = tree.action[node] // ACTIONS
+    tree.outcome[child] = advance(
+        road, car, rules, tree.state[child], first, action // ACTIONS, action % ACTIONS, before, tree.terms[child]
+    )
+    reward = 0.0
+    for i in range(TERMS):
+        reward += tree.terms[child, i]
+    tree.reward[child] = reward
+    if tree.outcome[child] != FAILED and tree.depth[child] < rules.depth:
+        _open(tree, road, car, rules, idm, beliefs, child)
+    return int(child)
+
+
+@njit(cache=True)
+def _open(tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, beliefs: Beliefs, node: int) -> None:
+    """The constraints and priors of the actions under a node."""
+    reach = (rules.root_window if node == 0 else rules.node_window) - 1
+    a, b = tree.action[node] // ACTIONS, tree.action[node] % ACTIONS
+    w = tree.window[node]
+    w[0], w[1] = max(a - reach, 0), min(a + reach, ACTIONS - 1)
+    w[2], w[3] = max(b - reach, 0), min(b + reach, ACTIONS - 1)
+    if tree.state[node, SPEED] < rules.standing:
+        w[0], w[1] = 0, ACTIONS - 1
+    if rules.crafted:
+        time = tree.depth[node] * rules.hold_steps * DT
+        centre = crafted_centre(road, car, rules, idm, tree.state[node], time)
+        tree.centre[node, 0] = centre
+        tree.centre[node, 1] = _mass(beliefs.kernel, w[0], w[1], centre) * _mass(beliefs.kernel, w[2], w[3], MIDDLE)
+    depth = tree.depth[node]
+    if beliefs.learned[depth, 0] >= 0:
+        ahead = _mass(beliefs.kernel, w[0], w[1], beliefs.learned[depth, 0])
+        tree.centre[node, 2] = ahead * _mass(beliefs.kernel, w[2], w[3], beliefs.learned[depth, 1])
+
+
+@njit(cache=True)
+def _mass(kernel: FloatArray, first: int, last: int, centre: int) -> float:
+    total = 0.0
+    for i in range(first, last + 1):
+        total += kernel[abs(i - centre)]
+    return total
+
+
+@njit(cache=True)
+def back_up(tree: Tree, steps: int) -> None:
+    """Q <- (N Q + G) / (N + 1), N <- N + 1 along the walk, G being the undiscounted return from each action on."""
+    total, perfect = 0.0, tree.outcome[tree.path[steps]] != FAILED
+    for k in range(1, steps + 1):
+        total += tree.reward[tree.path[k]]
+    if total > tree.best[0]:
+        tree.numbers[BEST_LEAF] = tree.path[steps]
+    ahead = 0.0
+    for k in range(steps, -1, -1):
+        node = tree.path[k]
+        ahead += tree.reward[node]
+        n = tree.visits[node]
+        tree.value[node] = (n * tree.value[node] + ahead) / (n + 1)
+        tree.visits[node] = n + 1
+        tree.perfect[node] += perfect
+        tree.best[node] = max(tree.best[node], total)
+
+
+@njit(cache=True)
+def best_child(tree: Tree, node: int, choice: int, bonus: int) -> int:
+    """The child to go on with: most visits and bonuses (0), highest Q (1), or on the best rollout (2); -1 for none."""
+    best, chosen = -math.inf, -1
+    for pair in range(PAIRS):
+        child = tree.child[node, pair]
+        if child < 0 or tree.visits[child] == 0:
+            continue
+        if choice == 0:
+            score = tree.visits[child] + bonus * tree.perfect[child] + 1e-6 * tree.value[child]
+        else:
+            score = tree.value[child] if choice == 1 else tree.best[child]
+        if score > best:
+            best, chosen = score, child
+    return int(chosen)

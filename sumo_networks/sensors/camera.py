@@ -1,0 +1,334 @@
+"""Camera: a flat-shaded rendering of what a camera on the ego would see. It is no photograph.
+
+The ground is looked up in tiles, everything else is boxes and faces, projected and kept pixel by pixel where nothing
+nearer is: what is hidden is hidden. Neither the route nor any other knowledge of the scenario is in the picture.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+from pydantic import Field
+
+from sumo_networks.arrays import FloatArray, IntArray
+from sumo_networks.conditions import Conditions
+from sumo_networks.imaging.atmosphere import FACADES, GROUND_COLOURS
+from sumo_networks.imaging.bodies import HEIGHT_M, PAINTS, PARTS, PARTS_START, own_colours
+from sumo_networks.imaging.buildings import buildings_near
+from sumo_networks.imaging.develop import add_rain, develop_colours, develop_depth, develop_labels
+from sumo_networks.imaging.fixtures import fixtures_of
+from sumo_networks.imaging.ground import ground_colours, ground_labels
+from sumo_networks.imaging.labels import OF_KIND, OF_SURFACE, Label
+from sumo_networks.imaging.scene import draw_bodies, draw_buildings, draw_fixtures, draw_shadows
+from sumo_networks.imaging.tiles import Tiles, colour_tiles
+from sumo_networks.imaging.view import Optics, View, view_of
+from sumo_networks.network import RoadNetwork
+from sumo_networks.sensors.base import Sensor, SensorConfig, Track
+from sumo_networks.world import SIGHT_M, ActorKind, World
+
+FAR_M = 1000.0
+GRAIN = 1 << 16
+MOVED_M = 8.0
+LARGEST_BUILDING_M = 25.0
+SUN_ASIDE_RAD = 0.9
+SUN_HEIGHT_RAD = 0.75
+
+Side = Annotated[int, Field(ge=8, le=2048)]
+
+
+class CameraConfig(SensorConfig):
+    """A camera: what it shows, its picture and where it is mounted.
+
+    Attributes:
+        name: Key in the observation.
+        mode: "rgb", "semantic" (classes of `imaging.labels.Label`) or "depth".
+        width: px.
+        height: px.
+        fov_deg: Horizontal angle of view; pixels are square.
+        x_m: Of the mounting, ahead of the centre of the ego's box.
+        y_m: To its left.
+        z_m: Above the road.
+        yaw_deg: To the left.
+        pitch_deg: Upwards.
+        roll_deg: Clockwise, seen from behind.
+    """
+
+    mode: Literal["rgb", "semantic", "depth"] = "rgb"
+    width: Side = 256
+    height: Side = 256
+    fov_deg: Annotated[float, Field(ge=10, le=150)] = 90.0
+    x_m: Annotated[float, Field(ge=-10, le=10)] = 1.3
+    y_m: Annotated[float, Field(ge=-10, le=10)] = 0.0
+    z_m: Annotated[float, Field(gt=0.2, le=20)] = 1.8
+    yaw_deg: Annotated[float, Field(ge=-180, le=180)] = 0.0
+    pitch_deg: Annotated[float, Field(ge=-80, le=80)] = 0.0
+    roll_deg: Annotated[float, Field(ge=-180, le=180)] = 0.0
+
+    @property
+    def optics(self) -> Optics:
+        """Without the mode."""
+        return Optics(**{field.name: getattr(self, field.name) for field in dataclasses.fields(Optics)})
+
+    @property
+    def track(self) -> Track:
+        """A car can carry a camera."""
+        return Track.SENSORS
+
+    @property
+    def space(self) -> Box:
+        """Channels first."""
+        if self.mode == "depth":
+            return Box(0.0, FAR_M, (1, self.height, self.width), np.float32)
+        if self.mode == "semantic":
+            return Box(0, max(Label), (1, self.height, self.width), np.uint8)
+        return Box(0, 255, (3, self.height, self.width), np.uint8)
+
+    def make(self, conditions: Conditions, rng: np.random.Generator) -> Camera:
+        """See `SensorConfig`."""
+        return Camera(self, conditions, rng)
+
+
+class Camera(Sensor):
+    """(3, H, W) uint8 colours; or (1, H, W) uint8 labels; or (1, H, W) float32 depth along the axis, m.
+
+    Row 0 is the top. Depth is 1000 and the label 0 where nothing is within the conditions' visibility, nor within the
+    100 m in which the world is known. Pictures are uint8, since that is what image encoders and replay buffers take.
+    """
+
+    track = Track.SENSORS
+
+    def __init__(self, config: CameraConfig, conditions: Conditions, rng: np.random.Generator) -> None:
+        self.config, self.name, self.space = config, config.name, config.space
+        # Its own stream: another sensor of the ego must not feel that there is a camera.
+        self._view, self._rng = view_of(config.optics, conditions), rng.spawn(1)[0]
+        air = self._view.air
+        self._tint, self._horizon = air.tint.astype(np.float32), air.horizon.astype(np.float32)
+        noise = self._rng.standard_normal(GRAIN) * air.noise if air.noise > 0.0 else np.empty(0)
+        self._grain = np.clip(np.rint(noise), -100, 100).astype(np.int8)
+        self._streaks = round(air.rain * config.width * config.height / 1000)
+        self._value = np.zeros((config.height, config.width), dtype=np.uint32)
+        self._inverse = np.zeros((config.height, config.width), dtype=np.float32)
+        self._scratch = np.zeros((8, 16, 3))
+        self._tables: list[tuple[tuple[int, ...], IntArray, int, int]] = []
+        self._around: _Surroundings | None = None
+
+    def read(self, world: World, ego: int) -> NDArray[Any]:
+        """See the class."""
+        config, view = self.config, self._view
+        place = np.array([*world.egos.position[ego], world.egos.heading[ego]])
+        if self._around is None or not self._around.holds(world.network, place):
+            self._around = _Surroundings(world.network, place)
+            self._tables = [((), np.empty((0, 0), dtype=np.int64), 0, 0)] * len(view.levels)
+        self._inverse[:] = view.inverse
+        if config.mode == "semantic":
+            self._value[:] = 0
+        self._draw_ground(world.network, place)
+        self._draw_all(world, ego, place)
+        return self._develop()
+
+    def _draw_ground(self, network: RoadNetwork, place: FloatArray) -> None:
+        view, flat = self._view, self._value.reshape(-1)
+        if self.config.mode == "depth":
+            return
+        if self.config.mode == "rgb":
+            self._value[:] = view.sky
+        for number, level in enumerate(view.levels):
+            tiles = colour_tiles(network, level.metres_per_px, GROUND_COLOURS)
+            table, left, bottom = self._table(number, tiles, level.corners, place)
+            if self.config.mode == "rgb":
+                ground_colours(
+                    flat,
+                    level.pixel,
+                    level.points,
+                    level.taps,
+                    level.tone,
+                    place,
+                    self._tint,
+                    self._horizon,
+                    tiles.pool,
+                    table,
+                    left,
+                    bottom,
+                    level.metres_per_px,
+                )
+            else:
+                ground_labels(
+                    flat,
+                    level.pixel,
+                    level.points,
+                    place,
+                    OF_SURFACE,
+                    tiles.pool,
+                    table,
+                    left,
+                    bottom,
+                    level.metres_per_px,
+                )
+
+    def _table(self, number: int, tiles: Tiles, corners: FloatArray, place: FloatArray) -> tuple[IntArray, int, int]:
+        """Slots of the tiles that one level needs; asked for anew only when they change."""
+        cos, sin = math.cos(place[2]), math.sin(place[2])
+        x = place[0] + corners[:, 0] * cos - corners[:, 1] * sin
+        y = place[1] + corners[:, 0] * sin + corners[:, 1] * cos
+        margin = tiles.metres_per_px
+        box = (float(x.min()) - margin, float(y.min()) - margin, float(x.max()) + margin, float(y.max()) + margin)
+        key = (*(math.floor(side / tiles.side_m) for side in box), tiles.generation)
+        if self._tables[number][0] != key:
+            table = tiles.table(*box)
+            self._tables[number] = ((*key[:4], tiles.generation), *table)
+        return self._tables[number][1:]
+
+    def _draw_all(self, world: World, ego: int, place: FloatArray) -> None:
+        view, coloured, scratch = self._view, self.config.mode == "rgb", self._scratch
+        around = self._around
+        assert around is not None
+        bodies, kind, indicator, key = _bodies(world, ego)
+        light, shadows = _light(view, around.sun, float(place[2]))
+        reach = view.air.range_m
+        heights = HEIGHT_M[kind]
+        if coloured:
+            draw_shadows(
+                self._value,
+                bodies,
+                heights,
+                place,
+                view.mount,
+                view.lens,
+                shadows,
+                view.air.sun,
+                reach,
+                scratch,
+            )
+        draw_bodies(
+            self._value,
+            self._inverse,
+            bodies,
+            kind,
+            indicator,
+            own_colours(kind, key),
+            heights,
+            OF_KIND,
+            coloured,
+            PARTS,
+            PARTS_START,
+            PAINTS,
+            place,
+            view.mount,
+            view.lens,
+            light,
+            reach,
+            scratch,
+        )
+        draw_fixtures(
+            self._value,
+            self._inverse,
+            around.heads,
+            world.signals[around.signal],
+            around.wires,
+            around.signs,
+            not coloured,
+            place,
+            view.mount,
+            view.lens,
+            light,
+            reach,
+            scratch,
+        )
+        draw_buildings(
+            self._value,
+            self._inverse,
+            around.buildings,
+            FACADES,
+            -1 if coloured else int(Label.BUILDING),
+            0.3 * min(view.air.lamps / 0.4, 1.0),
+            place,
+            view.mount,
+            view.lens,
+            light,
+            reach,
+            scratch,
+        )
+
+    def _develop(self) -> NDArray[Any]:
+        view, config = self._view, self.config
+        reach = view.air.range_m
+        if config.mode == "depth":
+            depth = np.empty((1, config.height, config.width), dtype=np.float32)
+            develop_depth(self._inverse, view.ray, reach, FAR_M, depth)
+            return depth
+        if config.mode == "semantic":
+            labels = np.empty((1, config.height, config.width), dtype=np.uint8)
+            develop_labels(self._value, self._inverse, view.ray, reach, labels)
+            return labels
+        picture = np.empty((3, config.height, config.width), dtype=np.uint8)
+        shift = int(self._rng.integers(GRAIN)) if len(self._grain) else 0
+        develop_colours(
+            self._value,
+            self._inverse,
+            view.sky,
+            view.ray,
+            view.fog,
+            self._tint,
+            self._horizon,
+            reach,
+            self._grain,
+            shift,
+            picture,
+        )
+        if self._streaks:
+            add_rain(picture, self._rng.random((self._streaks, 3)), self._horizon)
+        return picture
+
+
+class _Surroundings:
+    """What stands around a place; good until the ego has moved by 8 m."""
+
+    def __init__(self, network: RoadNetwork, place: FloatArray) -> None:
+        self._network, self._x, self._y = network, float(place[0]), float(place[1])
+        fixtures, reach = fixtures_of(network), SIGHT_M + MOVED_M
+        box = (self._x - reach, self._y - reach, self._x + reach, self._y + reach)
+        near = fixtures.head_cells.near(*box)
+        self.heads, self.signal = fixtures.heads[near], fixtures.signal[near]
+        self.wires = fixtures.wires[fixtures.wire_cells.near(*box, 15.0)]
+        self.signs = fixtures.signs[fixtures.sign_cells.near(*box)]
+        buildings = buildings_near(network, self._x, self._y, reach + LARGEST_BUILDING_M)
+        distance = np.hypot(buildings[:, 0] - self._x, buildings[:, 1] - self._y)
+        # Nearest first, so that most of what is hidden costs no more than a comparison.
+        order = np.argsort(distance, kind="stable")
+        self.buildings = buildings[order[distance[order] < reach + LARGEST_BUILDING_M]]
+        first = int(np.flatnonzero(network.lanes.drivable)[0])
+        (x0, y0), (x1, y1) = network.lane_shape(first)[:2]
+        # The sun stands where the network's first road points, so that a turned network has a turned sun.
+        self.sun = math.atan2(y1 - y0, x1 - x0) + SUN_ASIDE_RAD
+
+    def holds(self, network: RoadNetwork, place: FloatArray) -> bool:
+        """Whether all that can be seen from a place is here."""
+        return self._network is network and math.hypot(place[0] - self._x, place[1] - self._y) < MOVED_M
+
+
+def _bodies(world: World, ego: int) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+    """Boxes, kinds, indicators and keys of everybody but oneself."""
+    actors, egos = world.actors, world.egos
+    bodies, kind, indicator, key = actors.boxes(), actors.kind, actors.indicator, actors.key
+    if len(egos.names) > 1:
+        others = np.flatnonzero(egos.active & (np.arange(len(egos.names)) != ego))
+        boxes = [egos.box(other) for other in others.tolist()]
+        bodies = np.concatenate([bodies, np.array(boxes).reshape(-1, 5)])
+        kind = np.concatenate([kind, np.full(len(others), int(ActorKind.EGO))])
+        indicator = np.concatenate([indicator, np.zeros(len(others), dtype=np.int64)])
+        key = np.concatenate([key, 10_000_000 + others])
+    return bodies, kind, indicator, key
+
+
+def _light(view: View, sun: float, heading: float) -> tuple[FloatArray, FloatArray]:
+    """(8,) as of `perspective.face`, and (2,) where shadows fall, m per metre of height, network frame."""
+    level, height = math.cos(SUN_HEIGHT_RAD), math.sin(SUN_HEIGHT_RAD)
+    direction = np.array([level * math.cos(sun - heading), level * math.sin(sun - heading), height])
+    up = view.mount[1:, 2]
+    light = np.array([*(view.mount[1:] @ direction), view.air.sun, *up, 0.0])
+    return light, -np.array([math.cos(sun), math.sin(sun)]) * level / height

@@ -1,0 +1,39 @@
+"""Route map: the route as a map holds it, in the network's frame; for agents that must find themselves on it."""
+
+from __future__ import annotations
+
+import numpy as np
+from gymnasium.spaces import Box
+
+from sumo_networks.arrays import Float32Array
+from sumo_networks.sensors.base import Sensor, Track
+from sumo_networks.world import World
+
+POINTS = 256
+PAGE_M = 50.0
+
+
+class RouteMap(Sensor):
+    """(256, 8) a page of the route in the network frame, a point every metre.
+
+    Columns: x, y [m, network frame], heading [rad], curvature [1/m, left positive], speed limit [m/s], lane width [m],
+    navigation command (`routing.Command`), metres from the route's start. The page begins at a multiple of 50 m that
+    lies 50 to 100 m behind the ego, and so tells where the ego is no better than that. Past the goal the last point
+    repeats; its last column does not grow.
+    """
+
+    name = "route_map"
+    track = Track.MAP
+    space = Box(-np.inf, np.inf, (POINTS, 8), np.float32)
+
+    def read(self, world: World, ego: int) -> Float32Array:
+        """See the class."""
+        route = world.routes[ego]
+        begin = max(PAGE_M * (float(world.egos.progress[ego]) // PAGE_M - 1.0), 0.0)
+        last = len(route.position) - 1
+        rows = np.minimum(route.index(begin) + np.arange(POINTS), last)
+        out = np.empty((POINTS, 8), dtype=np.float32)
+        out[:, :2], out[:, 2], out[:, 3] = route.position[rows], route.heading[rows], route.curvature[rows]
+        out[:, 4], out[:, 5], out[:, 6] = route.speed_limit[rows], route.width[rows], route.command[rows]
+        out[:, 7] = rows * (route.length / last)
+        return out

@@ -1,0 +1,94 @@
+"""Survey: everybody along the egos' routes, seen or not, for a log that must also serve an ego that stays behind."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import libsumo
+import numpy as np
+
+from sumo_networks.arrays import FloatArray
+from sumo_networks.events.puppet import Puppet
+from sumo_networks.network import RoadNetwork
+from sumo_networks.routing import Route
+from sumo_networks.simulation.registry import INDICATOR, KINDS
+from sumo_networks.world import SIGHT_M, ActorKind, Actors
+
+SPACING_M = 40
+_SLACK_M = 30.0
+_Row = tuple[str, int, float, float, float, float, float, float, int, int]
+
+
+class Survey:
+    """Reads everybody within sight of any point that an ego on its route may reach.
+
+    Attributes:
+        network: The roads.
+        points: (P, 2), m: where egos may come; None: anywhere.
+    """
+
+    def __init__(self, network: RoadNetwork, points: FloatArray | None) -> None:
+        """Looks around (P, 2) points [m], or everywhere."""
+        self.network, self.points = network, points
+        self._lanes: Mapping[str, int] = network.lane_index
+        self._anywhere = np.zeros(len(network.lanes.ids), dtype=np.bool_)
+        self._bodies: dict[str, tuple[int, float, float]] = {}
+
+    def read(self, images: set[str], cast: Sequence[Puppet], obstacles: Actors) -> tuple[list[str], Actors]:
+        """Names and states; keys are those of rows.
+
+        Args:
+            images: Names in SUMO that stand for egos and puppets.
+            cast: The puppets themselves.
+            obstacles: Boxes that SUMO does not know.
+        """
+        rows = [
+            (f"obstacle-{i}", int(obstacles.kind[i]), *obstacles.position[i].tolist(), obstacles.heading.item(i), 0.0)
+            + (obstacles.length.item(i), obstacles.width.item(i), -1, 0)
+            for i in range(len(obstacles))
+        ]
+        found: list[_Row] = [*rows, *(self._puppet(one) for one in cast if self._near(one.x, one.y))]
+        for domain, signals in ((libsumo.vehicle, libsumo.vehicle.getSignals), (libsumo.person, lambda _: 0)):
+            for name in domain.getIDList():
+                x, y = domain.getPosition(name)
+                if name not in images and self._near(x, y):
+                    found.append(self._row(domain, name, x, y, signals(name)))
+        return [row[0] for row in found], _table(found)
+
+    def _near(self, x: float, y: float) -> bool:
+        return self.points is None or bool(np.hypot(self.points[:, 0] - x, self.points[:, 1] - y).min() <= SIGHT_M + _SLACK_M)
+
+    def _row(self, domain: type[libsumo.vehicle], name: str, x: float, y: float, signals: int) -> _Row:
+        if name not in self._bodies:
+            kind = KINDS[domain.getTypeID(name).split("@")[0]]
+            self._bodies[name] = int(kind), domain.getLength(name), domain.getWidth(name)
+        kind, length, width = self._bodies[name]
+        heading = (1.5 * math.pi - math.radians(domain.getAngle(name))) % (2 * math.pi) - math.pi
+        back = 0.0 if kind == ActorKind.PEDESTRIAN else 0.5 * length  # SUMO gives a vehicle's front bumper
+        x, y = x - back * math.cos(heading), y - back * math.sin(heading)
+        lane = self._lanes.get(domain.getLaneID(name), -1)
+        return name, kind, x, y, heading, domain.getSpeed(name), length, width, lane, INDICATOR[signals & 3]
+
+    def _puppet(self, one: Puppet) -> _Row:
+        heading = math.remainder(one.heading, 2 * math.pi)
+        speed = math.hypot(one.speed, one.drift)
+        lane, offset, _ = self.network.nearest_lane(one.x, one.y, one.heading, self._anywhere)
+        on_lane = lane >= 0 and abs(offset) <= 0.5 * self.network.lanes.width.item(lane)
+        place = lane if on_lane else -1, int(np.sign(one.drift))
+        return one.name, int(one.kind), one.x, one.y, heading, speed, one.length, one.width, *place
+
+
+def reachable(routes: Sequence[Route], ahead_m: float) -> FloatArray:
+    """(P, 2) points [m] every 40 m of the routes, as far as an ego may come."""
+    reach = [route.position[: math.ceil(ahead_m) + SPACING_M] for route in routes]
+    return np.concatenate([np.concatenate([path[::SPACING_M], path[-1:]]) for path in reach])
+
+
+def _table(rows: Sequence[_Row]) -> Actors:
+    columns = list(zip(*rows, strict=True)) if rows else [()] * 10
+    numbers = [np.array(column, dtype=np.float64) for column in columns[2:8]]
+    x, y, heading, speed, length, width = numbers
+    kind, lane, indicator = (np.array(columns[i], dtype=np.int64) for i in (1, 8, 9))
+    keys = np.arange(len(rows))
+    return Actors(keys, kind, np.column_stack([x, y]), heading, speed, length, width, lane, indicator)

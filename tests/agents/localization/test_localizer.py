@@ -1,0 +1,255 @@
+"""The localizer: calibration, alignment, outages, outliers; and that it knows nothing but its two sensors."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from agents.localization.calibration import calibrate
+from agents.localization.filters import FilterNoise
+from agents.localization.localizer import FILTERS, Fix, Localizer, Settings
+from agents.localization.study import fixes_of, score
+from agents.localization.synthetic import DT, Journey, Recording, journey_named, record
+from agents.localization.track import Track, follow
+from evaluation.scores.localization import errors
+from sumo_networks.errors import InvalidInputError, UnknownNameError
+from sumo_networks.sensors.gnss import GnssNoise
+from sumo_networks.sensors.imu import ICM_20600, ImuErrors
+from sumo_networks.vehicle import GRAVITY
+
+WHITE = GnssNoise(0.3, correlated_share=0.0)
+
+
+@cache
+def roundabout() -> Journey:
+    return journey_named("roundabout", seconds=60.0)
+
+
+def recorded(seed: int = 0, gnss: GnssNoise = WHITE, open_sky_s: float = 20.0) -> Recording:
+    return record(roundabout(), ICM_20600, gnss, np.random.default_rng(seed), open_sky_s)
+
+
+def settings(**changes: object) -> Settings:
+    return dataclasses.replace(Settings(gnss_sigma_m=0.3, noise=FilterNoise.of(ICM_20600)), **changes)  # type: ignore[arg-type]
+
+
+def led(recording: Recording, fixes: list[Fix] | None = None, **changes: object) -> Track:
+    journey = roundabout()
+    own = fixes_of(journey, recording) if fixes is None else fixes
+    return follow(Localizer(settings(**changes)), journey.time, recording.imu, own)
+
+
+def off(track: Track) -> np.ndarray:
+    return errors(track.position, roundabout().position[track.row.astype(int)])
+
+
+# The synthetic truth
+
+
+def test_the_truth_is_smooth_and_a_calm_drive_through_the_circle() -> None:
+    journey = roundabout()
+    speed = np.hypot(*journey.velocity.T)
+    np.testing.assert_allclose(np.diff(journey.position, axis=0), journey.velocity[1:] * DT, atol=2e-3)
+    assert np.abs(np.diff(journey.heading)).max() < 0.01
+    assert np.abs(journey.imu[:, 1]).max() < 4.0
+    assert speed.max() < 14.5
+    assert np.ptp(journey.heading) > math.pi
+    assert not journey.moving[:490].any()
+    assert (journey.imu[:, 2] == GRAVITY).all()
+
+
+def test_all_rates_see_the_same_errors() -> None:
+    often, rarely = recorded(1), recorded(1, dataclasses.replace(WHITE, rate_hz=0.2))
+    np.testing.assert_array_equal(often.imu, rarely.imu)
+    shared = np.isin(often.fix_rows, rarely.fix_rows)
+    np.testing.assert_array_equal(often.fixes[shared], rarely.fixes)
+    late = rarely.fix_rows[rarely.fix_rows * DT > 20.0]
+    np.testing.assert_allclose(np.diff(late) * DT, 5.0)
+
+
+# Calibration
+
+
+def test_calibration_finds_the_offsets_of_the_thesis() -> None:
+    true = np.tile([0.0, 0.0, GRAVITY, 0.0, 0.0, 0.0], (500, 1))
+    instrument = ImuErrors(ICM_20600, np.random.default_rng(0))
+    offset = instrument.offset.copy()
+    found = calibrate(instrument.corrupt(true, moving=False))
+    assert np.abs(offset[:3]).max() > 0.1
+    np.testing.assert_allclose(found.offset[:3], offset[:3], atol=2e-3)
+    np.testing.assert_allclose(found.offset[3:], offset[3:], atol=2e-4)
+    np.testing.assert_allclose(found.std[:3], 9.81e-3 / math.sqrt(500), rtol=0.15)
+    np.testing.assert_allclose(found.apply(true + offset)[:, :], true, atol=2e-3)
+
+
+def test_a_vehicle_that_moves_cannot_be_calibrated() -> None:
+    moving = roundabout().imu[2500:2800]
+    with pytest.raises(InvalidInputError, match="expected the vehicle to stand still"):
+        calibrate(moving)
+    turning_slowly = np.tile([0.0, 0.0, GRAVITY, 0.0, 0.0, 0.0], (300, 1))
+    turning_slowly[:, 5] = np.linspace(0.0, 0.1, 300)
+    with pytest.raises(InvalidInputError, match="stand still"):
+        calibrate(turning_slowly)
+    with pytest.raises(InvalidInputError, match="at least 20"):
+        calibrate(moving[:5])
+
+
+def test_without_calibration_it_is_far_worse() -> None:
+    recording = recorded()
+    calibrated, raw = off(led(recording, alpha=0.0)), off(led(recording, alpha=0.0, calibrate=False, gate=False))
+    assert np.mean(calibrated <= 0.5) > 0.95
+    assert np.mean(raw <= 0.5) < 0.2
+    assert np.sqrt(np.mean(raw**2)) > 10.0 * np.sqrt(np.mean(calibrated**2))
+
+
+# Alignment
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_heading_comes_from_the_course(seed: int) -> None:
+    track = led(recorded(seed))
+    true = roundabout().heading[track.row.astype(int)]
+    error = np.abs([math.remainder(a - b, 2 * math.pi) for a, b in zip(track.heading, true, strict=True)])
+    assert error[0] < 0.15
+    assert error[1000:].max() < 0.03
+    assert 7.0 < track.time[0] < 10.0, "soon after setting off at 5 s"
+
+
+def test_with_a_heading_from_the_map_it_runs_as_soon_as_it_is_calibrated() -> None:
+    journey, recording = roundabout(), recorded()
+    localizer = Localizer(settings(), heading=(float(journey.heading[0]), 0.05))
+    track = follow(localizer, journey.time, recording.imu, fixes_of(journey, recording))
+    assert track.time[0] == pytest.approx(3.01, abs=0.02)
+    assert off(track).max() < 1.0
+
+
+def test_who_never_sets_off_is_told_so() -> None:
+    journey, recording = roundabout(), recorded()
+    with pytest.raises(InvalidInputError, match="never came far enough"):
+        follow(Localizer(settings()), journey.time[:450], recording.imu[:450], fixes_of(journey, recording)[:45])
+
+
+# Outages and outliers
+
+
+@pytest.mark.parametrize("name", ["es-ekf", "ekf", "ukf"])
+def test_ten_fixes_a_second_keep_it_within_half_a_metre(name: str) -> None:
+    track = led(recorded(), filter=name)
+    assert np.mean(off(track) <= 0.5) > 0.95
+    result = score(track, roundabout())
+    assert result["accuracy"] > 95.0
+    assert 0.3 < result["nees"] < 6.0
+
+
+def test_accuracy_falls_gracefully_with_the_rate() -> None:
+    accuracies = [
+        np.mean(
+            [np.mean(off(led(recorded(seed, dataclasses.replace(WHITE, rate_hz=rate)))) <= 0.5) for seed in range(3)]
+        )
+        for rate in (10.0, 1.0, 0.2, 0.05)
+    ]
+    assert accuracies == sorted(accuracies, reverse=True)
+    assert accuracies[0] > 0.95
+    assert accuracies[2] > 0.4
+
+
+def test_twenty_seconds_without_fixes_cost_metres_and_not_tens_of_them() -> None:
+    drifts = []
+    for seed in range(5):
+        recording = recorded(seed)
+        fixes = [fix for fix in fixes_of(roundabout(), recording) if not 30.0 < fix.time < 50.0]
+        track = led(recording, fixes)
+        error = off(track)
+        drifts.append(error[(track.time > 30.0) & (track.time < 50.0)].max())
+        assert error[track.time > 52.0].max() < 2.0, "and the next fixes repair it"
+    assert max(drifts) < 10.0
+    assert min(drifts) > 0.3, "too good to be true: is there a leak?"
+
+
+def test_dead_reckoning_is_worse_than_any_filter() -> None:
+    recording = recorded()
+    assert off(led(recording, filter="imu"))[-1] > 3.0 * off(led(recording))[-1]
+
+
+def test_a_jump_of_100_m_is_left_out() -> None:
+    recording = recorded()
+    fixes = fixes_of(roundabout(), recording)
+    spoilt = [
+        Fix(fix.time, fix.position + np.array([100.0, 0.0, 0.0])) if 30.0 < fix.time < 30.25 else fix for fix in fixes
+    ]
+    track, undisturbed = led(recording, spoilt), led(recording)
+    assert track.rejected - undisturbed.rejected == 2
+    assert off(track).max() < 1.0
+    assert off(led(recording, spoilt, gate=False)).max() > 10.0
+
+
+def test_a_receiver_that_stays_elsewhere_is_believed_in_the_end() -> None:
+    recording = recorded()
+    moved = [
+        Fix(fix.time, fix.position + np.array([0.0, 100.0, 0.0])) if fix.time > 40.0 else fix
+        for fix in fixes_of(roundabout(), recording)
+    ]
+    track = led(recording, moved)
+    assert 4 <= track.rejected < 60
+    end = track.position[-1] - roundabout().position[-1]
+    np.testing.assert_allclose(end, [0.0, 100.0], atol=3.0)
+
+
+def test_gaps_repeated_times_and_missing_fixes_do_no_harm() -> None:
+    journey, recording = roundabout(), recorded()
+    keep = np.ones(len(journey.time), dtype=bool)
+    keep[3000:3040] = False  # 0.4 s of silence, in the circle
+    localizer = Localizer(settings())
+    fixes = fixes_of(journey, recording)
+    fixes[100] = Fix(fixes[100].time, np.full(3, np.nan))
+    times, samples = np.repeat(journey.time[keep], 2), np.repeat(recording.imu[keep], 2, axis=0)
+    track = follow(localizer, times, samples, fixes)
+    plain = led(recording)
+    error = np.hypot(*(track.position[-1] - journey.position[-1]))
+    assert np.isfinite(track.position).all()
+    assert error < 0.5
+    assert abs(error - off(plain)[-1]) < 0.2
+
+
+# No leaks
+
+
+def test_a_localizer_is_given_two_sensors_and_nothing_else() -> None:
+    assert list(inspect.signature(Localizer.imu).parameters) == ["self", "time", "sample"]
+    assert list(inspect.signature(Localizer.gnss).parameters) == ["self", "time", "position"]
+
+
+def test_where_the_journey_lies_changes_only_where_the_estimate_lies() -> None:
+    """Two recordings with the same samples, their fixes 1 km apart: so are the estimates."""
+    recording = recorded()
+    moved = [Fix(fix.time, fix.position + np.array([1000.0, -500.0, 0.0])) for fix in fixes_of(roundabout(), recording)]
+    np.testing.assert_allclose(
+        led(recording, moved).position - led(recording).position,
+        [[1000.0, -500.0]] * len(off(led(recording))),
+        atol=1e-4,
+    )
+
+
+# Speed and errors
+
+
+def test_a_step_of_the_es_ekf_is_cheap() -> None:
+    """The thesis: about 20 us in C. Loose, since other work runs beside the tests; `make bench` has it exactly."""
+    recording = recorded()
+    led(recording)
+    assert min(led(recording).step_us for _ in range(3)) < 60.0
+
+
+def test_impossible_settings_are_refused() -> None:
+    with pytest.raises(UnknownNameError, match="es-ekf"):
+        Localizer(Settings(filter="es-ekv"))
+    with pytest.raises(InvalidInputError, match="sigma above 0"):
+        Localizer(Settings(gnss_sigma_m=0.0))
+    with pytest.raises(UnknownNameError, match="route"):
+        journey_named("nowhere")
+    assert set(FILTERS) == {"es-ekf", "ekf", "ukf", "imu"}

@@ -1,0 +1,156 @@
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from agents.mcts.mbappe import Mbappe
+from agents.mcts.predictor_only import PredictorOnly
+from agents.mcts.random_shooting import RandomShooting
+from evaluation.agent import Agent, Mission
+from sumo_networks.errors import InvalidInputError, UnknownNameError
+from sumo_networks.scenario import Place
+from sumo_networks.world import LightState
+from tests.agents.driving import drive, fronts, speeds, touched
+from tests.agents.mcts.roads import observation
+from tests.worlds import lit_crossing, straight_road
+
+MISSION = Mission(start=Place(lane=""), goal=Place(lane=""))
+
+
+def made(kind: type[Mbappe] = Mbappe, **settings: object) -> Mbappe:
+    return kind(**{"predictor": "constant_velocity", "simulations": 128, **settings})
+
+
+PLANNERS = [made, lambda: made(RandomShooting), lambda: made(steering="wheel"), lambda: made(hold_s=0.1, simulations=32)]
+
+
+def test_on_a_free_road_it_comes_up_to_the_limit_and_stays_in_its_lane() -> None:
+    worlds = drive(made(), straight_road().with_ego(x=50.0, speed=0.0), 14.0)
+    assert 12.0 < speeds(worlds)[-1] < 14.2
+    assert max(abs(float(world.egos.lateral[0])) for world in worlds) < 0.6
+
+
+def test_behind_a_standing_car_it_stands() -> None:
+    worlds = drive(made(), straight_road().with_ego(x=50.0, speed=10.0).with_actor(110.0), 14.0)
+    assert not touched(worlds)
+
+
+def test_at_a_red_light_it_waits_before_the_line() -> None:
+    scene = lit_crossing().with_lights(LightState.RED).with_ego(x=-90.0, speed=9.0)
+    worlds = drive(made(), scene, 14.0)
+    assert fronts(worlds)[-1] <= scene.stop_line("w_c_0")
+    assert speeds(worlds)[-1] < 0.5
+
+
+def test_a_pedestrian_in_the_way_is_not_run_over() -> None:
+    scene = straight_road().with_ego(x=50.0, speed=8.0).with_pedestrian(85.0, 1.2, y=-8.0, heading=math.pi / 2)
+    assert not touched(drive(made(), scene, 8.0))
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+@pytest.mark.parametrize(
+    "start",
+    [
+        straight_road().with_ego(x=50.0).with_actor(50.0),  # in somebody
+        straight_road().with_ego(x=50.0, speed=3.0).with_actor(54.0, left=0.5),
+        straight_road().with_ego(x=50.0, y=-25.0),  # off the road
+        straight_road().with_ego(x=50.0, y=-400.0, heading=2.0),  # far from everything
+        straight_road().with_ego(x=50.0, speed=5.0, heading=math.pi),  # the wrong way
+    ],
+)
+def test_impossible_starts_give_an_action(planner: object, start: object) -> None:
+    agent = planner()
+    for world in drive(agent, start, 1.0):
+        assert np.isfinite(world.egos.position).all()
+
+
+def test_inside_somebody_it_stays() -> None:
+    worlds = drive(made(), straight_road().with_ego(x=50.0).with_actor(50.5), 3.0)
+    assert speeds(worlds).max() < 0.5
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_the_same_seed_gives_the_same_drive(planner: object) -> None:
+    scene = straight_road().with_ego(x=50.0, speed=8.0).with_actor(90.0, 3.0)
+    a, b = (drive(planner(), scene, 2.0) for _ in range(2))
+    np.testing.assert_array_equal(fronts(a), fronts(b))
+
+
+def test_nothing_of_one_episode_survives_into_the_next() -> None:
+    scene, agent = straight_road().with_ego(x=50.0, speed=8.0).with_actor(90.0, 3.0), made()
+    first = fronts(drive(agent, scene, 1.5))
+    drive(agent, straight_road().with_ego(x=200.0, speed=12.0).with_actor(230.0), 1.5)
+    np.testing.assert_array_equal(fronts(drive(agent, scene, 1.5)), first)
+
+
+def test_what_an_action_does_it_does_in_bounds() -> None:
+    agent = made()
+    agent.reset(MISSION, 0)
+    acceleration, steering = agent.act(observation([(20.0, 0.0, 0.0)], speed=12.0))
+    assert -8.0 <= acceleration <= 3.0
+    assert -1.0 <= steering <= 1.0
+
+
+def test_the_explanation_is_a_tree_as_plain_json() -> None:
+    agent = made()
+    assert agent.explain() is None
+    agent.reset(MISSION, 0)
+    agent.act(observation([(30.0, 0.0, 4.0)], speed=9.0))
+    why = json.loads(json.dumps(agent.explain()))
+    known = {0}
+    for node in why["nodes"]:
+        assert node["parent"] in known
+        known.add(node["node"])
+        assert len(node["trajectory"]) == 11
+        assert set(node) >= {"q", "n", "p", "reward", "acceleration", "steering", "depth", "failed"}
+    assert why["root"]["n"] == 128
+    top = [node for node in why["nodes"] if node["parent"] == 0]
+    assert sum(node["n"] for node in top) == 128
+    assert why["plan"][0] in {node["node"] for node in top}
+
+
+def test_trajectories_of_a_plan_join_up() -> None:
+    agent = made()
+    agent.reset(MISSION, 0)
+    agent.act(observation([(30.0, 0.0, 4.0)], speed=9.0))
+    why = agent.explain()
+    assert why is not None
+    nodes = {node["node"]: node for node in why["nodes"]}
+    plan = [nodes[node] for node in why["plan"] if node in nodes]
+    for before, after in zip(plan, plan[1:], strict=False):
+        assert after["trajectory"][0] == pytest.approx(before["trajectory"][-1], abs=0.02)
+
+
+def test_a_budget_of_time_ends_the_search() -> None:
+    agent = made(simulations=50_000, budget_ms=2.0)
+    agent.reset(MISSION, 0)
+    agent.act(observation([(30.0, 0.0, 4.0)], speed=9.0))
+    why = agent.explain()
+    assert why is not None
+    assert 0 < why["simulations"] < 50_000
+
+
+@pytest.mark.parametrize("setting", [{"prior": "both!"}, {"simulations": 0}, {"hold_s": 0.25}, {"speed": 3}])
+def test_settings_that_make_no_sense_are_refused(setting: dict[str, object]) -> None:
+    with pytest.raises(InvalidInputError, match=next(iter(setting))):
+        made(**setting)
+
+
+def test_an_unknown_predictor_is_refused() -> None:
+    with pytest.raises(UnknownNameError, match="constant_velocity"):
+        made(predictor="constant_velocty")
+
+
+def test_random_shooting_begins_the_best_rollout_alone() -> None:
+    with pytest.raises(InvalidInputError, match="best"):
+        made(RandomShooting, choice="visits")
+
+
+def test_a_predictor_alone_drives_what_it_predicts() -> None:
+    agent: Agent = PredictorOnly(predictor="constant_velocity")
+    agent.reset(MISSION, 0)
+    action = agent.act(observation(speed=6.0))
+    np.testing.assert_allclose(action, np.column_stack([3.0 * np.arange(1, 9), np.zeros(8)]), atol=1e-6)
