@@ -32,8 +32,11 @@ lint: $(INSTALLED)  ## Check style, types, the four floors and the Dockerfile
 	@$(BIN)/lint-imports --no-logo
 	@$(BIN)/hadolint Dockerfile
 
-bench: $(INSTALLED)  ## Compare DrivingEnv with bare libsumo and write bench.json
+bench: $(INSTALLED)  ## Measure the world, the senses, the planners and the wire; write bench.json
 	@$(BIN)/python tests/performance/bench.py
+	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.senses
+	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.planners
+	@$(BIN)/python -m tests.performance.wire --quick
 
 picture: $(INSTALLED)  ## Draw the README's picture from a drive of each demo agent
 	@$(BIN)/python docs/picture.py
