@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from evaluation.agent import agent_info, make_agent
 from evaluation.benchmark import Benchmark, load_benchmark
 from evaluation.executors import Executor, Job, ProcessPool
+from evaluation.logs import prepare_logs
 from evaluation.record import AgentInfo, EpisodeRecord
 from evaluation.runner import ACT_DEADLINE_S, versions
 from evaluation.store import read_record, write_atomically
@@ -65,6 +66,7 @@ def run_benchmark(
     executor: Executor | None = None,
     act_deadline_s: float = ACT_DEADLINE_S,
     progress: Callable[[EpisodeRecord | None, int, int], None] = lambda record, done, total: None,
+    preparing: Callable[[int, int], None] = lambda done, total: None,
     reverse: bool = False,
 ) -> Result:
     """Evaluates an agent; run again with the same arguments, it does only what is missing.
@@ -78,6 +80,7 @@ def run_benchmark(
         executor: By default one worker process.
         act_deadline_s: Wall-clock time for one decision.
         progress: Called with each finished record (None at the start), the number done, and the total.
+        preparing: Called while logs are made that are missing, with the number done and the total.
         reverse: Drive the scenarios in reverse order; the records are the same.
 
     Raises:
@@ -96,6 +99,8 @@ def run_benchmark(
     stems = [f"{scenario.name}-s{scenario.seed}" for scenario in scenarios]
     finished = {stem: record for stem, record in _finished(out, stems, scenarios, manifest) if record is not None}
     resumed = len(finished)
+    todo = [scenario for scenario, stem in zip(scenarios, stems, strict=True) if stem not in finished]
+    prepare_logs(todo, getattr(executor, "workers", None) or 1, preparing)
     progress(None, resumed, len(scenarios))
     jobs = [
         Job(scenario, info, (benchmark.name, benchmark.sha256), out / RECORDS, stem, act_deadline_s)

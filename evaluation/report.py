@@ -21,6 +21,14 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from evaluation import figures
+from evaluation.closed_loop import (
+    ClosedLoopSummary,
+    applies,
+    by_type,
+    lost_episodes,
+    score_records,
+    summarise_closed_loop,
+)
 from evaluation.figures import ENDINGS, MARKS, MISSING, number
 from evaluation.record import EgoRecord, EpisodeRecord, Infraction, InfractionKind
 from evaluation.road_map import LaneShape, Spot, draw_map, drivable_lanes
@@ -102,6 +110,10 @@ class Contender:
     summary: Summary
 
 
+TypeRow = tuple[str, ClosedLoopSummary]
+"""A type of scenario and its summary."""
+
+
 @dataclass(frozen=True, slots=True)
 class Term:
     """A piece of a score's formula, and what it stands for."""
@@ -179,6 +191,7 @@ def write_report(
         "evaluation": evaluations[0],
         "facts": _facts([one.evaluation for one in contenders], rules, irs_length),
         "contenders": contenders,
+        "closed_loop": _closed_loop(contenders),
         "columns": COLUMNS,
         "kinds": [kind for kind in InfractionKind if any(one.summary.per_km[kind].mean for one in contenders)],
         "per_km_top": _per_km_top(contenders),
@@ -192,6 +205,19 @@ def write_report(
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, _environment().get_template("report.html.j2").render(page).encode())
     return path
+
+
+def _closed_loop(contenders: Sequence[Contender]) -> list[tuple[Contender, ClosedLoopSummary, list[TypeRow]]]:
+    """Each agent's closed-loop summary, as a whole and by type; empty where the records have no reference."""
+    found = []
+    for one in contenders:
+        records = one.evaluation.records
+        if not all(map(applies, records)):
+            return []
+        drives = score_records(zip(records, one.evaluation.record_paths, strict=True))
+        summary = summarise_closed_loop(drives, lost_episodes(records))
+        found.append((one, summary, list(by_type(drives).items())))
+    return found
 
 
 def _check(evaluations: Sequence[Evaluation]) -> None:

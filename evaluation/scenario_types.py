@@ -76,8 +76,8 @@ class Run:
             actors, at = self.actors(tick), float(self.progress[tick])
             vehicle = np.isin(actors.kind, _VEHICLES)
             near = np.hypot(*(actors.position - self.position[tick]).T) < NEAR_M
-            for i in np.flatnonzero(vehicle & near):
-                s, aside, direction = self.route.project(*actors.position[i], at, 0.0, NEAR_M)
+            for i in np.flatnonzero(vehicle & near).tolist():
+                s, aside, direction = self.route.project(*_point(actors, i), at, 0.0, NEAR_M)
                 gap = s - at - HALF_LENGTH_M - 0.5 * actors.length[i]
                 same_way = np.cos(actors.heading[i] - direction) > 0.5
                 nearest = np.isnan(out[tick, 0]) or gap < out[tick, 0]
@@ -86,11 +86,17 @@ class Run:
         return out
 
 
+def _point(actors: Actors, row: int) -> tuple[float, float]:
+    x, y = actors.position[row].tolist()
+    return x, y
+
+
 def _lasts(holds: BoolArray, seconds: float) -> bool:
     """Whether something holds for so long without a break."""
     ticks = round(seconds / TICK_S)
-    sums = np.convolve(holds.astype(np.int64), np.ones(ticks, dtype=np.int64), "valid") if len(holds) >= ticks else []
-    return bool(np.max(sums, initial=0) >= ticks)
+    if len(holds) < ticks:
+        return False
+    return bool((np.convolve(holds.astype(np.int64), np.ones(ticks, dtype=np.int64), "valid") == ticks).any())
 
 
 def _enters(run: Run, command: Command, lit: bool) -> bool:
@@ -152,10 +158,10 @@ def traversing_pickup_dropoff(run: Run) -> bool:
     # Scripted vehicles are put on stage in the first tick after the start.
     first, last = run.actors(min(2, len(run.speed) - 1)), run.actors(len(run.speed) - 1)
     vehicles = np.isin(first.kind, (*_VEHICLES, ActorKind.STATIC)) & (first.speed < STANDING_MPS)
-    for i in np.flatnonzero(vehicles):
+    for i in np.flatnonzero(vehicles).tolist():
         row = np.flatnonzero(last.key == first.key[i])
         stays = len(row) and np.hypot(*(last.position[row[0]] - first.position[i])) < 0.5
-        s, aside, direction = run.route.project(*first.position[i], float(run.progress[-1]) / 2, 1000.0, 1000.0)
+        s, aside, direction = run.route.project(*_point(first, i), float(run.progress[-1]) / 2, 1000.0, 1000.0)
         kerb = -KERB_M[1] <= aside <= -KERB_M[0] and np.cos(first.heading[i] - direction) > 0.9
         if stays and kerb and run.progress[0] < s < run.progress[-1]:
             return True
@@ -167,8 +173,8 @@ def waiting_for_pedestrian_to_cross(run: Run) -> bool:
     waits = np.zeros(len(run.speed), dtype=np.bool_)
     for tick in np.flatnonzero(run.speed < WAITING_MPS):
         actors, front = run.actors(int(tick)), float(run.progress[tick]) + HALF_LENGTH_M
-        for i in np.flatnonzero(actors.kind == ActorKind.PEDESTRIAN):
-            s, aside, _ = run.route.project(*actors.position[i], front, 0.0, PEDESTRIAN_AHEAD_M + 5.0)
+        for i in np.flatnonzero(actors.kind == ActorKind.PEDESTRIAN).tolist():
+            s, aside, _ = run.route.project(*_point(actors, i), front, 0.0, PEDESTRIAN_AHEAD_M + 5.0)
             waits[tick] |= front < s <= front + PEDESTRIAN_AHEAD_M and abs(aside) <= PEDESTRIAN_ASIDE_M
     return _lasts(waits, WAITING_S)
 

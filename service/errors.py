@@ -198,4 +198,4 @@ def _unexpected(request: Request, error: Exception) -> JSONResponse:
     """Tells the log everything and the caller nothing but how to name it."""
     name = getattr(request.state, "request_id", "unknown")
     logger.error("request %s failed", name, exc_info=error)
-    return problem(500, f"an error of the service; its log tells more under request {name}")
+    return problem(500, f"an error of the service; its log tells more under request {name}", {"x-request-id": name})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import logging
 import math
@@ -16,7 +17,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.errors import TooLargeError, problem
+from service.errors import BusyError, TooLargeError, problem
 
 WIRE = ("/v1/workers", "/v1/leases")
 FREE = ("/health", "/static")
@@ -85,6 +86,11 @@ class BodyLimit:
 def _too_large(limit: int) -> Response:
     error = TooLargeError(limit)
     return problem(413, str(error), error.headers)
+
+
+def _ending() -> Response:
+    error = BusyError("the service is shutting down", retry_s=30)
+    return problem(503, str(error), error.headers)
 
 
 @dataclass(slots=True)
@@ -211,17 +217,22 @@ class AccessLog:
         name = secrets.token_hex(8)
         state = scope.setdefault("state", {})
         state["request_id"] = name
-        started, status = time.perf_counter(), 500
+        started, status, answered = time.perf_counter(), 500, False
 
         async def note(message: Message) -> None:
-            nonlocal status
+            nonlocal status, answered
             if message["type"] == "http.response.start":
-                status = message["status"]
+                status, answered = message["status"], True
                 MutableHeaders(scope=message)["x-request-id"] = name
             await send(message)
 
         try:
             await self.app(scope, receive, note)
+        except asyncio.CancelledError:
+            # Only the end of the service cancels a request: what it still waits for takes longer than there is time.
+            if answered:
+                raise
+            await _ending()(scope, receive, note)
         finally:
             level = logging.DEBUG if _on_wire(scope["path"]) and status < 400 else logging.INFO
             if access_log.isEnabledFor(level):

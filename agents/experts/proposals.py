@@ -50,7 +50,7 @@ AHEAD_COS = math.sqrt(3.0) / 2.0
 JERK_STEPS = 7
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def roll_out(
     road: Situation, car: Body, idm: Idm, line_gap: float, margin: float, start: FloatArray, states: FloatArray
 ) -> None:
@@ -98,7 +98,7 @@ def roll_out(
             then[S], _, _ = project(road.path, road.first_s, road.spacing, then[CENTRE_X], then[CENTRE_Y], near, 4.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def score(road: Situation, car: Body, states: FloatArray, scores: FloatArray) -> None:
     """Scores every proposal: NC x DAC x DDC x (5 EP + 5 TTC + 2 C) / 12, EP relative to the best.
 
@@ -123,7 +123,7 @@ def score(road: Situation, car: Body, states: FloatArray, scores: FloatArray) ->
         terms[TOTAL] = terms[NC] * terms[DAC] * terms[DDC] * weighted
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _judge(road: Situation, car: Body, states: FloatArray, terms: FloatArray) -> None:
     terms[NC] = terms[DAC] = terms[DDC] = terms[TTC] = 1.0
     terms[MET_AT] = math.inf
@@ -157,7 +157,7 @@ def _judge(road: Situation, car: Body, states: FloatArray, terms: FloatArray) ->
     terms[COMFORT] = 1.0 if _comfortable(states) else 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _met(
     road: Situation, car: Body, x: float, y: float, cos: float, sin: float, speed: float, k: int, least_cos: float
 ) -> int:
@@ -178,7 +178,7 @@ def _met(
     return -1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _comfortable(states: FloatArray) -> bool:
     """Whether rates over 0.1 s and jerks over 1.4 s, in place of nuPlan's filters, stay within its bounds."""
     last = states.shape[0] - 1

@@ -119,7 +119,12 @@ def grid_figure(cells: Sequence[Mapping[str, Any]], metric: str = "accuracy") ->
     chosen = [c for c in cells if c["filter"] == "es-ekf" and c["correlated_share"] == 0.5 and c["vibration"] == 0.0]
     arms = list(dict.fromkeys(cell["arm"] for cell in chosen))
     rates = list(dict.fromkeys(cell["rate_hz"] for cell in chosen))
-    figure = make_subplots(cols=len(arms), shared_yaxes=True, subplot_titles=arms, horizontal_spacing=0.03)
+    figure = make_subplots(
+        cols=len(arms),
+        shared_yaxes=True,
+        subplot_titles=[arm.replace("none", "no calibration") for arm in arms],
+        horizontal_spacing=0.03,
+    )
     for column, arm in enumerate(arms, 1):
         for rate, colour, symbol in zip(rates, OKABE_ITO, SYMBOLS, strict=False):
             line = [cell for cell in chosen if cell["arm"] == arm and cell["rate_hz"] == rate]
@@ -151,7 +156,13 @@ def grid_figure(cells: Sequence[Mapping[str, Any]], metric: str = "accuracy") ->
     )
     figure.update_xaxes(type="log", tickvals=[0.1, 0.3, 0.5, 1.0, 2.5], title_text="sigma of a fix, m")
     figure.update_yaxes(title_text="within 0.5 m, %", range=[-2, 102], col=1)
-    return figure.update_layout(height=440, showlegend=True, margin_t=120)
+    return figure.update_layout(
+        height=460,
+        showlegend=True,
+        legend={"yref": "container", "y": 0, "yanchor": "bottom"},
+        margin_t=112,
+        margin_b=96,
+    )
 
 
 def page(title: str, figures: Sequence[go.Figure], facts: Mapping[str, str]) -> str:

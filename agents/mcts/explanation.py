@@ -81,7 +81,7 @@ def _rounded(value: float, digits: int = 3) -> float:
     return round(float(value), digits)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _trace(
     road: Situation, car: Body, rules: Rules, state: FloatArray, target: float, lateral: float, points: FloatArray
 ) -> None:

@@ -106,7 +106,8 @@ class Mbappe(Agent):
         """The tree: nodes with Q, N, P, the terms of the reward and the trajectory; see `explanation`."""
         if self.road is None or self.scene is None:
             return None
-        return {"agent": self.spec.name, **self._why, **explain_search(self.tree, self.road, self.car, self.rules)}
+        search = explain_search(self.tree, self.road, self.car, self.rules)
+        return {"agent": self.spec.name, **self._why, **search}
 
     def decide(self, road: Situation, state: FloatArray, forecast: Forecast) -> tuple[int, int] | None:
         """The action to begin with, as indices; None where no plan is safe, and the ego had better stop."""
@@ -123,7 +124,7 @@ class Mbappe(Agent):
         start(self.tree, road, self.car, self.rules, CRAFTED_IDM, beliefs, state)
         ran = self._search(road, beliefs)
         chain = self._chain()
-        self._why = {"simulations": ran, "nodes": int(self.tree.numbers[0]), "plan": [int(node) for node in chain]}
+        self._why = {"simulations": ran, "nodes_made": int(self.tree.numbers[0]), "plan": [int(node) for node in chain]}
         if s.reuse:
             self._plan[:] = -1
             self._plan[: len(chain)] = self.tree.action[chain]

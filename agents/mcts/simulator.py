@@ -45,7 +45,7 @@ BEHIND = -0.5
 REACH_M = 4.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def controls(
     road: Situation, car: Body, rules: Rules, state: FloatArray, target: float, lateral: float
 ) -> tuple[float, float]:
@@ -77,7 +77,7 @@ def controls(
     return demand, limited_steering(car, speed, wheel)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def advance(
     road: Situation, car: Body, rules: Rules, state: FloatArray, first: int, accelerate: int, steer: int,
     before: int, terms: FloatArray,
@@ -140,7 +140,7 @@ def advance(
     return ALIVE
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _settle(
     road: Situation,
     rules: Rules,
@@ -177,14 +177,14 @@ def _settle(
         terms[PROGRESS] = rules.bonus_return * min(max(state[S] - began, 0.0), 5.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _collision(rules: Rules, kind: int) -> float:
     if kind == CLASS_PEDESTRIAN:
         return rules.penalty_pedestrian
     return rules.penalty_object if kind == CLASS_OBJECT else rules.penalty_vehicle
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _touched(
     road: Situation, car: Body, rules: Rules, x: float, y: float, cos: float, sin: float, speed: float, step: int
 ) -> int:
@@ -216,7 +216,7 @@ def _touched(
     return -2 if near else -1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def crafted_centre(road: Situation, car: Body, rules: Rules, idm: Idm, state: FloatArray, time: float) -> int:
     """Index of the acceleration on which the crafted prior is centred."""
     speed = state[SPEED]

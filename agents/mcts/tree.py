@@ -109,7 +109,7 @@ class Beliefs(NamedTuple):
     draws: FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def start(tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, beliefs: Beliefs, state: FloatArray) -> None:
     """Empties the tree and puts the ego's state at its root."""
     used = tree.numbers[NODES]
@@ -132,7 +132,7 @@ def start(tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, belief
     _open(tree, road, car, rules, idm, beliefs, 0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def search(
     tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, beliefs: Beliefs, simulations: int,
     early_stop: bool,
@@ -181,7 +181,7 @@ def search(
     return simulations
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _planned(tree: Tree, beliefs: Beliefs, node: int) -> int:
     """The action of the plan of the tick before, where the constraints still allow it."""
     action = beliefs.plan[tree.depth[node]]
@@ -192,7 +192,7 @@ def _planned(tree: Tree, beliefs: Beliefs, node: int) -> int:
     return int(action) if w[0] <= a <= w[1] and w[2] <= b <= w[3] else -1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def prior_of(tree: Tree, rules: Rules, beliefs: Beliefs, node: int, action: int) -> float:
     """P of an action under a node: the mean of the priors in force, each normalised over the actions allowed."""
     a, b = action // ACTIONS, action % ACTIONS
@@ -213,7 +213,7 @@ def prior_of(tree: Tree, rules: Rules, beliefs: Beliefs, node: int, action: int)
     return float(total / parts)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def select(tree: Tree, rules: Rules, beliefs: Beliefs, node: int, prior_only: bool) -> int:
     """The action of the highest Q + c P sqrt(sum N) / (1 + N).
 
@@ -255,7 +255,7 @@ def select(tree: Tree, rules: Rules, beliefs: Beliefs, node: int, prior_only: bo
     return int(chosen)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def draw(tree: Tree, rules: Rules, beliefs: Beliefs, node: int) -> int:
     """An action drawn from the prior, whatever came of the others: random shooting."""
     w, left = tree.window[node], beliefs.draws[tree.numbers[DRAWN] % len(beliefs.draws)]
@@ -270,7 +270,7 @@ def draw(tree: Tree, rules: Rules, beliefs: Beliefs, node: int) -> int:
     return int(action)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _expand(
     tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, beliefs: Beliefs, node: int, action: int
 ) -> int:
@@ -296,7 +296,7 @@ def _expand(
     return int(child)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _open(tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, beliefs: Beliefs, node: int) -> None:
     """The constraints and priors of the actions under a node."""
     reach = (rules.root_window if node == 0 else rules.node_window) - 1
@@ -317,7 +317,7 @@ def _open(tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, belief
         tree.centre[node, 2] = ahead * _mass(beliefs.kernel, w[2], w[3], beliefs.learned[depth, 1])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _mass(kernel: FloatArray, first: int, last: int, centre: int) -> float:
     total = 0.0
     for i in range(first, last + 1):
@@ -325,7 +325,7 @@ def _mass(kernel: FloatArray, first: int, last: int, centre: int) -> float:
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def back_up(tree: Tree, steps: int) -> None:
     """Q <- (N Q + G) / (N + 1), N <- N + 1 along the walk, G being the undiscounted return from each action on."""
     total, perfect = 0.0, tree.outcome[tree.path[steps]] != FAILED
@@ -344,7 +344,7 @@ def back_up(tree: Tree, steps: int) -> None:
         tree.best[node] = max(tree.best[node], total)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def best_child(tree: Tree, node: int, choice: int, bonus: int) -> int:
     """The child to go on with: most visits and bonuses (0), highest Q (1), or on the best rollout (2); -1 for none."""
     best, chosen = -math.inf, -1

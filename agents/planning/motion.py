@@ -58,14 +58,14 @@ def body(vehicle: VehicleParameters, lateral_limit: float) -> Body:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def limited_steering(car: Body, speed: float, steering: float) -> float:
     """A demanded front wheel angle within full lock and the lateral acceleration allowed, rad."""
     most = min(car.max_steering, math.atan(car.wheelbase * car.lateral_limit / max(speed * speed, 0.01)))
     return min(max(steering, -most), most)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def vehicle_step(
     car: Body,
     x: float,
@@ -113,7 +113,7 @@ def vehicle_step(
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def project(path: FloatArray, first_s: float, spacing: float, x: float, y: float, near: float, reach: float):  # type: ignore[no-untyped-def]
     """Projects a point on the stretch of a path around an arc length.
 
@@ -153,7 +153,7 @@ def project(path: FloatArray, first_s: float, spacing: float, x: float, y: float
     return first_s + (row + share) * spacing, side, row
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def pursuit(
     car: Body,
     path: FloatArray,
@@ -192,7 +192,7 @@ def pursuit(
     return math.atan2(2.0 * car.wheelbase * across, max(along * along + across * across, 1e-3))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def boxes_meet(
     x: float,
     y: float,
@@ -243,7 +243,7 @@ class Idm(NamedTuple):
     hardest: float
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def idm_acceleration(model: Idm, speed: float, target: float, gap: float, leader_speed: float) -> float:
     """IDM's acceleration towards a target speed behind a leader, m/s^2; an infinite gap is a free road."""
     wanted = model.gap + max(

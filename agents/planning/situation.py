@@ -44,8 +44,8 @@ class Situation(NamedTuple):
         spacing: m.
         line: Arc length of the first closed line, m.
         grid: Flags of road and route by cell, see `on_grid`.
-        boxes: (81, N, 6) centre x, y [m], cosine, sine, half length, half width [m] of every actor at every 0.1 s; those
-            who follow in the ego's lane are left out.
+        boxes: (81, N, 6) centre x, y [m], cosine, sine, half length, half width [m] of everybody every 0.1 s, but of
+            those who follow in the ego's lane.
         speed: (N,), m/s.
         kind: (N,) 0 pedestrian or cyclist, 1 vehicle, 2 object.
         along: (17, N, 4) arc length on the path, lateral distance to it, half extents across and along it [m], every
@@ -149,7 +149,7 @@ def _extended(scene: Scene) -> tuple[FloatArray, FloatArray, FloatArray, FloatAr
     return path, limit, half_width, np.concatenate([p.curvature, np.zeros(more)])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _allowed_speed(
     limit: FloatArray, curvature: FloatArray, lateral: float, braking: float, spacing: float
 ) -> FloatArray:
@@ -163,7 +163,7 @@ def _allowed_speed(
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _draw_strip(grid: np.ndarray, x0: float, y0: float, x1: float, y1: float, half: float, bits: int) -> None:
     """Sets bits of all cells whose centre is within `half` of a segment, round ends left out."""
     ux, uy = x1 - x0, y1 - y0
@@ -185,7 +185,7 @@ def _draw_strip(grid: np.ndarray, x0: float, y0: float, x1: float, y1: float, ha
                 grid[c, r] |= bits
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _draw_lanes(
     grid: np.ndarray, points: FloatArray, width: FloatArray, on_route: IntArray, is_open: np.ndarray
 ) -> None:
@@ -210,14 +210,14 @@ def _draw_lanes(
             _draw_strip(grid, a[0], a[1], b[0], b[1], half, bits)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _draw_path(grid: np.ndarray, path: FloatArray, half_width: FloatArray) -> None:
     for i in range(path.shape[0] - 1):
         half = half_width[i] + LANE_TOLERANCE_M
         _draw_strip(grid, path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1], half, ROAD_BIT | ROUTE_BIT)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def on_grid(grid: np.ndarray, x: float, y: float) -> int:
     """Flags at a point: 1 road, 2 the route's roads. Beyond the grid everything is both."""
     c, r = math.floor((x - GRID_X_M[0]) / CELL_M), math.floor((y - GRID_Y_M[0]) / CELL_M)
@@ -226,7 +226,7 @@ def on_grid(grid: np.ndarray, x: float, y: float) -> int:
     return int(grid[c, r])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def box_on_grid(
     grid: np.ndarray, x: float, y: float, cos: float, sin: float, half_length: float, half_width: float
 ) -> int:
@@ -237,7 +237,7 @@ def box_on_grid(
     return int(flags)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _along_path(
     path: FloatArray, first_s: float, spacing: float, boxes: FloatArray, along: FloatArray, along_speed: FloatArray
 ) -> None:
@@ -261,7 +261,7 @@ def _along_path(
             ) / COARSE_S
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def leader(road: Situation, half_length: float, half_width: float, s: float, time: float, offset: float):  # type: ignore[no-untyped-def]
     """The nearest actor ahead in the corridor along the path at a time to come.
 
@@ -288,7 +288,7 @@ def leader(road: Situation, half_length: float, half_width: float, s: float, tim
     return best, speed
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def at_row(road: Situation, s: float) -> int:
     """Row of the path point at or before an arc length."""
     row = int((s - road.first_s) / road.spacing)

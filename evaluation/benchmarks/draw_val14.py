@@ -5,8 +5,9 @@ its speed, with a route that may make a scenario of some type of it. The referen
 the candidate is kept if the run passes that type's test in `evaluation.scenario_types`. Types that traffic alone gives
 too rarely get a scripted event on the way, and have to pass the same test.
 
-Places and seeds of both benchmarks are apart: an edge belongs to one of them by a hash of its name. `--pin` keeps the
-missions, drives the reference anew, and writes its logs and progress: for when the reference or the simulation changed.
+Places and seeds of both benchmarks are apart: an edge belongs to one of them by a hash of its name. What a file has
+already is kept, and what it lacks is drawn. `--pin` keeps all missions, drives the reference anew, and writes its logs
+and progress: for when the reference or the simulation changed.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import count
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -26,12 +27,11 @@ import numpy as np
 from evaluation.benchmark import CLOSED_LOOP, Benchmark, Cell, Excerpt, ScriptedMission, load_benchmark
 from evaluation.benchmarks.draw_events import fits
 from evaluation.logs import Reference, drive_reference
-from evaluation.scenario_types import TYPES, Run
-from evaluation.store import write_atomically
+from evaluation.scenario_types import CHANGE_WITHIN_M, STANDING_MPS, STANDING_OTHERS, STANDING_WITHIN_M, TYPES, Run
 from sumo_networks.arrays import FloatArray
 from sumo_networks.catalog import load_network
 from sumo_networks.errors import InvalidInputError, SimulationError
-from sumo_networks.geometry import wrap
+from sumo_networks.geometry import boxes_overlap, wrap
 from sumo_networks.log import write_log
 from sumo_networks.network import RoadNetwork
 from sumo_networks.routing import Route, plan_route
@@ -42,16 +42,19 @@ from sumo_networks.world import ActorKind, Actors, LightState, World
 DURATION_S = 15.0
 WARM_UP_S = 30.0
 TRAFFIC: Mapping[str, Traffic] = {
-    "adlershof": Traffic(vehicles=250, bicycles=20, pedestrians=100, warm_up_s=WARM_UP_S),
+    "adlershof": Traffic(vehicles=140, bicycles=10, pedestrians=30, warm_up_s=WARM_UP_S),
     "braunschweig": Traffic(vehicles=120, bicycles=10, pedestrians=30, warm_up_s=WARM_UP_S),
     "ingolstadt": Traffic(vehicles=60, bicycles=6, pedestrians=30, warm_up_s=WARM_UP_S),
     "district": Traffic(vehicles=100, bicycles=10, pedestrians=80, warm_up_s=WARM_UP_S),
 }
 TRAIN_SHARE = 4  # one edge in so many
-TRIES = 2  # candidates per network, seed and type
+QUARTERS_UNTIL = 2  # seeds
+TRIES = 3  # candidates per network, seed and type
 LONGEST_SEARCH = 60  # seeds
+SAME_PLACE_FROM = 6  # seeds after which a type may come twice on one edge, at different moments
+ALWAYS_STAGED = ("traversing-pickup-dropoff", "waiting-for-pedestrian-to-cross")
 _STAGED: Mapping[str, tuple[Mapping[str, str | float | int], ...]] = {
-    "traversing-pickup-dropoff": ({"kind": "vehicle_opens_door", "at_m": 5.0, "ahead_m": 35.0},),
+    "traversing-pickup-dropoff": ({"kind": "parking_crossing_pedestrian", "at_m": 3.0, "ahead_m": 35.0},),
     "waiting-for-pedestrian-to-cross": (
         {"kind": "pedestrian_group_crossing", "at_m": 3.0, "ahead_m": 35.0},
         {"kind": "pedestrian_steps_out", "at_m": 3.0, "ahead_m": 30.0},
@@ -60,6 +63,10 @@ _STAGED: Mapping[str, tuple[Mapping[str, str | float | int], ...]] = {
     "stopping-with-lead": ({"kind": "hard_brake", "at_m": 3.0, "appear_m": 25.0, "wait_s": 3.0},),
     "following-lane-with-lead": ({"kind": "hard_brake", "at_m": 3.0, "appear_m": 18.0, "wait_s": 12.0},),
 }
+
+
+Found = tuple[str, str, ScriptedMission]
+"""Type, network and mission of one scenario."""
 
 
 @dataclass(frozen=True)
@@ -98,44 +105,48 @@ class Candidate:
     left_m: float
 
 
-def draw(name: str, per_type: int, first_seed: int, train: bool) -> Iterator[tuple[str, str, ScriptedMission]]:
-    """Type, network and mission of each scenario, as it is found.
+def draw(name: str, per_type: int, first_seed: int, train: bool, there: Sequence[Found] = ()) -> Iterator[Found]:
+    """Type, network and mission of each scenario that is still missing, as it is found.
 
     Args:
         name: For the scenarios while they are tried.
         per_type: How many of each type.
         first_seed: Of the traffic.
         train: Whose edges to use.
+        there: What was found before.
 
     Raises:
         InvalidInputError: Some type could not be found so often.
     """
-    found: Counter[str] = Counter()
-    local: Counter[tuple[str, str]] = Counter()
-    used: set[tuple[str, str, str]] = set()
+    found = Counter(kind for kind, _, _ in there)
+    local = Counter((kind, network_name) for kind, network_name, _ in there)
+    used = {(kind, network_name, mission.start.lane.rpartition("_")[0]) for kind, network_name, mission in there}
+    moments = {(mission.excerpt.seed, mission.start) for _, _, mission in there if mission.excerpt}
     for number in range(LONGEST_SEARCH):
-        share = max(math.ceil(per_type / len(TRAFFIC)), number)  # each network its quarter, then whoever has some
+        # Each network gives its quarter first; what one has not, the others may give.
+        share = per_type if number >= QUARTERS_UNTIL else math.ceil(per_type / len(TRAFFIC))
         for network_name in TRAFFIC:
             wanted = [one for one in TYPES if found[one] < per_type and local[one, network_name] < share]
             if not wanted:
                 continue
             snapshot = take_snapshot(network_name, first_seed + number)
-            rng = np.random.default_rng([first_seed, number])
             candidates = [one for one in cars(snapshot) if _of(snapshot.network, one.lane, train)]
             for kind in wanted:
-                staged = number >= 2 and local[kind, network_name] <= number
+                rng = np.random.default_rng([first_seed, number, list(TYPES).index(kind)])
+                staged = kind in ALWAYS_STAGED or (kind in _STAGED and number >= 2)
                 tries = 0
                 for i in rng.permutation(len(candidates)):
                     edge = snapshot.network.edge_id(candidates[i].lane)
-                    if tries >= TRIES or (kind, network_name, edge) in used:
+                    if tries >= TRIES or (number < SAME_PLACE_FROM and (kind, network_name, edge) in used):
                         continue
                     mission = propose(kind, snapshot, candidates[i], rng, staged)
-                    if mission is None:
+                    if mission is None or (snapshot.seed, mission.start) in moments:
                         continue
                     tries += 1
                     kept = confirm(kind, snapshot, mission)
                     if kept is not None:
                         used.add((kind, network_name, edge))
+                        moments.add((snapshot.seed, mission.start))
                         found[kind] += 1
                         local[kind, network_name] += 1
                         print(f"{name}: {kind} {found[kind]}/{per_type} on {network_name}", flush=True)
@@ -145,7 +156,7 @@ def draw(name: str, per_type: int, first_seed: int, train: bool) -> Iterator[tup
         if all(found[kind] >= per_type for kind in TYPES):
             return
     missing = {kind: per_type - found[kind] for kind in TYPES if found[kind] < per_type}
-    print(f"{name}: MISSING {missing}", flush=True)
+    raise InvalidInputError(f"{name}: not found often enough: {missing}")
 
 
 def take_snapshot(network_name: str, seed: int) -> Snapshot:
@@ -153,7 +164,9 @@ def take_snapshot(network_name: str, seed: int) -> Snapshot:
     network = load_network(network_name)
     long = int(np.argmax(np.where(network.lanes.drivable & ~network.lanes.internal, network.lanes.length, 0.0)))
     lane = str(network.lanes.ids[long])
-    anywhere = Mission(start=Place(lane=lane, position_m=5.0), goal=Place(lane=lane, position_m=-5.0), start_speed_mps=0)
+    anywhere = Mission(
+        start=Place(lane=lane, position_m=5.0), goal=Place(lane=lane, position_m=-5.0), start_speed_mps=0
+    )
     scenario = Scenario(network=network_name, missions=(anywhere,), traffic=TRAFFIC[network_name], seed=seed)
     simulation = Simulation(network, scenario)
     try:
@@ -189,7 +202,7 @@ def propose(
     turn = str(rng.choice(["lL", "rR"])) if kind == "high-lateral-acceleration" else turn
     lane = one.lane
     if kind == "changing-lane":
-        lane = max(int(network.lanes.left[lane]), int(network.lanes.right[lane]))
+        lane, turn = _beside(network, one.lane)
     mission = route_from(network, one, lane, turn)
     if mission is None:
         return None
@@ -218,6 +231,7 @@ def promising(kind: str, snapshot: Snapshot, one: Candidate, staged: bool) -> bo
     vehicle[one.row] = False
     led = vehicle & (ahead > 0) & (ahead < 35.0) & (np.abs(aside) < 1.5)
     nearest = int(np.argmin(np.where(led, ahead, np.inf))) if led.any() else -1
+    standing, near = vehicle & (actors.speed < STANDING_MPS), np.hypot(ahead, aside) < STANDING_WITHIN_M
     in_s = one.left_m / max(one.speed, 2.0)
     green = _green(snapshot, one.lane)
     free = nearest < 0 or ahead[nearest] > one.left_m
@@ -231,13 +245,13 @@ def promising(kind: str, snapshot: Snapshot, one: Candidate, staged: bool) -> bo
         "stopping-with-lead": nearest >= 0 and one.speed >= 4.5 and actors.speed[nearest] < 2.0,
         "high-lateral-acceleration": green and 1.0 < in_s < 8.0 and free,
         "high-magnitude-speed": one.speed >= 9.5 and (one.left_m > 90.0 or green) and free,
-        "low-magnitude-speed": 0.3 <= one.speed <= 1.5,
+        "low-magnitude-speed": nearest >= 0 and 0.5 <= one.speed <= 4.0 and bool(ahead[nearest] < 14.0),
         "waiting-for-pedestrian-to-cross": one.speed >= 2.0
         and bool((actors.kind == ActorKind.PEDESTRIAN)[(ahead > 5) & (ahead < 40) & (np.abs(aside) < 8)].any()),
         "behind-long-vehicle": nearest >= 0 and actors.length[nearest] >= 8.0 and ahead[nearest] < 28.0,
-        "stationary-in-traffic": one.speed < 0.1 and not green and nearest >= 0,
+        "stationary-in-traffic": one.speed < 0.1 and not green and int((standing & near).sum()) >= STANDING_OTHERS,
         "near-multiple-vehicles": int((vehicle & (np.hypot(ahead, aside) < 22.0)).sum()) >= 4 and one.speed > 1.0,
-        "changing-lane": one.left_m > 70.0 and one.speed >= 3.0,
+        "changing-lane": one.left_m > 45.0 and one.speed >= 3.0,
         "following-lane-with-lead": nearest >= 0
         and ahead[nearest] < 27.0
         and one.speed >= 5.0
@@ -250,7 +264,7 @@ def promising(kind: str, snapshot: Snapshot, one: Candidate, staged: bool) -> bo
 def suits(kind: str, route: Route) -> bool:
     """Whether a route has what its type needs."""
     if kind == "changing-lane":
-        return bool(route.lane_changes) and route.lane_changes[0].start <= 40.0
+        return bool(route.lane_changes) and route.lane_changes[0].start <= CHANGE_WITHIN_M
     if kind == "starting-straight-traffic-light-intersection-traversal":
         return bool(route.passages) and route.passages[0].signal >= 0
     return True
@@ -265,8 +279,7 @@ def confirm(kind: str, snapshot: Snapshot, mission: ScriptedMission) -> Scripted
     except SimulationError:
         return None
     run = run_of(scenario, reference)
-    hit = bool(np.any(_touches(reference)))
-    if reference.goal or hit or not TYPES[kind](run):
+    if reference.goal or any(_touches(reference)) or not TYPES[kind](run):
         return None
     return mission.model_copy(update={"excerpt": excerpt_of(snapshot.seed, reference)})
 
@@ -302,6 +315,18 @@ def excerpt_of(seed: int, reference: Reference) -> Excerpt:
     return Excerpt(seed=seed, warm_up_s=WARM_UP_S, reference_m=reference.progress_m, log=reference.log.sha256())
 
 
+def _beside(network: RoadNetwork, lane: int) -> tuple[int, str]:
+    """A neighbour from which one may leave in a direction that the lane itself does not have; -1 if there is none."""
+    connections = network.connections
+    own = {str(connections.direction[c]) for c in network.connections_from(lane)}
+    for neighbour in (int(network.lanes.left[lane]), int(network.lanes.right[lane])):
+        if neighbour >= 0:
+            more = {str(connections.direction[c]) for c in network.connections_from(neighbour)} - own - {"t"}
+            if more:
+                return neighbour, min(more)
+    return -1, "s"
+
+
 def route_from(network: RoadNetwork, one: Candidate, lane: int, turn: str) -> Mission | None:
     """A mission from a car's place by the first junction in one of some directions, then straight on, 15 s or more."""
     lanes, connections = network.lanes, network.connections
@@ -332,7 +357,7 @@ def route_from(network: RoadNetwork, one: Candidate, lane: int, turn: str) -> Mi
 def along(shape: FloatArray, point: FloatArray) -> tuple[float, float, float]:
     """Arc length [m], signed distance [m, left positive] and direction [rad] of a polyline where a point is nearest."""
     arc, best = _arc(shape), (math.inf, 0.0, 0.0, 0.0)
-    for i, (a, b) in enumerate(zip(shape[:-1], shape[1:], strict=True)):
+    for i, (a, b) in enumerate(pairwise(shape)):
         step = b - a
         length = float(np.hypot(*step))
         if length == 0.0:
@@ -363,8 +388,6 @@ def _of(network: RoadNetwork, lane: int, train: bool) -> bool:
 
 def _touches(reference: Reference) -> Iterator[bool]:
     """Whether the reference touched somebody, tick by tick: such a run is no example."""
-    from sumo_networks.geometry import boxes_overlap
-
     trajectory = reference.trajectory
     ego = np.flatnonzero(trajectory.key == -1)
     for tick, row in enumerate(ego.tolist()):
@@ -374,7 +397,7 @@ def _touches(reference: Reference) -> Iterator[bool]:
         yield bool(boxes_overlap(box, boxes).any())
 
 
-def lines(name: str, found: Sequence[tuple[str, str, ScriptedMission]]) -> Iterator[str]:
+def lines(name: str, found: Sequence[Found]) -> Iterator[str]:
     """Lines of a benchmark's file."""
     what = "train a planner on" if name.endswith("train") else "the 14 scenario types of nuPlan's challenge"
     yield f'name = "{name}"'
@@ -425,7 +448,7 @@ def _toml(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def pinned(benchmark: Benchmark) -> Iterator[tuple[str, str, ScriptedMission]]:
+def pinned(benchmark: Benchmark) -> Iterator[Found]:
     """The missions of a benchmark, with what the reference does in them today.
 
     A run that is no longer of its type is named, and kept: its place in the list is part of the benchmark.
@@ -448,12 +471,31 @@ BENCHMARKS = {
     "val14-train": partial(draw, "val14-train", 5, 5000, True),
 }
 
+
+def missions_of(benchmark: Benchmark) -> list[Found]:
+    """What a benchmark's file holds."""
+    return [
+        (cell.name.partition(".")[0], cell.network, mission)
+        for cell in benchmark.cells
+        for mission in benchmark.missions[cell.missions]
+    ]
+
+
+def write(name: str, pin: bool) -> None:
+    """Draws what a benchmark's file lacks, or pins what it has; what was found is kept if this is interrupted."""
+    file = Path(__file__).with_name(f"{name}.toml")
+    found = missions_of(load_benchmark(name)) if file.exists() and not pin else []
+    for one in pinned(load_benchmark(name)) if pin else BENCHMARKS[name](there=tuple(found)):
+        found.append(one)
+        if not pin:
+            file.write_text("\n".join(lines(name, found)) + "\n")
+    file.write_text("\n".join(lines(name, found)) + "\n")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Draws a benchmark of recorded scenarios.")
     parser.add_argument("name", choices=BENCHMARKS)
     parser.add_argument("--pin", action="store_true", help="keep the missions, renew logs and references")
     arguments = parser.parse_args()
     chosen = arguments.name
-    missions = list(pinned(load_benchmark(chosen)) if arguments.pin else BENCHMARKS[chosen]())
-    file = Path(__file__).with_name(f"{chosen}.toml")
-    write_atomically(file, ("\n".join(lines(chosen, missions)) + "\n").encode())
+    write(chosen, arguments.pin)

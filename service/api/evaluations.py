@@ -61,8 +61,7 @@ async def create(
     order: EvaluationOrder, caller: Submitter, services: ServicesOf, idempotency_key: IdempotencyKey = None
 ) -> EvaluationView:
     """Queues one agent on one benchmark; 429 past the caller's quota, 503 where the queue is full."""
-    if services.draining:
-        raise BusyError("the service is shutting down", retry_s=30)
+    _refuse_while_ending(services)
     view = await run_in_threadpool(_create, order, caller, services, idempotency_key)
     services.scheduler.wake()
     services.events.publish("evaluations", {"evaluation": view.id, "status": view.status})
@@ -167,8 +166,7 @@ async def cancel(identifier: Identifier, caller: Submitter, services: ServicesOf
 @router.post("/{identifier}/resume", responses=problems(403, 404, 409, 507))
 async def resume(identifier: Identifier, caller: Submitter, services: ServicesOf) -> EvaluationView:
     """Queues again what was lost or cancelled; what is done stays done. Harmless where nothing is missing."""
-    if services.draining:
-        raise BusyError("the service is shutting down", retry_s=30)
+    _refuse_while_ending(services)
 
     def again() -> None:
         with services.database.session() as session:
@@ -192,6 +190,7 @@ def _create(order: EvaluationOrder, caller: Caller, services: Services, key: str
     # Plans routes, so it takes a while the first time: outside of any transaction.
     scenarios = benchmark.scenarios(seeds)
     request = content_hash({"evaluation": order.model_dump(mode="json")})
+    _refuse_while_ending(services)  # nobody may wait for the answer any more
     with services.database.session() as session:
         if before := made_before(session, caller.owner, key, request):
             return _views(session, [session.get_one(Evaluation, before)])[0]
@@ -209,6 +208,11 @@ def _create(order: EvaluationOrder, caller: Caller, services: Services, key: str
         )
         remember(session, caller.owner, key, request, evaluation.id)
         return _views(session, [evaluation])[0]
+
+
+def _refuse_while_ending(services: Services) -> None:
+    if services.draining:
+        raise BusyError("the service is shutting down", retry_s=30)
 
 
 def _submission(session: Session, caller: Caller, order: EvaluationOrder) -> Submission:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from typing import Annotated
 
 import typer
+from rich.progress import MofNCompleteColumn, Progress
 
 from agents.registry import agent_entries
 from evaluation.agent import make_agent
 from evaluation.benchmark import benchmark_names, load_benchmark
-from service.cli.output import print_listing
+from evaluation.logs import prepare_logs
+from service.cli.output import console, print_listing
+from sumo_networks.log import logs_folder
 
 agents = typer.Typer(help="Driving agents.", no_args_is_help=True)
 benchmarks = typer.Typer(help="Benchmarks.", no_args_is_help=True)
@@ -39,6 +43,22 @@ def list_agents(json: Json = False) -> None:
             }
         )
     print_listing(rows, json)
+
+
+@benchmarks.command("prepare")
+def prepare(
+    name: Annotated[str, typer.Argument(help="Name, or path of a .toml file.")],
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: one per CPU.")] = None,
+) -> None:
+    """Makes the recorded runs that a benchmark replays; the same command again goes on where it stopped."""
+    scenarios = load_benchmark(name).scenarios([0])
+    with Progress(*Progress.get_default_columns(), MofNCompleteColumn(), console=console) as bar:
+        task = bar.add_task(f"logs of {name}", total=None)
+        made = prepare_logs(
+            scenarios, workers or os.cpu_count() or 1, lambda done, total: bar.update(task, completed=done, total=total)
+        )
+    logs = sum(scenario.log is not None for scenario in scenarios)
+    console.print(f"{made} made, {logs - made} there before, in {logs_folder()}")
 
 
 @benchmarks.command("list")

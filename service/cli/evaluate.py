@@ -14,12 +14,15 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from agents.registry import resolve_with
+from evaluation.closed_loop import as_document as closed_loop_document
+from evaluation.closed_loop import by_type, lost_episodes, score_records, summarise_closed_loop
 from evaluation.evaluation import Result, run_benchmark
 from evaluation.executors import Executor, ProcessPool
 from evaluation.ray_executor import RayExecutor
-from evaluation.record import EpisodeRecord
+from evaluation.record import EpisodeRecord, Status
 from evaluation.runner import ACT_DEADLINE_S
 from evaluation.summary import as_document, summarise, summarise_cells
+from service.cli.closed_loop import print_closed_loop, print_legend
 from service.cli.output import console, print_cells, print_comparison, print_json
 from sumo_networks.errors import InvalidInputError
 
@@ -53,6 +56,11 @@ def evaluate(
         bar.start()  # not before everything was checked, so that a refusal is one line
         bar.update(task, completed=done, total=total, note=_note(record))
 
+    def show_logs(done: int, total: int) -> None:
+        if total:
+            bar.start()
+            bar.update(task, completed=done, total=total, note="logs of the recorded runs")
+
     entry, made_with = resolve_with(agent, parse_settings(settings or []))
     try:
         result = run_benchmark(
@@ -64,6 +72,7 @@ def evaluate(
             executor=_executor(executor, workers, address),
             act_deadline_s=deadline,
             progress=show,
+            preparing=show_logs,
             reverse=reverse,
         )
     finally:
@@ -71,12 +80,21 @@ def evaluate(
             bar.stop()
     rules = result.manifest.benchmark.rules
     summary = summarise(result.records, rules=rules)
+    scored = score_records(zip(result.records, result.paths, strict=True)) if _closed_loop(result) else []
+    lost = lost_episodes(result.records)
     if json:
         cells = {cell: as_document(one) for cell, one in summarise_cells(result.records, rules=rules).items()}
-        print_json(as_document(summary) | {"cells": cells, "drives": _drives(result)})
+        closed = {"closed_loop": closed_loop_document(scored, lost)} if scored else {}
+        print_json(as_document(summary) | {"cells": cells, "drives": _drives(result)} | closed)
         return
-    print_cells(summarise_cells(result.records, rules=rules))
-    print_comparison([summary])
+    if scored:
+        print_closed_loop(by_type(scored), "type")
+        whole = summarise_closed_loop(scored, lost)
+        print_closed_loop({summary.agent: whole}, "agent")
+        print_legend(whole)
+    else:
+        print_cells(summarise_cells(result.records, rules=rules))
+        print_comparison([summary])
     _print_failures(result)
     console.print(f"records in {result.paths[0].parent}")
 
@@ -109,11 +127,15 @@ def _note(record: EpisodeRecord | None) -> str:
     return f"{record.scenario.name} s{record.scenario.seed}: {statuses}"
 
 
+def _closed_loop(result: Result) -> bool:
+    return result.manifest.benchmark.closed_loop
+
+
 def _print_failures(result: Result) -> None:
     """One line for every drive that failed: what, where, when."""
     for record, path in zip(result.records, result.paths, strict=True):
         for ego in record.egos:
-            if ego.status.completed:
+            if ego.status.completed or ego.status is Status.FINISHED:
                 continue
             last = f"; last infraction {ego.infractions[-1].kind} at {ego.infractions[-1].time_s:.1f} s"
             console.print(

@@ -6,7 +6,20 @@ import sys
 
 import typer
 
-from service.cli import catalogs, dataset, evaluate, localize, networks, records, routes, serve, tokens, train, worker
+from service.cli import (
+    catalogs,
+    dataset,
+    evaluate,
+    explain,
+    localize,
+    networks,
+    records,
+    routes,
+    serve,
+    tokens,
+    train,
+    worker,
+)
 from sumo_networks.errors import DohyoError
 
 BAD_INPUT, INTERRUPTED = 2, 130
@@ -26,6 +39,7 @@ app.command("evaluate")(evaluate.evaluate)
 app.command("report")(records.report)
 app.command("verify")(records.verify)
 app.command("score")(records.score)
+app.command("explain")(explain.explain)
 app.command("localize")(localize.localize)
 app.command("serve")(serve.serve)
 app.command("worker")(worker.worker)

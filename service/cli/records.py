@@ -13,6 +13,8 @@ from typing import Annotated, Literal
 import typer
 
 from evaluation.agent import agent_info, make_agent
+from evaluation.closed_loop import applies, compare_closed_loop, lost_episodes, score_records, summarise_closed_loop
+from evaluation.closed_loop import as_document as closed_loop_document
 from evaluation.evaluation import Result, read_result
 from evaluation.record import AgentInfo, EpisodeRecord
 from evaluation.report import Evaluation, write_report
@@ -20,6 +22,7 @@ from evaluation.runner import drive_episode, versions
 from evaluation.scores.driving import IrsLength, Rules
 from evaluation.store import read_record
 from evaluation.summary import as_document, compare, score_drive, summarise, summarise_cells
+from service.cli.closed_loop import print_closed_loop, print_legend, print_terms
 from service.cli.output import console, interval, number, print_cells, print_comparison, print_json, print_rows
 from sumo_networks.catalog import load_network
 from sumo_networks.errors import InvalidInputError
@@ -60,6 +63,8 @@ def report(
             console.print(f"[bold]{name}[/bold]")
             print_cells(cells)
     _print_verdicts(names, results, rules, irs_length)
+    if all(result.manifest.benchmark.closed_loop for result in results):
+        _print_closed_loop(names, results)
     path = write_report(evaluations, out, rules=rules, irs_length=irs_length)
     console.print(f"report: {path.resolve()}")
 
@@ -71,6 +76,21 @@ def _print_verdicts(names: Sequence[str], results: Sequence[Result], rules: Rule
         console.print(
             f"{a} {score.verdict} {b}: driving score differs by {interval(score.difference)} on "
             f"{score.difference.n} drives of both; {score.probability:.0%} that {a}'s is higher",
+            markup=False,
+        )
+
+
+def _print_closed_loop(names: Sequence[str], results: Sequence[Result]) -> None:
+    scored = [score_records(zip(result.records, result.paths, strict=True)) for result in results]
+    lost = [lost_episodes(result.records) for result in results]
+    summaries = [summarise_closed_loop(*pair) for pair in zip(scored, lost, strict=True)]
+    print_closed_loop(dict(zip(names, summaries, strict=True)), "agent")
+    print_legend(summaries[0])
+    for (a, first), (b, second) in combinations(zip(names, scored, strict=True), 2):
+        one = compare_closed_loop(first, second)
+        console.print(
+            f"{a} {one.verdict} {b}: closed-loop score differs by {interval(one.difference)} on "
+            f"{one.difference.n} drives of both",
             markup=False,
         )
 
@@ -116,10 +136,12 @@ def score(
 ) -> None:
     """Recomputes every score from the raw events."""
     loaded = [read_record(path) for path in records]
+    scored = score_records((record, path) for record, path in zip(loaded, records, strict=True) if applies(record))
     summary = summarise(loaded, rules=rules, irs_length=irs_length)
     if json:
         drives = _drives(records, loaded, rules, irs_length)
-        print_json(as_document(summary) | {"drives": [dict(record=str(p), ego=e, **s) for p, e, s in drives]})
+        closed = {"closed_loop": closed_loop_document(scored)} if scored else {}
+        print_json(as_document(summary) | {"drives": [dict(record=str(p), ego=e, **s) for p, e, s in drives]} | closed)
         return
     rows = [
         (path.stem, ego, *(number(value) for value in scores.values()))
@@ -127,6 +149,8 @@ def score(
     ]
     names = next(iter(_drives(records, loaded, rules, irs_length)))[2]
     print_rows(["record", "ego", *names], rows)
+    if scored:
+        print_terms(scored)
     print_comparison([summary])
 
 

@@ -142,7 +142,9 @@ class Simulation:
 
     def everybody(self) -> Actors:
         """Everything in the whole network but the egos; keys are those of rows."""
-        return Survey(self.network, None).read(self._registry.images, self._director.cast, self._registry.obstacles())[1]
+        return Survey(self.network, None).read(self._registry.images, self._director.cast, self._registry.obstacles())[
+            1
+        ]
 
     def close(self) -> None:
         """Ends SUMO; safe to call twice."""

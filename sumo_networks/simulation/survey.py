@@ -44,9 +44,8 @@ class Survey:
             obstacles: Boxes that SUMO does not know.
         """
         rows = [
-            (f"obstacle-{i}", int(obstacles.kind[i]), *obstacles.position[i].tolist(), obstacles.heading.item(i), 0.0)
-            + (obstacles.length.item(i), obstacles.width.item(i), -1, 0)
-            for i in range(len(obstacles))
+            (f"obstacle-{i}", int(obstacles.kind[i]), x, y, heading, 0.0, length, width, -1, 0)
+            for i, (x, y, heading, length, width) in enumerate(obstacles.boxes().tolist())
         ]
         found: list[_Row] = [*rows, *(self._puppet(one) for one in cast if self._near(one.x, one.y))]
         for domain, signals in ((libsumo.vehicle, libsumo.vehicle.getSignals), (libsumo.person, lambda _: 0)):
@@ -57,12 +56,14 @@ class Survey:
         return [row[0] for row in found], _table(found)
 
     def _near(self, x: float, y: float) -> bool:
-        return self.points is None or bool(np.hypot(self.points[:, 0] - x, self.points[:, 1] - y).min() <= SIGHT_M + _SLACK_M)
+        return self.points is None or bool(
+            np.hypot(self.points[:, 0] - x, self.points[:, 1] - y).min() <= SIGHT_M + _SLACK_M
+        )
 
     def _row(self, domain: type[libsumo.vehicle], name: str, x: float, y: float, signals: int) -> _Row:
         if name not in self._bodies:
-            kind = KINDS[domain.getTypeID(name).split("@")[0]]
-            self._bodies[name] = int(kind), domain.getLength(name), domain.getWidth(name)
+            known = int(KINDS[domain.getTypeID(name).split("@")[0]])
+            self._bodies[name] = known, domain.getLength(name), domain.getWidth(name)
         kind, length, width = self._bodies[name]
         heading = (1.5 * math.pi - math.radians(domain.getAngle(name))) % (2 * math.pi) - math.pi
         back = 0.0 if kind == ActorKind.PEDESTRIAN else 0.5 * length  # SUMO gives a vehicle's front bumper

@@ -5,10 +5,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import Browser
 from pydantic import SecretStr
 
 from service.database.engine import Database
-from tests.service import postgres
+from tests.service import browsing, postgres
 from tests.service.harness import Harness, running
 
 
@@ -16,6 +17,12 @@ from tests.service.harness import Harness, running
 def postgres_server() -> Iterator[str]:
     with postgres.running() as url:
         yield url
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    with browsing.launched() as chromium:
+        yield chromium
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])

@@ -1,118 +1,21 @@
+"""`dohyo serve` from outside: its first token, its signals, its databases, and what it refuses."""
+
 from __future__ import annotations
 
 import json
-import os
 import re
 import signal
-import subprocess
-import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import httpx
 import pytest
-from typer.testing import CliRunner
 
-from service.cli.main import app
 from service.server import check_exposure
 from service.settings import Settings
 from sumo_networks.errors import InvalidInputError
-
-DOHYO = [sys.executable, "-c", "from service.cli import main; main()"]
-START_S = 60.0
-
-
-class Served:
-    """`dohyo serve` in a process of its own.
-
-    Attributes:
-        url: Where it listens.
-        printed: Lines on standard output.
-        log: Lines on standard error, parsed.
-    """
-
-    def __init__(self, data: Path, *options: str) -> None:
-        environment = {key: value for key, value in os.environ.items() if not key.startswith("DOHYO_")}
-        self.process = subprocess.Popen(
-            [*DOHYO, "serve", "--port", "0", "--data", str(data), "--processes", "1", *options],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env=environment,
-        )
-        self.printed: list[str] = []
-        self.log: list[dict[str, Any]] = []
-        self._readers = [
-            threading.Thread(target=self._read, args=(self.process.stdout, self.printed.append)),
-            threading.Thread(target=self._read, args=(self.process.stderr, self._note)),
-        ]
-        for reader in self._readers:
-            reader.start()
-        self.url = self._ready()
-
-    @staticmethod
-    def _read(stream: Any, take: Any) -> None:
-        for line in stream:
-            take(line.rstrip("\n"))
-
-    def _note(self, line: str) -> None:
-        self.log.append(json.loads(line))
-
-    def _ready(self) -> str:
-        deadline = time.monotonic() + START_S
-        while time.monotonic() < deadline:
-            assert self.process.poll() is None, (self.printed, self.log)
-            if self.printed:
-                url = self.printed[0].removeprefix("dohyo: ")
-                try:
-                    if httpx.get(f"{url}/health/ready", timeout=1).status_code == 200:
-                        return url
-                except httpx.TransportError:
-                    pass
-            time.sleep(0.1)
-        raise AssertionError(f"not ready: {self.printed} {self.log}")
-
-    @property
-    def token(self) -> str:
-        (found,) = (match[1] for line in self.printed if (match := re.search(r"(dohyo_\S+)", line)))
-        return found
-
-    def ask(self, method: str, path: str, json: Any = None) -> Any:
-        headers = {"authorization": f"Bearer {self.token}"}
-        answer = httpx.request(method, self.url + path, json=json, headers=headers, timeout=30)
-        assert answer.status_code < 300, (answer.text, self.log)
-        return answer.json()
-
-    def end(self, with_signal: int = signal.SIGTERM) -> int:
-        self.process.send_signal(with_signal)
-        code = self.process.wait(60)
-        for reader in self._readers:
-            reader.join(10)
-        return code
-
-
-@contextmanager
-def serving(data: Path, *options: str) -> Iterator[Served]:
-    served = Served(data, *options)
-    try:
-        yield served
-    finally:
-        if served.process.poll() is None:
-            served.process.kill()
-            served.process.wait()
-
-
-def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*DOHYO, *arguments], capture_output=True, text=True, timeout=60, check=False)
-
-
-def command(*arguments: str) -> Any:
-    """The same in this process, which is faster."""
-    return CliRunner().invoke(app, arguments)
+from tests.service.serving import command, run, serving
 
 
 @pytest.mark.slow
@@ -183,6 +86,40 @@ def test_sigterm_under_load_ends_streams_and_queues_again_what_was_unfinished(tm
         assert state["status"] in ("queued", "running", "done")
         assert progress["lost"] == progress["cancelled"] == 0
         assert progress["total"] == 18
+
+
+SLOW_TO_QUEUE = """
+import service.server, time
+from service.api import evaluations
+service.server.CLOSE_S = 0.5
+find = evaluations.find_benchmark
+evaluations.find_benchmark = lambda name: (time.sleep(3.0), find(name))[1]
+"""
+
+
+@pytest.mark.slow
+def test_a_request_that_outlasts_the_shutdown_is_told_so_and_leaves_nothing(tmp_path: Path) -> None:
+    answers: list[httpx.Response] = []
+    with serving(tmp_path / "data", before=SLOW_TO_QUEUE) as served:
+        served.ask("POST", "/v1/agents", {"name": "a"})
+        served.ask("POST", "/v1/agents/a/submissions", {"kind": "remote"})
+        headers = {"authorization": f"Bearer {served.token}"}
+        order = {"agent": "a", "benchmark": "quickstart"}
+
+        def ask() -> None:
+            answers.append(httpx.post(f"{served.url}/v1/evaluations", json=order, headers=headers, timeout=30))
+
+        asking = threading.Thread(target=ask)
+        asking.start()
+        time.sleep(0.5)
+        assert served.end() == 0
+        asking.join(30)
+        assert not [line for line in served.log if "Traceback" in line.get("exception", "")]
+    (answer,) = answers
+    assert (answer.status_code, answer.json()["status"]) == (503, 503)
+    assert int(answer.headers["retry-after"]) > 0
+    with serving(tmp_path / "data") as again:
+        assert httpx.get(f"{again.url}/v1/evaluations", headers=headers).json()["items"] == []
 
 
 def test_beyond_this_machine_only_with_tls_or_on_purpose(tmp_path: Path) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.planning.prediction import NEAREST
+from agents.mcts.predictors.dataset import FUTURE_STEP_S, FUTURE_STEPS
+from agents.mcts.predictors.idm import IdmRollout
+from agents.planning.prediction import NEAREST, STEP_S
 from agents.planning.scene import HISTORY, Scene
 from sumo_networks.arrays import Float32Array
 from sumo_networks.sensors.lanes import POINTS
@@ -15,6 +17,7 @@ LANES = 64
 KINDS = len(ActorKind)
 AGENT_ATTRIBUTES = 3 + KINDS
 LANE_ATTRIBUTES = 8
+TICKS = round(FUTURE_STEP_S / STEP_S)
 SPEED_UNIT, LENGTH_UNIT, WIDTH_UNIT = 10.0, 5.0, 2.0
 
 SHAPES = {
@@ -22,6 +25,7 @@ SHAPES = {
     "history_valid": (AGENTS, HISTORY),
     "agents": (AGENTS, AGENT_ATTRIBUTES),
     "agents_valid": (AGENTS,),
+    "rolled": (AGENTS, FUTURE_STEPS, 3),
     "points": (LANES, POINTS, 2),
     "lanes": (LANES, LANE_ATTRIBUTES),
     "lanes_valid": (LANES,),
@@ -30,9 +34,12 @@ SHAPES = {
 
 history: x, y [m], heading [rad] 1.5, 1.0, 0.5 and 0 s ago; row 0 is the ego, then its nearest 30 actors.
 agents: speed [10 m/s], length [5 m], width [2 m], then one column per `world.ActorKind`.
+rolled: x, y [m], heading [rad] in 0.5, 1.0, ..., 8 s by the IDM roll-out, which the network corrects.
 points: the lanes nearest to the ego, pieces of at most 40 m, in driving direction [m].
 lanes: width [2 m], limit [10 m/s], road, junction, crossing, the route's lane, beside the route's lane, red.
 """
+
+_BASE = IdmRollout()
 
 
 def features(scene: Scene) -> dict[str, Float32Array]:
@@ -53,6 +60,10 @@ def features(scene: Scene) -> dict[str, Float32Array]:
     kind = np.where(actors.kind[:seen] == ActorKind.EGO, int(ActorKind.CAR), actors.kind[:seen])
     table[np.arange(1, seen + 1), 3 + kind] = 1.0
     out["agents_valid"][: seen + 1] = 1.0
+    forecast = _BASE.predict(scene)
+    if forecast.ego is not None:
+        out["rolled"][0] = forecast.ego[TICKS::TICKS]
+    out["rolled"][rows] = forecast.actors[:seen, TICKS::TICKS]
     out["points"][:known] = lanes.points[:known]
     about = out["lanes"]
     about[:known, 0] = lanes.width[:known] / WIDTH_UNIT

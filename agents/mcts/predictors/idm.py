@@ -106,7 +106,12 @@ def paths(scene: Scene, agents: Agents) -> Paths:
     )
     if len(lanes):
         drivable = lanes.kind != CROSSING
-        _find(agents, lanes.points, lanes.width, lanes.limit, drivable, lanes.on_route, lanes.red, lanes.following, out)
+        length = np.hypot(*np.diff(lanes.points, axis=1).transpose(2, 0, 1)).sum(axis=1)
+        reach = length + 0.5 * lanes.width + ASIDE_M  # of its middle, with some to spare
+        _find(
+            agents, lanes.points, lanes.width, lanes.limit, reach, drivable, lanes.on_route, lanes.red, lanes.following,
+            out,
+        )  # fmt: skip
     return out
 
 
@@ -115,7 +120,7 @@ def _agents(scene: Scene) -> Agents:
     speed = np.concatenate([[ego.speed], actors.speed])
     fastest = np.where(actors.kind == ActorKind.BICYCLE, np.maximum(actors.speed, BICYCLE_SPEED), FAR)
     return Agents(
-        pose=np.concatenate([np.zeros((1, 3)), np.column_stack([actors.position, actors.heading])]),
+        pose=np.concatenate([ego.history[-1:], np.column_stack([actors.position, actors.heading])]),
         speed=speed,
         length=np.concatenate([[ego.length], actors.length]),
         width=np.concatenate([[ego.width], actors.width]),
@@ -166,6 +171,7 @@ def _find(
     points: FloatArray,
     width: FloatArray,
     limit: FloatArray,
+    reach: FloatArray,
     drivable: BoolArray,
     on_route: IntArray,
     red: BoolArray,
@@ -179,8 +185,7 @@ def _find(
         best, piece, segment, share = math.inf, -1, 0, 0.0
         for p in range(points.shape[0]):
             middle = points[p, points.shape[1] // 2]
-            # A piece is at most 40 m long, so its middle is near wherever the piece is.
-            if not drivable[p] or abs(middle[0] - x) > 45.0 or abs(middle[1] - y) > 45.0:
+            if not drivable[p] or abs(middle[0] - x) > reach[p] or abs(middle[1] - y) > reach[p]:
                 continue
             row, at, side, direction = _foot(points[p], x, y)
             turn = abs(wrap(direction - heading))

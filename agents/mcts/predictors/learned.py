@@ -36,6 +36,8 @@ class Learned:
         except Exception as error:  # onnxruntime's own errors share no base class
             raise InvalidInputError(f"'{path}' is no ONNX model: {str(error).splitlines()[0]}") from error
 
+        self._names = {one.name for one in self.session.get_inputs()}
+
     def predict(self, scene: Scene) -> Forecast:
         """See the class."""
         seen = min(len(scene.actors), NEAREST)
@@ -48,7 +50,7 @@ class Learned:
 
     def poses(self, scene: Scene) -> Float32Array:
         """(31, 16, 3) what the network says, every 0.5 s from 0.5 s on; row 0 is the ego."""
-        inputs = {name: array[None] for name, array in features(scene).items()}
+        inputs = {name: array[None] for name, array in features(scene).items() if name in self._names}
         out: Float32Array = self.session.run(None, inputs)[0][0]
         return out
 

@@ -30,12 +30,14 @@ class MotionNetwork(nn.Module):
     def __init__(self, width: int = WIDTH, layers: int = LAYERS) -> None:
         super().__init__()
         self.of_history = PointNet(5 + HISTORY + AGENT_ATTRIBUTES, width)
+        self.of_rolled, self.merge = PointNet(7, width), nn.Linear(2 * width, width)
         self.of_lane = PointNet(4 + LANE_ATTRIBUTES, width)
         self.to_agent, self.to_lane = _mlp(PAIR_FEATURES, PAIR_WIDTH), _mlp(PAIR_FEATURES, PAIR_WIDTH)
         self.layers = nn.ModuleList(RelativeAttention(width) for _ in range(layers))
-        self.head = nn.Sequential(
-            nn.LayerNorm(width), nn.Linear(width, 2 * width), nn.ReLU(), nn.Linear(2 * width, STEPS * 3)
-        )
+        last = nn.Linear(2 * width, STEPS * 3)
+        nn.init.normal_(last.weight, std=0.01)  # it begins with the roll-out as it is
+        nn.init.zeros_(last.bias)
+        self.head = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, 2 * width), nn.ReLU(), last)
         self._which: Tensor
         self.register_buffer("_which", torch.eye(HISTORY), persistent=False)
 
@@ -45,6 +47,7 @@ class MotionNetwork(nn.Module):
         history_valid: Tensor,
         agents: Tensor,
         agents_valid: Tensor,
+        rolled: Tensor,
         points: Tensor,
         lanes: Tensor,
         lanes_valid: Tensor,
@@ -56,6 +59,7 @@ class MotionNetwork(nn.Module):
             history_valid: (B, A, 4).
             agents: (B, A, 12).
             agents_valid: (B, A).
+            rolled: (B, A, 16, 3) what the IDM roll-out says.
             points: (B, L, 20, 2), m.
             lanes: (B, L, 8).
             lanes_valid: (B, L).
@@ -66,7 +70,8 @@ class MotionNetwork(nn.Module):
         """
         place, heading = history[:, :, -1, :2], history[:, :, -1, 2]
         ahead = torch.stack([torch.cos(heading), torch.sin(heading)], dim=-1)
-        who = self.of_history(self._past(history, history_valid, agents, place, ahead))
+        past = self.of_history(self._past(history, history_valid, agents, place, ahead))
+        who = self.merge(torch.cat([past, self.of_rolled(_plan(rolled, place, heading, ahead))], dim=-1))
         where = self.of_lane(_shape(points, lanes))
         pairs = torch.cat(
             [
@@ -78,7 +83,7 @@ class MotionNetwork(nn.Module):
         mask = (1.0 - torch.cat([agents_valid, lanes_valid], dim=1))[:, None, :, None] * HIDDEN
         for layer in self.layers:
             who = layer(who, where, pairs, mask)
-        return self._poses(self.head(who), place, heading, ahead, agents[..., 0] * SPEED_UNIT)
+        return _corrected(rolled, self.head(who))
 
     def _past(self, history: Tensor, valid: Tensor, agents: Tensor, place: Tensor, ahead: Tensor) -> Tensor:
         """(B, A, 4, F) the history in the agent's own frame, with what is known of it."""
@@ -88,17 +93,6 @@ class MotionNetwork(nn.Module):
         parts = [moved, torch.stack([torch.cos(turn), torch.sin(turn), valid], dim=-1)]
         parts += [self._which.expand(b, a, h, h), agents[:, :, None].expand(b, a, h, agents.shape[-1])]
         return torch.cat(parts, dim=-1)
-
-    def _poses(self, out: Tensor, place: Tensor, heading: Tensor, ahead: Tensor, speed: Tensor) -> Tensor:
-        """From velocities in the agents' frames, as differences from constant velocity, to poses."""
-        change = out.reshape(*out.shape[:2], STEPS, 3)
-        forward = change[..., 0] + speed[..., None]
-        along = torch.cumsum(forward, dim=-1) * STEP_S
-        across = torch.cumsum(change[..., 1], dim=-1) * STEP_S
-        cos, sin = ahead[..., :1], ahead[..., 1:]
-        x = place[..., :1] + along * cos - across * sin
-        y = place[..., 1:] + along * sin + across * cos
-        return torch.stack([x, y, heading[..., None] + change[..., 2]], dim=-1)
 
 
 class PointNet(nn.Module):
@@ -175,6 +169,25 @@ def _shape(points: Tensor, lanes: Tensor) -> Tensor:
     step = (local[:, :, 1:] - local[:, :, :-1]) * 10.0
     known = lanes[:, :, None].expand(-1, -1, step.shape[2], -1)
     return torch.cat([local[:, :, :-1], step, known], dim=-1)
+
+
+def _plan(rolled: Tensor, place: Tensor, heading: Tensor, ahead: Tensor) -> Tensor:
+    """(B, A, 16, 7) a roll-out in the agent's own frame: places, directions, steps and times."""
+    local = _turned(rolled[..., :2] - place[:, :, None], ahead[:, :, None]) / REACH_M
+    step = torch.cat([local[:, :, :1], local[:, :, 1:] - local[:, :, :-1]], dim=2) * 4.0
+    turn = rolled[..., 2] - heading[..., None]
+    time = (torch.arange(STEPS, dtype=rolled.dtype, device=rolled.device) / STEPS).expand(turn.shape)
+    return torch.cat([local, step, torch.stack([torch.cos(turn), torch.sin(turn), time], dim=-1)], dim=-1)
+
+
+def _corrected(rolled: Tensor, out: Tensor) -> Tensor:
+    """A roll-out with its headings, and its speeds along and across them, changed as the network says."""
+    change = out.reshape(rolled.shape)
+    moved = torch.cumsum(change[..., :2], dim=2) * STEP_S
+    cos, sin = torch.cos(rolled[..., 2]), torch.sin(rolled[..., 2])
+    x = rolled[..., 0] + moved[..., 0] * cos - moved[..., 1] * sin
+    y = rolled[..., 1] + moved[..., 0] * sin + moved[..., 1] * cos
+    return torch.stack([x, y, rolled[..., 2] + change[..., 2]], dim=-1)
 
 
 def _between_agents(place: Tensor, ahead: Tensor, speed: Tensor) -> Tensor:

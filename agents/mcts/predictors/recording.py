@@ -33,7 +33,6 @@ from sumo_networks.world import World
 
 TRAINING = ("town-train", "adlershof", "braunschweig", "district")
 HELD_OUT = ("town-test", "ingolstadt")
-EGOS, EPISODE_S = 6, 60.0
 VALIDATION_EVERY = 5
 ROUTES_M = (250.0, 1500.0)
 VEHICLES_PER_KM, MOST_VEHICLES = (2.0, 12.0), 300
@@ -51,12 +50,16 @@ class Order:
         hours: Of driving, all egos together.
         seed: Decides everything random.
         every_s: Between two samples of one ego.
+        egos: In every episode.
+        episode_s: How long it lasts.
     """
 
     networks: tuple[str, ...] = TRAINING
     hours: float = 2.0
     seed: int = 0
     every_s: float = 0.5
+    egos: int = 6
+    episode_s: float = 60.0
 
 
 def record_motion(order: Order, out: Path, progress: Callable[[float], None] = lambda hours: None) -> int:
@@ -80,10 +83,10 @@ def record_motion(order: Order, out: Path, progress: Callable[[float], None] = l
         path = out / split_of(network, number) / f"{network}-{number:04d}.npz"
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(path, record_episode(scenario(network, order.seed, number), order.every_s).to_bytes())
+            write_atomically(path, record_episode(scenario(order, network, number), order).to_bytes())
         shard = load_shard(path)
         samples += len(shard)
-        hours += EGOS * EPISODE_S / 3600.0
+        hours += order.egos * order.episode_s / 3600.0
         episode += 1
         progress(min(hours, order.hours))
     return samples
@@ -96,20 +99,20 @@ def split_of(network: str, number: int) -> str:
     return "validation" if number % VALIDATION_EVERY == VALIDATION_EVERY - 1 else "train"
 
 
-def scenario(name: str, seed: int, number: int) -> Scenario:
+def scenario(order: Order, name: str, number: int) -> Scenario:
     """The scenario of one episode.
 
     Raises:
         InvalidInputError: No such network, or it has too few missions.
     """
     network = load_network(name)
-    rng = np.random.default_rng([seed, zlib.crc32(name.encode()), number])
+    rng = np.random.default_rng([order.seed, zlib.crc32(name.encode()), number])
     lanes = network.lanes
     km = float(lanes.length[lanes.drivable & ~lanes.internal].sum()) / 1000.0
     vehicles = min(round(km * rng.uniform(*VEHICLES_PER_KM)), MOST_VEHICLES)
-    missions = tuple(_missions(network, rng))
-    if len(missions) < EGOS:
-        raise InvalidInputError(f"network '{name}' has only {len(missions)} missions of {ROUTES_M} m, not {EGOS}")
+    missions = tuple(_missions(network, order.egos, rng))
+    if len(missions) < order.egos:
+        raise InvalidInputError(f"network '{name}' has only {len(missions)} missions of {ROUTES_M} m, not {order.egos}")
     return Scenario(
         name=f"motion-{name}-{number}",
         network=name,
@@ -119,20 +122,20 @@ def scenario(name: str, seed: int, number: int) -> Scenario:
     )
 
 
-def record_episode(scenario: Scenario, every_s: float) -> Shard:
+def record_episode(scenario: Scenario, order: Order) -> Shard:
     """Drives one scenario with the autopilot and takes samples."""
     agents: dict[str, Agent] = {mission.name: Autopilot() for mission in scenario.missions}  # type: ignore[abstract]
     sensors = tuple(dict.fromkeys((*SENSORS, *Autopilot.spec.sensors)))
     env = DrivingEnv(scenario, sensors=sensors, control=Autopilot.spec.control, reward=None)
     builders = {name: SceneBuilder() for name in agents}
-    stride = max(round(every_s / TICK_S), 1)
+    stride = max(round(order.every_s / TICK_S), 1)
     moments: list[tuple[int, int, Scene]] = []
     worlds: list[World] = []
     try:
         observations, _ = env.reset()
         for mission in scenario.missions:
             agents[mission.name].reset(mission, scenario.seed)
-        for tick in range(round(EPISODE_S / TICK_S)):
+        for tick in range(round(order.episode_s / TICK_S)):
             worlds.append(env.world)
             for ego, name in enumerate(agents):
                 if name in env.agents:
@@ -191,7 +194,7 @@ def _in_frame(frame: FloatArray, poses: FloatArray) -> FloatArray:
     return np.column_stack([dx * cos + dy * sin, dy * cos - dx * sin, wrap_angle(poses[:, 2] - frame[2])])
 
 
-def _missions(network: RoadNetwork, rng: np.random.Generator) -> Iterator[Mission]:
+def _missions(network: RoadNetwork, count: int, rng: np.random.Generator) -> Iterator[Mission]:
     """Missions from different lanes, without U-turns."""
     lanes, taken = network.lanes, set[int]()
     long = np.flatnonzero(lanes.drivable & ~lanes.internal & (lanes.length > 40.0))
@@ -213,14 +216,16 @@ def _missions(network: RoadNetwork, rng: np.random.Generator) -> Iterator[Missio
             continue
         taken.add(a)
         yield mission
-        if len(taken) == EGOS:
+        if len(taken) == count:
             return
 
 
 def _claim(order: Order, out: Path) -> None:
     """Writes dataset.json, or checks that the one there says the same."""
-    if not order.networks or order.hours <= 0 or order.every_s < TICK_S:
+    if not order.networks or order.hours <= 0 or order.every_s < TICK_S or order.egos < 1:
         raise InvalidInputError(f"expected networks, hours > 0 and a sample at most every {TICK_S} s, got {order}")
+    if order.episode_s < _LAST * TICK_S + order.every_s:
+        raise InvalidInputError(f"expected episodes that outlast the future of 8 s, got {order.episode_s} s")
     for name in order.networks:
         load_network(name)
     document = {
@@ -228,8 +233,8 @@ def _claim(order: Order, out: Path) -> None:
         "networks": list(order.networks),
         "seed": order.seed,
         "every_s": order.every_s,
-        "egos": EGOS,
-        "episode_s": EPISODE_S,
+        "egos": order.egos,
+        "episode_s": order.episode_s,
     }
     path = out / "dataset.json"
     if path.exists():

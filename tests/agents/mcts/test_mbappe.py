@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -24,7 +25,12 @@ def made(kind: type[Mbappe] = Mbappe, **settings: object) -> Mbappe:
     return kind(**{"predictor": "constant_velocity", "simulations": 128, **settings})
 
 
-PLANNERS = [made, lambda: made(RandomShooting), lambda: made(steering="wheel"), lambda: made(hold_s=0.1, simulations=32)]
+PLANNERS = [
+    made,
+    lambda: made(RandomShooting),
+    lambda: made(steering="wheel"),
+    lambda: made(hold_s=0.1, simulations=32),
+]
 
 
 def test_on_a_free_road_it_comes_up_to_the_limit_and_stays_in_its_lane() -> None:
@@ -95,7 +101,7 @@ def test_what_an_action_does_it_does_in_bounds() -> None:
 
 
 def test_the_explanation_is_a_tree_as_plain_json() -> None:
-    agent = made()
+    agent = made(simulations=64)
     assert agent.explain() is None
     agent.reset(MISSION, 0)
     agent.act(observation([(30.0, 0.0, 4.0)], speed=9.0))
@@ -106,9 +112,9 @@ def test_the_explanation_is_a_tree_as_plain_json() -> None:
         known.add(node["node"])
         assert len(node["trajectory"]) == 11
         assert set(node) >= {"q", "n", "p", "reward", "acceleration", "steering", "depth", "failed"}
-    assert why["root"]["n"] == 128
+    assert why["root"]["n"] == 64
     top = [node for node in why["nodes"] if node["parent"] == 0]
-    assert sum(node["n"] for node in top) == 128
+    assert sum(node["n"] for node in top) == 64
     assert why["plan"][0] in {node["node"] for node in top}
 
 
@@ -120,7 +126,7 @@ def test_trajectories_of_a_plan_join_up() -> None:
     assert why is not None
     nodes = {node["node"]: node for node in why["nodes"]}
     plan = [nodes[node] for node in why["plan"] if node in nodes]
-    for before, after in zip(plan, plan[1:], strict=False):
+    for before, after in pairwise(plan):
         assert after["trajectory"][0] == pytest.approx(before["trajectory"][-1], abs=0.02)
 
 

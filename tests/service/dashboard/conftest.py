@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import shutil
 import threading
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import pytest
 import uvicorn
-from playwright.sync_api import Browser, ConsoleMessage, Page, Route, sync_playwright
+from playwright.sync_api import Browser
 
+from tests.service.browsing import Visitor, visiting
 from tests.service.dashboard import fake as fakes
 
-CHROMIUM = shutil.which("chromium")
-READY = "main:not([data-state=loading])"
 START_S = 10.0
 
 
@@ -26,32 +23,6 @@ class Site:
 
     origin: str
     fake: fakes.Fake
-
-
-@dataclass
-class Visit:
-    """A page in a browser.
-
-    Attributes:
-        page: Playwright's.
-        origin: Of the service.
-        complaints: What scripts said as warnings or errors, and what they threw.
-        foreign: Requests to any other host; they were blocked.
-    """
-
-    page: Page
-    origin: str
-    complaints: list[str] = field(default_factory=list)
-    foreign: list[str] = field(default_factory=list)
-
-    def go(self, path: str) -> Page:
-        """Opens a path and waits until it is drawn."""
-        self.page.goto(self.origin + path)
-        self.page.wait_for_selector(READY)
-        return self.page
-
-
-Visitor = Callable[..., Visit]
 
 
 @pytest.fixture(scope="session")
@@ -79,44 +50,8 @@ def site(served: Site) -> Iterator[Site]:
     served.fake.queued.clear()  # ends open streams
 
 
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Browser]:
-    if CHROMIUM is None:
-        pytest.skip("no chromium on this machine to open the dashboard with")
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
-        yield chromium
-        chromium.close()
-
-
 @pytest.fixture
 def visit(browser: Browser, site: Site) -> Iterator[Visitor]:
     """Opens browsers with their own cookies: `visit(width=360, color_scheme="dark")`."""
-    contexts = []
-
-    def begin(width: int = 1280, height: int = 900, **options: Any) -> Visit:
-        context = browser.new_context(viewport={"width": width, "height": height}, **options)
-        contexts.append(context)
-        one = Visit(context.new_page(), site.origin)
-        one.page.set_default_timeout(10_000)
-
-        def pass_own(route: Route) -> None:
-            if route.request.url.startswith((site.origin, "data:", "blob:")):
-                route.continue_()
-                return
-            one.foreign.append(route.request.url)
-            route.abort()
-
-        context.route("**/*", pass_own)
-        one.page.on("pageerror", lambda error: one.complaints.append(str(error)))
-
-        def note(said: ConsoleMessage) -> None:
-            if said.type in ("error", "warning"):
-                one.complaints.append(said.text)
-
-        one.page.on("console", note)
-        return one
-
-    yield begin
-    for context in contexts:
-        context.close()
+    with visiting(browser, site.origin) as begin:
+        yield begin

@@ -1,0 +1,56 @@
+"""Sidestep: the path beside the route that the ego follows while it does not keep to its middle."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sumo_networks.arrays import Float32Array
+
+RAMP_M = 12.0
+
+
+class Sidestep:
+    """An offset to the left of the route as a function of progress: knots, and smooth ramps between them.
+
+    Attributes:
+        offset: Where it leads to, m to the left; 0 while it leads back or there is none.
+    """
+
+    def __init__(self) -> None:
+        self._knots: list[tuple[float, float]] = [(0.0, 0.0)]
+        self.offset = 0.0
+
+    def at(self, progress: float) -> float:
+        """Offset at a place of the route, m to the left."""
+        return float(self._offsets(np.array([progress]))[0])
+
+    def _offsets(self, progress: np.ndarray) -> np.ndarray:
+        s, d = np.array(self._knots).T
+        i = np.clip(np.searchsorted(s, progress, side="right"), 1, max(len(s) - 1, 1)) - 1
+        j = np.minimum(i + 1, len(s) - 1)
+        share = np.clip((progress - s[i]) / np.maximum(s[j] - s[i], 1e-6), 0.0, 1.0)
+        return np.asarray(d[i] + (d[j] - d[i]) * share * share * (3.0 - 2.0 * share))
+
+    def lead(self, offset: float, progress: float, ramp: float = RAMP_M) -> None:
+        """From here on to another offset, within a ramp [m]."""
+        self._knots = [(progress, self.at(progress)), (progress + ramp, offset)]
+        self.offset = offset
+
+    def back(self, progress: float, ramp: float = RAMP_M) -> None:
+        """Back to the middle of the lane from here on."""
+        self.lead(0.0, progress, ramp)
+
+    def aside(self, progress: float) -> bool:
+        """Whether the ego is, or is going, off the middle of its lane."""
+        return self.offset != 0.0 or abs(self.at(progress)) > 0.05
+
+    def applied(self, route: Float32Array, progress: float) -> Float32Array:
+        """The `route` observation with its points moved aside; the headings follow."""
+        if not self.aside(progress):
+            return route
+        offsets = self._offsets(progress + np.arange(len(route), dtype=np.float64))
+        out = route.copy()
+        out[:, 0] -= offsets * np.sin(route[:, 2])
+        out[:, 1] += offsets * np.cos(route[:, 2])
+        out[:-1, 2] += np.arctan(np.diff(offsets))
+        return out

@@ -1,0 +1,166 @@
+"""Surroundings: actors and lanes in the frame of the route, for rules that move the ego sideways."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from evaluation.agent import Observation
+from sumo_networks.arrays import Float32Array, FloatArray
+from sumo_networks.sensors.lanes import ATTRIBUTES, ROAD
+from sumo_networks.sensors.path import BEHIND
+from sumo_networks.world import ActorKind
+
+ALIGNED = math.cos(math.radians(30.0))
+COVERED_M = 8.0
+STANDS = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Neighbour:
+    """An actor in the frame of the route: s along it from the ego's centre, d to the left of it, both of its box, m.
+
+    Attributes:
+        kind: `ActorKind`.
+        key: Stable while the actor exists.
+        s_low: Rear end along the route, m.
+        s_high: Front end along the route, m.
+        d_low: Its right edge, m.
+        d_high: Its left edge, m.
+        speed: However it moves, m/s.
+        along: Share of its heading along the route: 1 the ego's direction, -1 oncoming.
+    """
+
+    kind: int
+    key: int
+    s_low: float
+    s_high: float
+    d_low: float
+    d_high: float
+    speed: float
+    along: float
+
+    @property
+    def oncoming(self) -> bool:
+        """Whether it drives against the route, within 30 degrees."""
+        return self.along < -ALIGNED and self.speed > 1.0
+
+    @property
+    def stands(self) -> bool:
+        """Whether it does not move."""
+        return self.speed < STANDS
+
+    def within(self, low: float, high: float) -> bool:
+        """Whether it reaches into a strip beside the route, m."""
+        return self.d_high > low and self.d_low < high
+
+
+@dataclass(frozen=True, slots=True)
+class Lane:
+    """A lane beside the route's.
+
+    Attributes:
+        d: Its middle to the left of the route, m.
+        width: m.
+        oncoming: Whether it leads the other way.
+    """
+
+    d: float
+    width: float
+    oncoming: bool
+
+
+class Surroundings:
+    """One observation, seen along the route.
+
+    Attributes:
+        neighbours: All actors seen, nearest first; people on foot too.
+        lane_width: Of the ego's lane, m.
+    """
+
+    def __init__(self, observation: Observation) -> None:
+        self._path, self._lanes = observation["path"].astype(np.float64), observation["lanes"]
+        objects = observation["objects"]
+        rows = _boxes_on_path(objects, self._path)
+        self.lane_width = float(self._path[BEHIND, 5])
+        self.neighbours = tuple(
+            Neighbour(int(seen[0]), int(seen[7]), *row[:4].tolist(), speed=float(seen[4]), along=float(row[4]))
+            for seen, row in zip(objects, rows, strict=True)
+            if seen[0] >= 0
+        )
+
+    def driving(self) -> Iterator[Neighbour]:
+        """All but people on foot."""
+        return (one for one in self.neighbours if one.kind != ActorKind.PEDESTRIAN)
+
+    def lanes_beside(self, first: float, last: float) -> list[Lane]:
+        """The lanes next to the route's that go with it all along a stretch [m from the ego's centre]."""
+        rows = self._lanes[(self._lanes[:, 0] >= 0) & (self._lanes[:, 2] == ROAD)]
+        points = rows[:, ATTRIBUTES:].reshape(len(rows), -1, 2).astype(np.float64)
+        found = _points_on_path(points, self._path)
+        widths = np.repeat(rows[:, 3], points.shape[1])
+        out = []
+        for sign, oncoming in ((1.0, False), (-1.0, False), (1.0, True)):
+            d, along = found[:, 1] * sign, found[:, 2] * (-1.0 if oncoming else 1.0)
+            near = (d > 0.6 * self.lane_width) & (d < 1.6 * self.lane_width) & (along > ALIGNED)
+            near &= (found[:, 0] > first - COVERED_M) & (found[:, 0] < last + COVERED_M)
+            s = np.sort(found[near, 0])
+            stops = np.concatenate([[first - COVERED_M / 2], s, [last + COVERED_M / 2]])
+            if len(s) and float(np.diff(stops).max()) < COVERED_M:
+                width = float(np.median(widths[near]))
+                out.append(Lane(sign * float(np.median(d[near])), width, oncoming))
+        return out
+
+
+@njit(cache=True)
+def _project(x: float, y: float, path: FloatArray) -> tuple[int, float, float]:
+    """Row of the path nearest to a point, metres along it from the ego's projection, and to the left of it."""
+    i, least = 0, math.inf
+    for j in range(path.shape[0]):
+        d = (path[j, 0] - x) ** 2 + (path[j, 1] - y) ** 2
+        # Before the start the first point repeats: its last copy is the true one.
+        if d < least or (d == least and j <= BEHIND):
+            i, least = j, d
+    dx, dy = x - path[i, 0], y - path[i, 1]
+    cos, sin = math.cos(path[i, 2]), math.sin(path[i, 2])
+    return i, i - BEHIND + dx * cos + dy * sin, dy * cos - dx * sin
+
+
+@njit(cache=True)
+def _boxes_on_path(objects: Float32Array, path: FloatArray) -> FloatArray:
+    """(48, 5) lowest and highest s, lowest and highest d [m] of each box, cosine of its heading to the path's."""
+    out = np.zeros((objects.shape[0], 5))
+    for k in range(objects.shape[0]):
+        if objects[k, 0] < 0:
+            break
+        x, y, heading, length, width = objects[k, 1], objects[k, 2], objects[k, 3], objects[k, 5], objects[k, 6]
+        cos, sin = math.cos(heading), math.sin(heading)
+        out[k, 0], out[k, 2] = math.inf, math.inf
+        out[k, 1], out[k, 3] = -math.inf, -math.inf
+        for a in (-0.5, 0.0, 0.5):
+            for b in (-0.5, 0.5):
+                px, py = x + a * length * cos - b * width * sin, y + a * length * sin + b * width * cos
+                _, s, d = _project(px, py, path)
+                out[k, 0], out[k, 1] = min(out[k, 0], s), max(out[k, 1], s)
+                out[k, 2], out[k, 3] = min(out[k, 2], d), max(out[k, 3], d)
+        i, _, _ = _project(x, y, path)
+        out[k, 4] = math.cos(heading - path[i, 2])
+    return out
+
+
+@njit(cache=True)
+def _points_on_path(lines: FloatArray, path: FloatArray) -> FloatArray:
+    """(N * P, 3) s, d [m] of each point of N polylines, and the cosine of the polyline's heading to the path's."""
+    count = lines.shape[1]
+    out = np.empty((lines.shape[0] * count, 3))
+    for k in range(lines.shape[0]):
+        for p in range(count):
+            i, s, d = _project(lines[k, p, 0], lines[k, p, 1], path)
+            a = min(p, count - 2)
+            heading = math.atan2(lines[k, a + 1, 1] - lines[k, a, 1], lines[k, a + 1, 0] - lines[k, a, 0])
+            out[k * count + p] = s, d, math.cos(heading - path[i, 2])
+    return out

@@ -1,0 +1,255 @@
+"""The ablations and rivals on one benchmark, paired: `python -m agents.mcts.study --benchmark val14 --out out/mbappe`.
+
+Every arm drives the same scenarios and seeds; run again, it goes on where it stopped. The autopilot drives them too, as
+the reference of progress. Results go to OUT/study.json, and with --readme into the tables of this folder's README.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from agents.registry import resolve
+from evaluation.evaluation import Result, run_benchmark
+from evaluation.executors import ProcessPool
+from evaluation.scores.closed_loop import closed_loop
+from evaluation.statistics import Comparison, Estimate, mean_estimate, paired
+from evaluation.store import read_trajectory, write_atomically
+from evaluation.summary import score_drive
+from sumo_networks.catalog import load_network
+from sumo_networks.errors import InvalidInputError
+
+REFERENCE = "autopilot"
+METRICS = ("score", "collisions", "off_road", "progress", "driving_score", "nocrash_success")
+Key = tuple[str, int, str]
+Drives = dict[Key, dict[str, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """One agent with its settings.
+
+    Attributes:
+        agent: Registered name.
+        settings: Of its constructor.
+        thesis: The thesis's score, % (Val14 of nuPlan, not comparable in height); None where it has none.
+    """
+
+    agent: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    thesis: float | None = None
+
+
+def _mbappe(thesis: float | None = None, **settings: Any) -> Arm:
+    return Arm("mbappe", MappingProxyType(settings), thesis)
+
+
+ARMS: Mapping[str, Arm] = MappingProxyType(
+    {
+        "autopilot": Arm("autopilot"),
+        "mbappe": _mbappe(86),
+        "prior-none": _mbappe(26, prior="none"),
+        "prior-learned": _mbappe(65, prior="learned"),
+        "prior-crafted": _mbappe(82, prior="crafted"),
+        "constraints-none": _mbappe(79, constraints="none"),
+        "constraints-tree": _mbappe(82, constraints="tree"),
+        "constraints-node": _mbappe(82, constraints="node"),
+        "predictor-constant_velocity": _mbappe(predictor="constant_velocity"),
+        "predictor-idm": _mbappe(predictor="idm"),
+        "alone-constant_velocity": Arm("predictor-only", MappingProxyType({"predictor": "constant_velocity"})),
+        "alone-idm": Arm("predictor-only", MappingProxyType({"predictor": "idm"})),
+        "alone-learned": Arm("predictor-only", MappingProxyType({"predictor": "learned"}), 47),
+        "hold-0.1s": _mbappe(hold_s=0.1),
+        "thesis-crafted": _mbappe(crafted="limit", first_play="zero", choice="visits", reuse=False),
+        "thesis-wheel": _mbappe(steering="wheel"),
+        "learned-everywhere": _mbappe(learned_prior_s=8.0),
+        "no-reuse": _mbappe(reuse=False),
+        "choice-q": _mbappe(choice="q"),
+        "choice-visits": _mbappe(choice="visits"),
+        "random-shooting": Arm("random-shooting"),
+        "idm": Arm("idm", thesis=76),
+        "pdm-closed": Arm("pdm-closed", thesis=92),
+    }
+)
+"""The base is `mbappe`: both priors, both constraints, the learned predictor, 1 s hold."""
+
+CLAIMS: tuple[tuple[str, str, str], ...] = (
+    ("prior-learned", "prior-none", "score"),
+    ("prior-crafted", "prior-learned", "score"),
+    ("mbappe", "prior-crafted", "score"),
+    ("prior-learned", "prior-none", "collisions"),
+    ("constraints-tree", "constraints-none", "score"),
+    ("constraints-node", "constraints-none", "score"),
+    ("mbappe", "constraints-tree", "score"),
+    ("mbappe", "constraints-node", "score"),
+    ("predictor-idm", "predictor-constant_velocity", "score"),
+    ("mbappe", "predictor-idm", "score"),
+    ("mbappe", "alone-learned", "score"),
+    ("mbappe", "hold-0.1s", "score"),
+    ("mbappe", "random-shooting", "score"),
+    ("mbappe", "idm", "score"),
+    ("pdm-closed", "idm", "score"),
+)
+"""Whose metric the thesis, or the reason for an arm, expects to be above whose."""
+
+
+def measure(result: Result, reference: Mapping[Key, float]) -> Drives:
+    """The metrics of every drive that was not lost.
+
+    Args:
+        result: Of one arm.
+        reference: Progress of the reference by drive, m.
+    """
+    out: Drives = {}
+    for record, path in zip(result.records, result.paths, strict=True):
+        if any(ego.status.infrastructure_fault for ego in record.egos):
+            continue
+        trajectory, network = read_trajectory(path), load_network(record.scenario.network)
+        for index, ego in enumerate(record.egos):
+            key = (record.scenario.name, record.scenario.seed, ego.name)
+            if key not in reference:
+                continue
+            terms, scores = closed_loop(record, trajectory, network, reference[key], index), score_drive(ego)
+            out[key] = {
+                "score": terms.score,
+                "collisions": 100.0 * (terms.no_collision < 1.0),
+                "off_road": 100.0 * (terms.drivable_area < 1.0),
+                "progress": 100.0 * terms.progress,
+                "driving_score": scores["driving_score"],
+                "nocrash_success": scores["nocrash_success"],
+            }
+    return out
+
+
+def estimates(drives: Drives) -> dict[str, Estimate]:
+    """The mean of every metric over drives, with its interval."""
+    return {metric: mean_estimate([drive[metric] for drive in drives.values()]) for metric in METRICS}
+
+
+def verdict(above: Drives, below: Drives, metric: str) -> tuple[str, Comparison | None]:
+    """What became of a claim: reproduced, not resolved, or contradicted; on the drives of both arms."""
+    keys = sorted(above.keys() & below.keys())
+    if not keys:
+        return "no drives in common", None
+    compared = paired([above[key][metric] for key in keys], [below[key][metric] for key in keys])
+    return {">": "reproduced", "=": "not resolved", "<": "contradicted"}[compared.verdict], compared
+
+
+def run(benchmark: str, arms: Sequence[str], seeds: Sequence[int] | None, out: Path, workers: int) -> dict[str, Any]:
+    """Drives the arms and writes OUT/study.json.
+
+    Raises:
+        InvalidInputError: An arm is unknown, or the benchmark or OUT cannot be used.
+    """
+    unknown = sorted(set(arms) - set(ARMS))
+    if unknown:
+        raise InvalidInputError(f"no arm named {', '.join(unknown)} (there is {', '.join(ARMS)})")
+    drives: dict[str, Drives] = {}
+    reference: dict[Key, float] = {}
+    for name in [REFERENCE, *(arm for arm in arms if arm != REFERENCE)]:
+        arm = ARMS[name]
+        result = run_benchmark(
+            benchmark, resolve(arm.agent), settings=dict(arm.settings), seeds=seeds, out=out / name,
+            executor=ProcessPool(workers),
+        )  # fmt: skip
+        if name == REFERENCE:
+            reference = {
+                (record.scenario.name, record.scenario.seed, ego.name): max(ego.progress_m, 0.1)
+                for record in result.records
+                for ego in record.egos
+            }
+        drives[name] = measure(result, reference)
+        print(f"{name}: {_shown(estimates(drives[name])['score'])}", flush=True)
+    document = as_document(benchmark, drives)
+    write_atomically(out / "study.json", json.dumps(document, indent=1).encode())
+    return document
+
+
+def as_document(benchmark: str, drives: Mapping[str, Drives]) -> dict[str, Any]:
+    """The study as plain JSON."""
+    arms = {
+        name: {
+            "agent": ARMS[name].agent,
+            "settings": dict(ARMS[name].settings),
+            "thesis": ARMS[name].thesis,
+            "metrics": {metric: dataclasses.asdict(value) for metric, value in estimates(found).items()},
+        }
+        for name, found in drives.items()
+    }
+    claims = []
+    for above, below, metric in CLAIMS:
+        if above in drives and below in drives:
+            word, compared = verdict(drives[above], drives[below], metric)
+            difference = dataclasses.asdict(compared.difference) if compared else None
+            claims.append({"above": above, "below": below, "metric": metric, "verdict": word, "difference": difference})
+    return {"benchmark": benchmark, "arms": arms, "claims": claims}
+
+
+def tables(document: Mapping[str, Any]) -> str:
+    """The study as Markdown."""
+    head = (
+        "| arm | score | CR, % | DA, % | EP, % | DS | NoCrash success, % | thesis |\n|---|---|---|---|---|---|---|---|"
+    )
+    rows = []
+    for name, arm in document["arms"].items():
+        cells = " | ".join(_shown(Estimate(**arm["metrics"][metric])) for metric in METRICS)
+        rows.append(f"| {name} | {cells} | {arm['thesis'] if arm['thesis'] is not None else ''} |")
+    claims = [
+        f"| {claim['above']} > {claim['below']} | {claim['metric']} | "
+        f"{_shown(Estimate(**claim['difference'])) if claim['difference'] else ''} | {claim['verdict']} |"
+        for claim in document["claims"]
+    ]
+    lines = [f"On `{document['benchmark']}`:", "", head, *rows]
+    if claims:
+        lines += ["", "| claim | metric | paired difference | verdict |\n|---|---|---|---|", *claims]
+    return "\n".join(lines)
+
+
+def write_tables(readme: Path, document: Mapping[str, Any]) -> None:
+    """Puts the tables between a README's marks for that benchmark.
+
+    Raises:
+        InvalidInputError: The marks are not there.
+    """
+    text = readme.read_text()
+    begin, end = f"<!-- study {document['benchmark']} -->", f"<!-- end {document['benchmark']} -->"
+    if begin not in text or end not in text:
+        raise InvalidInputError(f"'{readme}': expected the marks {begin} and {end}")
+    before, after = text[: text.index(begin)], text[text.index(end) + len(end) :]
+    write_atomically(readme, f"{before}{begin}\n{tables(document)}\n{end}{after}".encode())
+
+
+def _shown(estimate: Estimate) -> str:
+    if estimate.mean is None:
+        return ""
+    if estimate.low is None or estimate.high is None or not math.isfinite(estimate.mean):
+        return f"{estimate.mean:.1f} n={estimate.n}"
+    return f"{estimate.mean:.1f} [{estimate.low:.1f}, {estimate.high:.1f}] n={estimate.n}"
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(prog="python -m agents.mcts.study", description=__doc__)
+    parser.add_argument("--benchmark", default="val14")
+    parser.add_argument("--arms", nargs="*", default=list(ARMS), choices=list(ARMS), metavar="ARM")
+    parser.add_argument("--seeds", type=int, nargs="*", help="by default the benchmark's own")
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--readme", action="store_true", help="write the tables into the README beside this file")
+    given = parser.parse_args()
+    document = run(given.benchmark, given.arms, given.seeds, given.out, given.workers)
+    print(tables(document))
+    if given.readme:
+        write_tables(Path(__file__).with_name("README.md"), document)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,128 @@
+"""dohyo explain: drives a recorded episode again up to a moment, and shows why the agent did what it did then."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from agents.mcts.figure import draw_search
+from evaluation.agent import Agent, Explanation, Observation, agent_info, make_agent
+from evaluation.record import EpisodeRecord
+from evaluation.road_map import drivable_lanes
+from evaluation.runner import drive_episode, versions
+from evaluation.store import read_record, write_atomically
+from evaluation.trajectory import Trajectory
+from service.cli.output import console
+from sumo_networks.arrays import FloatArray
+from sumo_networks.catalog import load_network
+from sumo_networks.errors import AgentError, InvalidInputError
+from sumo_networks.scenario import Mission
+
+TICK_S = 0.1
+
+
+class _EnoughError(AgentError):
+    """Ends a drive once the moment has come."""
+
+
+class _UpTo(Agent):
+    """An agent that is asked why at one tick, and drives no further."""
+
+    def __init__(self, agent: Agent, tick: int) -> None:
+        self.agent, self.spec, self.tick = agent, agent.spec, tick
+        self.why: Explanation | None = None
+        self._now = 0
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        self.agent.reset(mission, seed)
+
+    def act(self, observation: Observation) -> np.ndarray:
+        action = self.agent.act(observation)
+        if self._now == self.tick:
+            self.why = self.agent.explain()
+            raise _EnoughError("the moment to explain has come")
+        self._now += 1
+        return action
+
+    def close(self) -> None:
+        self.agent.close()
+
+
+def explain(
+    record: Annotated[Path, typer.Argument(help="A record, NAME.json.")],
+    time: Annotated[float, typer.Option(help="Seconds since the egos started.", min=0.0)],
+    out: Annotated[Path | None, typer.Option(help="Page with the picture (.html); default: JSON to stdout.")] = None,
+    ego: Annotated[str | None, typer.Option(help="Which ego, where the record has several.")] = None,
+) -> None:
+    """Shows why an agent acted as it did at one moment of a record: the explanation as JSON, or the search drawn."""
+    sys.path.insert(0, os.getcwd())
+    old, tick = read_record(record), round(time / TICK_S)
+    name = _which(old, ego)
+    why, trajectory = _redriven(old, name, tick, record)
+    if why is None:
+        raise InvalidInputError(f"'{record}': the agent of '{name}' explains nothing at {time:g} s")
+    if out is None:
+        print(json.dumps(why, indent=1))
+        return
+    if "nodes" not in why:
+        raise InvalidInputError(f"'{record}': agent '{why.get('agent')}' has no search to draw; leave out --out")
+    index = [one.name for one in old.egos].index(name)
+    boxes = _boxes(trajectory, tick, index)
+    agent = next(one.agent.name for one in old.egos if one.name == name)
+    title = f"{agent} on {old.scenario.name}, seed {old.scenario.seed}, at {tick * TICK_S:.1f} s"
+    figure = draw_search(why, boxes[0, :3].tolist(), drivable_lanes(old.scenario.network), boxes, title)
+    write_atomically(out, figure.to_html(include_plotlyjs=True, full_html=True).encode())
+    console.print(f"explanation: {out.resolve()}")
+
+
+def _which(record: EpisodeRecord, ego: str | None) -> str:
+    names = [one.name for one in record.egos]
+    if ego is None and len(names) == 1:
+        return names[0]
+    if ego not in names:
+        raise InvalidInputError(f"expected --ego to be one of {', '.join(names)}, got {ego}")
+    return ego
+
+
+def _redriven(old: EpisodeRecord, name: str, tick: int, path: Path) -> tuple[Explanation | None, Trajectory]:
+    """The explanation at a tick, and the trajectories up to there, which must be those of the record."""
+    now = versions(load_network(old.scenario.network))
+    if now != old.versions:
+        raise InvalidInputError(f"'{path}' was made by {old.versions}, here is {now}: it may drive differently")
+    agents: dict[str, Any] = {one.name: make_agent(one.agent.entry, one.agent.settings) for one in old.egos}
+    for one in old.egos:
+        if agent_info(agents[one.name], one.agent.entry, one.agent.settings) != one.agent:
+            raise InvalidInputError(f"'{path}': agent '{one.agent.name}' has changed since; it may drive differently")
+    wrapped = {other: _UpTo(agent, tick) for other, agent in agents.items()}
+    _, trajectory = drive_episode(old.scenario, wrapped)
+    last = int(trajectory.tick.max())
+    if last < tick:
+        raise InvalidInputError(f"'{path}' ends at {last * TICK_S:.1f} s, before {tick * TICK_S:g} s")
+    _must_agree(trajectory, path, tick)
+    return wrapped[name].why, trajectory
+
+
+def _must_agree(trajectory: Trajectory, path: Path, tick: int) -> None:
+    recorded = Trajectory.read_parquet(path.with_suffix(".parquet"))
+    here, there = trajectory.tick == tick, recorded.tick == tick
+    same = here.sum() == there.sum() and all(
+        np.array_equal(getattr(trajectory, column)[here], getattr(recorded, column)[there])
+        for column in ("key", "x", "y", "heading")
+    )
+    if not same:
+        raise InvalidInputError(f"'{path}': at {tick * TICK_S:g} s this drive is no longer the recorded one")
+
+
+def _boxes(trajectory: Trajectory, tick: int, ego: int) -> FloatArray:
+    """(N, 5) everybody at a tick, the ego first."""
+    rows = np.flatnonzero(trajectory.tick == tick)
+    first = rows[trajectory.key[rows] == -1 - ego]
+    rows = np.concatenate([first, rows[trajectory.key[rows] != -1 - ego]])
+    columns = ("x", "y", "heading", "length", "width")
+    return np.column_stack([getattr(trajectory, column)[rows] for column in columns]).astype(np.float64)

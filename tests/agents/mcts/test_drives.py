@@ -1,0 +1,25 @@
+"""Each planner once on a real junction, in light traffic."""
+
+from __future__ import annotations
+
+import pytest
+
+from agents.registry import resolve
+from evaluation.agent import make_agent
+from evaluation.benchmark import load_benchmark
+from evaluation.runner import run_episode
+
+SETTINGS = {
+    "mbappe": {"predictor": "constant_velocity", "simulations": 64},
+    "random-shooting": {"predictor": "constant_velocity", "simulations": 64},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["idm", "pdm-closed", "mbappe", "random-shooting"])
+def test_it_reaches_the_goal(name: str) -> None:
+    scenario = next(one for one in load_benchmark("quickstart").scenarios([0]) if one.name == "right-to-east")
+    agent = make_agent(resolve(name), SETTINGS.get(name, {}))
+    (drive,) = run_episode(scenario, {scenario.missions[0].name: agent}).egos
+    assert drive.status.completed
+    assert not any(infraction.kind.startswith("collision") for infraction in drive.infractions)

@@ -1,0 +1,141 @@
+"""`dohyo serve` and other commands, as users start them: in processes of their own."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+from typer.testing import CliRunner
+
+from service.cli.main import app
+
+MAIN = "from service.cli import main; main()"
+DOHYO = [sys.executable, "-c", MAIN]
+START_S = 60.0
+
+
+class Served:
+    """`dohyo serve` in a process of its own.
+
+    Attributes:
+        url: Where it listens.
+        printed: Lines on standard output.
+        log: Lines on standard error, parsed.
+    """
+
+    def __init__(self, data: Path, *options: str, before: str = "") -> None:
+        """Starts it and waits until it is ready.
+
+        Args:
+            data: Its folder.
+            options: Of the command.
+            before: Python to run first, in its process.
+        """
+        environment = {key: value for key, value in os.environ.items() if not key.startswith("DOHYO_")}
+        self.process = subprocess.Popen(
+            [
+                sys.executable,
+                "-c",
+                f"{before}\n{MAIN}",
+                "serve",
+                "--port",
+                "0",
+                "--data",
+                str(data),
+                "--processes",
+                "1",
+                *options,
+            ],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environment,
+        )
+        self.printed: list[str] = []
+        self.log: list[dict[str, Any]] = []
+        self._readers = [
+            threading.Thread(target=self._read, args=(self.process.stdout, self.printed.append)),
+            threading.Thread(target=self._read, args=(self.process.stderr, self._note)),
+        ]
+        for reader in self._readers:
+            reader.start()
+        self.url = self._ready()
+
+    @staticmethod
+    def _read(stream: Any, take: Any) -> None:
+        for line in stream:
+            take(line.rstrip("\n"))
+
+    def _note(self, line: str) -> None:
+        try:
+            self.log.append(json.loads(line))
+        except ValueError:
+            self.log.append({"level": "text", "message": line})  # what a library or a process of an episode wrote
+
+    def _ready(self) -> str:
+        deadline = time.monotonic() + START_S
+        while time.monotonic() < deadline:
+            assert self.process.poll() is None, (self.printed, self.log)
+            if self.printed:
+                url = self.printed[0].removeprefix("dohyo: ")
+                try:
+                    if httpx.get(f"{url}/health/ready", timeout=1).status_code == 200:
+                        return url
+                except httpx.TransportError:
+                    pass
+            time.sleep(0.1)
+        raise AssertionError(f"not ready: {self.printed} {self.log}")
+
+    @property
+    def token(self) -> str:
+        """The administrator's."""
+        (found,) = (match[1] for line in self.printed if (match := re.search(r"(dohyo_\S+)", line)))
+        return found
+
+    def ask(self, method: str, path: str, json: Any = None) -> Any:
+        """What the administrator is answered."""
+        headers = {"authorization": f"Bearer {self.token}"}
+        answer = httpx.request(method, self.url + path, json=json, headers=headers, timeout=30)
+        assert answer.status_code < 300, (answer.text, self.log)
+        return answer.json()
+
+    def end(self, with_signal: int = signal.SIGTERM) -> int:
+        """Its exit code."""
+        self.process.send_signal(with_signal)
+        code = self.process.wait(60)
+        for reader in self._readers:
+            reader.join(10)
+        return code
+
+
+@contextmanager
+def serving(data: Path, *options: str, before: str = "") -> Iterator[Served]:
+    """A running service, gone at the end of the block."""
+    served = Served(data, *options, before=before)
+    try:
+        yield served
+    finally:
+        if served.process.poll() is None:
+            served.process.kill()
+            served.process.wait()
+
+
+def run(*arguments: str, patience_s: float = 60) -> subprocess.CompletedProcess[str]:
+    """A command in a process of its own."""
+    return subprocess.run([*DOHYO, *arguments], capture_output=True, text=True, timeout=patience_s, check=False)
+
+
+def command(*arguments: str) -> Any:
+    """The same in this process, which is faster."""
+    return CliRunner().invoke(app, arguments)

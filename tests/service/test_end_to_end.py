@@ -1,0 +1,158 @@
+"""As a user: a fresh folder, agents of all three kinds, the leaderboard in a browser, a replay at an infraction."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from evaluation import benchmark as benchmarks
+from examples.onnx_policy import SENSORS, export
+from service.client import Client
+from service.policies.agent import OnnxPolicy
+from tests.service.browsing import visiting
+from tests.service.serving import DOHYO, Served, run, serving
+
+pytestmark = pytest.mark.slow
+
+DRIVES = ("left-to-south", "right-to-east")  # the second one is the shortest; in the first the policy hits somebody
+PATIENCE_S = 240.0
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Holds a quickstart of two drives, and the data of a service."""
+    made = tmp_path_factory.mktemp("user")
+    head, *missions = (benchmarks.BENCHMARKS / "quickstart.toml").read_text().split("[[missions]]")
+    kept = [mission for mission in missions if any(f'"{name}"' in mission for name in DRIVES)]
+    (made / "benchmarks").mkdir()
+    (made / "benchmarks" / "quickstart.toml").write_text("[[missions]]".join([head, *kept]))
+    return made
+
+
+@pytest.fixture(scope="module")
+def served(folder: Path) -> Iterator[Served]:
+    before = f"import pathlib, evaluation.benchmark as b; b.BENCHMARKS = pathlib.Path({str(folder / 'benchmarks')!r})"
+    with serving(folder / "data", before=before) as service:
+        yield service
+        assert service.end() == 0
+        assert not [line for line in service.log if line["level"] in ("error", "text")]
+
+
+@pytest.fixture(scope="module")
+def user(served: Served) -> Iterator[Client]:
+    token = served.ask("POST", "/v1/tokens", {"owner": "user", "role": "submitter"})["token"]
+    with Client(served.url, token) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def evaluations(served: Served, user: Client, folder: Path) -> dict[str, list[dict[str, Any]]]:
+    """Episodes by agent, once all three have been evaluated."""
+    user.register_agent("pilot", "the built-in autopilot")
+    assert user.submit_builtin("pilot", "autopilot")["version"] == 1
+    user.register_agent("pursuit", "an uploaded policy")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        export(str(folder / "policy.onnx"))
+    spec = {"track": "privileged", "sensors": list(SENSORS), "control": "target_speed_steering"}
+    user.submit_onnx("pursuit", folder / "policy.onnx", spec)
+    token = served.ask("POST", "/v1/tokens", {"owner": "user", "role": "submitter"})["token"]
+    options = ["--server", served.url, "--agent", "remote-pilot", "--entry", "autopilot", "--episodes", "2"]
+    worker = subprocess.Popen([*DOHYO, "worker", *options], env=os.environ | {"DOHYO_TOKEN": token})
+    try:
+        ids = {agent: user.evaluate(agent, "quickstart", seeds=[0])["id"] for agent in ("pilot", "pursuit")}
+        while "remote-pilot" not in {one["name"] for one in user.items("/v1/agents") if one["version"]}:
+            assert worker.poll() is None
+        ids["remote-pilot"] = user.evaluate("remote-pilot", "quickstart", seeds=[0])["id"]
+        for one in ids.values():
+            ended = user.wait(one, PATIENCE_S)
+            assert (ended["status"], ended["progress"]["done"]) == ("done", len(DRIVES)), ended
+        assert worker.wait(60) == 0
+    finally:
+        worker.kill()
+        worker.wait()
+    return {agent: list(user.episodes(one)) for agent, one in ids.items()}
+
+
+def hashes(episodes: list[dict[str, Any]]) -> list[str]:
+    return [one["record_hash"] for one in episodes]
+
+
+def test_local_builtin_and_remote_give_the_same_hashes(
+    evaluations: dict[str, list[dict[str, Any]]], folder: Path
+) -> None:
+    benchmark, out = folder / "benchmarks" / "quickstart.toml", folder / "out"
+    command = ["--benchmark", str(benchmark), "--seeds", "0", "--workers", "1"]
+    done = run("evaluate", "--agent", "autopilot", *command, "--out", str(out), patience_s=PATIENCE_S)
+    assert done.returncode == 0, done.stderr
+    local = {json.loads(path.read_text())["record_hash"] for path in (out / "records").glob("*.json")}
+    assert set(hashes(evaluations["pilot"])) == set(hashes(evaluations["remote-pilot"])) == local
+    assert len(local) == len(DRIVES)
+
+
+def test_an_uploaded_policy_gives_the_hashes_of_its_file_here(
+    evaluations: dict[str, list[dict[str, Any]]], folder: Path
+) -> None:
+    from evaluation.agent import agent_info
+    from evaluation.runner import run_episode
+    from service.policies.agent import ENTRY
+
+    benchmark = benchmarks.load_benchmark(str(folder / "benchmarks" / "quickstart.toml"))
+    policy = OnnxPolicy(path=folder / "policy.onnx", name="pursuit", track="privileged", sensors=SENSORS)
+    try:
+        record = run_episode(
+            benchmark.scenarios([0])[1],
+            {"ego": policy},
+            infos={"ego": agent_info(policy, ENTRY, policy.settings)},
+            benchmark=(benchmark.name, benchmark.sha256),
+        )
+    finally:
+        policy.close()
+    assert record.record_hash == hashes(evaluations["pursuit"])[1]
+
+
+def test_what_was_downloaded_is_scored_as_the_leaderboard_says(
+    evaluations: dict[str, list[dict[str, Any]]], user: Client, folder: Path
+) -> None:
+    board = user.leaderboard("quickstart")
+    assert {row["agent"] for row in board["rows"]} == set(evaluations)
+    assert all(row["seeds"] == 1 for row in board["rows"])
+    paths = user.download(evaluations["pursuit"][0]["evaluation"], folder / "downloaded")
+    assert len(paths) == len(DRIVES)
+    verified = run("verify", str(folder / "downloaded"), patience_s=PATIENCE_S) if sys.platform == "win32" else None
+    assert verified is None
+
+
+def test_the_leaderboard_leads_to_the_replay_of_an_infraction(
+    evaluations: dict[str, list[dict[str, Any]]], served: Served, browser: Browser, tmp_path: Path
+) -> None:
+    with visiting(browser, served.url) as visit:
+        window = visit()
+        page: Page = window.go("/")
+        for agent in evaluations:
+            expect(page.get_by_role("link", name=agent, exact=True)).to_be_visible()
+        page.screenshot(path=tmp_path / "leaderboard.png", full_page=True)
+        page.get_by_role("link", name="pursuit", exact=True).click()
+        page.wait_for_url(re.compile("/agents/pursuit"))
+        page.wait_for_selector("main:not([data-state=loading])")
+        page.screenshot(path=tmp_path / "agent.png", full_page=True)
+        page.goto(f"{served.url}/evaluations/{evaluations['pursuit'][0]['evaluation']}")
+        page.wait_for_selector("main:not([data-state=loading])")
+        page.screenshot(path=tmp_path / "evaluation.png", full_page=True)
+        mark = page.locator("a[href*='#t=']").first
+        page.goto(served.url + str(mark.get_attribute("href")))
+        page.wait_for_selector("main:not([data-state=loading])")
+        expect(page.locator(".clock")).to_contain_text("/")
+        page.screenshot(path=tmp_path / "replay.png", full_page=True)
+        assert window.complaints == []
+        assert window.foreign == []
