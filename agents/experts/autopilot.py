@@ -2,7 +2,8 @@
 
 It follows its route's path by pure pursuit and takes the smallest of the accelerations that its rules ask for: the
 speed limit and the curve ahead, leaders in its path (IDM), red and yellow lights, stop signs, and actors that cross or
-join its path and have the right of way, or do not look as if they would give it.
+join its path and have the right of way, or do not look as if they would give it. It goes round what blocks its lane
+(`passing`), and makes room for emergency vehicles and for those who come over the middle of the road (`courtesy`).
 """
 
 from __future__ import annotations
@@ -13,6 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from agents.experts.courtesy import KEEP_RIGHT_RAMP_M, YIELDING_M_S, Yielding, keep_right, stand_before_oncoming
+from agents.experts.passing import PASSING_M_S, Passing
+from agents.experts.sidestep import Sidestep
+from agents.experts.surroundings import Surroundings
 from evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from sumo_networks.arrays import Float32Array
 from sumo_networks.control import pure_pursuit, pursuit_distance
@@ -23,6 +28,7 @@ RED, YELLOW = int(LightState.RED), int(LightState.YELLOW)
 PEDESTRIAN = int(ActorKind.PEDESTRIAN)
 FREE = math.inf
 NEAR_ENTRY_M = 15.0
+HARD_BRAKING = 3.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,14 +67,14 @@ class Autopilot(Agent):
     spec = AgentSpec(
         name="autopilot",
         track="privileged",
-        sensors=("speedometer", "route", "objects", "lights", "conflicts", "navigation"),
+        sensors=("speedometer", "route", "objects", "lights", "conflicts", "navigation", "path", "lanes"),
         control="acceleration_steering",
     )
 
     def __init__(self, **style: float) -> None:
         self.style = Style(**style)
         self._vehicle = VehicleParameters()
-        self._half_length = self._vehicle.length / 2
+        self._half_length, self._half_width = self._vehicle.length / 2, self._vehicle.width / 2
         self._reset_memory()
 
     def reset(self, mission: Mission, seed: int) -> None:
@@ -79,22 +85,32 @@ class Autopilot(Agent):
         self._standing = 0.0
         self._stopped_at_sign = False
         self._reason: Explanation = {}
+        self._aside = Sidestep()
+        self._passing = Passing(self._half_length, self._half_width)
+        self._yielding = Yielding(self._half_length)
+        self._right = 0.0
 
     def act(self, observation: Observation) -> np.ndarray:
         """The most careful of the accelerations asked for, and the steering along the path."""
         speed = float(observation["speedometer"][0])
         # Creeping up to a line is waiting too; driving wears it off.
         self._standing = self._standing + 0.1 if speed < 0.6 else max(self._standing - 0.5, 0.0)
+        around, progress = Surroundings(observation), float(observation["navigation"][2])
+        self._step_aside(around, observation["lights"], speed, progress)
+        route = self._aside.applied(observation["route"], progress)
         wishes = {
-            "free road": self._free_road(speed, observation["route"]),
-            "leader": self._leader(speed, observation),
+            "free road": self._free_road(speed, route),
+            "leader": self._leader(speed, observation["objects"], route),
             "light": self._lights(speed, observation["lights"]),
             "conflict": self._conflicts(speed, observation),
+            "passing": self._wait_to_pass(speed),
+            "oncoming": self._oncoming(around, speed, progress),
+            "emergency": self._yield(speed, observation["lights"]),
         }
         cause = min(wishes, key=lambda name: wishes[name])
         self._reason = {"rule": cause, "acceleration": {name: round(a, 2) for name, a in wishes.items()}}
         acceleration = float(np.clip(wishes[cause], -8.0, self.style.acceleration))
-        return np.array([acceleration, self._steering(speed, observation["route"])])
+        return np.array([acceleration, self._steering(speed, route)])
 
     def explain(self) -> Explanation | None:
         """The rule that decided, and what each rule asked for."""
@@ -116,10 +132,47 @@ class Autopilot(Agent):
             return max(-s.comfortable_braking * 1.6, (target - speed) / 0.5)
         return s.acceleration * (1.0 - (speed / max(target, 0.1)) ** 4)
 
-    def _leader(self, speed: float, observation: Observation) -> float:
-        reach = self._vehicle.width / 2 + self.style.corridor_margin
-        gap, leader_speed = _leader(observation["objects"], observation["route"], reach, self._half_length)
+    def _step_aside(self, around: Surroundings, lights: Float32Array, speed: float, progress: float) -> None:
+        """Leaves the middle of the lane for whoever stands there, comes from behind, or comes over the middle."""
+        if not self._yielding.active:
+            self._passing.update(around, lights, speed, progress, self._aside)
+        self._yielding.update(around, lights, speed, progress, self._aside, self._passing)
+        if self._passing.active or self._yielding.active:
+            self._right = 0.0
+            return
+        wanted = keep_right(around, self._half_width, speed)
+        if wanted > self._right + 0.05 or (wanted == 0.0 and self._right > 0.0):
+            self._right = wanted
+            self._aside.lead(-wanted, progress, KEEP_RIGHT_RAMP_M)
+
+    def _leader(self, speed: float, objects: Float32Array, route: Float32Array) -> float:
+        reach = self._half_width + self.style.corridor_margin
+        gap, leader_speed = _leader(objects, route, reach, self._half_length)
         return self._follow(speed, gap, leader_speed)
+
+    def _wait_to_pass(self, speed: float) -> float:
+        """Stands so far behind what blocks the lane that there is room to turn out; not too fast while beside it."""
+        if self._passing.active:
+            return self._no_faster(speed, PASSING_M_S)
+        if self._passing.waits_at == FREE:
+            return FREE
+        return self._stop_at(speed, self._passing.waits_at)
+
+    def _oncoming(self, around: Surroundings, speed: float, progress: float) -> float:
+        offset = self._aside.at(progress + self._half_length)
+        return stand_before_oncoming(around, self._half_length, self._half_width, offset, speed)
+
+    def _yield(self, speed: float, lights: Float32Array) -> float:
+        """Slowly while an emergency vehicle passes, and into no junction from the wrong lane."""
+        if not self._yielding.active:
+            return FREE
+        wish = self._no_faster(speed, YIELDING_M_S)
+        if self._aside.offset != 0.0 and 0.0 < lights[0, 0] < 1000.0:
+            wish = min(wish, self._stop_at(speed, float(lights[0, 0])))
+        return wish
+
+    def _no_faster(self, speed: float, most: float) -> float:
+        return max((most - speed) / 0.5, -self.style.comfortable_braking)
 
     def _can_stop(self, speed: float, distance: float) -> bool:
         """Whether it can stop before a line ahead without braking hard."""
@@ -196,8 +249,9 @@ class Autopilot(Agent):
         arrive, clear = self._window(speed, enter, leave)
         other_arrive, other_clear = _earliest(other_enter, other_speed, kind), _latest(other_leave, other_speed)
         if priority < 0:
-            # The other must give way; doubt it only when it is about to be there, or is there.
-            doubtful = other_enter < max(0.8 * other_speed, 0.3)
+            # The other must give way; doubt it when it could hardly stop any more, or is about to be there.
+            braking = other_speed**2 / (2 * max(other_enter - 2.0, 0.1))
+            doubtful = other_enter < max(0.8 * other_speed, 0.3) or (other_enter > 0.0 and braking > HARD_BRAKING)
             return doubtful and other_arrive < clear + 0.5 and arrive < other_clear + 0.3
         before, after = (1.2, 0.6) if on_foot else (1.5, 1.0)
         if leave >= 1000.0:

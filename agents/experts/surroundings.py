@@ -88,8 +88,8 @@ class Surroundings:
         rows = _boxes_on_path(objects, self._path)
         self.lane_width = float(self._path[BEHIND, 5])
         self.neighbours = tuple(
-            Neighbour(int(seen[0]), int(seen[7]), *row[:4].tolist(), speed=float(seen[4]), along=float(row[4]))
-            for seen, row in zip(objects, rows, strict=True)
+            Neighbour(int(seen[0]), int(seen[7]), row[0], row[1], row[2], row[3], float(seen[4]), row[4])
+            for seen, row in zip(objects, rows.tolist(), strict=True)
             if seen[0] >= 0
         )
 

@@ -47,8 +47,9 @@ TRAFFIC: Mapping[str, Traffic] = {
     "ingolstadt": Traffic(vehicles=60, bicycles=6, pedestrians=30, warm_up_s=WARM_UP_S),
     "district": Traffic(vehicles=100, bicycles=10, pedestrians=80, warm_up_s=WARM_UP_S),
 }
+SEARCHED = ("district", "ingolstadt", "braunschweig", "adlershof")  # the quickest first
 TRAIN_SHARE = 4  # one edge in so many
-QUARTERS_UNTIL = 2  # seeds
+QUARTERS_UNTIL = 1  # seeds
 TRIES = 3  # candidates per network, seed and type
 LONGEST_SEARCH = 60  # seeds
 SAME_PLACE_FROM = 6  # seeds after which a type may come twice on one edge, at different moments
@@ -122,10 +123,12 @@ def draw(name: str, per_type: int, first_seed: int, train: bool, there: Sequence
     local = Counter((kind, network_name) for kind, network_name, _ in there)
     used = {(kind, network_name, mission.start.lane.rpartition("_")[0]) for kind, network_name, mission in there}
     moments = {(mission.excerpt.seed, mission.start) for _, _, mission in there if mission.excerpt}
-    for number in range(LONGEST_SEARCH):
+    # Seeds that were searched before would only fail again.
+    begin = max((seed - first_seed + 1 for seed, _ in moments), default=0)
+    for number in range(begin, begin + LONGEST_SEARCH):
         # Each network gives its quarter first; what one has not, the others may give.
         share = per_type if number >= QUARTERS_UNTIL else math.ceil(per_type / len(TRAFFIC))
-        for network_name in TRAFFIC:
+        for network_name in SEARCHED:
             wanted = [one for one in TYPES if found[one] < per_type and local[one, network_name] < share]
             if not wanted:
                 continue
@@ -143,16 +146,20 @@ def draw(name: str, per_type: int, first_seed: int, train: bool, there: Sequence
                     if mission is None or (snapshot.seed, mission.start) in moments:
                         continue
                     tries += 1
-                    kept = confirm(kind, snapshot, mission)
+                    kept, types = confirm(kind, snapshot, mission)
                     if kept is not None:
-                        used.add((kind, network_name, edge))
+                        # A run that is not of the type it was meant for may be of another that is still wanted.
+                        own = [one for one in types if found[one] < per_type and local[one, network_name] < share]
+                        chosen = kind if kind in own else min(own, key=lambda one: found[one], default=None)
                         moments.add((snapshot.seed, mission.start))
-                        found[kind] += 1
-                        local[kind, network_name] += 1
-                        print(f"{name}: {kind} {found[kind]}/{per_type} on {network_name}", flush=True)
-                        yield kind, network_name, kept
-                        if found[kind] >= per_type or local[kind, network_name] >= share:
-                            break
+                        if chosen is not None:
+                            used.add((chosen, network_name, edge))
+                            found[chosen] += 1
+                            local[chosen, network_name] += 1
+                            print(f"{name}: {chosen} {found[chosen]}/{per_type} on {network_name}", flush=True)
+                            yield chosen, network_name, kept
+                    if found[kind] >= per_type or local[kind, network_name] >= share:
+                        break
         if all(found[kind] >= per_type for kind in TYPES):
             return
     missing = {kind: per_type - found[kind] for kind in TYPES if found[kind] < per_type}
@@ -270,18 +277,22 @@ def suits(kind: str, route: Route) -> bool:
     return True
 
 
-def confirm(kind: str, snapshot: Snapshot, mission: ScriptedMission) -> ScriptedMission | None:
-    """Drives the reference through a mission; the mission with its excerpt if the run is of the type, else None."""
+def confirm(kind: str, snapshot: Snapshot, mission: ScriptedMission) -> tuple[ScriptedMission | None, list[str]]:
+    """Drives the reference through a mission; the mission with its excerpt, and the types of the run.
+
+    There is none where the reference arrived too early, touched somebody, or SUMO failed.
+    """
     cell = Cell(name=kind, network=snapshot.network.name, missions="all", traffic=TRAFFIC[snapshot.network.name])
     scenario = scenario_of(cell, mission, snapshot.seed)
     try:
         reference = drive_reference(scenario)
     except SimulationError:
-        return None
+        return None, []
+    if reference.goal or any(_touches(reference)):
+        return None, []
     run = run_of(scenario, reference)
-    if reference.goal or any(_touches(reference)) or not TYPES[kind](run):
-        return None
-    return mission.model_copy(update={"excerpt": excerpt_of(snapshot.seed, reference)})
+    types = [one for one, test in TYPES.items() if test(run)]
+    return mission.model_copy(update={"excerpt": excerpt_of(snapshot.seed, reference)}), types
 
 
 def scenario_of(cell: Cell, mission: ScriptedMission, seed: int) -> Scenario:

@@ -69,7 +69,7 @@ def test_logs_are_made_once_and_replayed(driven: tuple[Scenario, Reference], tmp
 
 def test_a_reference_that_drives_otherwise_than_it_did_is_refused(driven: tuple[Scenario, Reference]) -> None:
     other = driven[0].model_copy(update={"log": "0" * 64})
-    with pytest.raises(InvalidInputError, match="expected log 000000000000.*has changed since.*--pin"):
+    with pytest.raises(InvalidInputError, match=r"expected log 000000000000.*has changed since.*--pin"):
         prepare_logs([other])
     assert not log_path("0" * 64).exists()
 

@@ -19,7 +19,9 @@ def run_of(scene: Scene, seconds: float = 15.0, mission: Mission | None = None) 
         recorder.append([world.names[key] for key in world.actors.key], world.actors, world.signals)
     egos = [world.egos for world in worlds]
     route = plan_route(scene.network, mission or scene.mission)
-    columns = [np.array([getattr(one, name)[0] for one in egos]) for name in ("heading", "speed", "position", "progress")]
+    columns = [
+        np.array([getattr(one, name)[0] for one in egos]) for name in ("heading", "speed", "position", "progress")
+    ]
     return Run(scene.network, route, recorder.finish(), *columns)
 
 

@@ -81,7 +81,7 @@ def test_the_hash_is_that_of_the_content_and_survives_the_disk() -> None:
 
 def test_logs_that_are_missing_damaged_or_another_are_refused() -> None:
     log, other = logged(crossing_cars()), logged(straight_road().with_ego(x=0).with_actor(x=50))
-    with pytest.raises(InvalidInputError, match="no log .*benchmarks prepare"):
+    with pytest.raises(InvalidInputError, match=r"no log .*benchmarks prepare"):
         read_log(log.sha256(), logs_folder())
     path, another = write_log(log), write_log(other)
     path.write_bytes(another.read_bytes())

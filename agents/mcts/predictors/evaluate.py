@@ -173,7 +173,10 @@ def report(found: Mapping[str, Errors]) -> dict[str, Any]:
             if name != last
         },
         "miss cases": {name: miss_cases(errors) for name, errors in found.items()},
-        "median ms": {name: float(np.median(errors.milliseconds)) for name, errors in found.items()},
+        "ms per scene": {
+            name: {f"p{share}": float(np.percentile(errors.milliseconds, share)) for share in (50, 99)}
+            for name, errors in found.items()
+        },
     }
 
 
@@ -184,6 +187,9 @@ def table(document: Mapping[str, Any]) -> list[str]:
     for key in document["means"][names[0]]:
         cells = [_cell(document["means"][name][key]) for name in names]
         lines.append(f"| {key} | " + " | ".join(cells) + " |")
+    for share in ("p50", "p99"):
+        cells = [f"{document['ms per scene'][name][share]:.2f}" for name in names]
+        lines.append(f"| ms per scene, {share} | " + " | ".join(cells) + " |")
     lines += ["", "| what a vehicle did | times | " + " | ".join(f"{n}: missed %" for n in names) + " |"]
     lines.append("|---|---|" + "---|" * len(names))
     for case, (count, _) in document["miss cases"][names[0]].items():

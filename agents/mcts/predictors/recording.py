@@ -77,18 +77,15 @@ def record_motion(order: Order, out: Path, progress: Callable[[float], None] = l
         InvalidInputError: Unknown networks, or the folder holds a dataset made otherwise.
     """
     _claim(order, out)
-    hours, samples, episode = 0.0, 0, 0
-    while hours < order.hours:
+    hours, samples = order.egos * order.episode_s / 3600.0, 0
+    for episode in range(math.ceil(order.hours / hours - 1e-6)):
         network, number = order.networks[episode % len(order.networks)], episode // len(order.networks)
         path = out / split_of(network, number) / f"{network}-{number:04d}.npz"
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(path, record_episode(scenario(order, network, number), order).to_bytes())
-        shard = load_shard(path)
-        samples += len(shard)
-        hours += order.egos * order.episode_s / 3600.0
-        episode += 1
-        progress(min(hours, order.hours))
+        samples += len(load_shard(path))
+        progress(min((episode + 1) * hours, order.hours))
     return samples
 
 

@@ -73,7 +73,11 @@ export function agentName(name, colour, href = `/agents/${encodeURIComponent(nam
  */
 export function verdict(comparison, subject) {
   if (!comparison) return null;
-  const { verdict: sign, probability } = comparison;
+  const { verdict: sign, probability, difference } = comparison;
+  if (difference?.low === 0 && difference?.high === 0) {
+    const title = `${subject}: the same on every drive`;
+    return h("span", { class: "verdict even", title }, sign, h("span", { class: "quiet" }, " same"));
+  }
   const word = { "=": "not told apart", "<": "lower", ">": "higher" }[sign];
   const sure = sign === "<" ? 1 - probability : probability;
   const text = sure > 0.9995 ? ">0.999" : sure < 0.0005 ? "<0.001" : sure.toFixed(3);

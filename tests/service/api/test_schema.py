@@ -22,7 +22,7 @@ from service.database.models import Role
 from service.settings import Settings
 from tests.service.harness import Harness, IdleScheduler
 
-EXAMPLES = 20
+EXAMPLES = 8
 # A trial makes a child process; the wire waits for workers and has tests of its own.
 SLOW = ("/v1/workers/{worker_id}/acquire", "/v1/evaluations/{identifier}/progress")
 

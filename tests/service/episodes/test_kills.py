@@ -6,11 +6,15 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
 
+from evaluation.agent import make_agent
 from evaluation.record import Status
+from evaluation.runner import run_episode
 from service.database.models import AgentKind, EpisodeStatus, EvaluationStatus
 from service.episodes.archive import archived_path, staged_folder
 from tests.service.episodes.conftest import MakeService
@@ -18,12 +22,34 @@ from tests.service.episodes.served import ROOT, STEADY, Service, info_of, short,
 from tests.service.episodes.wire_worker import hire
 
 AGENTS = "tests.evaluation.agents"
+Undisturbed = Callable[[int], list[str | None]]
 pytestmark = pytest.mark.slow
 
 
-def undisturbed(service: Service, missions: int = 1) -> list[str | None]:
-    """Hashes of the same evaluation when nothing happens."""
-    return service.hashes(service.submit(info_of(STEADY), short(missions), kind=AgentKind.BUILTIN))
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    """A running service for whatever does not kill it; it soon takes a worker for dead."""
+    shared = Service(tmp_path_factory.mktemp("data"), processes=2, lease_ttl_s=1.5)
+    shared.start()
+    yield shared
+    shared.close()
+
+
+@pytest.fixture(scope="module")
+def undisturbed() -> Undisturbed:
+    """Hashes of the records of an evaluation to which nothing happens, driven here, by number of missions."""
+
+    @cache
+    def hashes(missions: int) -> list[str | None]:
+        benchmark = short(missions)
+        source = (benchmark.name, benchmark.sha256)
+        infos = {"ego": info_of(STEADY)}
+        return [
+            run_episode(one, {"ego": make_agent(STEADY)}, infos=infos, benchmark=source).record_hash
+            for one in benchmark.scenarios([0])
+        ]
+
+    return hashes
 
 
 def spawn_worker(service: Service, pause_s: float = 60.0) -> subprocess.Popen[str]:
@@ -40,9 +66,7 @@ def spawn_worker(service: Service, pause_s: float = 60.0) -> subprocess.Popen[st
     return process
 
 
-def test_kill_nine_of_a_worker_lets_another_drive_the_episode_again(make_service: MakeService) -> None:
-    service = make_service(lease_ttl_s=1.0)
-    service.start()
+def test_kill_nine_of_a_worker_lets_another_drive_the_episode_again(service: Service, undisturbed: Undisturbed) -> None:
     evaluation = service.submit(info_of(STEADY), short())
     killed = spawn_worker(service)
     killed.kill()
@@ -51,13 +75,11 @@ def test_kill_nine_of_a_worker_lets_another_drive_the_episode_again(make_service
     episode = worker.acquire()
     assert (episode["attempt"], episode["tick"]) == (2, 0)
     worker.drive(episode)
-    assert service.hashes(evaluation) == undisturbed(service)
+    assert service.hashes(evaluation) == undisturbed(1)
     assert service.episodes(evaluation)[0].attempts == 2
 
 
-def test_workers_that_vanish_twice_end_the_evaluation_honestly(make_service: MakeService) -> None:
-    service = make_service(lease_ttl_s=0.5)
-    service.start()
+def test_workers_that_vanish_twice_end_the_evaluation_honestly(service: Service) -> None:
     evaluation = service.submit(info_of(STEADY), short(missions=2))
     worker = hire(service)
     worker.drive(worker.acquire())
@@ -73,28 +95,24 @@ def test_workers_that_vanish_twice_end_the_evaluation_honestly(make_service: Mak
     assert lost.record_hash is None
 
 
-def test_kill_nine_of_an_episode_process_costs_its_worker_the_lease_only(make_service: MakeService) -> None:
-    service = make_service()
-    service.start()
+def test_kill_nine_of_an_episode_process_costs_its_worker_the_lease_only(
+    service: Service, undisturbed: Undisturbed
+) -> None:
     evaluation = service.submit(info_of(STEADY), short())
     worker = hire(service)
     episode = worker.acquire()
     reply = worker.drive(episode, steps=5)
-    (process,) = service.episode_processes()
-    os.kill(process, signal.SIGKILL)
+    for process in service.episode_processes():
+        os.kill(process, signal.SIGKILL)
     status, problem = worker.step(episode["lease"], reply["tick"], {"ego": [6.0, 0.0]})
     assert (status, "-9" in problem["detail"]) == (410, True), problem
     again = worker.acquire()
     assert again["attempt"] == 2
     worker.drive(again)
-    assert service.hashes(evaluation) == undisturbed(service)
+    assert service.hashes(evaluation) == undisturbed(1)
 
 
-def test_a_built_in_agent_whose_process_dies_is_tried_once_more_and_then_lost(
-    make_service: MakeService, tmp_path: Path
-) -> None:
-    service = make_service(processes=2)
-    service.start()
+def test_a_built_in_agent_whose_process_dies_is_tried_once_more_and_then_lost(service: Service, tmp_path: Path) -> None:
     once = info_of(f"{AGENTS}:DiesOnce", marker=str(tmp_path / "marker")).model_copy(update={"name": "once"})
     always = info_of(f"{AGENTS}:DiesAlways").model_copy(update={"name": "always"})
     survives = service.submit(once, short(), kind=AgentKind.BUILTIN)
@@ -105,9 +123,7 @@ def test_a_built_in_agent_whose_process_dies_is_tried_once_more_and_then_lost(
     assert (ended.status, "code -9" in (ended.failure or "")) == (EvaluationStatus.FAILED, True)
 
 
-def test_a_built_in_agent_that_never_returns_is_at_fault(make_service: MakeService) -> None:
-    service = make_service()
-    service.start()
+def test_a_built_in_agent_that_never_returns_is_at_fault(service: Service) -> None:
     hangs = info_of(f"{AGENTS}:HangsOutsidePython", after=2)
     evaluation = service.submit(hangs, short(), kind=AgentKind.BUILTIN, act_deadline_s=0.3)
     (ego,) = service.record(evaluation).egos
@@ -115,15 +131,15 @@ def test_a_built_in_agent_that_never_returns_is_at_fault(make_service: MakeServi
     assert service.episodes(evaluation)[0].attempts == 1
 
 
-def test_code_that_changed_since_it_was_submitted_is_not_driven(make_service: MakeService) -> None:
-    service = make_service()
-    service.start()
+def test_code_that_changed_since_it_was_submitted_is_not_driven(service: Service) -> None:
     old = info_of(STEADY).model_copy(update={"source_sha256": "0" * 64})
     ended = service.wait(service.submit(old, short(), kind=AgentKind.BUILTIN))
     assert (ended.status, "has changed" in (ended.failure or "")) == (EvaluationStatus.FAILED, True)
 
 
-def test_kill_nine_of_the_server_loses_nothing_and_counts_nothing_twice(make_service: MakeService) -> None:
+def test_kill_nine_of_the_server_loses_nothing_and_counts_nothing_twice(
+    make_service: MakeService, undisturbed: Undisturbed
+) -> None:
     service = make_service(processes=1)
     evaluation = service.submit(info_of(STEADY), short(missions=4), kind=AgentKind.BUILTIN)
     service.start()
@@ -141,7 +157,7 @@ def test_kill_nine_of_the_server_loses_nothing_and_counts_nothing_twice(make_ser
     assert {position: after[position] for position in before} == before
     assert all(one.attempts == 1 for one in service.episodes(evaluation))
     assert not staged_folder(service.settings, evaluation).exists()
-    assert hashes == undisturbed(service, missions=4)
+    assert hashes == undisturbed(4)
 
 
 def test_a_record_that_a_dead_server_left_in_staging_is_kept_and_not_driven_again(make_service: MakeService) -> None:
@@ -169,7 +185,7 @@ def test_a_record_that_a_dead_server_left_in_staging_is_kept_and_not_driven_agai
     assert service.episodes(evaluation)[0].attempts == 1
 
 
-def test_a_remote_worker_survives_kill_nine_of_the_server(make_service: MakeService) -> None:
+def test_a_remote_worker_survives_kill_nine_of_the_server(make_service: MakeService, undisturbed: Undisturbed) -> None:
     service = make_service()
     evaluation = service.submit(info_of(STEADY), short())
     service.start()
@@ -182,7 +198,7 @@ def test_a_remote_worker_survives_kill_nine_of_the_server(make_service: MakeServ
     episode = again.acquire()
     assert (episode["attempt"], episode["tick"]) == (1, 0)
     again.drive(episode)
-    assert service.hashes(evaluation) == undisturbed(service)
+    assert service.hashes(evaluation) == undisturbed(1)
 
 
 def test_sigterm_under_load_lets_episodes_end_and_leaves_nothing_running(make_service: MakeService) -> None:

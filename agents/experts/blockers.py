@@ -1,0 +1,108 @@
+"""Blockers: what stands, or crawls, in the ego's lane for good, as opposed to a queue that will move on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from agents.experts.surroundings import Neighbour, Surroundings
+from sumo_networks.arrays import Float32Array
+from sumo_networks.world import ActorKind
+
+SIGHT_M = 55.0
+LINK_M = 15.0
+CHAIN_M = 60.0
+QUEUE_M = 25.0
+PARKED_S = 3.0
+BROKEN_DOWN_S = 25.0
+BICYCLE_M_S = 5.0
+ASKEW = 0.997
+OVERHANG_M = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Blocker:
+    """What the ego has to go round, in the frame of the route, m.
+
+    Attributes:
+        first: Where it begins.
+        last: Where it ends.
+        d_low: Its right edge.
+        d_high: Its left edge.
+        speed: m/s; above 0 for bicycles.
+    """
+
+    first: float
+    last: float
+    d_low: float
+    d_high: float
+    speed: float
+
+
+class Patience:
+    """For how long everybody has stood, and who has been seen driving."""
+
+    def __init__(self) -> None:
+        self._stood: dict[int, float] = {}
+        self._driven: set[int] = set()
+
+    def watch(self, neighbours: Sequence[Neighbour], seconds: float = 0.1) -> None:
+        """Goes on for one tick."""
+        self._stood = {one.key: self._stood.get(one.key, 0.0) + seconds for one in neighbours if one.stands}
+        self._driven |= {one.key for one in neighbours if one.speed > 1.0}
+
+    def parked(self, one: Neighbour) -> bool:
+        """Whether it was never seen driving."""
+        return one.key not in self._driven
+
+    def stands_for_good(self, one: Neighbour) -> bool:
+        """Whether it has stood too long to be waited for; who stands askew has crashed."""
+        if one.kind == ActorKind.STATIC or (self.parked(one) and abs(one.along) < ASKEW):
+            return True
+        return self._stood.get(one.key, 0.0) >= (PARKED_S if self.parked(one) else BROKEN_DOWN_S)
+
+
+def find_blocker(
+    around: Surroundings, lights: Float32Array, patience: Patience, reach: float, behind: float
+) -> tuple[Blocker | None, bool]:
+    """What blocks the ego's lane ahead, and whether it is to be passed now, or may yet turn out to be a queue.
+
+    Args:
+        around: What is there.
+        lights: (4, 4), see `sensors.lights`.
+        patience: With those that stand.
+        reach: Half the width of the corridor that the ego needs, m.
+        behind: Who ends before this is past, m from the ego's centre.
+    """
+    ahead = [one for one in around.driving() if one.within(-reach, reach) and behind < one.s_high and not one.oncoming]
+    chain: list[Neighbour] = []
+    for one in sorted(ahead, key=lambda one: one.s_low):
+        crawls = one.stands or (one.kind == ActorKind.BICYCLE and one.speed < BICYCLE_M_S and one.along > 0.9)
+        if not crawls or one.s_low > (chain[-1].s_high + LINK_M if chain else SIGHT_M):
+            break
+        chain.append(one)
+    if not chain:
+        return None, False
+    last = max(one.s_high for one in chain)
+    blocker = Blocker(
+        chain[0].s_low,
+        last,
+        min(one.d_low for one in chain),
+        max(one.d_high for one in chain),
+        0.0 if any(one.stands for one in chain) else max(one.speed for one in chain),
+    )
+    static = any(one.kind == ActorKind.STATIC for one in chain)
+    if (last - chain[0].s_low > CHAIN_M and not static) or _at_a_junction(blocker, lights, static):
+        return None, False
+    return blocker, static or blocker.speed > 0.0 or patience.stands_for_good(chain[-1])
+
+
+def _at_a_junction(blocker: Blocker, lights: Float32Array, static: bool) -> bool:
+    """Whether a junction lies before its end, or so close behind it that it may queue there."""
+    for entry, leave, _, _ in lights:
+        # Places where one road merely goes on as another are no junctions.
+        if entry >= 1000.0 or leave - entry <= 1.0:
+            continue
+        if leave > 0.0 and entry < blocker.last + (0.0 if static else QUEUE_M) - OVERHANG_M:
+            return True
+    return False

@@ -1,0 +1,89 @@
+"""Courtesy: room for those who need the ego's lane: emergency vehicles, and who comes over the middle of the road."""
+
+from __future__ import annotations
+
+import math
+
+from agents.experts.passing import Passing
+from agents.experts.sidestep import RAMP_M, Sidestep
+from agents.experts.surroundings import Lane, Neighbour, Surroundings
+from sumo_networks.arrays import Float32Array
+from sumo_networks.world import ActorKind
+
+FREE = math.inf
+SIREN_M = 90.0
+JUNCTION_M = 20.0
+YIELDING_M_S = 5.0
+PASSED_M = 8.0
+SIGHT_S = 6.0
+ONCOMING_CLEARANCE_M = 0.25
+KERB_M = 0.1
+KEEP_RIGHT_RAMP_M = 8.0
+
+
+class Yielding:
+    """Lets an emergency vehicle pass: into the lane beside, slowly, until it is past.
+
+    Attributes:
+        active: Whether one is near.
+    """
+
+    def __init__(self, half_length: float) -> None:
+        self._half_length = half_length
+        self.active = False
+
+    def update(
+        self, around: Surroundings, lights: Float32Array, speed: float, progress: float, aside: Sidestep, room: Passing
+    ) -> None:
+        """Goes on for one tick; leads the sidestep."""
+        coming = any(self._needs_way(one) for one in around.neighbours)
+        if self.active and not coming and (aside.offset == 0.0 or room.may_return(around, speed)):
+            aside.back(progress)
+            self.active = False
+        if not coming or room.active:
+            return
+        self.active = True
+        if aside.offset != 0.0 or any(e < JUNCTION_M and 0.0 < e2 < 1000.0 and e2 - e > 1.0 for e, e2, _, _ in lights):
+            return
+        lanes = [lane for lane in around.lanes_beside(0.0, 25.0) if not lane.oncoming]
+        for lane in sorted(lanes, key=lambda lane: lane.d):
+            if self._free(around, lane, speed, room):
+                aside.lead(lane.d, progress, RAMP_M)
+                return
+
+    def _needs_way(self, one: Neighbour) -> bool:
+        near = one.s_high > -SIREN_M and one.s_low < self._half_length + PASSED_M
+        return one.kind == ActorKind.EMERGENCY and near and one.along > 0.5 and one.within(-1.5, 1.5)
+
+    def _free(self, around: Surroundings, lane: Lane, speed: float, room: Passing) -> bool:
+        others = (one for one in around.driving() if one.along > 0.0 and one.kind != ActorKind.EMERGENCY)
+        return not any(room.in_the_way(one, lane.d, speed, 1.0) for one in others)
+
+
+def keep_right(around: Surroundings, half_width: float, speed: float) -> float:
+    """How far to the right of the middle of its lane the ego should be for those who come over the middle, m."""
+    most = max(0.5 * around.lane_width - half_width - KERB_M, 0.0)
+    wanted = 0.0
+    for one in around.driving():
+        near = one.oncoming and -half_width < one.s_high and one.s_low < (speed + one.speed) * SIGHT_S
+        if near and one.within(-half_width, half_width + ONCOMING_CLEARANCE_M):
+            wanted = max(wanted, half_width + 2 * ONCOMING_CLEARANCE_M - one.d_low)
+    return min(wanted, most)
+
+
+def stand_before_oncoming(
+    around: Surroundings, half_length: float, half_width: float, offset: float, speed: float
+) -> float:
+    """Acceleration with which the ego stands before it meets somebody who comes towards it on its own path, m/s^2."""
+    wish = FREE
+    for one in around.driving():
+        if not one.oncoming or one.s_low < half_length:
+            continue
+        if not one.within(offset - half_width - ONCOMING_CLEARANCE_M, offset + half_width + ONCOMING_CLEARANCE_M):
+            continue
+        gap = one.s_low - half_length
+        # Until the ego stands, the other one comes on; standing, the ego wants 3 m left.
+        needed = speed * (0.5 * speed + one.speed) / max(gap - 3.0 - 0.3 * (speed + one.speed), 0.1)
+        if needed > 1.0 or gap < 2.0 * (speed + one.speed):
+            wish = min(wish, -max(1.2 * needed, 2.0))
+    return wish

@@ -1,0 +1,154 @@
+"""Passing: goes round what blocks the ego's lane, through the lane beside it, or the oncoming one, in a gap."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from agents.experts.blockers import Blocker, Patience, find_blocker
+from agents.experts.sidestep import RAMP_M, Sidestep
+from agents.experts.surroundings import Lane, Neighbour, Surroundings
+from sumo_networks.arrays import Float32Array
+
+FREE = math.inf
+PASSING_M_S = 8.0
+CLEARANCE_M = 0.5
+LEAST_CLEARANCE_M = 0.3
+RUN_UP_M = 8.0
+LEAST_RAMP_M = 6.0
+HURRY_S = 40.0
+MARGIN_M = 4.0
+FOLLOWER_BRAKING = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """A way round a blocker.
+
+    Attributes:
+        offset: m to the left of the route.
+        oncoming: Whether it uses the oncoming lane.
+    """
+
+    offset: float
+    oncoming: bool
+
+
+class Passing:
+    """Decides when to leave the middle of the lane for a blocker, and when to go back.
+
+    Attributes:
+        waits_at: Where the ego has to wait for a gap, m from its front; infinite where it need not.
+        active: Whether it is passing.
+    """
+
+    def __init__(self, half_length: float, half_width: float) -> None:
+        self._half_length, self._half_width = half_length, half_width
+        self._patience = Patience()
+        self._waited = 0.0
+        self._end, self._oncoming = 0.0, False
+        self.active, self.waits_at = False, FREE
+
+    def update(
+        self, around: Surroundings, lights: Float32Array, speed: float, progress: float, aside: Sidestep
+    ) -> None:
+        """Goes on for one tick; leads the sidestep."""
+        self._patience.watch(around.neighbours)
+        self.waits_at = FREE
+        reach = self._half_width + LEAST_CLEARANCE_M
+        behind = -self._half_length if self.active else self._half_length
+        blocker, decided = find_blocker(around, lights, self._patience, reach, behind)
+        if self.active:
+            self._go_on(around, blocker, speed, progress, aside)
+            return
+        if blocker is None:
+            self._waited = 0.0
+            return
+        gap = blocker.first - self._half_length
+        if not decided:
+            # Whoever may be parked is kept room from; who was just driving is followed.
+            self.waits_at = gap - RUN_UP_M
+            return
+        if gap < 0.5:
+            return
+        for way in self._ways(around, blocker):
+            if self.has_room(around, way, blocker, speed):
+                aside.lead(way.offset, progress, min(max(gap - 1.0, LEAST_RAMP_M), RAMP_M))
+                self.active, self._oncoming, self._waited = True, way.oncoming, 0.0
+                self._end = progress + blocker.last + self._half_length
+                return
+        if blocker.speed == 0.0:
+            self._waited += 0.1
+            self.waits_at = gap - RUN_UP_M
+
+    def _go_on(
+        self, around: Surroundings, blocker: Blocker | None, speed: float, progress: float, aside: Sidestep
+    ) -> None:
+        if blocker is not None and blocker.first < self._end - progress + 2 * RAMP_M:
+            self._end = max(self._end, progress + blocker.last + self._half_length)
+        if progress >= self._end and self.may_return(around, speed):
+            aside.back(progress)
+            self.active = False
+
+    def may_return(self, around: Surroundings, speed: float) -> bool:
+        """Whether nobody is in the ego's own lane beside it, or about to be."""
+        return not any(self.in_the_way(one, 0.0, speed) for one in around.driving() if one.along > 0.0)
+
+    def _ways(self, around: Surroundings, blocker: Blocker) -> list[Way]:
+        """Ways round a blocker, the least disturbing first."""
+        left = blocker.d_high + self._half_width + CLEARANCE_M
+        right = blocker.d_low - self._half_width - CLEARANCE_M
+        half = 0.5 * around.lane_width - self._half_width + 0.1
+        inside = [Way(offset, False) for offset in (left, right) if abs(offset) <= half]
+        lanes = around.lanes_beside(blocker.first - RAMP_M, blocker.last + RAMP_M)
+        beside = [lane for lane in lanes if not lane.oncoming]
+        ways = [Way(max(left, lane.d) if lane.d > 0.0 else min(right, lane.d), False) for lane in beside]
+        edge = max((lane.d + 0.5 * lane.width for lane in lanes if lane.oncoming), default=half + self._half_width)
+        if left + self._half_width <= edge + 0.3 and not any(lane.d > 0.0 for lane in beside):
+            ways.append(Way(left, True))
+        return inside + [way for way in ways if self._fits(way, lanes)]
+
+    def _fits(self, way: Way, lanes: list[Lane]) -> bool:
+        """Whether its side of the road is wide enough."""
+        return any(abs(way.offset - lane.d) < 0.5 * lane.width + 0.3 for lane in lanes) or way.oncoming
+
+    def has_room(self, around: Surroundings, way: Way, blocker: Blocker, speed: float) -> bool:
+        """Whether nobody is, or will be, where the ego wants to go; the longer it has waited, the less it asks."""
+        hurry = min(self._waited / HURRY_S, 1.0)
+        length = blocker.last + self._half_length
+        closing = max(PASSING_M_S - blocker.speed, 1.0)
+        seconds = _seconds(length, speed, closing)
+        length += blocker.speed * seconds
+        for one in around.driving():
+            if not one.within(way.offset - self._half_width - 0.3, way.offset + self._half_width + 0.3):
+                continue
+            if blocker.first <= one.s_low and one.s_high <= blocker.last and one.stands:
+                continue  # part of what is passed
+            if one.along < 0.0 and one.s_high > 0.0:
+                clear = length + one.speed * seconds * (1.0 - 0.3 * hurry) + (1.0 - hurry) * MARGIN_M
+                if one.s_low < clear:
+                    return False
+            elif one.along >= 0.0 and self.in_the_way(one, way.offset, speed, hurry, blocker.last):
+                return False
+        return True
+
+    def in_the_way(
+        self, one: Neighbour, offset: float, speed: float, hurry: float = 0.0, until: float = RAMP_M
+    ) -> bool:
+        """Whether somebody of the same direction is beside the ego, too slow ahead, or would have to brake hard."""
+        if not one.within(offset - self._half_width - 0.3, offset + self._half_width + 0.3):
+            return False
+        if one.s_low > self._half_length + 1.0:
+            return one.stands and one.s_low < until + RAMP_M
+        closing = max(one.speed - speed - 2.0, 0.0)
+        room = 2.0 + closing * (0.8 - 0.5 * hurry) + closing**2 / (2 * (FOLLOWER_BRAKING + 2.0 * hurry))
+        return one.s_high > -self._half_length - room
+
+
+def _seconds(distance: float, speed: float, top: float) -> float:
+    """To drive a distance, accelerating at 2 m/s^2 up to a speed, s."""
+    top = max(top, speed)
+    ramp = (top**2 - speed**2) / 4.0
+    if distance < ramp:
+        return (math.sqrt(speed**2 + 4.0 * distance) - speed) / 2.0
+    return (top - speed) / 2.0 + (distance - ramp) / top

@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from agents.registry import resolve
+from evaluation.agent import agent_info, make_agent
+from evaluation.benchmark import load_benchmark
+from evaluation.runner import drive_episode
+from evaluation.store import write_record
+from service.cli.main import app
+from sumo_networks.errors import InvalidInputError
+
+SETTINGS = {"predictor": "constant_velocity", "simulations": 32}
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three seconds of mbappe."""
+    folder = tmp_path_factory.mktemp("records")
+    scenario = load_benchmark("quickstart").scenarios([0])[0].model_copy(update={"time_limit_s": 3.0})
+    entry = resolve("mbappe")
+    agent = make_agent(entry, SETTINGS)
+    name = scenario.missions[0].name
+    driven, trajectory = drive_episode(scenario, {name: agent}, infos={name: agent_info(agent, entry, SETTINGS)})
+    return write_record(folder, "short", driven, trajectory)
+
+
+def test_the_tree_of_a_moment_as_json(record: Path) -> None:
+    result = CliRunner().invoke(app, ["explain", str(record), "--time", "1.5"])
+    assert result.exit_code == 0, result.output
+    why = json.loads(result.output)
+    assert why["root"]["n"] == 32
+    assert why["plan"]
+    again = CliRunner().invoke(app, ["explain", str(record), "--time", "1.5"])
+    assert json.loads(again.output) == why
+
+
+def test_and_as_a_picture(record: Path, tmp_path: Path) -> None:
+    page = tmp_path / "tree.html"
+    result = CliRunner().invoke(app, ["explain", str(record), "--time", "1.5", "--out", str(page)])
+    assert result.exit_code == 0, result.output
+    assert "32 simulations" in page.read_text()
+
+
+def test_a_moment_after_the_end_is_refused(record: Path) -> None:
+    result = CliRunner().invoke(app, ["explain", str(record), "--time", "60"])
+    assert isinstance(result.exception, InvalidInputError)
+    assert "ends at" in str(result.exception)
+
+
+def test_an_ego_that_is_not_there_is_refused(record: Path) -> None:
+    result = CliRunner().invoke(app, ["explain", str(record), "--time", "1", "--ego", "nobody"])
+    assert isinstance(result.exception, InvalidInputError)
+    assert "nobody" in str(result.exception)
