@@ -10,7 +10,7 @@ from typing import Any
 
 from evaluation.record import EpisodeRecord
 from evaluation.scores.closed_loop import ClosedLoop, closed_loop
-from evaluation.statistics import Comparison, Estimate, mean_estimate, paired
+from evaluation.statistics import Comparison, Estimate, mean_estimate, paired, share_estimate
 from evaluation.store import read_trajectory
 from sumo_networks.catalog import load_network
 from sumo_networks.errors import InvalidInputError
@@ -101,18 +101,25 @@ def summarise_closed_loop(drives: Sequence[ScoredDrive], lost: int = 0) -> Close
     """The means of some drives."""
 
     def mean(value: Callable[[ClosedLoop], float]) -> Estimate:
-        return mean_estimate([value(one.terms) for one in drives])
+        return _estimate([value(one.terms) for one in drives])
 
     return ClosedLoopSummary(
         score=mean(lambda terms: terms.score),
         collisions=mean(lambda terms: 100.0 * (1.0 - terms.no_collision)),
         off_road=mean(lambda terms: 100.0 * (1.0 - terms.drivable_area)),
         progress=mean(lambda terms: 100.0 * terms.progress),
-        terms={name: mean_estimate([100.0 * getattr(one.terms, name) for one in drives]) for name in TERMS},
+        terms={name: _estimate([100.0 * getattr(one.terms, name) for one in drives]) for name in TERMS},
         red_lights=sum(one.terms.red_lights for one in drives),
         drives=len(drives),
         lost=lost,
     )
+
+
+def _estimate(percents: Sequence[float]) -> Estimate:
+    """The mean; a share, to whose extremes resampling is blind, with Wilson's interval."""
+    if all(value in (0.0, 100.0) for value in percents):
+        return share_estimate([value > 0.0 for value in percents])
+    return mean_estimate(percents)
 
 
 def by_type(drives: Sequence[ScoredDrive]) -> dict[str, ClosedLoopSummary]:

@@ -22,6 +22,7 @@ SCORE_KEYS: Final[Mapping[str, str]] = {
     "success": "success",
     "nocrash_success": "nocrash",
     "road_completed": "road",
+    "drove_2500m": "drove",
 }
 """Names of the scores, as `dohyo score` prints them, and what a summary calls them."""
 
@@ -145,6 +146,7 @@ def _ego(ego: EgoRecord, rules: Rules) -> dict[str, Any]:
         "ip": scores["infraction_penalty"],
         "irs": scores["irs"],
         "road": scores["road_completed"],
+        "drove": scores["drove_2500m"] > 0.0,
         "infractions": {kind.value: count for kind, count in infraction_counts(ego).items() if count},
         "marks": [_mark(one) for one in ego.infractions],
         "km": route_km(ego),

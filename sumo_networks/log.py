@@ -23,6 +23,8 @@ from sumo_networks.catalog import user_catalog
 from sumo_networks.errors import InvalidInputError
 from sumo_networks.world import Actors
 
+DECIMALS = {"x": 2, "y": 2, "heading": 3, "speed": 2}
+"""To which logs round, so that a last bit of somebody's arithmetic does not make another log."""
 _DTYPES = {
     "kind": "|u1",
     "length": "<f4",
@@ -50,7 +52,7 @@ class Log:
         width: (N,) float32, m.
         first: (T + 1,) int32, first row of each tick.
         key: (R,) int32, rising within a tick.
-        x: (R,) float32, m, network frame: centre of the box.
+        x: (R,) float32, m, network frame: centre of the box; as all motion rounded, see `DECIMALS`.
         y: (R,) float32, m.
         heading: (R,) float32, rad.
         speed: (R,) float32, m/s.
@@ -209,7 +211,9 @@ def read_log(sha256: str, folder: Path) -> Log:
 
 
 def _frozen(names: tuple[str, ...], arrays: dict[str, Any]) -> Log:
-    typed = {column: np.ascontiguousarray(arrays[column], dtype=dtype) for column, dtype in _DTYPES.items()}
+    rounded = {column: np.round(np.asarray(arrays[column], np.float64), n) for column, n in DECIMALS.items()}
+    whole = arrays | rounded
+    typed = {column: np.ascontiguousarray(whole[column], dtype=dtype) for column, dtype in _DTYPES.items()}
     for values in typed.values():
         values.flags.writeable = False
     return Log(names=names, **typed)

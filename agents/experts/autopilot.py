@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from agents.experts.courtesy import KEEP_RIGHT_RAMP_M, YIELDING_M_S, Yielding, keep_right, stand_before_oncoming
-from agents.experts.passing import PASSING_M_S, Passing
+from agents.experts.passing import PASSING_ACCELERATION, PASSING_M_S, Passing
 from agents.experts.sidestep import Sidestep
 from agents.experts.surroundings import Surroundings
 from evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
@@ -98,18 +98,20 @@ class Autopilot(Agent):
         around, progress = Surroundings(observation), float(observation["navigation"][2])
         self._step_aside(around, observation["lights"], speed, progress)
         route = self._aside.applied(observation["route"], progress)
+        threats = self._passing.threats(around, speed, progress)
         wishes = {
             "free road": self._free_road(speed, route),
-            "leader": self._leader(speed, observation["objects"], route),
+            "leader": self._leader(speed, self._leaders(observation["objects"], around, threats), route),
             "light": self._lights(speed, observation["lights"]),
             "conflict": self._conflicts(speed, observation),
             "passing": self._wait_to_pass(speed),
-            "oncoming": self._oncoming(around, speed, progress),
+            "oncoming": self._oncoming(around, threats, speed, progress),
             "emergency": self._yield(speed, observation["lights"]),
         }
         cause = min(wishes, key=lambda name: wishes[name])
         self._reason = {"rule": cause, "acceleration": {name: round(a, 2) for name, a in wishes.items()}}
-        acceleration = float(np.clip(wishes[cause], -8.0, self.style.acceleration))
+        most = PASSING_ACCELERATION if self._passing.active else self.style.acceleration
+        acceleration = float(np.clip(wishes[cause], -8.0, most))
         return np.array([acceleration, self._steering(speed, route)])
 
     def explain(self) -> Explanation | None:
@@ -130,7 +132,8 @@ class Autopilot(Agent):
         target = float(np.sqrt(allowed**2 + 2 * 0.7 * s.comfortable_braking * ahead).min())
         if speed > target:
             return max(-s.comfortable_braking * 1.6, (target - speed) / 0.5)
-        return s.acceleration * (1.0 - (speed / max(target, 0.1)) ** 4)
+        most = PASSING_ACCELERATION if self._passing.active else s.acceleration
+        return most * (1.0 - (speed / max(target, 0.1)) ** 4)
 
     def _step_aside(self, around: Surroundings, lights: Float32Array, speed: float, progress: float) -> None:
         """Leaves the middle of the lane for whoever stands there, comes from behind, or comes over the middle."""
@@ -158,9 +161,16 @@ class Autopilot(Agent):
             return FREE
         return self._stop_at(speed, self._passing.waits_at)
 
-    def _oncoming(self, around: Surroundings, speed: float, progress: float) -> float:
+    def _leaders(self, objects: Float32Array, around: Surroundings, threats: set[int]) -> Float32Array:
+        """Without those oncoming who will have passed, or not have come, when the ego goes round a blocker."""
+        passed = [one.key for one in around.driving() if one.oncoming and one.key not in threats]
+        if not (self._passing.active and passed):
+            return objects
+        return np.vstack([objects[~np.isin(objects[:, 7], passed)], np.full((1, objects.shape[1]), -1, np.float32)])
+
+    def _oncoming(self, around: Surroundings, threats: set[int], speed: float, progress: float) -> float:
         offset = self._aside.at(progress + self._half_length)
-        return stand_before_oncoming(around, self._half_length, self._half_width, offset, speed)
+        return stand_before_oncoming(around, threats, self._half_length, self._half_width, offset, speed)
 
     def _yield(self, speed: float, lights: Float32Array) -> float:
         """Slowly while an emergency vehicle passes, and into no junction from the wrong lane."""
@@ -237,8 +247,9 @@ class Autopilot(Agent):
         if other_leave < 0.0:
             return False
         if enter < 0.3:
-            # Already beside it. Somebody about to walk into the ego's side is let pass, if it has hardly moved.
-            return on_foot and speed < 1.5 and 0.0 < other_enter < 3.0 * other_speed
+            # Already beside it. Who is about to be at the ego's side is let pass, if the ego has hardly moved.
+            at_the_edge = speed < 1.5 if on_foot else speed < 2.5 and enter > -1.0 and other_speed > 5.0
+            return at_the_edge and 0.0 < other_enter < 3.0 * other_speed
         if speed**2 / (2 * (enter - 0.2)) > 7.0 and not on_foot:
             return False  # too late to stop before it: clear it instead
         patience = self.style.patience if priority > 0 else self.style.patience / 4

@@ -72,12 +72,12 @@ def keep_right(around: Surroundings, half_width: float, speed: float) -> float:
 
 
 def stand_before_oncoming(
-    around: Surroundings, half_length: float, half_width: float, offset: float, speed: float
+    around: Surroundings, threats: set[int], half_length: float, half_width: float, offset: float, speed: float
 ) -> float:
     """Acceleration with which the ego stands before it meets somebody who comes towards it on its own path, m/s^2."""
     wish = FREE
     for one in around.driving():
-        if not one.oncoming or one.s_low < half_length:
+        if one.key not in threats or one.s_low < half_length:
             continue
         if not one.within(offset - half_width - ONCOMING_CLEARANCE_M, offset + half_width + ONCOMING_CLEARANCE_M):
             continue

@@ -18,6 +18,8 @@ ACTIONS = 13
 """Values of either part of an action (thesis)."""
 MIDDLE = 6
 """Index of no acceleration, and of no deviation (thesis)."""
+LARGEST = 10
+"""Index of the largest acceleration allowed, 2 m/s^2 (the thesis's code gives the two above it a prior of 0)."""
 HORIZON_S = 8.0
 """Thesis: 6 to 8 s; its code: 8 s."""
 DT = 0.1
@@ -141,7 +143,7 @@ CURVE_LATERAL = 2.5
 """Lateral acceleration up to which the crafted prior drives curves, m/s^2 (ours)."""
 CURVE_BRAKING = 2.0
 """Deceleration with which it slows down for them, m/s^2 (ours)."""
-LATERAL_LIMIT = 5.0
+LATERAL_LIMIT = 4.4
 """Lateral acceleration beyond which the inner vehicle runs wide, m/s^2 (the thesis's code masks above 10; tyres end at
 8.8 here, comfort at 4.89)."""
 EMERGENCY_S, EMERGENCY_BRAKING = 1.5, 8.0

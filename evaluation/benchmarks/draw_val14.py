@@ -17,9 +17,11 @@ import hashlib
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -459,22 +461,26 @@ def _toml(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def pinned(benchmark: Benchmark) -> Iterator[Found]:
+def pinned(benchmark: Benchmark, workers: int) -> Iterator[Found]:
     """The missions of a benchmark, with what the reference does in them today.
 
     A run that is no longer of its type is named, and kept: its place in the list is part of the benchmark.
     """
-    for cell in benchmark.cells:
-        kind = cell.name.partition(".")[0]
-        for mission in benchmark.missions[cell.missions]:
-            assert mission.excerpt is not None
-            warm = cell.traffic.model_copy(update={"warm_up_s": mission.excerpt.warm_up_s})
-            scenario = scenario_of(cell.model_copy(update={"traffic": warm}), mission, mission.excerpt.seed)
-            reference = drive_reference(scenario)
-            if not TYPES[kind](run_of(scenario, reference)):
-                print(f"{cell.name} {mission.name}: the reference's run is no longer of this type", flush=True)
-            excerpt = excerpt_of(mission.excerpt.seed, reference)
-            yield kind, cell.network, mission.model_copy(update={"excerpt": excerpt})
+    todo = [(cell, mission) for cell in benchmark.cells for mission in benchmark.missions[cell.missions]]
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        yield from pool.map(_pin, todo)
+
+
+def _pin(one: tuple[Cell, ScriptedMission]) -> Found:
+    cell, mission = one
+    kind = cell.name.partition(".")[0]
+    assert mission.excerpt is not None
+    warm = cell.traffic.model_copy(update={"warm_up_s": mission.excerpt.warm_up_s})
+    scenario = scenario_of(cell.model_copy(update={"traffic": warm}), mission, mission.excerpt.seed)
+    reference = drive_reference(scenario)
+    if not TYPES[kind](run_of(scenario, reference)):
+        print(f"{cell.name} {mission.name}: the reference's run is no longer of this type", flush=True)
+    return kind, cell.network, mission.model_copy(update={"excerpt": excerpt_of(mission.excerpt.seed, reference)})
 
 
 BENCHMARKS = {
@@ -492,11 +498,11 @@ def missions_of(benchmark: Benchmark) -> list[Found]:
     ]
 
 
-def write(name: str, pin: bool) -> None:
+def write(name: str, pin: bool, workers: int) -> None:
     """Draws what a benchmark's file lacks, or pins what it has; what was found is kept if this is interrupted."""
     file = Path(__file__).with_name(f"{name}.toml")
     found = missions_of(load_benchmark(name)) if file.exists() and not pin else []
-    for one in pinned(load_benchmark(name)) if pin else BENCHMARKS[name](there=tuple(found)):
+    for one in pinned(load_benchmark(name), workers) if pin else BENCHMARKS[name](there=tuple(found)):
         found.append(one)
         if not pin:
             file.write_text("\n".join(lines(name, found)) + "\n")
@@ -507,6 +513,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Draws a benchmark of recorded scenarios.")
     parser.add_argument("name", choices=BENCHMARKS)
     parser.add_argument("--pin", action="store_true", help="keep the missions, renew logs and references")
+    parser.add_argument("--workers", type=int, default=1, help="processes that pin")
     arguments = parser.parse_args()
-    chosen = arguments.name
-    write(chosen, arguments.pin)
+    write(arguments.name, arguments.pin, arguments.workers)

@@ -55,8 +55,7 @@ class Channel:
         """The next frame; None where none came in time."""
         ends = None if timeout_s is None else time.monotonic() + timeout_s
         while (frame := _take(self._buffer)) is None:
-            left = None if ends is None else max(0.0, ends - time.monotonic())
-            if not self._poll.poll(None if left is None else left * 1000.0):
+            if ends is not None and not self._poll.poll(max(0.0, ends - time.monotonic()) * 1000.0):
                 return None
             self._buffer += self._read()
         return frame

@@ -19,8 +19,9 @@ def postgres_server() -> Iterator[str]:
         yield url
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
+    """For one file only: while Playwright lives, asyncio believes that a loop runs in this thread."""
     with browsing.launched() as chromium:
         yield chromium
 

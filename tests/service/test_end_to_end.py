@@ -6,6 +6,7 @@ import json
 import os
 import re
 import subprocess
+import time
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -76,6 +77,7 @@ def evaluations(served: Served, user: Client, folder: Path) -> dict[str, list[di
         ids = {agent: user.evaluate(agent, "quickstart", seeds=[0])["id"] for agent in ("pilot", "pursuit")}
         while "remote-pilot" not in {one["name"] for one in user.items("/v1/agents") if one["version"]}:
             assert worker.poll() is None
+            time.sleep(0.3)
         ids["remote-pilot"] = user.evaluate("remote-pilot", "quickstart", seeds=[0])["id"]
         for one in ids.values():
             ended = user.wait(one, PATIENCE_S)

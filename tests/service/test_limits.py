@@ -1,16 +1,19 @@
 from __future__ import annotations
 
+import asyncio
 import errno
 import os
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from sqlalchemy.exc import OperationalError
 from starlette.testclient import TestClient
 
-from service.limits import RateLimit
+from service.limits import AccessLog, RateLimit
+from service.logs import JsonLines
 from service.settings import Settings
 from tests.service.harness import PASSWORD_OF_NOBODY, Caller, Harness, assert_problem, running
 
@@ -174,7 +177,9 @@ def test_a_full_disk_while_an_upload_comes_in(service: Harness, monkeypatch: pyt
     assert_problem(service.client.post(path, data={"spec": "{}"}, files=files, headers=team.headers), 507)
 
 
-def test_a_defect_tells_its_name_and_nothing_else(service: Harness, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_defect_tells_its_name_and_the_log_the_rest(
+    service: Harness, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     def broken(*_: object, **__: object) -> None:
         raise RuntimeError("password=hunter2")
 
@@ -183,6 +188,36 @@ def test_a_defect_tells_its_name_and_nothing_else(service: Harness, monkeypatch:
     assert_problem(answer, 500)
     assert "hunter2" not in answer.text
     assert "RuntimeError" not in answer.text
+    (logged,) = (record for record in caplog.records if record.name == "dohyo.service" and record.exc_info)
+    assert answer.headers["x-request-id"] in logged.getMessage()
+    assert "hunter2" in JsonLines().format(logged)
+
+
+def test_a_request_cancelled_by_the_end_of_the_service_is_told_to_come_again() -> None:
+    """A response that has begun cannot be taken back: its connection breaks."""
+
+    async def ask(begun: bool) -> list[Any]:
+        sent: list[Any] = []
+
+        async def slow(scope: Any, receive: Any, send: Any) -> None:
+            if begun:
+                await send({"type": "http.response.start", "status": 200, "headers": []})
+            await asyncio.sleep(60)
+
+        async def send(message: Any) -> None:
+            sent.append(message)
+
+        scope = {"type": "http", "method": "POST", "path": "/v1/evaluations", "headers": []}
+        task = asyncio.create_task(AccessLog(slow)(scope, None, send))  # type: ignore[arg-type]
+        await asyncio.sleep(0.01)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        return sent
+
+    start, body = asyncio.run(ask(begun=False))
+    assert (start["status"], dict(start["headers"])[b"retry-after"]) == (503, b"30")
+    assert b"shutting down" in body["body"]
+    assert [message.get("status") for message in asyncio.run(ask(begun=True))] == [200]
 
 
 def test_unknown_addresses_and_methods_are_problems_too(service: Harness) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import onnxruntime  # type: ignore[import-untyped]
 
-from agents.mcts.predictors.features import features
+from agents.mcts.predictors.features import SHAPES, features
 from agents.planning.prediction import NEAREST, STEPS, Forecast, constant_velocity
 from agents.planning.scene import Scene
 from sumo_networks.arrays import Float32Array, FloatArray
@@ -35,8 +35,9 @@ class Learned:
             self.session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime's own errors share no base class
             raise InvalidInputError(f"'{path}' is no ONNX model: {str(error).splitlines()[0]}") from error
-
-        self._names = {one.name for one in self.session.get_inputs()}
+        inputs = {one.name: tuple(one.shape[1:]) for one in self.session.get_inputs()}
+        if inputs != SHAPES:
+            raise InvalidInputError(f"'{path}' is no predictor: expected the inputs {SHAPES}, got {inputs}")
 
     def predict(self, scene: Scene) -> Forecast:
         """See the class."""
@@ -50,7 +51,7 @@ class Learned:
 
     def poses(self, scene: Scene) -> Float32Array:
         """(31, 16, 3) what the network says, every 0.5 s from 0.5 s on; row 0 is the ego."""
-        inputs = {name: array[None] for name, array in features(scene).items() if name in self._names}
+        inputs = {name: array[None] for name, array in features(scene).items()}
         out: Float32Array = self.session.run(None, inputs)[0][0]
         return out
 
