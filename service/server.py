@@ -40,12 +40,12 @@ def run(settings: Settings, listening: Callable[[str, str | None], None]) -> boo
     """
     check_exposure(settings)
     logs.configure()
-    with _listen(settings) as own:
+    with listen(settings) as own:
         token = _prepare(settings)
         scheme = "https" if settings.tls_certificate else "http"
         listening(f"{scheme}://{_shown(settings.host)}:{own.getsockname()[1]}", token)
         app = create_app(settings)
-        server = DrainingServer(_configuration(settings, app), app.state.services)
+        server = DrainingServer(configuration(settings, app), app.state.services)
         server.run(sockets=[own])
     return server.started
 
@@ -102,7 +102,8 @@ class DrainingServer(uvicorn.Server):
             self.should_exit = True
 
 
-def _configuration(settings: Settings, app: FastAPI) -> uvicorn.Config:
+def configuration(settings: Settings, app: FastAPI) -> uvicorn.Config:
+    """How uvicorn serves the app."""
     return uvicorn.Config(
         app,
         loop="uvloop",
@@ -120,7 +121,12 @@ def _configuration(settings: Settings, app: FastAPI) -> uvicorn.Config:
     )
 
 
-def _listen(settings: Settings) -> socket.socket:
+def listen(settings: Settings) -> socket.socket:
+    """The socket to serve on.
+
+    Raises:
+        InvalidInputError: It cannot be had.
+    """
     try:
         family = socket.getaddrinfo(settings.host, settings.port, type=socket.SOCK_STREAM)[0][0]
         return socket.create_server((settings.host, settings.port), family=family, backlog=2048)

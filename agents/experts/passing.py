@@ -23,6 +23,8 @@ LEAST_RAMP_M = 6.0
 HURRY_S = 40.0
 MARGIN_M = 4.0
 LAG_S = 0.2
+REACTION_S = 1.0
+CLAIM_S = 60.0
 LATERAL_M_S2 = 3.0
 NOT_YET_OUT_M = 0.8
 FOLLOWER_BRAKING = 3.0
@@ -52,7 +54,7 @@ class Passing:
     def __init__(self, half_length: float, half_width: float) -> None:
         self._half_length, self._half_width = half_length, half_width
         self._patience = Patience()
-        self._waited = 0.0
+        self._waited, self._claims = 0.0, False
         self._end, self._way, self._blocker = 0.0, Way(0.0, False), Blocker(0.0, 0.0, 0.0, 0.0, 0.0)
         self.active, self.waits_at = False, FREE
 
@@ -69,7 +71,7 @@ class Passing:
             self._go_on(around, blocker, speed, progress, aside)
             return
         if blocker is None:
-            self._waited = 0.0
+            self._waited, self._claims = 0.0, False
             return
         gap = blocker.first - self._half_length
         run_up = LONG_RUN_UP_M if blocker.last - blocker.first > LONG_M else RUN_UP_M
@@ -88,6 +90,7 @@ class Passing:
                 return
         if blocker.speed == 0.0:
             self._waited += 0.1
+            self._claims = self._waited > CLAIM_S
             self.waits_at = gap - run_up
 
     @staticmethod
@@ -102,7 +105,11 @@ class Passing:
         if blocker is not None and blocker.first < self._end - progress + 2 * RAMP_M:
             self._end = max(self._end, progress + blocker.last + self._half_length)
             self._blocker = blocker
-        if self.threats(around, speed, progress) and abs(aside.at(progress)) < NOT_YET_OUT_M < abs(aside.offset):
+        if (
+            self._way.oncoming
+            and self.threats(around, speed, progress)
+            and abs(aside.at(progress)) < NOT_YET_OUT_M < abs(aside.offset)
+        ):
             aside.back(progress, LEAST_RAMP_M)
             self.active = False
         elif progress >= self._end and self.may_return(around, speed):
@@ -123,7 +130,7 @@ class Passing:
             if one.oncoming
             and one.within(*strip)
             and one.s_high > self._half_length
-            and one.s_low - one.speed * seconds < left + self._half_length
+            and one.s_low - self._comes(one, seconds) < left + self._half_length
             and one.s_high - one.speed * self._until_out(progress, speed) > self._half_length
         }
 
@@ -160,8 +167,6 @@ class Passing:
         for one in around.driving():
             if not one.within(way.offset - self._half_width - 0.3, way.offset + self._half_width + 0.3):
                 continue
-            if blocker.first <= one.s_low and one.s_high <= blocker.last and one.stands:
-                continue  # part of what is passed
             if one.along < 0.0 and self._meets(one, blocker, speed, ramp, (1.0 - hurry) * MARGIN_M):
                 return False
             if one.along >= 0.0 and self.in_the_way(one, way.offset, speed, hurry, blocker.last):
@@ -176,7 +181,13 @@ class Passing:
         begins, ends = _seconds(enter, speed, top), _seconds(leave, speed, top)
         gone = one.s_high - one.speed * begins < enter + self._half_length - 1.0
         leave += blocker.speed * ends + self._half_length
-        return not gone and one.s_low - one.speed * ends < leave + 1.0 + margin
+        return not gone and one.s_low - self._comes(one, ends) < leave + 1.0 + margin
+
+    def _comes(self, one: Neighbour, seconds: float) -> float:
+        """How far an oncoming vehicle drives meanwhile, m; after a long wait the ego relies on its braking."""
+        if not self._claims:
+            return one.speed * seconds
+        return min(one.speed * seconds, one.speed * REACTION_S + one.speed**2 / (2 * FOLLOWER_BRAKING))
 
     def in_the_way(
         self, one: Neighbour, offset: float, speed: float, hurry: float = 0.0, until: float = RAMP_M

@@ -71,12 +71,14 @@ def test_benchmarks_without_excerpts_have_no_new_fields(name: str) -> None:
     assert not {"duration_s", "replay"} & set(benchmark.model_dump())
 
 
-def test_val14_has_twenty_of_each_type() -> None:
+def test_val14_has_up_to_twenty_of_each_type() -> None:
     val14 = load_benchmark("val14")
     counts: Counter[str] = Counter()
     for cell in val14.cells:
         counts[cell.name.partition(".")[0]] += len(val14.missions[cell.missions])
-    assert counts == dict.fromkeys(TYPES, 20)
+    assert set(counts) == set(TYPES)
+    assert min(counts.values()) > 10
+    assert max(counts.values()) == 20
     assert set(val14.networks) == {"adlershof", "braunschweig", "ingolstadt", "district"}
     assert val14.duration_s == 15.0
 

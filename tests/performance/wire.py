@@ -56,8 +56,7 @@ def null_episode() -> None:
 
 def serve_null(data: str, port: int, episodes: int) -> None:
     """A service whose every episode is a null episode."""
-    import uvicorn
-
+    from service import server
     from service.app import create_app
     from service.database.models import Agent, Role, new_id
     from service.database.tokens import create_token
@@ -91,10 +90,10 @@ def serve_null(data: str, port: int, episodes: int) -> None:
                 self.kept.append(asyncio.create_task(process.drive(order)))
             Path(data, "token").write_text(token)
 
-    app = create_app(Settings(data=Path(data)), NullScheduler)
-    uvicorn.run(
-        app, port=port, loop="uvloop", http="httptools", log_level="warning", access_log=False, timeout_keep_alive=120
-    )
+    settings = Settings(data=Path(data), port=port, drain_s=0.0)
+    app = create_app(settings, NullScheduler)
+    with server.listen(settings) as own:
+        server.DrainingServer(server.configuration(settings, app), app.state.services).run(sockets=[own])
 
 
 class Stepper:

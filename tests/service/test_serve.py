@@ -12,10 +12,13 @@ from pathlib import Path
 import httpx
 import pytest
 
+from service.database.engine import Database
+from service.database.evaluations import list_episodes, list_evaluations
+from service.database.models import EpisodeStatus, Evaluation
 from service.server import check_exposure
 from service.settings import Settings
 from sumo_networks.errors import InvalidInputError
-from tests.service.serving import command, run, serving
+from tests.service.serving import command, serving
 
 
 @pytest.mark.slow
@@ -37,7 +40,7 @@ def test_the_first_token_is_printed_once_and_logs_hold_no_secret(tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_tokens_from_the_command_line_work_at_once(tmp_path: Path) -> None:
+def test_tokens_from_the_command_line_work_at_once_and_the_folder_is_taken(tmp_path: Path) -> None:
     data = str(tmp_path / "data")
     with serving(tmp_path / "data") as served:
         made = json.loads(
@@ -50,16 +53,11 @@ def test_tokens_from_the_command_line_work_at_once(tmp_path: Path) -> None:
         assert made["token"] not in listed
         assert command("tokens", "revoke", made["id"], "--data", data).exit_code == 0
         assert httpx.get(f"{served.url}/v1/me", headers=headers).status_code == 401
-    missing = command("tokens", "revoke", "tok-none", "--data", data)
-    assert isinstance(missing.exception, InvalidInputError)
-
-
-@pytest.mark.slow
-def test_a_second_service_on_the_folder_is_refused_in_one_line(tmp_path: Path) -> None:
-    with serving(tmp_path / "data"):
-        done = run("serve", "--port", "0", "--data", str(tmp_path / "data"))
-    assert done.returncode == 2
-    assert re.fullmatch(r"dohyo: data folder '.*' is in use by another service\n", done.stderr)
+        missing = command("tokens", "revoke", "tok-none", "--data", data)
+        assert isinstance(missing.exception, InvalidInputError)
+        second = command("serve", "--port", "0", "--data", data)
+        assert isinstance(second.exception, InvalidInputError)
+        assert re.fullmatch(r"data folder '.*' is in use by another service", str(second.exception))
 
 
 @pytest.mark.slow
@@ -79,13 +77,14 @@ def test_sigterm_under_load_ends_streams_and_queues_again_what_was_unfinished(tm
         assert code == 0
         assert took < 50
         assert not [line for line in served.log if line["level"] == "error"]
-    with serving(tmp_path / "data") as again:
-        headers = {"authorization": f"Bearer {served.token}"}
-        state = httpx.get(f"{again.url}/v1/evaluations/{evaluation}", headers=headers).json()
-        progress = state["progress"]
-        assert state["status"] in ("queued", "running", "done")
-        assert progress["lost"] == progress["cancelled"] == 0
-        assert progress["total"] == 18
+    database = Database(Settings(data=tmp_path / "data").database_url)
+    with database.reading() as session:
+        episodes = list_episodes(session, evaluation)
+        assert not session.get_one(Evaluation, evaluation).status.finished
+    database.close()
+    assert len(episodes) == 18
+    assert {one.status for one in episodes} <= {EpisodeStatus.DONE, EpisodeStatus.QUEUED}
+    assert all(one.attempts == (1 if one.status is EpisodeStatus.DONE else 0) for one in episodes)
 
 
 SLOW_TO_QUEUE = """
@@ -118,8 +117,10 @@ def test_a_request_that_outlasts_the_shutdown_is_told_so_and_leaves_nothing(tmp_
     (answer,) = answers
     assert (answer.status_code, answer.json()["status"]) == (503, 503)
     assert int(answer.headers["retry-after"]) > 0
-    with serving(tmp_path / "data") as again:
-        assert httpx.get(f"{again.url}/v1/evaluations", headers=headers).json()["items"] == []
+    database = Database(Settings(data=tmp_path / "data").database_url)
+    with database.reading() as session:
+        assert list_evaluations(session) == []
+    database.close()
 
 
 def test_beyond_this_machine_only_with_tls_or_on_purpose(tmp_path: Path) -> None:

@@ -14,7 +14,8 @@ import pytest
 
 from evaluation.agent import make_agent
 from evaluation.record import Status
-from evaluation.runner import run_episode
+from evaluation.runner import drive_episode, run_episode
+from evaluation.store import write_record
 from service.database.models import AgentKind, EpisodeStatus, EvaluationStatus
 from service.episodes.archive import archived_path, staged_folder
 from tests.service.episodes.conftest import MakeService
@@ -161,27 +162,25 @@ def test_kill_nine_of_the_server_loses_nothing_and_counts_nothing_twice(
 
 
 def test_a_record_that_a_dead_server_left_in_staging_is_kept_and_not_driven_again(make_service: MakeService) -> None:
-    service = make_service(processes=1)
-    evaluation = service.submit(info_of(STEADY), short(), kind=AgentKind.BUILTIN)
-    service.start()
-    (record_hash,) = service.hashes(evaluation)
-    assert record_hash is not None
-    service.kill()
+    service, benchmark, info = make_service(processes=1), short(), info_of(STEADY)
+    evaluation = service.submit(info, benchmark, kind=AgentKind.BUILTIN)
     # As if it had died between the record and the database's commit.
-    archived = archived_path(service.settings, record_hash)
     folder = staged_folder(service.settings, evaluation)
     folder.mkdir(parents=True)
     (episode,) = service.episodes(evaluation)
-    for suffix in (".json", ".parquet"):
-        archived.with_suffix(suffix).rename(folder / f"{episode.scenario}-s0{suffix}")
+    source = (benchmark.name, benchmark.sha256)
+    (scenario,) = benchmark.scenarios([0])
+    record, trajectory = drive_episode(scenario, {"ego": make_agent(STEADY)}, infos={"ego": info}, benchmark=source)
+    write_record(folder, f"{episode.scenario}-s0", record, trajectory)
     inode = (folder / f"{episode.scenario}-s0.json").stat().st_ino
     with service.database.session() as session:
         there = session.merge(episode)
-        there.status, there.record_hash, there.summary = EpisodeStatus.RUNNING, None, None
+        there.status, there.attempts = EpisodeStatus.RUNNING, 1
         session.merge(service.evaluation(evaluation)).status = EvaluationStatus.RUNNING
     service.start()
-    assert service.hashes(evaluation) == [record_hash]
-    assert archived.stat().st_ino == inode
+    (record_hash,) = service.hashes(evaluation)
+    assert record_hash is not None
+    assert archived_path(service.settings, record_hash).stat().st_ino == inode
     assert service.episodes(evaluation)[0].attempts == 1
 
 

@@ -1,0 +1,130 @@
+"""The autopilot off the middle of its lane: round what blocks it, and out of others' way."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from agents.experts.sidestep import Sidestep
+from agents.experts.surroundings import Surroundings
+from sumo_networks.world import ActorKind, World
+from tests.agents.driving import drive, fronts, made, observed, speeds, touched
+from tests.worlds import Scene, straight_road
+
+WEST = math.pi
+
+
+def lefts(worlds: list[World]) -> np.ndarray:
+    """How far the ego is to the left of its route, m."""
+    return np.array([world.egos.lateral[0] for world in worlds])
+
+
+def blocked_road() -> Scene:
+    """A building site in the ego's lane, 60 m ahead; the lane to the left is free."""
+    return straight_road().with_ego(x=100.0, speed=8.0).with_actor(160.0, kind=ActorKind.STATIC, length=6.0, width=2.4)
+
+
+# Where everybody is along the route
+
+
+def test_neighbours_and_lanes_are_seen_along_the_route() -> None:
+    scene = (
+        straight_road()
+        .with_ego(x=100.0)
+        .with_actor(140.0, 5.0, left=3.2)
+        .with_actor(180.0, 6.0, left=6.4, heading=WEST)
+    )
+    around = Surroundings(observed(made("Autopilot"), scene.world()))
+    beside, oncoming = around.neighbours
+    assert (beside.s_low + beside.s_high) / 2 == pytest.approx(40.0, abs=0.6)
+    assert (beside.d_low + beside.d_high) / 2 == pytest.approx(3.2, abs=0.05)
+    assert not beside.oncoming
+    assert oncoming.oncoming
+    (left,) = around.lanes_beside(0.0, 40.0)
+    assert left.d == pytest.approx(3.2, abs=0.05)
+    assert not left.oncoming
+
+
+def test_a_sidestep_leads_out_and_back_without_a_jump() -> None:
+    aside = Sidestep()
+    aside.lead(3.0, progress=10.0, ramp=12.0)
+    assert [aside.at(s) for s in (9.0, 16.0, 22.0, 50.0)] == pytest.approx([0.0, 1.5, 3.0, 3.0])
+    aside.back(16.0)
+    assert aside.at(16.0) == pytest.approx(1.5)
+    assert aside.at(28.0) == 0.0
+
+
+# Passing
+
+
+def test_it_goes_round_a_building_site_and_back() -> None:
+    worlds = drive(made("Autopilot"), blocked_road(), 25.0)
+    assert touched(worlds) == set()
+    assert fronts(worlds)[-1] > 200.0
+    assert lefts(worlds).max() == pytest.approx(3.2, abs=0.4)
+    assert abs(lefts(worlds)[-1]) < 0.2, "it is back in its lane"
+
+
+def test_it_waits_until_the_lane_beside_is_free() -> None:
+    scene = blocked_road()
+    for x in range(20, 101, 10):
+        scene = scene.with_actor(float(x), 8.0, left=3.2)
+    worlds = drive(made("Autopilot"), scene, 40.0)
+    assert touched(worlds) == set()
+    out = next(i for i, left in enumerate(lefts(worlds)) if left > 1.5)
+    last = min(worlds[out].actors.position[1:, 0])
+    assert last > worlds[out].egos.position[0, 0] - 3.0, "nobody was still to come"
+    assert fronts(worlds)[-1] > 200.0
+
+
+def test_it_does_not_pass_who_was_just_driving() -> None:
+    def stops(time: float) -> float:
+        return max(8.0 - 3.0 * max(time - 1.0, 0.0), 0.0)
+
+    worlds = drive(made("Autopilot"), straight_road().with_ego(x=100.0, speed=8.0).with_actor(125.0, stops), 15.0)
+    assert abs(lefts(worlds)).max() < 0.2
+    assert touched(worlds) == set()
+
+
+def test_it_keeps_to_its_lane_for_an_opened_door() -> None:
+    scene = straight_road().with_ego(x=100.0, speed=8.0)
+    scene = scene.with_actor(150.0, left=-1.1, kind=ActorKind.STATIC, length=0.15, width=1.0)
+    worlds = drive(made("Autopilot"), scene, 20.0)
+    assert touched(worlds) == set()
+    assert 0.4 < lefts(worlds).max() < 1.2
+    assert fronts(worlds)[-1] > 170.0
+
+
+# Out of others' way
+
+
+def test_it_stands_before_it_meets_somebody_in_its_own_lane() -> None:
+    scene = straight_road().with_ego(x=100.0, speed=13.0).with_actor(180.0, 6.0, heading=WEST)
+    worlds = drive(made("Autopilot"), scene, 8.0)
+    meets = next((i for i, world in enumerate(worlds) if world.contacts), len(worlds) - 1)
+    assert speeds(worlds)[meets] < 0.1
+
+
+def test_those_who_come_in_their_own_lane_are_nothing_to_brake_for() -> None:
+    scene = straight_road().with_ego(x=100.0, speed=13.0).with_actor(250.0, 10.0, left=3.2, heading=WEST)
+    worlds = drive(made("Autopilot"), scene, 8.0)
+    assert speeds(worlds).min() > 12.0
+
+
+def test_it_keeps_right_of_who_comes_over_the_middle() -> None:
+    scene = straight_road().with_ego(x=100.0, speed=10.0).with_actor(200.0, 8.0, left=1.7, heading=WEST)
+    worlds = drive(made("Autopilot"), scene, 12.0)
+    assert touched(worlds) == set()
+    assert -0.75 < lefts(worlds).min() < -0.2
+    assert abs(lefts(worlds)[-1]) < 0.15
+
+
+def test_it_lets_an_emergency_vehicle_pass() -> None:
+    scene = straight_road().with_ego(x=200.0, speed=10.0)
+    scene = scene.with_actor(110.0, 15.0, kind=ActorKind.EMERGENCY, length=6.5, width=2.2)
+    worlds = drive(made("Autopilot"), scene, 25.0)
+    assert touched(worlds) == set()
+    assert lefts(worlds).max() > 2.5
+    assert abs(lefts(worlds)[-1]) < 0.3, "then it goes back"
