@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from agents.experts.courtesy import KEEP_RIGHT_RAMP_M, YIELDING_M_S, Yielding, keep_right, stand_before_oncoming
+from agents.experts.crossing import crossers
 from agents.experts.passing import PASSING_ACCELERATION, PASSING_M_S, Passing
 from agents.experts.sidestep import Sidestep
 from agents.experts.surroundings import Surroundings
@@ -29,6 +30,7 @@ PEDESTRIAN = int(ActorKind.PEDESTRIAN)
 FREE = math.inf
 NEAR_ENTRY_M = 15.0
 HARD_BRAKING = 3.8
+HURRY_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +105,7 @@ class Autopilot(Agent):
             "free road": self._free_road(speed, route),
             "leader": self._leader(speed, self._leaders(observation["objects"], around, threats), route),
             "light": self._lights(speed, observation["lights"]),
-            "conflict": self._conflicts(speed, observation),
+            "conflict": self._conflicts(speed, observation, around),
             "passing": self._wait_to_pass(speed),
             "oncoming": self._oncoming(around, threats, speed, progress),
             "emergency": self._yield(speed, observation["lights"]),
@@ -224,11 +226,12 @@ class Autopilot(Agent):
             self._stopped_at_sign = False
         return wish
 
-    def _conflicts(self, speed: float, observation: Observation) -> float:
+    def _conflicts(self, speed: float, observation: Observation, around: Surroundings) -> float:
         """Stops before the paths of those it must, or had better, let pass; rather before a junction than inside it."""
         wish = FREE
         entry, leave = (float(v) for v in observation["lights"][0, :2])
-        for row in observation["conflicts"]:
+        unforeseen = crossers(around, self._half_length, self._half_width)
+        for row in np.concatenate([unforeseen, observation["conflicts"]]):
             if row[6] < 0:
                 break
             if not self._must_wait(speed, row):
@@ -264,7 +267,9 @@ class Autopilot(Agent):
             braking = other_speed**2 / (2 * max(other_enter - 2.0, 0.1))
             doubtful = other_enter < max(0.8 * other_speed, 0.3) or (other_enter > 0.0 and braking > HARD_BRAKING)
             return doubtful and other_arrive < clear + 0.5 and arrive < other_clear + 0.3
-        before, after = (1.2, 0.6) if on_foot else (1.5, 1.0)
+        # After a long wait a smaller gap between vehicles will do.
+        hurry = min(max(self._standing - self.style.patience, 0.0) / HURRY_S, 1.0)
+        before, after = (1.2, 0.6) if on_foot else (1.5 - 0.9 * hurry, 1.0 - 0.5 * hurry)
         if leave >= 1000.0:
             # Whoever follows behind must not have to brake hard.
             before, clear = 2.0 + max(other_speed - speed - 2.0, 0.0) / 2.0, arrive + 0.5

@@ -33,6 +33,7 @@ class Neighbour:
         d_high: Its left edge, m.
         speed: However it moves, m/s.
         along: Share of its heading along the route: 1 the ego's direction, -1 oncoming.
+        across: Share of its heading to the left of the route.
     """
 
     kind: int
@@ -43,6 +44,7 @@ class Neighbour:
     d_high: float
     speed: float
     along: float
+    across: float
 
     @property
     def oncoming(self) -> bool:
@@ -88,7 +90,7 @@ class Surroundings:
         rows = _boxes_on_path(objects, self._path)
         self.lane_width = float(self._path[BEHIND, 5])
         self.neighbours = tuple(
-            Neighbour(int(seen[0]), int(seen[7]), row[0], row[1], row[2], row[3], float(seen[4]), row[4])
+            Neighbour(int(seen[0]), int(seen[7]), row[0], row[1], row[2], row[3], float(seen[4]), row[4], row[5])
             for seen, row in zip(objects, rows.tolist(), strict=True)
             if seen[0] >= 0
         )
@@ -132,8 +134,8 @@ def _project(x: float, y: float, path: FloatArray) -> tuple[int, float, float]:
 
 @njit(cache=True)
 def _boxes_on_path(objects: Float32Array, path: FloatArray) -> FloatArray:
-    """(48, 5) lowest and highest s, lowest and highest d [m] of each box, cosine of its heading to the path's."""
-    out = np.zeros((objects.shape[0], 5))
+    """(48, 6) lowest and highest s, lowest and highest d [m] of each box, cosine and sine of its heading."""
+    out = np.zeros((objects.shape[0], 6))
     for k in range(objects.shape[0]):
         if objects[k, 0] < 0:
             break
@@ -148,7 +150,7 @@ def _boxes_on_path(objects: Float32Array, path: FloatArray) -> FloatArray:
                 out[k, 0], out[k, 1] = min(out[k, 0], s), max(out[k, 1], s)
                 out[k, 2], out[k, 3] = min(out[k, 2], d), max(out[k, 3], d)
         i, _, _ = _project(x, y, path)
-        out[k, 4] = math.cos(heading - path[i, 2])
+        out[k, 4], out[k, 5] = math.cos(heading - path[i, 2]), math.sin(heading - path[i, 2])
     return out
 
 

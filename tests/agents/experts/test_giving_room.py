@@ -128,3 +128,14 @@ def test_it_lets_an_emergency_vehicle_pass() -> None:
     assert touched(worlds) == set()
     assert lefts(worlds).max() > 2.5
     assert abs(lefts(worlds)[-1]) < 0.3, "then it goes back"
+
+
+@pytest.mark.parametrize("speed", [5.0, 9.0, 13.0])
+def test_it_waits_for_bicycles_that_cross_between_junctions(speed: float) -> None:
+    scene = straight_road().with_ego(x=100.0, speed=speed)
+    for number in range(3):
+        y = -16.0 - 12.0 * number
+        scene = scene.with_actor(150.0, 4.0, y=y, heading=math.pi / 2, kind=ActorKind.BICYCLE, length=1.7, width=0.6)
+    worlds = drive(made("Autopilot"), scene, 25.0)
+    assert touched(worlds) == set()
+    assert fronts(worlds)[-1] > 170.0

@@ -1,0 +1,33 @@
+"""Crossing: bicycles that cross the ego's path off any lane, which the sensor of conflicts does not foresee."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agents.experts.surroundings import Surroundings
+from sumo_networks.arrays import Float32Array
+from sumo_networks.world import ActorKind
+
+ACROSS = 0.7
+SIGHT_M = 25.0
+MARGIN_M = 0.5
+
+
+def crossers(around: Surroundings, half_length: float, half_width: float) -> Float32Array:
+    """(N, 8) rows as of `sensors.conflicts`, for bicycles that keep their way and pace; they are taken as on foot."""
+    rows = []
+    reach = half_width + MARGIN_M
+    for one in around.driving():
+        if one.kind != ActorKind.BICYCLE or abs(one.across) < ACROSS or one.s_high < -half_length:
+            continue
+        # How far it has to go sideways until it enters and has left the strip that the ego needs.
+        if one.across > 0.0:
+            first, last = -reach - one.d_high, reach - one.d_low
+        else:
+            first, last = one.d_low - reach, one.d_high + reach
+        if last < 0.0 or first > SIGHT_M:
+            continue
+        share = abs(one.across)
+        ahead = one.s_low - half_length, one.s_high + half_length
+        rows.append((*ahead, first / share, last / share, one.speed, 1.0, float(ActorKind.PEDESTRIAN), one.key))
+    return np.array(rows, dtype=np.float32).reshape(-1, 8)
