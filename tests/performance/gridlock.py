@@ -53,8 +53,8 @@ def flow(name: str, hours: float, seed: int = 0) -> str:
 def main() -> None:
     hours = float(sys.argv[1]) if len(sys.argv) > 1 else 24.0
     with get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
-        for line in pool.starmap(flow, [(name, hours) for name in WORLDS], chunksize=1):
-            print(line)
+        for name in WORLDS:
+            print(pool.apply(flow, (name, hours)), flush=True)
 
 
 if __name__ == "__main__":
