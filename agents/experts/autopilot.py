@@ -18,7 +18,7 @@ from agents.experts.courtesy import KEEP_RIGHT_RAMP_M, YIELDING_M_S, Yielding, k
 from agents.experts.crossing import crossers
 from agents.experts.passing import PASSING_ACCELERATION, PASSING_M_S, Passing
 from agents.experts.sidestep import Sidestep
-from agents.experts.surroundings import Surroundings
+from agents.experts.surroundings import Surroundings, warm_up
 from evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from sumo_networks.arrays import Float32Array
 from sumo_networks.control import pure_pursuit, pursuit_distance
@@ -81,10 +81,11 @@ class Autopilot(Agent):
 
     def reset(self, mission: Mission, seed: int) -> None:
         """Forgets the last episode."""
+        warm_up()
         self._reset_memory()
 
     def _reset_memory(self) -> None:
-        self._standing = 0.0
+        self._standing, self._refused = 0.0, 0.0
         self._stopped_at_sign = False
         self._reason: Explanation = {}
         self._aside = Sidestep()
@@ -111,6 +112,7 @@ class Autopilot(Agent):
             "emergency": self._yield(speed, observation["lights"]),
         }
         cause = min(wishes, key=lambda name: wishes[name])
+        self._refused = self._refused + 0.1 if cause == "conflict" and speed < 0.6 else max(self._refused - 0.5, 0.0)
         self._reason = {"rule": cause, "acceleration": {name: round(a, 2) for name, a in wishes.items()}}
         most = PASSING_ACCELERATION if self._passing.active else self.style.acceleration
         acceleration = float(np.clip(wishes[cause], -8.0, most))
@@ -145,7 +147,8 @@ class Autopilot(Agent):
         if self._passing.active or self._yielding.active:
             self._right = 0.0
             return
-        wanted = keep_right(around, self._half_width, speed)
+        # Inside a junction those who turn across look as if they came over the middle.
+        wanted = 0.0 if lights[0, 0] < 5.0 else keep_right(around, self._half_width, speed)
         if wanted > self._right + 0.05 or (wanted == 0.0 and self._right > 0.0):
             self._right = wanted
             self._aside.lead(-wanted, progress, KEEP_RIGHT_RAMP_M)
@@ -268,8 +271,8 @@ class Autopilot(Agent):
             doubtful = other_enter < max(0.8 * other_speed, 0.3) or (other_enter > 0.0 and braking > HARD_BRAKING)
             return doubtful and other_arrive < clear + 0.5 and arrive < other_clear + 0.3
         # After a long wait a smaller gap between vehicles will do.
-        hurry = min(max(self._standing - self.style.patience, 0.0) / HURRY_S, 1.0)
-        before, after = (1.2, 0.6) if on_foot else (1.5 - 0.9 * hurry, 1.0 - 0.5 * hurry)
+        hurry = min(max(self._refused - self.style.patience, 0.0) / HURRY_S, 1.0)
+        before, after = (1.2, 0.6) if on_foot else (1.5 - 0.5 * hurry, 1.0 - 0.3 * hurry)
         if leave >= 1000.0:
             # Whoever follows behind must not have to brake hard.
             before, clear = 2.0 + max(other_speed - speed - 2.0, 0.0) / 2.0, arrive + 0.5

@@ -11,7 +11,9 @@ from numba import njit
 
 from evaluation.agent import Observation
 from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.sensors.lanes import ATTRIBUTES, ROAD
+from sumo_networks.sensors import objects
+from sumo_networks.sensors import path as paths
+from sumo_networks.sensors.lanes import ATTRIBUTES, COLUMNS, POINTS, ROAD, ROWS
 from sumo_networks.sensors.path import BEHIND
 from sumo_networks.world import ActorKind
 
@@ -86,12 +88,11 @@ class Surroundings:
 
     def __init__(self, observation: Observation) -> None:
         self._path, self._lanes = observation["path"].astype(np.float64), observation["lanes"]
-        objects = observation["objects"]
-        rows = _boxes_on_path(objects, self._path)
+        rows = _boxes_on_path(observation["objects"], self._path)
         self.lane_width = float(self._path[BEHIND, 5])
         self.neighbours = tuple(
             Neighbour(int(seen[0]), int(seen[7]), row[0], row[1], row[2], row[3], float(seen[4]), row[4], row[5])
-            for seen, row in zip(objects, rows.tolist(), strict=True)
+            for seen, row in zip(observation["objects"], rows.tolist(), strict=True)
             if seen[0] >= 0
         )
 
@@ -102,7 +103,7 @@ class Surroundings:
     def lanes_beside(self, first: float, last: float) -> list[Lane]:
         """The lanes next to the route's that go with it all along a stretch [m from the ego's centre]."""
         rows = self._lanes[(self._lanes[:, 0] >= 0) & (self._lanes[:, 2] == ROAD)]
-        points = rows[:, ATTRIBUTES:].reshape(len(rows), -1, 2).astype(np.float64)
+        points = rows[:, ATTRIBUTES:].reshape(len(rows), POINTS, 2).astype(np.float64)
         found = _points_on_path(points, self._path)
         widths = np.repeat(rows[:, 3], points.shape[1])
         out = []
@@ -116,6 +117,16 @@ class Surroundings:
                 width = float(np.median(widths[near]))
                 out.append(Lane(sign * float(np.median(d[near])), width, oncoming))
         return out
+
+
+def warm_up() -> None:
+    """Compiles the kernels, which takes seconds the first time: not while driving."""
+    nothing = {
+        "path": np.zeros((paths.POINTS, 6), dtype=np.float32),
+        "lanes": np.zeros((ROWS, COLUMNS), dtype=np.float32),
+        "objects": np.full((objects.ROWS, objects.COLUMNS), -1.0, dtype=np.float32),
+    }
+    Surroundings(nothing).lanes_beside(0.0, 1.0)
 
 
 @njit(cache=True)

@@ -6,11 +6,18 @@ import math
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 from agents.experts.sidestep import Sidestep
 from agents.experts.surroundings import Surroundings
+from evaluation.benchmark import load_benchmark
+from evaluation.record import InfractionKind, Status
+from evaluation.runner import run_episode
+from sumo_networks.events import Event
+from sumo_networks.scenario import Mission, Place, Scenario
 from sumo_networks.world import ActorKind, World
 from tests.agents.driving import drive, fronts, made, observed, speeds, touched
+from tests.sumo_networks.drives import on
 from tests.worlds import Scene, straight_road
 
 WEST = math.pi
@@ -139,3 +146,29 @@ def test_it_waits_for_bicycles_that_cross_between_junctions(speed: float) -> Non
     worlds = drive(made("Autopilot"), scene, 25.0)
     assert touched(worlds) == set()
     assert fronts(worlds)[-1] > 170.0
+
+
+# In SUMO, with scripted events
+
+
+def infractions(scenario: Scenario) -> list[str]:
+    """What went wrong in a drive of the autopilot, apart from being slow."""
+    (drive,) = run_episode(scenario, {mission.name: made("Autopilot") for mission in scenario.missions}).egos
+    assert drive.status in (Status.PERFECT, Status.COMPLETED)
+    return [one.kind.value for one in drive.infractions if one.kind != InfractionKind.MINIMUM_SPEED]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["construction", "parked_obstacle", "yield_to_emergency_vehicle"])
+def test_in_sumo_it_masters_an_event_on_a_road_with_two_lanes(kind: str) -> None:
+    mission = Mission(start=Place(lane="w_e_0", position_m=200.0), goal=Place(lane="w_e_0", position_m=-250.0))
+    event = TypeAdapter(Event).validate_python({"kind": kind, "name": "event", "at_m": 60.0})
+    scenario = on(straight_road(), mission, events=(event,))
+    assert infractions(scenario) == []
+
+
+@pytest.mark.slow
+def test_in_sumo_it_stands_before_it_meets_somebody_in_its_lane() -> None:
+    scenarios = load_benchmark("precrash").scenarios([0])
+    (scenario,) = (one for one in scenarios if one.name == "oncoming-in-lane.district.m01")
+    assert infractions(scenario) == []
