@@ -137,12 +137,12 @@ def _print_failures(result: Result) -> None:
         for ego in record.egos:
             if ego.status.completed or ego.status is Status.FINISHED:
                 continue
-            last = f"; last infraction {ego.infractions[-1].kind} at {ego.infractions[-1].time_s:.1f} s"
-            console.print(
-                f"  {path.stem}: {ego.status.value}{'; ' + ego.failure if ego.failure else ''}"
-                f"{last if ego.infractions else ''}",
-                markup=False,
-            )
+            parts = [f"  {path.stem}: {ego.status.value}"]
+            if ego.failure:
+                parts.append(ego.failure)
+            for one in ego.infractions[-1:]:
+                parts.append(f"last infraction {one.kind} at {one.time_s:.1f} s")
+            console.print("; ".join(parts), markup=False)
 
 
 def _drives(result: Result) -> list[dict[str, Any]]:
