@@ -140,8 +140,7 @@ def _print_failures(result: Result) -> None:
             parts = [f"  {path.stem}: {ego.status.value}"]
             if ego.failure:
                 parts.append(ego.failure)
-            for one in ego.infractions[-1:]:
-                parts.append(f"last infraction {one.kind} at {one.time_s:.1f} s")
+            parts += [f"last infraction {one.kind} at {one.time_s:.1f} s" for one in ego.infractions[-1:]]
             console.print("; ".join(parts), markup=False)
 
 
