@@ -8,7 +8,8 @@ RUN apt-get update \
 
 # PyPI's torch for Linux requires the CUDA libraries; this index has the same version for CPUs.
 ENV PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu \
-    PIP_NO_CACHE_DIR=1
+    PIP_NO_CACHE_DIR=1 \
+    ORT_DISABLE_TELEMETRY=1
 
 RUN useradd --create-home --uid 1000 dohyo && install -d -o dohyo -g dohyo /home/dohyo/dohyo
 USER 1000:1000
