@@ -220,7 +220,9 @@ def test_a_declared_shape_that_is_a_lie_is_found_by_the_trial() -> None:
 
 @pytest.mark.parametrize("bomb", [models.huge_constant(), models.doubling()], ids=["constant", "doubling"])
 def test_a_memory_bomb_is_refused(bomb: onnx.ModelProto) -> None:
-    assert "needs more than the 1024 MB of memory" in refusal(bomb)
+    # On a busy machine the time of the trial may be over before the memory is full.
+    reason = refusal(bomb)
+    assert "needs more than the 1024 MB of memory" in reason or "took longer than" in reason, reason
 
 
 def test_an_endless_loop_is_refused() -> None:
