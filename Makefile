@@ -33,7 +33,7 @@ lint: $(INSTALLED)  ## Check style, types, the four floors and the Dockerfile
 	@$(BIN)/hadolint Dockerfile
 
 bench: $(INSTALLED)  ## Measure the world, the senses, the planners and the wire; write bench.json
-	@$(BIN)/python tests/performance/bench.py
+	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.bench
 	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.senses
 	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.planners
 	@$(BIN)/python -m tests.performance.wire --quick

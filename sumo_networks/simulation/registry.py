@@ -25,6 +25,8 @@ KINDS = {
     "emergency": ActorKind.EMERGENCY,
     "pedestrian": ActorKind.PEDESTRIAN,
 }
+_ANYWHERE = 2  # SUMO's keepRoute: the lane may be off the image's route
+_NEAR_M = 5.0  # images are on a lane already; SUMO's 100 m cost 80 us in a junction, these 10 us
 INDICATOR = {0: 0, 1: -1, 2: 1, 3: 0}  # SUMO's lowest two bits: right, left
 _Point = tuple[float, float]
 _Row = tuple[float, float, float, float, int, int]  # x, y, angle, speed, lane, indicator
@@ -87,7 +89,7 @@ class Registry:
             libsumo.vehicle.setWidth(name, size[1])
             libsumo.vehicle.setSpeedMode(name, 0)
             libsumo.vehicle.setLaneChangeMode(name, 0)
-        libsumo.vehicle.moveToXY(name, *place, *front, angle, 2)
+        libsumo.vehicle.moveToXY(name, *place, *front, angle, _ANYWHERE, _NEAR_M)
 
     def strayed(self, name: str) -> bool:
         """Whether SUMO found no lane for an image, as it may past the end of one."""
