@@ -1,0 +1,1 @@
+"""Forecasters of traffic speeds: segments of a road, minutes ahead."""

@@ -1,0 +1,177 @@
+"""Forecaster: the one interface of everything that looks ahead; and how one is kept on disk."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+from agents.forecasting.data import DAY_S
+from agents.forecasting.gaps import fill
+from agents.forecasting.windows import HISTORY, HORIZON, Windows
+from evaluation.store import write_atomically
+from sumo_networks.arrays import Float32Array, FloatArray
+from sumo_networks.errors import InvalidInputError
+
+FREE_QUANTILE = 0.999
+Progress = Callable[[int, int, float], None]
+"""Told the steps done, all steps, and the last validation's error."""
+
+
+class Forecaster(ABC):
+    """Says the speeds of the next three rows from those of the last eight.
+
+    Attributes:
+        name: Of the kind.
+        segments: Number of columns, N.
+        step_s: Seconds between two rows.
+        free_mps: What a normalised speed of 1 is: 99.9 % of the speeds learned from are below it.
+    """
+
+    name: ClassVar[str]
+
+    def __init__(self, segments: int, step_s: float = 60.0) -> None:
+        if segments < 1:
+            raise InvalidInputError(f"expected at least one segment, got {segments}")
+        self.segments, self.step_s, self.free_mps = segments, step_s, 1.0
+
+    def fit(self, train: Windows, validation: Windows, progress: Progress | None = None) -> None:
+        """Learns; the same windows and seed give the same forecaster.
+
+        Args:
+            train: To learn from.
+            validation: To decide when to stop.
+            progress: See `Progress`.
+        """
+        self._check_width(train.history)
+        self.free_mps = float(np.quantile(train.history, FREE_QUANTILE))
+        self.learn(train, validation, progress)
+
+    def predict(self, history: ArrayLike, time_s: float | None = None) -> FloatArray:
+        """The next three rows, (3, N), m/s.
+
+        Args:
+            history: (T, N) the last rows, m/s, NaN where missing (filled by `gaps.fill`); T is at least 8, and only the
+                last 8 are read.
+            time_s: Time of day of the last row; only the historical mean reads it.
+
+        Raises:
+            InvalidInputError: Another shape, an infinite or negative speed, or no measured speed at all.
+        """
+        rows = self._rows(history)
+        when = None if time_s is None else np.array([time_s % DAY_S])
+        return np.asarray(np.maximum(self.predict_many(rows[None], when)[0], 0.0), dtype=np.float64)
+
+    def nowcast(self, history: ArrayLike, lag_min: float, time_s: float | None = None) -> FloatArray:
+        """The speeds of now, (N,), m/s, where the last row is of `lag_min` minutes ago.
+
+        Between two rows it takes the line; time_s is that of the last row.
+
+        Raises:
+            InvalidInputError: A lag that three rows do not bridge, or as `predict`.
+        """
+        rows_late = 60.0 * lag_min / self.step_s
+        if not 0.0 <= rows_late <= HORIZON:
+            longest = HORIZON * self.step_s / 60.0
+            raise InvalidInputError(f"expected a lag of 0 to {longest:g} minutes, got {lag_min:g}")
+        last = fill(self._rows(history)[None])[0, -1:]
+        ahead = np.concatenate([last, self.predict(history, time_s)]).astype(np.float64)
+        before = min(int(rows_late), HORIZON - 1)
+        share = rows_late - before
+        return np.asarray((1.0 - share) * ahead[before] + share * ahead[before + 1])
+
+    @abstractmethod
+    def learn(self, train: Windows, validation: Windows, progress: Progress | None) -> None:
+        """What `fit` does after its checks."""
+
+    @abstractmethod
+    def predict_many(self, histories: Float32Array, time_s: FloatArray | None = None) -> Float32Array:
+        """(B, 3, N) of histories (B, 8, N) without gaps and their times of day (B,), m/s; may be below 0."""
+
+    @abstractmethod
+    def tensors(self) -> dict[str, np.ndarray]:
+        """What was learned, by name."""
+
+    @abstractmethod
+    def restore(self, tensors: Mapping[str, np.ndarray]) -> None:
+        """Takes what was learned.
+
+        Raises:
+            InvalidInputError: Tensors are missing, or have another shape.
+        """
+
+    def facts(self) -> dict[str, str]:
+        """What else a file says."""
+        return {
+            "forecaster": self.name,
+            "segments": str(self.segments),
+            "step_s": repr(self.step_s),
+            "free_mps": repr(self.free_mps),
+        }
+
+    def save(self, path: Path) -> None:
+        """Writes a safetensors file.
+
+        Raises:
+            InvalidInputError: It cannot be written.
+        """
+        tensors = {name: np.ascontiguousarray(array) for name, array in self.tensors().items()}
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(path, save(tensors, self.facts()))
+        except OSError as error:
+            raise InvalidInputError(f"cannot write '{path}': {error.strerror}") from error
+
+    def _rows(self, history: ArrayLike) -> Float32Array:
+        """(8, N) the last rows, checked, gaps filled."""
+        rows = np.asarray(history, dtype=np.float32)
+        if rows.ndim != 2 or len(rows) < HISTORY or rows.shape[1] != self.segments:
+            raise InvalidInputError(
+                f"{self.name}: expected a history of at least {HISTORY} rows and {self.segments} segments, got "
+                f"{' x '.join(map(str, rows.shape))}"
+            )
+        rows = rows[-HISTORY:]
+        if np.isinf(rows).any() or (rows < 0.0).any():
+            raise InvalidInputError(f"{self.name}: expected speeds of 0 or more, NaN where missing, got {rows.min():g}")
+        return np.asarray(fill(rows[None])[0])
+
+    def _check_width(self, histories: Float32Array) -> None:
+        if histories.shape[2] != self.segments:
+            raise InvalidInputError(f"{self.name}: expected {self.segments} segments, got {histories.shape[2]}")
+
+
+def read_file(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
+    """Facts and tensors of a safetensors file.
+
+    Raises:
+        InvalidInputError: It is missing, damaged, or of no forecaster.
+    """
+    try:
+        with safe_open(path, "numpy") as file:
+            facts = dict(file.metadata() or {})
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - no mapping
+    except FileNotFoundError as error:
+        raise InvalidInputError(f"no forecaster '{path}'") from error
+    except (OSError, SafetensorError) as error:
+        raise InvalidInputError(f"forecaster '{path}' is damaged: {error}") from error
+    if "forecaster" not in facts:
+        raise InvalidInputError(f"'{path}' is no forecaster: its file does not say of which kind")
+    return facts, tensors
+
+
+def checked(tensors: Mapping[str, np.ndarray], shapes: Mapping[str, tuple[int, ...]], name: str) -> None:
+    """Refuses tensors of other names or shapes.
+
+    Raises:
+        InvalidInputError: See above.
+    """
+    got = {key: array.shape for key, array in tensors.items()}
+    if got != dict(shapes):
+        wrong = next(key for key in {**shapes, **got} if got.get(key) != shapes.get(key))
+        raise InvalidInputError(f"{name}: expected tensor '{wrong}' {shapes.get(wrong)}, got {got.get(wrong)}")

@@ -1,0 +1,158 @@
+"""Figures: space-time maps of a congested morning, measured and forecast, and speeds along the road in four stages.
+
+    python -m agents.forecasting.figures --data DIR --day 1 --out agents/forecasting/results/forecasts.html
+
+With chromium and playwright on the machine a PNG is written beside the page.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+from plotly.subplots import make_subplots
+
+from agents.forecasting.base import Forecaster
+from agents.forecasting.gaps import fill
+from agents.forecasting.reading import read_data
+from agents.forecasting.registry import load_forecaster
+from agents.forecasting.windows import HORIZON, Windows, make_windows
+from evaluation.figures import OKABE_ITO, PALETTES, template
+from evaluation.store import write_atomically
+from sumo_networks.arrays import Float32Array
+from sumo_networks.errors import InvalidInputError
+
+SLOW_TO_FAST = ((0.0, "#5C0A12"), (0.25, "#B3362E"), (0.5, "#E08A4F"), (0.75, "#F3CF9B"), (1.0, "#FAF3E3"))
+"""Dark where traffic stands, pale where it flows."""
+JAM_SHARE = 0.5
+"""Of the free speed; slower is congested."""
+STAGES = ("free flow", "onset", "congestion", "dissipation")
+SHOWN = (("SA-LSTM, 1 minute ahead", "sa-lstm", 0), ("n-step, 3 minutes ahead", "sa-lstm-n-step", 2))
+SHOWN = (*SHOWN, ("recursive, 3 minutes ahead", "sa-lstm", 2))
+SIZE = (1040, 1180)
+
+
+def stages(measured: Float32Array, free_mps: float) -> dict[str, int]:
+    """Rows (T, N) at which traffic flows, a queue begins, is longest, and has shrunk to a half.
+
+    Raises:
+        InvalidInputError: Nothing is ever congested.
+    """
+    slow = np.convolve((measured < JAM_SHARE * free_mps).mean(axis=1), np.ones(5) / 5, mode="same")
+    worst = int(slow.argmax())
+    if slow[worst] == 0.0:
+        raise InvalidInputError("expected a congested day, nowhere is a speed below half the free one")
+    before, after = slow[: worst + 1], slow[worst:]
+    onset = int(np.flatnonzero(before <= 0.25 * slow[worst])[-1]) if (before <= 0.25 * slow[worst]).any() else 0
+    gone = np.flatnonzero(after <= 0.5 * slow[worst])
+    late = worst + int(gone[0]) if len(gone) else len(slow) - 1
+    return dict(zip(STAGES, (int(before[: onset + 1].argmin()), onset, worst, late), strict=True))
+
+
+def forecasts(windows: Windows, forecasters: Mapping[str, Forecaster]) -> dict[str, Float32Array]:
+    """(B, N) what was measured three rows after each history, and what was forecast of it, km/h."""
+    after = windows.target[:, HORIZON - 1]
+    out = {"measured": np.where(np.isnan(after), fill(windows.target)[:, HORIZON - 1], after)}
+    for label, name, row in SHOWN:
+        ahead = forecasters[name].predict_many(windows.history, windows.time_s)[:, row]
+        late = HORIZON - 1 - row  # a forecast for the same minute, made later
+        out[label] = np.concatenate([ahead[late:], np.repeat(ahead[-1:], late, axis=0)])
+    return {label: np.asarray(3.6 * np.maximum(speeds, 0.0)) for label, speeds in out.items()}
+
+
+def figure(windows: Windows, forecasters: Mapping[str, Forecaster], free_mps: float, what: str) -> go.Figure:
+    """Four space-time maps over four curves."""
+    speeds = forecasts(windows, forecasters)
+    minutes = windows.time_s / 60.0 + HORIZON
+    at = stages(speeds["measured"] / 3.6, free_mps)
+    titles = [*speeds, *(f"{stage}, {_clock(minutes[row])}" for stage, row in at.items())]
+    drawn = make_subplots(rows=4, cols=2, subplot_titles=titles, vertical_spacing=0.075, horizontal_spacing=0.07)
+    for place, (_, table) in enumerate(speeds.items()):
+        scale = {"colorscale": SLOW_TO_FAST, "zmin": 0.0, "zmax": 3.6 * free_mps, "showscale": place == 0}
+        bar = {"title": {"text": "km/h"}, "thickness": 10, "len": 0.4, "y": 0.78}
+        trace = go.Heatmap(z=table.T, x=minutes / 60.0, y=np.arange(table.shape[1]), colorbar=bar, **scale)
+        drawn.add_trace(trace, place // 2 + 1, place % 2 + 1)
+    dashes = ("solid", "solid", "dash", "dot")
+    colours = (PALETTES["light"].ink, *OKABE_ITO)
+    for place, row in enumerate(at.values()):
+        for (label, table), dash, colour in zip(speeds.items(), dashes, colours, strict=False):
+            line = {"color": colour, "dash": dash, "width": 2.5 if label == "measured" else 1.7}
+            trace = go.Scatter(
+                y=table[row], mode="lines", name=label, legendgroup=label, line=line, showlegend=not place
+            )
+            drawn.add_trace(trace, place // 2 + 3, place % 2 + 1)
+    drawn.update_xaxes(title_text="time of day, h", row=2)
+    drawn.update_xaxes(title_text="segment, along the road", row=4)
+    drawn.update_yaxes(title_text="segment", row=1, col=1)
+    drawn.update_yaxes(title_text="segment", row=2, col=1)
+    for row in (3, 4):
+        drawn.update_yaxes(title_text="km/h", range=[0, 4.0 * free_mps], row=row, col=1)
+        drawn.update_yaxes(range=[0, 4.0 * free_mps], row=row, col=2)
+    return drawn.update_layout(
+        template=template(),
+        title={"text": _finding(speeds), "subtitle": {"text": f"{what}; forecasts stand at the minute they are for."}},
+        width=SIZE[0], height=SIZE[1], showlegend=True, margin_t=120,
+        legend={"orientation": "h", "y": -0.06},
+    )  # fmt: skip
+
+
+def _finding(speeds: Mapping[str, Float32Array]) -> str:
+    errors = {label: float(np.sqrt(np.mean((table - speeds["measured"]) ** 2))) for label, table in speeds.items()}
+    one, step, fed = (errors[label] for label, _, _ in SHOWN)
+    return f"One minute ahead the error is {one:.1f} km/h, three minutes ahead {step:.1f} (n-step) and {fed:.1f} (recursive)"
+
+
+def _clock(minute: float) -> str:
+    return f"{int(minute) // 60 % 24}:{int(minute) % 60:02d}"
+
+
+def write(drawn: go.Figure, path: Path) -> list[Path]:
+    """Writes a page that needs no network, and a picture where there is a chromium."""
+    body = drawn.to_html(full_html=False, include_plotlyjs=False, config={"displayModeBar": False})
+    head = f'<meta charset="utf-8"><title>Forecasts</title><script>{get_plotlyjs()}</script>'
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>'.encode())
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        return [path]
+    from playwright.sync_api import sync_playwright
+
+    picture = path.with_suffix(".png")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
+        page = browser.new_page(viewport={"width": SIZE[0] + 16, "height": SIZE[1] + 16})
+        page.goto(path.resolve().as_uri())
+        page.wait_for_selector(".main-svg")
+        page.wait_for_timeout(1000)
+        page.screenshot(path=picture)
+        browser.close()
+    return [path, picture]
+
+
+def main() -> None:
+    """Draws one set of Hard."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--set", default="hard")
+    parser.add_argument("--day", type=int, default=1)
+    parser.add_argument("--out", type=Path, default=Path("out/forecasting/forecasts.html"))
+    arguments = parser.parse_args()
+    data = read_data(arguments.data)
+    days = data.stretches(arguments.set)
+    if not 1 <= arguments.day <= len(days):
+        raise InvalidInputError(f"expected --day 1 to {len(days)}, got {arguments.day}")
+    forecasters = {name: load_forecaster(name) for name in {name for _, name, _ in SHOWN}}
+    windows = make_windows([days[arguments.day - 1]], data.step_s)
+    free_mps = next(iter(forecasters.values())).free_mps
+    what = f"{arguments.set.capitalize()}, {days[arguments.day - 1].name}"
+    for path in write(figure(windows, forecasters, free_mps, what), arguments.out):
+        print(f"figure: {path}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,84 @@
+"""Latency: how long one forecast takes, batch 1, one core, mean of 50,000 after 1,000 to warm up."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import torch
+from torch import nn
+
+from agents.forecasting.exported import Exported
+from agents.forecasting.learned import write_onnx
+from agents.forecasting.networks.looking_ahead import SpeedNetwork
+from agents.forecasting.networks.registry import make_network
+from agents.forecasting.scale import InMetres, Scale
+from agents.forecasting.windows import HISTORY
+
+RUNS, WARM_UPS = 50_000, 1_000
+
+
+@dataclass(frozen=True, slots=True)
+class Latency:
+    """Milliseconds of one call.
+
+    Attributes:
+        wall_ms: By the clock; what else runs on the machine counts in.
+        core_ms: Of the core itself.
+    """
+
+    wall_ms: float
+    core_ms: float
+
+
+class Ahead(nn.Module):
+    """The first rows ahead of a network.
+
+    Attributes:
+        network: It.
+        rows: How many.
+    """
+
+    def __init__(self, network: SpeedNetwork, rows: int) -> None:
+        super().__init__()
+        self.network, self.rows = network, rows
+
+    def forward(self, history: torch.Tensor) -> torch.Tensor:
+        """(B, rows, N)."""
+        return self.network.ahead(history, self.rows)
+
+
+def measure(call: Callable[[], object], runs: int = RUNS, warm_ups: int = WARM_UPS) -> Latency:
+    """The mean of many calls."""
+    for _ in range(warm_ups):
+        call()
+    wall, core = time.perf_counter(), time.thread_time()
+    for _ in range(runs):
+        call()
+    return Latency(1e3 * (time.perf_counter() - wall) / runs, 1e3 * (time.thread_time() - core) / runs)
+
+
+def of_network(name: str, segments: int, rows: int, runs: int = RUNS, warm_ups: int = WARM_UPS) -> dict[str, Latency]:
+    """Of a network of `networks.registry` for so many rows ahead: in torch, and exported to ONNX Runtime.
+
+    Weights do not matter to the time, so they are random.
+    """
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    module = Ahead(make_network(name, segments).eval(), rows)
+    history = torch.randn(1, HISTORY, segments)
+    try:
+        with torch.inference_mode():
+            eager = measure(lambda: module(history), runs, warm_ups)
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "network.onnx"
+            write_onnx(InMetres(module, Scale(25.0, 7.0)), segments, path)
+            session = Exported(path).session
+        speeds = {"history": np.full((HISTORY, segments), 25.0, dtype=np.float32)}
+        return {"torch": eager, "onnx": measure(lambda: session.run(None, speeds), runs, warm_ups)}
+    finally:
+        torch.set_num_threads(threads)

@@ -1,0 +1,1 @@
+"""Networks: what reads a history, how it looks ahead, and both by name."""

@@ -1,0 +1,37 @@
+"""Networks by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from agents.forecasting.networks.attention import TransformerTrunk, TsMixerTrunk
+from agents.forecasting.networks.convolution import ConvLstmTrunk, SaConvLstmTrunk
+from agents.forecasting.networks.looking_ahead import AllAtOnce, NStep, Recursive, SpeedNetwork, Trunk
+from agents.forecasting.networks.lstm import LstmTrunk, SaLstmTrunk
+from sumo_networks.errors import UnknownNameError
+
+NETWORKS: Mapping[str, tuple[type[Recursive] | type[AllAtOnce] | type[NStep], Trunk]] = MappingProxyType(
+    {
+        "lstm": (Recursive, LstmTrunk),
+        "convlstm": (Recursive, ConvLstmTrunk),
+        "sa-convlstm": (Recursive, SaConvLstmTrunk),
+        "transformer": (Recursive, TransformerTrunk),
+        "sa-lstm": (Recursive, SaLstmTrunk),
+        "sa-lstm-all-at-once": (AllAtOnce, SaLstmTrunk),
+        "sa-lstm-n-step": (NStep, SaLstmTrunk),
+        "tsmixer": (AllAtOnce, TsMixerTrunk),
+    }
+)
+
+
+def make_network(name: str, segments: int) -> SpeedNetwork:
+    """An untrained network.
+
+    Raises:
+        UnknownNameError: There is none of that name.
+    """
+    if name not in NETWORKS:
+        raise UnknownNameError("network", name, NETWORKS)
+    way, trunk = NETWORKS[name]
+    return way(trunk, segments)

@@ -1,0 +1,80 @@
+"""Forecasters by name: to fit, and those that are shipped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from agents.forecasting.base import Forecaster, read_file
+from agents.forecasting.exported import Exported
+from agents.forecasting.learned import Learned
+from agents.forecasting.networks.registry import NETWORKS
+from agents.forecasting.quantiles import Quantiles
+from agents.forecasting.scale import Scale
+from agents.forecasting.simple import HistoricalMean, Linear, Persistence
+from agents.forecasting.training import TrainSettings
+from sumo_networks.errors import InvalidInputError, UnknownNameError
+
+CHECKPOINTS = Path(__file__).with_name("checkpoints")
+SIMPLE = {kind.name: kind for kind in (Persistence, HistoricalMean, Linear)}
+NAMES = (*SIMPLE, *NETWORKS, Quantiles.name)
+
+
+def make_forecaster(
+    name: str, segments: int, step_s: float = 60.0, settings: TrainSettings | None = None
+) -> Forecaster:
+    """One that has learned nothing yet.
+
+    Args:
+        name: Of `NAMES`.
+        segments: N.
+        step_s: Seconds between rows.
+        settings: Of the training, where there is one.
+
+    Raises:
+        UnknownNameError: There is none of that name.
+    """
+    if name in SIMPLE:
+        return SIMPLE[name](segments, step_s)
+    if name == Quantiles.name:
+        return Quantiles(segments, step_s, settings)
+    if name not in NETWORKS:
+        raise UnknownNameError("forecaster", name, NAMES)
+    return Learned(name, segments, step_s, settings)
+
+
+def shipped() -> tuple[str, ...]:
+    """Names of those that come trained, for the road `freeway`."""
+    return tuple(sorted(path.stem for path in CHECKPOINTS.glob("*.safetensors")))
+
+
+def load_forecaster(name: str | Path, exported: bool = False) -> Forecaster:
+    """A trained one: the name of a shipped one, or the path of a .safetensors or .onnx file.
+
+    Args:
+        name: Of `shipped()`, or a path.
+        exported: Take the shipped one's ONNX model, which is faster for a single history.
+
+    Raises:
+        InvalidInputError: There is no such file, or it is of no forecaster.
+    """
+    path = Path(name)
+    if path.suffix not in (".safetensors", ".onnx"):
+        if str(name) == Persistence.name:
+            raise InvalidInputError("persistence learns nothing: make_forecaster('persistence', segments)")
+        if str(name) not in shipped():
+            raise UnknownNameError("trained forecaster", str(name), shipped())
+        path = CHECKPOINTS / f"{name}{'.onnx' if exported else '.safetensors'}"
+    if path.suffix == ".onnx":
+        return Exported(path)
+    facts, tensors = read_file(path)
+    try:
+        segments, step_s, free_mps = int(facts["segments"]), float(facts["step_s"]), float(facts["free_mps"])
+        scale = Scale(float(facts.get("centre_mps", 0.0)), float(facts.get("spread_mps", 1.0)))
+    except (KeyError, ValueError) as error:
+        raise InvalidInputError(f"forecaster '{path}' is damaged: {error}") from error
+    forecaster = make_forecaster(facts["forecaster"], segments, step_s)
+    forecaster.free_mps = free_mps
+    if isinstance(forecaster, Learned | Quantiles):
+        forecaster.scale = scale
+    forecaster.restore(tensors)
+    return forecaster

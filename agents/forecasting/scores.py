@@ -1,0 +1,72 @@
+"""How good forecasts are: squared errors on normalised speed, errors in km/h and mph, coverage; per stretch and row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.forecasting.base import Forecaster
+from agents.forecasting.data import UNITS
+from agents.forecasting.windows import HORIZON, Windows
+from sumo_networks.arrays import Float32Array, FloatArray
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Mean squared errors of one forecaster, by stretch and row ahead; one stretch is mostly one day.
+
+    Attributes:
+        squared: (S, 3) m^2/s^2 against what was measured.
+        squared_true: (S, 3) the same against all vehicles; None where that is not known.
+        free_mps: What a normalised speed of 1 is.
+    """
+
+    squared: FloatArray
+    squared_true: FloatArray | None
+    free_mps: float
+
+    @property
+    def normalised(self) -> FloatArray:
+        """(S, 3) the mean squared error of normalised speed, x 10^3."""
+        return 1e3 * self.squared / self.free_mps**2
+
+    def rmse(self, unit: str) -> FloatArray:
+        """(3,) root of the mean over stretches, in a unit of `data.UNITS`."""
+        return np.asarray(np.sqrt(self.squared.mean(axis=0)) / UNITS[unit])
+
+
+def errors(forecaster: Forecaster, windows: Windows, free_mps: float) -> Errors:
+    """The errors of one forecaster on the windows of a set."""
+    ahead = forecaster.predict_many(windows.history, windows.time_s)
+    squared = by_stretch((ahead - windows.target) ** 2, windows)
+    true = None if windows.truth is None else by_stretch((ahead - windows.truth) ** 2, windows)
+    return Errors(squared, true, free_mps)
+
+
+def by_stretch(values: Float32Array, windows: Windows) -> FloatArray:
+    """(S, 3) means of values (B, 3, N) over the windows and segments of each stretch; missing ones do not count."""
+    numbers = np.unique(windows.stretch)
+    return np.array(
+        [np.nanmean(values[windows.stretch == one].astype(np.float64), axis=(0, 2)) for one in numbers]
+    ).reshape(len(numbers), HORIZON)
+
+
+def coverage(intervals: Float32Array, windows: Windows) -> tuple[FloatArray, FloatArray]:
+    """Share of values within intervals (B, 3, 3, N), (S, 3), and the mean width, (S, 3), m/s."""
+    inside = (windows.target >= intervals[:, :, 0]) & (windows.target <= intervals[:, :, 2])
+    counted = np.where(np.isfinite(windows.target), inside, np.nan).astype(np.float32)
+    return by_stretch(counted, windows), by_stretch(intervals[:, :, 2] - intervals[:, :, 0], windows)
+
+
+def crossed(values: FloatArray, resamples: int = 2000) -> tuple[float, float, float]:
+    """Mean and 95 % interval of values (seeds, stretches) that share both their rows and their columns.
+
+    Seeds and stretches are resampled independently, so that neither is taken for more than there is. With one seed
+    only the stretches are resampled, and with one stretch only the seeds. Source: Owen 2007, the pigeonhole bootstrap.
+    """
+    rng = np.random.default_rng(0)
+    n, m = values.shape
+    drawn = [values[np.ix_(rng.integers(n, size=n), rng.integers(m, size=m))].mean() for _ in range(resamples)]
+    low, high = np.quantile(drawn, (0.025, 0.975))
+    return float(values.mean()), float(low), float(high)

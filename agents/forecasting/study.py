@@ -1,0 +1,251 @@
+"""Study: the thesis's tables 6.1 to 6.4 on our freeway, with baselines, seeds and intervals.
+
+    python -m agents.forecasting.study --data DIR --seeds 0 1 2 --out out/forecasting --readme
+
+Each run is one forecaster, loss and seed; what is finished stays, and the same command goes on. `--readme` writes the
+tables into the README beside this file, `--ship` the first seed's forecasters into `checkpoints/`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from agents.forecasting.base import Forecaster
+from agents.forecasting.data import SpeedData
+from agents.forecasting.latency import of_network
+from agents.forecasting.learned import Learned
+from agents.forecasting.networks.looking_ahead import NStep, Recursive
+from agents.forecasting.quantiles import Quantiles
+from agents.forecasting.reading import read_data
+from agents.forecasting.registry import CHECKPOINTS, SIMPLE, load_forecaster, make_forecaster
+from agents.forecasting.scores import coverage, errors
+from agents.forecasting.training import TrainSettings, train_network
+from agents.forecasting.windows import Windows, make_windows
+from evaluation.store import write_atomically
+from sumo_networks.errors import InvalidInputError
+
+COMPARED = ("lstm", "sa-lstm", "transformer", "convlstm", "sa-convlstm")
+DEPTH, DEPTHS = 3, (0, 1, 2, 3, 4)
+BALANCED = 0.001
+"""Weight of the Laplacian loss at which it is of the squared error's size."""
+SHIPPED = {"sa-lstm": "sa-lstm-lap3", "sa-lstm-n-step": "sa-lstm-n-step-lap3", "tsmixer": "tsmixer-mse"}
+SHIPPED |= {"linear": "linear", "historical-mean": "historical-mean", "sa-lstm-quantiles": "sa-lstm-quantiles"}
+LATENCY = (*((name, 1) for name in COMPARED), *((f"sa-lstm{way}", 3) for way in ("", "-all-at-once", "-n-step")))
+QUICK_RUNS = 2000
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One training.
+
+    Attributes:
+        name: Of the forecaster.
+        depth: Of the Laplacian loss; None: squared error alone.
+        weight: Of that loss.
+        seed: Of the training.
+    """
+
+    name: str
+    depth: int | None
+    weight: float
+    seed: int
+
+    @property
+    def arm(self) -> str:
+        """What seeds share."""
+        if self.name in SIMPLE or self.name == Quantiles.name:
+            return self.name
+        loss = "mse" if self.depth is None else f"lap{self.depth}"
+        return f"{self.name}-{loss}" + ("" if self.weight == 1.0 else "-balanced")
+
+
+def runs(seeds: Sequence[int]) -> Iterator[Run]:
+    """All of them; what others start from comes first, and the first seed has everything before the second begins."""
+    for name in SIMPLE:
+        yield Run(name, None, 1.0, seeds[0])
+    for seed in seeds:
+        yield Run("sa-lstm", DEPTH, 1.0, seed)
+        yield Run("sa-lstm-n-step", DEPTH, 1.0, seed)
+        yield Run("sa-lstm-all-at-once", DEPTH, 1.0, seed)
+        yield Run("tsmixer", None, 1.0, seed)
+        yield Run("tsmixer", DEPTH, 1.0, seed)
+        yield Run(Quantiles.name, DEPTH, 1.0, seed)
+        for name in COMPARED:
+            yield Run(name, None, 1.0, seed)
+            if name != "sa-lstm":
+                yield Run(name, DEPTH, 1.0, seed)
+        for depth in DEPTHS:
+            if depth != DEPTH:
+                yield Run("sa-lstm", depth, 1.0, seed)
+        yield Run("sa-lstm", DEPTH, BALANCED, seed)
+
+
+class Study:
+    """The data in windows, and a folder in which finished runs stay.
+
+    Attributes:
+        data: What is learned from.
+        out: The folder.
+        steps: Of each phase of a training.
+    """
+
+    def __init__(self, data: SpeedData, out: Path, steps: int) -> None:
+        self.data, self.out, self.steps = data, out, steps
+        self.windows = {name: make_windows(some, data.step_s) for name, some in data.sets.items()}
+        self.free_mps = float(np.quantile(self.windows["train"].history, 0.999))
+        self.learned_from = self._fingerprint("train", "validation")
+        (out / "runs").mkdir(parents=True, exist_ok=True)
+
+    def _fingerprint(self, *sets: str) -> str:
+        """Of the windows of some sets, and of the length of the training."""
+        shapes = [list(self.windows[name].history.shape) for name in sets]
+        sums = [float(np.nansum(self.windows[name].target, dtype=np.float64)) for name in sets]
+        return hashlib.sha256(json.dumps([shapes, sums, self.steps]).encode()).hexdigest()[:12]
+
+    def model(self, run: Run) -> Forecaster:
+        """The forecaster of one run, from its file or from a training."""
+        path, facts = self._path(run), self.out / "runs" / f"{run.arm}-{run.seed}.training.json"
+        if path.exists() and facts.exists() and json.loads(facts.read_text())["of"] == self.learned_from:
+            return load_forecaster(path)
+        began = time.process_time()
+        forecaster = self.trained(run)
+        seconds = round(time.process_time() - began, 1)
+        forecaster.save(path)
+        write_atomically(facts, json.dumps({"of": self.learned_from, "seconds": seconds}).encode())
+        print(f"{run.arm} seed {run.seed}: {seconds:.0f} s", flush=True)
+        return forecaster
+
+    def result(self, run: Run) -> dict[str, Any]:
+        """The scores of one run, from its file or measured."""
+        forecaster = self.model(run)
+        path = self.out / "runs" / f"{run.arm}-{run.seed}.json"
+        facts = json.loads(path.with_suffix(".training.json").read_text())
+        of = [self.learned_from, self._fingerprint(*self.data.measured_sets)]
+        if path.exists():
+            kept: dict[str, Any] = json.loads(path.read_text())
+            if kept["of"] == of:
+                return kept
+        document = {"of": of, "arm": run.arm, "seed": run.seed, "seconds": facts["seconds"]}
+        document |= {"sets": {name: self._scores(forecaster, self.windows[name]) for name in self.data.measured_sets}}
+        write_atomically(path, json.dumps(document).encode())
+        return document
+
+    def trained(self, run: Run) -> Forecaster:
+        """Trains one; the n-step starts from the one-step of its seed, intervals from the n-step."""
+        settings = TrainSettings(depth=run.depth, weight=run.weight, steps=self.steps, seed=run.seed)
+        forecaster = make_forecaster(run.name, len(self.data.segments), self.data.step_s, settings)
+        train, validation = self.windows["train"], self.windows["validation"]
+        if isinstance(forecaster, Learned) and isinstance(forecaster.network, NStep):
+            first = self.model(replace(run, name="sa-lstm"))
+            start_from(forecaster, first)
+            scale = forecaster.scale
+            train_network(forecaster.network, train, validation, scale, forecaster.free_mps, settings, first=1)
+        elif isinstance(forecaster, Quantiles):
+            middle = self.model(replace(run, name="sa-lstm-n-step"))
+            assert isinstance(middle, Learned)
+            forecaster.network.middle.load_state_dict(middle.network.state_dict())
+            forecaster.scale, forecaster.free_mps = middle.scale, middle.free_mps
+            forecaster.learn_ends(train, validation)
+        else:
+            forecaster.fit(train, validation)
+        return forecaster
+
+    def _scores(self, forecaster: Forecaster, windows: Windows) -> dict[str, Any]:
+        got = errors(forecaster, windows, self.free_mps)
+        out = {
+            "mse": _rounded(got.normalised),
+            "rmse_kmh": _rounded(got.rmse("km/h")),
+            "rmse_mph": _rounded(got.rmse("mph")),
+        }
+        if got.squared_true is not None:
+            out["mse_true"] = _rounded(1e3 * got.squared_true / self.free_mps**2)
+        if isinstance(forecaster, Quantiles):
+            inside, width = coverage(forecaster.intervals_many(windows.history), windows)
+            out |= {"coverage": _rounded(inside), "width_kmh": _rounded(3.6 * width)}
+        return out
+
+    def _path(self, run: Run) -> Path:
+        return self.out / "models" / f"{run.arm}-{run.seed}.safetensors"
+
+
+def start_from(forecaster: Learned, first: Forecaster) -> None:
+    """Takes a trained one-step network for the first layer and the head, as the first phase would leave them."""
+    assert isinstance(first, Learned)
+    assert isinstance(forecaster.network, NStep)
+    assert isinstance(first.network, Recursive)
+    forecaster.network.layers[0].load_state_dict(first.network.trunk.state_dict())
+    forecaster.network.head.load_state_dict(first.network.head.state_dict())
+    forecaster.scale, forecaster.free_mps = first.scale, first.free_mps
+
+
+def _rounded(values: np.ndarray) -> Any:
+    return np.round(values, 4).tolist()
+
+
+def study(data: SpeedData, seeds: Sequence[int], out: Path, steps: int) -> dict[str, Any]:
+    """Runs what is missing, and gathers all of it."""
+    torch.set_num_threads(1)
+    own = Study(data, out, steps)
+    if not data.measured_sets:
+        for run in runs(seeds):
+            own.model(run)
+        raise InvalidInputError(f"'{data.source}': all is trained; expected days in easy/ and hard/ to measure it on")
+    arms: dict[str, list[dict[str, Any]]] = {}
+    for run in runs(seeds):
+        arms.setdefault(run.arm, []).append(own.result(run))
+    segments = len(data.segments)
+    measured = {(name, rows): of_network(name, segments, rows, QUICK_RUNS, 200) for name, rows in LATENCY}
+    latency = {
+        f"{name}, {rows}": {where: round(one.core_ms, 3) for where, one in by.items()}
+        for (name, rows), by in measured.items()
+    }
+    windows = {name: len(some) for name, some in own.windows.items()}
+    stretches = {name: len(some) for name, some in data.sets.items()}
+    facts = {"seeds": list(seeds), "steps": steps, "free_kmh": round(3.6 * own.free_mps, 1), "segments": segments}
+    result = facts | {"windows": windows, "stretches": stretches, "latency_ms": latency, "arms": arms}
+    write_atomically(out / "results.json", json.dumps(result, indent=None).encode())
+    return result
+
+
+def ship(out: Path, seed: int) -> None:
+    """Copies the forecasters of one seed into the package, networks also as ONNX."""
+    for name, arm in SHIPPED.items():
+        forecaster = load_forecaster(out / "models" / f"{arm}-{seed}.safetensors")
+        forecaster.save(CHECKPOINTS / f"{name}.safetensors")
+        if isinstance(forecaster, Learned | Quantiles):
+            forecaster.export(CHECKPOINTS / f"{name}.onnx")
+
+
+def main() -> None:
+    """Runs the study; writes results, and tables or checkpoints where asked to."""
+    from agents.forecasting.tables import RESULTS, write_readme
+
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
+    parser.add_argument("--out", type=Path, default=Path("out/forecasting"))
+    parser.add_argument("--steps", type=int, default=600, help="of each phase of a training")
+    parser.add_argument("--readme", action="store_true")
+    parser.add_argument("--ship", action="store_true")
+    arguments = parser.parse_args()
+    result = study(read_data(arguments.data), arguments.seeds, arguments.out, arguments.steps)
+    if arguments.ship:
+        ship(arguments.out, arguments.seeds[0])
+    if arguments.readme:
+        RESULTS.parent.mkdir(exist_ok=True)
+        write_atomically(RESULTS, (arguments.out / "results.json").read_bytes())
+        write_readme(result)
+
+
+if __name__ == "__main__":
+    main()

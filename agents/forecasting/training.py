@@ -1,0 +1,192 @@
+"""Training of a network, phase by phase: what a phase does not name stays as it is, to the bit."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from agents.forecasting.base import Progress
+from agents.forecasting.networks.looking_ahead import Phase, SpeedNetwork
+from agents.forecasting.pyramid import MAX_DEPTH, LaplacianLoss
+from agents.forecasting.scale import Scale
+from agents.forecasting.windows import Windows
+from sumo_networks.errors import InvalidInputError
+
+PATIENCE, DECAY, LAST_RATE = 3, 0.1, 2e-5
+COOLING = 0.8
+"""Share of the steps after which the rate is at most a tenth of the first, stagnation or not."""
+FINE_TUNING = 0.1
+"""Of the learning rate, in a phase that trains everything after others."""
+VALIDATED = 4096
+"""Windows at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrainSettings:
+    """How a network is trained.
+
+    Attributes:
+        depth: Of the Laplacian pyramid's loss, beside the squared error; None: without it.
+        weight: Of that loss; 1 as printed in the thesis, where it outweighs the squared error a thousand times.
+        rate: Of AdamW; a tenth after three validations in a row without a new best.
+        batch: Windows per step; 0, or as many as there are: all of them, each step.
+        steps: At most, in each phase.
+        validate_every: Steps.
+        clip: Largest norm of a gradient.
+        seed: Decides everything random.
+    """
+
+    depth: int | None = 3
+    weight: float = 1.0
+    rate: float = 0.01
+    batch: int = 256
+    steps: int = 600
+    validate_every: int = 25
+    clip: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuses what cannot be.
+
+        Raises:
+            InvalidInputError: A number is out of its range.
+        """
+        if self.depth is not None and not 0 <= self.depth <= MAX_DEPTH:
+            raise InvalidInputError(f"expected a pyramid's depth of 0 to {MAX_DEPTH}, or none, got {self.depth}")
+        if self.rate <= 0.0 or self.steps < 1 or self.validate_every < 1 or self.batch < 0:
+            raise InvalidInputError(f"expected a rate and steps above 0 and a batch of 0 or more, got {self}")
+
+
+class Examples:
+    """Windows as tensors, standardised; a missing target has mask 0.
+
+    Attributes:
+        unit: From a standardised difference to one of normalised speeds, in which losses are.
+        history: (B, s, N).
+        target: (B, 3, N), 0 where missing.
+        mask: (B, 3, N) 1 where there is a target.
+    """
+
+    def __init__(self, windows: Windows, scale: Scale, free_mps: float) -> None:
+        self.unit = scale.spread_mps / free_mps
+        self.history, target = scale.standard(windows.history), scale.standard(windows.target)
+        self.mask = target.isfinite().to(target.dtype)
+        self.target = target.nan_to_num()
+
+    def __len__(self) -> int:
+        return len(self.history)
+
+    def difference(self, network: SpeedNetwork, phase: Phase, which: Tensor | slice) -> tuple[Tensor, Tensor]:
+        """Forecast minus target (B, rows, N), normalised, 0 where the target is missing; and the mask."""
+        rows = list(phase.rows)
+        ahead = network.ahead(self.history[which], rows[-1] + 1)[:, rows]
+        mask = self.mask[which][:, rows]
+        return (ahead - self.target[which][:, rows]) * mask * self.unit, mask
+
+
+def train_network(
+    network: SpeedNetwork,
+    train: Windows,
+    validation: Windows,
+    scale: Scale,
+    free_mps: float,
+    settings: TrainSettings,
+    progress: Progress | None = None,
+    first: int = 0,
+) -> None:
+    """Trains all phases from the first on; each ends with the weights that validated best."""
+    torch.manual_seed(settings.seed)
+    few = np.linspace(0, len(validation) - 1, min(len(validation), VALIDATED)).astype(np.int64)
+    examples, held_out = (Examples(some, scale, free_mps) for some in (train, validation.chosen(few)))
+    phases = network.phases()
+    for number, phase in enumerate(phases):
+        if number < first:
+            continue
+        done = number * settings.steps
+
+        def tell(step: int, error: float, done: int = done) -> None:
+            if progress:
+                progress(done + step, len(phases) * settings.steps, error)
+
+        rate = settings.rate * (FINE_TUNING if number and phase.trained == [network] else 1.0)
+        _train_phase(network, phase, examples, held_out, settings, rate, tell)
+    network.requires_grad_(True)
+    network.eval()
+
+
+def _train_phase(
+    network: SpeedNetwork,
+    phase: Phase,
+    examples: Examples,
+    held_out: Examples,
+    settings: TrainSettings,
+    rate: float,
+    tell: Callable[[int, float], None],
+) -> None:
+    network.requires_grad_(False)
+    free = [parameter for module in phase.trained for parameter in module.parameters()]
+    for parameter in free:
+        parameter.requires_grad_(True)
+    optimiser = torch.optim.AdamW(free, lr=rate)
+    laplacian = None if settings.depth is None else LaplacianLoss(examples.history.shape[2], settings.depth)
+    generator = torch.Generator().manual_seed(settings.seed)
+    best, kept, stale, first_rate = validation_error(network, phase, held_out), _weights(network), 0, rate
+    for step in range(1, settings.steps + 1):
+        optimiser.zero_grad()
+        _loss(network, phase, examples, laplacian, settings, generator).backward()  # type: ignore[no-untyped-call]
+        nn.utils.clip_grad_norm_(free, settings.clip)
+        optimiser.step()
+        if step == int(COOLING * settings.steps):
+            rate, stale = min(rate, first_rate * DECAY), 0
+            _set_rate(optimiser, rate)
+        if step % settings.validate_every and step != settings.steps:
+            continue
+        error = validation_error(network, phase, held_out)
+        tell(step, error)
+        if error < best:
+            best, kept, stale = error, _weights(network), 0
+            continue
+        stale += 1
+        if stale == PATIENCE:
+            rate, stale = rate * DECAY, 0
+            if rate < LAST_RATE:
+                break
+            _set_rate(optimiser, rate)
+    network.load_state_dict(kept)
+
+
+def _set_rate(optimiser: torch.optim.Optimizer, rate: float) -> None:
+    for group in optimiser.param_groups:
+        group["lr"] = rate
+
+
+def _loss(
+    network: SpeedNetwork,
+    phase: Phase,
+    examples: Examples,
+    laplacian: LaplacianLoss | None,
+    settings: TrainSettings,
+    generator: torch.Generator,
+) -> Tensor:
+    """The squared error where there is a target, and the Laplacian loss."""
+    whole = settings.batch == 0 or settings.batch >= len(examples)
+    which = slice(None) if whole else torch.randint(len(examples), (settings.batch,), generator=generator)
+    difference, mask = examples.difference(network, phase, which)
+    loss = difference.square().sum() / mask.sum().clamp_min(1.0)
+    return loss if laplacian is None else loss + settings.weight * laplacian(difference)
+
+
+@torch.no_grad()
+def validation_error(network: SpeedNetwork, phase: Phase, held_out: Examples) -> float:
+    """The mean squared error of the rows a phase is about, x 10^3."""
+    difference, mask = held_out.difference(network, phase, slice(None))
+    return 1e3 * float(difference.square().sum() / mask.sum().clamp_min(1.0))
+
+
+def _weights(network: nn.Module) -> dict[str, Tensor]:
+    return copy.deepcopy(network.state_dict())

@@ -1,0 +1,61 @@
+"""`dohyo forecast`, from outside."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from service.cli import app
+from sumo_networks.errors import DohyoError
+from tests.agents.forecasting.roads import road_speeds, write_csv, write_folder
+
+
+def dohyo(*words: object) -> str:
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    if isinstance(result.exception, DohyoError):
+        raise result.exception
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_a_table_of_200_sensors_with_gaps_is_learned_and_evaluated(tmp_path: Path) -> None:
+    speeds = np.concatenate([road_speeds(2000, 50, seed) for seed in range(4)], axis=1)
+    speeds[np.random.default_rng(0).random(speeds.shape) < 0.05] = np.nan
+    table = write_csv(tmp_path / "sensors.csv", speeds, 3.6)
+    fit = ("forecast", "fit", "--data", table, "--unit", "km/h", "--model", "tsmixer", "--steps", 150, "--depth", -1)
+    document = json.loads(dohyo(*fit, "--out", tmp_path / "f.safetensors", "--json"))
+    assert document["segments"] == 200
+    test = document["sets"]["test"]
+    assert test["tsmixer"]["mse_x1000"][2] < test["persistence"]["mse_x1000"][2]
+    assert {Path(one).suffix for one in document["written"]} == {".safetensors", ".onnx"}
+    evaluate = ("forecast", "evaluate", "--data", table, "--unit", "km/h", "--json", "--model")
+    for file in ("f.safetensors", "f.onnx"):
+        again = json.loads(dohyo(*evaluate, tmp_path / file))["sets"]["test"]
+        own = again.get("tsmixer", again.get("onnx"))
+        np.testing.assert_allclose(own["rmse_kmh"], test["tsmixer"]["rmse_kmh"], rtol=1e-3)
+
+
+def test_a_folder_is_evaluated_set_by_set(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "freeway", days=3, rows=40, segments=4)
+    out = dohyo("forecast", "fit", "--data", folder, "--model", "linear", "--out", tmp_path / "f.safetensors")
+    assert "easy" in out
+    assert "hard" in out
+    assert "late" in out
+    document = json.loads(dohyo("forecast", "evaluate", "--data", folder, "--model", "persistence", "--json"))
+    assert set(document["sets"]) == {"easy", "hard"}
+
+
+def test_what_does_not_fit_is_one_clear_line(tmp_path: Path) -> None:
+    table = write_csv(tmp_path / "t.csv", road_speeds(200, 3))
+    with pytest.raises(DohyoError, match=r"expected --out to end in \.safetensors"):
+        dohyo("forecast", "fit", "--data", table, "--model", "linear", "--out", tmp_path / "f.bin")
+    with pytest.raises(DohyoError, match="no forecaster named 'arima'"):
+        dohyo("forecast", "fit", "--data", table, "--model", "arima")
+    dohyo("forecast", "fit", "--data", table, "--model", "linear", "--out", tmp_path / "f.safetensors")
+    wider = write_csv(tmp_path / "w.csv", road_speeds(200, 4))
+    with pytest.raises(DohyoError, match=r"forecasts 3 segments, .* has 4; train one on it"):
+        dohyo("forecast", "evaluate", "--data", wider, "--model", tmp_path / "f.safetensors")
