@@ -10,6 +10,7 @@ from sumo_networks.errors import InvalidInputError, UnknownNameError
 
 GROUP = "dohyo.agents"
 LOCALIZED = "agents.localization.localized:Localized"
+SHIELDED = "agents.hierarchical.shield:Shielded"
 
 
 def agent_entries() -> dict[str, str]:
@@ -40,12 +41,16 @@ def resolve(name: str) -> str:
 
 
 def resolve_with(name: str, settings: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """The "module:Class" and settings that make an agent; the setting `localization` puts a filter's pose before it.
+    """The "module:Class" and settings that make an agent.
+
+    The setting `localization` puts a filter's pose before it, `shield` puts RSS behind it; the shield is the outer one.
 
     Raises:
         UnknownNameError: No agent is registered under the name.
     """
     entry = resolve(name)
-    if "localization" in settings and entry != LOCALIZED:
+    if "shield" in settings and entry != SHIELDED:
+        return SHIELDED, {"inner": entry, **settings}
+    if "localization" in settings and entry not in (LOCALIZED, SHIELDED):
         return LOCALIZED, {"inner": entry, **settings}
     return entry, dict(settings)

@@ -1,0 +1,167 @@
+"""Watch: judges every observation by RSS, and keeps the critical intervals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from agents.experts.surroundings import Neighbour, Surroundings
+from agents.hierarchical.rss import EGO, SPEED, RssConstants, dangerous, judge
+from evaluation.agent import Observation
+from sumo_networks.arrays import Float32Array, FloatArray
+from sumo_networks.sensors.lanes import COLUMNS, ROWS
+from sumo_networks.sensors.path import BEHIND
+from sumo_networks.vehicle import VehicleParameters
+
+SENSORS = ("speedometer", "objects", "path", "conflicts")
+"""What a watch reads."""
+TICK_S = 0.1
+MUST_YIELD = -1.0
+STANDS_M_S = 0.1
+HARDEST_M_S2 = 8.0
+LEAST_GAP_M = 0.3
+_NO_LANES = np.zeros((ROWS, COLUMNS), dtype=np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class Danger:
+    """One actor of a dangerous situation.
+
+    Attributes:
+        key: Of the actor.
+        gap: To it along the path, m; 0 beside.
+        least_gap: What it should be, m.
+        side_gap: Across the path, m.
+        least_side_gap: What it should be, m.
+        braking: The proper response, m/s^2; 0 where only the steering must respond.
+        side: 1 if the ego must not come nearer to the left, -1 to the right, 0 where only the brakes respond.
+    """
+
+    key: int
+    gap: float
+    least_gap: float
+    side_gap: float
+    least_side_gap: float
+    braking: float
+    side: int
+
+    def as_json(self) -> dict[str, Any]:
+        """For explanations."""
+        return {
+            "actor": self.key,
+            "gap_m": [round(self.gap, 2), round(self.least_gap, 2) if math.isfinite(self.least_gap) else None],
+            "side_gap_m": [round(self.side_gap, 2), round(self.least_side_gap, 2)],
+            "braking_m_s2": round(self.braking, 2),
+            "side": self.side,
+        }
+
+
+class Watch:
+    """Tells who is dangerous now, and whether the ego is in a critical interval.
+
+    A critical interval begins when a situation becomes dangerous, and lasts until the response time after it was last.
+
+    Attributes:
+        dangers: Of the last tick.
+        critical: Whether the ego is in a critical interval.
+        ticks: Since the last reset.
+        critical_ticks: Of these, inside critical intervals.
+        longest_standing_s: Longest time the ego has stood within one critical interval: what a deadlock looks like, s.
+    """
+
+    def __init__(self, constants: RssConstants = EGO) -> None:
+        vehicle = VehicleParameters()
+        self._half_length, self._half_width = vehicle.length / 2, vehicle.width / 2
+        self._constants = constants
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets the last episode."""
+        self.dangers: tuple[Danger, ...] = ()
+        self.critical = False
+        self.ticks = self.critical_ticks = 0
+        self.longest_standing_s = 0.0
+        self._left_s, self._stood_s = 0.0, 0.0
+        self._near_since: dict[int, int] = {}
+        self._beside_since: dict[int, int] = {}
+
+    @property
+    def share(self) -> float:
+        """Of the time so far, inside critical intervals."""
+        return self.critical_ticks / max(self.ticks, 1)
+
+    def update(self, observation: Observation, around: Surroundings | None = None) -> tuple[Danger, ...]:
+        """Goes on for one tick.
+
+        Args:
+            observation: With at least `SENSORS`.
+            around: What the caller has already made of it.
+
+        Returns:
+            Who is dangerous, nearest first.
+        """
+        around = around or Surroundings({**observation, "lanes": _NO_LANES})
+        speed = float(observation["speedometer"][0])
+        self.dangers = self._dangers(speed, observation["path"][BEHIND], observation["conflicts"], around.neighbours)
+        self._left_s = self._constants.reaction_s if self.dangers else max(self._left_s - TICK_S, 0.0)
+        self.critical = bool(self.dangers) or self._left_s > 0.0
+        self.ticks += 1
+        self.critical_ticks += self.critical
+        self._stood_s = self._stood_s + TICK_S if self.critical and speed < STANDS_M_S else 0.0
+        self.longest_standing_s = max(self.longest_standing_s, self._stood_s)
+        return self.dangers
+
+    def _dangers(
+        self, speed: float, here: Float32Array, conflicts: Float32Array, neighbours: Sequence[Neighbour]
+    ) -> tuple[Danger, ...]:
+        if not neighbours:
+            self._near_since, self._beside_since = {}, {}
+            return ()
+        x, y, heading = (float(v) for v in here[:3])
+        offset = x * math.sin(heading) - y * math.cos(heading)
+        must_yield = {int(row[7]) for row in conflicts if row[6] >= 0 and row[5] == MUST_YIELD}
+        rows = np.array(
+            [
+                (o.s_low, o.s_high, o.d_low, o.d_high, o.speed, o.along, o.across, o.key in must_yield)
+                for o in neighbours
+            ],
+            dtype=np.float64,
+        )
+        judged = judge(
+            speed * math.cos(heading),
+            -speed * math.sin(heading),
+            offset,
+            self._half_length,
+            self._half_width,
+            rows,
+            self._constants.numbers,
+        )
+        near, beside = dangerous(judged)
+        keys = [one.key for one in neighbours]
+        self._near_since = _since(self._near_since, keys, near.tolist(), self.ticks)
+        self._beside_since = _since(self._beside_since, keys, beside.tolist(), self.ticks)
+        found = [self._danger(speed, keys[n], rows[n], judged[n], offset) for n in np.flatnonzero(near & beside)]
+        return tuple(sorted(found, key=lambda danger: danger.gap))
+
+    def _danger(self, speed: float, key: int, row: FloatArray, judged: FloatArray, offset: float) -> Danger:
+        """The proper response: on the axis whose distance was kept until last; brakes wherever brakes can help."""
+        gap, least, side_gap, side_least = judged.tolist()
+        on_left = float(row[2] + row[3]) > 2.0 * offset
+        lateral_last = self._beside_since[key] > self._near_since[key] or gap == 0.0
+        side = (1 if on_left else -1) if lateral_last and side_gap > 0.0 else 0
+        braking = 0.0
+        if gap > 0.0:
+            ahead = row[SPEED] * row[5]
+            # Braking at least so hard; harder where that alone would not avoid the impact.
+            closing = max(speed - ahead, 0.0)
+            needed = closing**2 / (2.0 * max(gap - LEAST_GAP_M, 0.1))
+            braking = min(max(self._constants.braking, needed), HARDEST_M_S2)
+        return Danger(key, gap, least, side_gap, side_least, braking, side)
+
+
+def _since(known: dict[int, int], keys: Sequence[int], holds: Sequence[bool], tick: int) -> dict[int, int]:
+    return {key: known.get(key, tick) for key, held in zip(keys, holds, strict=True) if held}
