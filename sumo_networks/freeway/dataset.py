@@ -1,0 +1,192 @@
+"""The dataset of the freeway: days of segment speeds in three sets, days apart, as Parquet files that can be resumed.
+
+`train` and `easy` are whole days in meso, weekdays and weekends in turn; `hard` are mornings of dense congestion in
+micro, 440 minutes each.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import polars as pl
+from pydantic import Field
+
+from sumo_networks.config import Config
+from sumo_networks.errors import InvalidInputError
+from sumo_networks.freeway.days import Scale, SpeedDay, drive_day
+from sumo_networks.freeway.measure import LAG_MINUTES, MINUTE_S, reported_speeds
+from sumo_networks.freeway.road import load_freeway
+from sumo_networks.freeway.scenario import DAY_S, Day, FreewayScenario, draw_day
+from sumo_networks.simulation.process import sumo_version
+
+Split = Literal["train", "easy", "hard"]
+SPLITS: tuple[Split, ...] = ("train", "easy", "hard")
+FACTS = "dataset.json"
+EASY_SHARE = 60 / 350
+HARD_START_S, HARD_MINUTES = 5.0 * 3600, 440
+HARD_DEMAND = (1.0, 1.02, 1.04, 1.06)
+"""Demand of the hard mornings in turn: each is congested for hours."""
+
+
+class Order(Config):
+    """Which days to make.
+
+    Attributes:
+        days: Days to train on.
+        easy: Whole days to judge by; None: 60 for every 350 to train on, at least two.
+        hard: Congested mornings to judge by.
+        seed: Decides everything.
+        probes: Share of the vehicles whose speed is reported.
+        network: A freeway of the catalog.
+    """
+
+    days: Annotated[int, Field(ge=1, le=9999)]
+    easy: Annotated[int, Field(ge=0, le=9999)] | None = None
+    hard: Annotated[int, Field(ge=0, le=9999)] = 4
+    seed: Annotated[int, Field(ge=0)] = 0
+    probes: Annotated[float, Field(gt=0, le=1)] = 0.15
+    network: str = "freeway"
+
+    def number(self, split: Split) -> int:
+        """Days of a set."""
+        easy = max(2, round(self.days * EASY_SHARE)) if self.easy is None else self.easy
+        return {"train": self.days, "easy": easy, "hard": self.hard}[split]
+
+
+@dataclass(frozen=True, slots=True)
+class DayOrder:
+    """One file of the dataset.
+
+    Attributes:
+        split: Its set.
+        number: From 1 within the set.
+        scale: How it is simulated.
+        scenario: What is simulated.
+        noise: Seed of what the measurement gets wrong.
+    """
+
+    split: Split
+    number: int
+    scale: Scale
+    scenario: FreewayScenario
+    noise: np.random.SeedSequence
+
+    @property
+    def file(self) -> Path:
+        """Its place in the dataset."""
+        return Path(self.split) / f"day-{self.number:04}.parquet"
+
+
+def day_orders(order: Order) -> Iterator[DayOrder]:
+    """All days of an order; a day depends on the seed, its set and its number alone, not on how many there are."""
+    road = load_freeway(order.network)
+    for place, split in enumerate(SPLITS):
+        for number in range(1, order.number(split) + 1):
+            what, drive, noise = np.random.SeedSequence(order.seed, spawn_key=(place, number)).spawn(3)
+            day = draw_day((number - 1) % 7, what, float(road.bounds_m[-1]))
+            if split == "hard":
+                day = _hard(day, number)
+            scenario = FreewayScenario(
+                network=order.network,
+                seed=int(drive.generate_state(1)[0]),
+                day=day,
+                start_s=HARD_START_S if split == "hard" else 0.0,
+                duration_s=HARD_MINUTES * MINUTE_S if split == "hard" else DAY_S,
+                warm_up_s=900.0 if split == "hard" else 0.0,
+                probes=order.probes,
+            )
+            yield DayOrder(split, number, "micro" if split == "hard" else "meso", scenario, noise)
+
+
+def _hard(day: Day, number: int) -> Day:
+    demand = HARD_DEMAND[(number - 1) % len(HARD_DEMAND)]
+    return day.model_copy(update={"weekday": 1, "demand": demand, "peak_width": 1.15, "tau_factor": 1.0})
+
+
+def make_dataset(
+    order: Order, folder: Path, progress: Callable[[int, int, float], None] = lambda _done, _of, _share: None
+) -> int:
+    """Makes the days that are not there yet; a day is written whole or not at all.
+
+    Args:
+        order: Which days.
+        folder: Of the dataset.
+        progress: Told the days done, their number, and the share of the one being made.
+
+    Returns:
+        How many days were made now.
+
+    Raises:
+        InvalidInputError: The folder holds a dataset of another order, or cannot be written.
+        SimulationError: SUMO failed.
+    """
+    _claim(order, folder)
+    days, made = list(day_orders(order)), 0
+    for done, day in enumerate(days):
+        target = folder / day.file
+        progress(done, len(days), 0.0)
+        if target.exists():
+            continue
+        speeds = drive_day(day.scenario, day.scale, lambda share, done=done: progress(done, len(days), share))  # type: ignore[misc]
+        _write(day_table(speeds, day.noise), target)
+        made += 1
+    progress(len(days), len(days), 0.0)
+    return made
+
+
+def day_table(day: SpeedDay, noise: np.random.SeedSequence) -> pl.DataFrame:
+    """One row per minute: `minute`, the reported speeds `segment_00`, ..., and the true ones `truth_00`, ..., m/s."""
+    reported = reported_speeds(day.probes.speed_mps, day.probes.seconds, np.random.default_rng(noise))
+    columns = {"minute": day.minute.astype(np.int32)}
+    for name, speeds in (("segment", reported), ("truth", day.truth.speed_mps)):
+        columns |= {f"{name}_{place:02}": column.astype(np.float32) for place, column in enumerate(speeds.T)}
+    return pl.DataFrame(columns)
+
+
+def _claim(order: Order, folder: Path) -> None:
+    """Writes what the dataset is, or checks that it is this one: the number of days may grow, nothing else change."""
+    road = load_freeway(order.network)
+    facts = {
+        "network": order.network,
+        "network_sha256": road.network.sha256,
+        "segments": road.segments,
+        "lengths_m": [round(float(length), 2) for length in road.lengths_m],
+        "units": "m/s",
+        "step_s": MINUTE_S,
+        "lag_minutes": LAG_MINUTES,
+        "probes": order.probes,
+        "seed": order.seed,
+        "sumo": sumo_version(),
+        "dohyo": importlib.metadata.version("dohyo"),
+    }
+    path = folder / FACTS
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        before = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+        for key, value in facts.items():
+            if before and before.get(key) != value:
+                raise InvalidInputError(f"'{folder}' holds another dataset, {key} {before.get(key)} and not {value}")
+        days = {split: max(order.number(split), before.get("days", {}).get(split, 0)) for split in SPLITS}
+        _replace(path, json.dumps(facts | {"days": days}, indent=1) + "\n")
+    except (OSError, ValueError, AttributeError) as error:
+        raise InvalidInputError(f"cannot make a dataset in '{folder}': {error}") from error
+
+
+def _write(table: pl.DataFrame, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    draft = target.with_suffix(f".{os.getpid()}.part")
+    table.write_parquet(draft, statistics=False)
+    draft.replace(target)
+
+
+def _replace(path: Path, text: str) -> None:
+    draft = path.with_suffix(f".{os.getpid()}.part")
+    draft.write_text(text, encoding="utf-8")
+    draft.replace(path)

@@ -1,0 +1,194 @@
+"""Demand: who comes when, from where, and where to; drawn from the scenario's seed, written as a SUMO route file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from sumo_networks.errors import InvalidInputError
+from sumo_networks.freeway.drivers import CAR, CONNECTED, KINDS, PROBE, TRUCK, vehicle_types
+from sumo_networks.freeway.road import FreewayRoad
+from sumo_networks.freeway.scenario import WEEKEND, Day, FreewayScenario, Incident
+
+SLICE_S = 60.0
+PEAK_VPH = (5950.0, 500.0, 460.0, 680.0)
+"""Flow at the height of an ordinary morning: the approach, then each on-ramp."""
+EXIT_SHARES = (0.07, 0.07, 0.06, 0.10)
+"""Which part of those who pass an off-ramp takes it."""
+
+APPROACH_MPS = 28.0
+"""How fast a car comes to where it breaks down."""
+
+NIGHT = 0.10
+"""The least demand, as a share of the peak's."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bell:
+    """A part of the day's demand that comes and goes.
+
+    Attributes:
+        height: Share of an ordinary morning's peak.
+        centre_h: When it is highest, hours since midnight.
+        rise_h: How slowly it comes, one standard deviation.
+        fall_h: How slowly it goes.
+    """
+
+    height: float
+    centre_h: float
+    rise_h: float
+    fall_h: float
+
+    def at(self, hour: FloatArray) -> FloatArray:
+        """Its part of the demand at hours of the day."""
+        width = np.where(hour < self.centre_h, self.rise_h, self.fall_h)
+        return np.asarray(self.height * np.exp(-0.5 * ((hour - self.centre_h) / width) ** 2))
+
+
+MORNING = Bell(0.79, 7.15, 0.95, 1.1)
+WEEKDAY = (Bell(0.22, 10.0, 2.6, 3.0), Bell(0.42, 15.8, 3.2, 2.6), Bell(0.10, 20.0, 2.5, 2.0))
+WEEKEND_DAY = (Bell(0.52, 13.5, 4.2, 4.0), Bell(0.12, 18.0, 2.5, 3.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Demand:
+    """V vehicles in the order of their departure.
+
+    Attributes:
+        time_s: (V,) since midnight.
+        entry: (V,) 0 the approach, k the k-th on-ramp.
+        exit: (V,) 0 the departure, k the k-th off-ramp.
+        kind: (V,) row in `KINDS`.
+        probe: (V,).
+    """
+
+    time_s: FloatArray
+    entry: IntArray
+    exit: IntArray
+    kind: IntArray
+    probe: BoolArray
+
+
+def share_of_peak(day: Day, time_s: FloatArray) -> FloatArray:
+    """Demand at times of a day as a share of an ordinary morning's peak, before the day's own factor."""
+    hour = np.asarray(time_s) / 3600
+    if day.weekday in WEEKEND:
+        return NIGHT + sum((bell.at(hour) for bell in WEEKEND_DAY), np.zeros_like(hour))
+    morning = replace(
+        MORNING,
+        centre_h=MORNING.centre_h + day.peak_shift_s / 3600,
+        rise_h=MORNING.rise_h * day.peak_width,
+        fall_h=MORNING.fall_h * day.peak_width,
+    )
+    return NIGHT + sum((bell.at(hour) for bell in WEEKDAY), morning.at(hour))
+
+
+def draw_demand(road: FreewayRoad, scenario: FreewayScenario) -> Demand:
+    """The scenario's vehicles; those of one seed come at the same times for every penetration and share of probes."""
+    times, ways, trucks, links, probes = (
+        np.random.default_rng(child) for child in np.random.SeedSequence(scenario.seed).spawn(6)[:5]
+    )
+    begin, end = scenario.start_s - scenario.warm_up_s, scenario.start_s + scenario.duration_s
+    slices = np.arange(max(begin, 0.0), end, SLICE_S)
+    level = scenario.day.demand * share_of_peak(scenario.day, slices + SLICE_S / 2)
+    came, entries = [], []
+    for place in range(1 + len(road.mainline.on_ramps)):
+        number = times.poisson(level * PEAK_VPH[min(place, len(PEAK_VPH) - 1)] * SLICE_S / 3600)
+        came.append(np.repeat(slices, number) + times.random(int(number.sum())) * SLICE_S)
+        entries.append(np.full(len(came[-1]), place, dtype=np.int64))
+    time_s, entry = np.concatenate(came), np.concatenate(entries)
+    order = np.argsort(time_s, kind="stable")
+    order = order[time_s[order] < end]
+    time_s, entry = np.round(time_s[order], 2), entry[order]
+    cars = trucks.random(len(order)) >= scenario.day.trucks
+    linked = links.random(len(order)) < scenario.penetration
+    kind = np.where(cars, np.where(linked, KINDS.index(CONNECTED), KINDS.index(CAR)), KINDS.index(TRUCK))
+    return Demand(time_s, entry, _exits(road, entry, ways), kind, probes.random(len(order)) < scenario.probes)
+
+
+def _exits(road: FreewayRoad, entry: IntArray, rng: np.random.Generator) -> IntArray:
+    """Each vehicle passes the off-ramps that lie ahead of its entry one by one, and takes each with its share."""
+    taken = np.zeros(len(entry), dtype=np.int64)
+    for place, share in enumerate(EXIT_SHARES[: len(road.mainline.off_ramps)], start=1):
+        leaves = (rng.random(len(entry)) < share) & (taken == 0) & _ahead(road)[entry, place - 1]
+        taken[leaves] = place
+    return taken
+
+
+def _ahead(road: FreewayRoad) -> BoolArray:
+    """(entries, off-ramps) whether the off-ramp lies downstream of the entry."""
+    return np.asarray(road.joins_m[:, None] < road.leaves_m[None, 1:])
+
+
+def write_routes(
+    road: FreewayRoad, scenario: FreewayScenario, demand: Demand, path: Path, jam_factor: float = 1.0
+) -> None:
+    """Writes SUMO's route file: types, ways, and one vehicle `v0`, `v1`, ... per row of the demand.
+
+    Raises:
+        InvalidInputError: An incident lies beyond the segments, or on a lane that is not there.
+    """
+    ways = sorted({*zip(demand.entry.tolist(), demand.exit.tolist(), strict=True)})
+    with path.open("w", encoding="utf-8") as file:
+        file.write("<routes>\n")
+        file.writelines(f"{line}\n" for line in vehicle_types(scenario.day.tau_factor, jam_factor))
+        file.writelines(f'<route id="{a}-{b}" edges="{" ".join(road.way(a, b))}"/>\n' for a, b in ways)
+        begin = max(scenario.start_s - scenario.warm_up_s, 0.0)
+        wrecks = [_Wreck.of(road, number, one, begin) for number, one in enumerate(scenario.day.incidents)]
+        rows = [*_vehicles(demand), *((wreck.departs_s, wreck.line) for wreck in wrecks if wreck is not None)]
+        file.writelines(line for _, line in sorted(rows, key=lambda row: row[0]))
+        file.write("</routes>\n")
+
+
+def _vehicles(demand: Demand) -> Iterator[tuple[float, str]]:
+    kinds = [kind + suffix for suffix in ("", PROBE) for kind in KINDS]
+    kind = demand.kind + len(KINDS) * demand.probe
+    columns = (demand.time_s.tolist(), demand.entry.tolist(), demand.exit.tolist(), kind.tolist())
+    for row, (time_s, entry, exit, type_) in enumerate(zip(*columns, strict=True)):
+        yield (
+            time_s,
+            f'<vehicle id="v{row}" type="{kinds[type_]}" route="{entry}-{exit}" depart="{time_s:.2f}" '
+            'departLane="best" departSpeed="last"/>\n',
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Wreck:
+    """A car that comes in time to break down where an incident is to be."""
+
+    departs_s: float
+    line: str
+
+    @classmethod
+    def of(cls, road: FreewayRoad, number: int, incident: Incident, begin_s: float) -> _Wreck | None:
+        lane, along = lane_at(road, incident)
+        departs = incident.time_s - (incident.position_m - road.start_m) / APPROACH_MPS
+        if departs < begin_s:
+            return None
+        way = " ".join(road.way(0, 0))
+        stop = f'<stop lane="{lane}" endPos="{along:.1f}" duration="{incident.duration_s:.0f}"/>'
+        head = f'<vehicle id="wreck{number}" type="{CAR}" depart="{departs:.2f}" departLane="best" departSpeed="last">'
+        return cls(departs, f'{head}<route edges="{way}"/>{stop}</vehicle>\n')
+
+
+def lane_at(road: FreewayRoad, incident: Incident) -> tuple[str, float]:
+    """SUMO lane an incident blocks, and how far along it, m.
+
+    Raises:
+        InvalidInputError: It lies beyond the segments, or on a lane that is not there.
+    """
+    if not road.bounds_m[0] <= incident.position_m < road.bounds_m[-1]:
+        raise InvalidInputError(
+            f"incident at {incident.position_m:g} m: expected a position in [0, {road.bounds_m[-1]:.0f}) m"
+        )
+    edge, along = road.edge_at(incident.position_m)
+    lanes = {track.lane: lane for lane, track in road.tracks.items() if lane.rsplit("_", 1)[0] == edge}
+    if incident.lane not in lanes:
+        raise InvalidInputError(
+            f"incident at {incident.position_m:g} m: expected a lane from 0 to {max(lanes)}, got {incident.lane}"
+        )
+    return lanes[incident.lane], max(along, 10.0)

@@ -1,0 +1,211 @@
+"""Measurements as in the field: segment speeds from a few probes, with gaps and late; pings; and space-time maps."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from sumo_networks.arrays import BoolArray, FloatArray, IntArray, StringArray
+from sumo_networks.freeway.road import FreewayRoad
+from sumo_networks.freeway.world import NO_LANE, FreewayWorld
+
+MINUTE_S: Final = 60.0
+PING_S: Final = 1.0
+LAG_MINUTES: Final = 3
+"""The longest time between a minute's end and its report."""
+LEAST_SECONDS: Final = 5.0
+"""Probes must have spent this long in a segment, all together, or the minute has no speed."""
+NOISE_MPS: Final = 0.3
+"""Standard deviation of a reported speed around the probes' mean."""
+OUTAGES_PER_DAY: Final = 0.6
+"""Of one segment; they last 12 minutes on average."""
+OUTAGE_MINUTES: Final = 12.0
+FEED_OUTAGES_PER_DAY: Final = 0.15
+"""Of all segments at once."""
+
+
+def reported_speeds(speed_mps: FloatArray, seconds: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """(T, S) what the feed reports of the probes' mean speeds: with noise, and with gaps as NaN.
+
+    A minute has no speed where too few probes were, and during outages of one segment or of the whole feed.
+
+    Args:
+        speed_mps: (T, S) mean speed of the probes by minute and segment, NaN where none was.
+        seconds: (T, S) time the probes spent there, summed over vehicles.
+        rng: Decides noise and outages.
+    """
+    minutes, segments = speed_mps.shape
+    noisy = np.maximum(speed_mps + rng.normal(0.0, NOISE_MPS, speed_mps.shape), 0.0)
+    days = minutes / 1440
+    gaps = seconds < LEAST_SECONDS
+    for segment in range(segments):
+        gaps[:, segment] |= _outages(minutes, OUTAGES_PER_DAY * days, rng)
+    gaps |= _outages(minutes, FEED_OUTAGES_PER_DAY * days, rng)[:, None]
+    return np.where(gaps, np.nan, noisy)
+
+
+def _outages(minutes: int, expected: float, rng: np.random.Generator) -> BoolArray:
+    out = np.zeros(minutes, dtype=np.bool_)
+    for _ in range(rng.poisson(expected)):
+        start = int(rng.integers(minutes))
+        out[start : start + max(1, round(rng.exponential(OUTAGE_MINUTES)))] = True
+    return out
+
+
+class SegmentFeed:
+    """Segment speeds as they arrive while a simulation runs: one row per minute, and each some minutes late.
+
+    Attributes:
+        road: Whose segments.
+        lag_minutes: Between a minute's end and its report.
+    """
+
+    def __init__(self, road: FreewayRoad, seed: int, lag_minutes: int = LAG_MINUTES) -> None:
+        self.road = road
+        self.lag_minutes = lag_minutes
+        self._rng = np.random.default_rng(seed)
+        self._metres, self._seconds = np.zeros((2, road.segments))
+        self._minute: int | None = None
+        self._before_s = math.nan
+        self._rows: list[tuple[int, FloatArray]] = []
+
+    def observe(self, world: FreewayWorld) -> None:
+        """Takes in one world; call it every tick, or at least every few seconds."""
+        minute = int(world.time_s // MINUTE_S)
+        if self._minute is not None and minute != self._minute:
+            self._close_minute(self._minute)
+        passed = world.time_s - self._before_s if self._minute is not None else 1.0
+        self._minute, self._before_s = minute, world.time_s
+        seen = world.probe & (world.segment >= 0)
+        np.add.at(self._metres, world.segment[seen], world.speed_mps[seen] * passed)
+        np.add.at(self._seconds, world.segment[seen], passed)
+
+    def reported(self, time_s: float) -> tuple[IntArray, FloatArray]:
+        """What has arrived until a time of day.
+
+        Returns:
+            (M,) minutes since midnight, ascending; and (M, S) their speeds, m/s, NaN where there is none.
+        """
+        known = [(minute, row) for minute, row in self._rows if (minute + 1 + self.lag_minutes) * MINUTE_S <= time_s]
+        speeds = np.array([row for _, row in known]).reshape(len(known), self.road.segments)
+        return np.array([minute for minute, _ in known], dtype=np.int64), speeds
+
+    def _close_minute(self, minute: int) -> None:
+        some = self._seconds > 0
+        mean = np.divide(self._metres, self._seconds, out=np.full(self.road.segments, np.nan), where=some)
+        self._rows.append((minute, reported_speeds(mean[None], self._seconds[None], self._rng)[0]))
+        self._metres[:] = self._seconds[:] = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Pings:
+    """What connected vehicles told, K pings in the order in which they came.
+
+    Attributes:
+        time_s: (K,) time of day.
+        name: (K,) who.
+        position_m: (K,) along the mainline.
+        lane: (K,) from the left.
+        speed_mps: (K,).
+    """
+
+    time_s: FloatArray
+    name: StringArray
+    position_m: FloatArray
+    lane: IntArray
+    speed_mps: FloatArray
+
+
+class PingLog:
+    """The pings of the last seconds: every connected vehicle on the mainline tells its state once per second."""
+
+    def __init__(self, keep_s: float = MINUTE_S) -> None:
+        self._keep_s = keep_s
+        self._next_s = -math.inf
+        self._kept: deque[Pings] = deque()
+
+    def observe(self, world: FreewayWorld) -> None:
+        """Takes in one world; call it every tick."""
+        if world.time_s < self._next_s:
+            return
+        self._next_s = world.time_s + PING_S
+        rows = np.flatnonzero(world.connected & (world.lane != NO_LANE))
+        names = np.array([world.names[row] for row in rows], dtype=np.str_)
+        time_s = np.full(len(rows), world.time_s)
+        self._kept.append(Pings(time_s, names, world.position_m[rows], world.lane[rows], world.speed_mps[rows]))
+        while len(self._kept) > self._keep_s / PING_S:
+            self._kept.popleft()
+
+    def pings(self) -> Pings:
+        """All that are kept, oldest first."""
+        if not self._kept:
+            none = np.empty(0)
+            return Pings(none, np.empty(0, np.str_), none, np.empty(0, np.int64), none)
+        columns = ("time_s", "name", "position_m", "lane", "speed_mps")
+        return Pings(*(np.concatenate([getattr(one, column) for one in self._kept]) for column in columns))
+
+
+class SpaceTimeMap:
+    """Mean speeds on a grid of time and space, over all vehicles of the mainline.
+
+    Attributes:
+        cell_s: Height of a cell in time.
+        cell_m: Its length along the mainline, from the first segment's start.
+    """
+
+    def __init__(self, road: FreewayRoad, start_s: float, duration_s: float, cell_s: float, cell_m: float) -> None:
+        shape = math.ceil(duration_s / cell_s), math.ceil(road.bounds_m[-1] / cell_m)
+        self.cell_s, self.cell_m = cell_s, cell_m
+        self._start_s = start_s
+        self._speed, self._count = np.zeros((2, *shape))
+
+    def observe(self, world: FreewayWorld) -> None:
+        """Takes in one world; worlds outside the grid's time are left out."""
+        row = math.floor((world.time_s - self._start_s) / self.cell_s)
+        if not 0 <= row < len(self._count):
+            return
+        on = (world.segment >= 0) & (world.position_m < self.cell_m * self._count.shape[1])
+        column = (world.position_m[on] / self.cell_m).astype(np.int64)
+        np.add.at(self._speed[row], column, world.speed_mps[on])
+        np.add.at(self._count[row], column, 1.0)
+
+    def speed_mps(self) -> FloatArray:
+        """(time, space) mean speed, NaN where nobody was."""
+        some = self._count > 0
+        return np.asarray(np.divide(self._speed, self._count, out=np.full_like(self._speed, np.nan), where=some))
+
+
+def wave_speed(speed_mps: FloatArray, cell_s: float, cell_m: float, apart_m: float = 1000.0) -> float:
+    """How fast stop-and-go waves travel, m/s along the mainline: negative upstream.
+
+    The delay at which the speeds of two places resemble each other most, over all pairs of places `apart_m` apart;
+    slow variations, which do not travel, are taken off first.
+
+    Args:
+        speed_mps: (time, space) of a congested part of a map; NaNs count as the place's mean.
+        cell_s: Height of a cell in time.
+        cell_m: Length of a cell.
+        apart_m: Distance between the two places.
+
+    Returns:
+        The speed; NaN where nothing resembles (a correlation below 0.2).
+    """
+    filled = np.where(np.isnan(speed_mps), np.nanmean(speed_mps, axis=0), speed_mps)
+    width = max(3, round(600 / cell_s))
+    kernel = np.ones(width) / width
+    slow = np.array([np.convolve(np.pad(x, width // 2, "edge"), kernel, "valid")[: len(x)] for x in filled.T]).T
+    waves = filled - slow
+    apart = round(apart_m / cell_m)
+    lags = np.arange(1, round(apart_m / 2.0 / cell_s))
+    up, down = waves[:, :-apart], waves[:, apart:]
+    alike = np.array([_correlation(down[:-lag], up[lag:]) for lag in lags])
+    best = int(np.argmax(alike))
+    return -apart * cell_m / (float(lags[best]) * cell_s) if alike[best] >= 0.2 else math.nan
+
+
+def _correlation(a: FloatArray, b: FloatArray) -> float:
+    return float((a * b).sum() / math.sqrt((a * a).sum() * (b * b).sum() + 1e-12))

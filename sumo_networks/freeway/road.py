@@ -1,0 +1,200 @@
+"""The freeway as one axis: where each lane of the SUMO net lies along the mainline, and in which segment."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from pydantic import ValidationError
+
+from sumo_networks.arrays import FloatArray
+from sumo_networks.catalog import load_network, network_folder
+from sumo_networks.config import Config
+from sumo_networks.errors import InvalidInputError
+from sumo_networks.network import RoadNetwork
+
+MAINLINE = "mainline.toml"
+
+
+class Mainline(Config):
+    """What `catalog/NAME/mainline.toml` says; edges are SUMO's ids, from upstream to downstream.
+
+    Attributes:
+        approach: Edges before the first segment.
+        segments: The edges of each segment.
+        departure: Edges after the last segment.
+        on_ramps: Edges by which vehicles come, each with the segment at whose start it joins.
+        off_ramps: Edges by which vehicles leave, each with the segment at whose end it goes.
+        bottleneck: The segment that carries least.
+    """
+
+    approach: tuple[str, ...]
+    segments: tuple[tuple[str, ...], ...]
+    departure: tuple[str, ...]
+    on_ramps: dict[str, int]
+    off_ramps: dict[str, int]
+    bottleneck: int
+
+    @property
+    def edges(self) -> tuple[str, ...]:
+        """All edges of the mainline, from upstream to downstream."""
+        return (*self.approach, *(edge for segment in self.segments for edge in segment), *self.departure)
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """One SUMO lane on the mainline's axis.
+
+    Attributes:
+        start_m: Position of its start.
+        lane: Counted from the left, 0 the leftmost: so a lane keeps its number where ramps add or take one.
+    """
+
+    start_m: float
+    lane: int
+
+
+@dataclass(frozen=True, eq=False)
+class FreewayRoad:
+    """A freeway, seen along its mainline. Positions are in m from the start of the first segment, downstream positive.
+
+    Attributes:
+        network: The net.
+        mainline: Its edges by their part.
+        tracks: Where each SUMO lane of the mainline lies, junctions included; ramps are not in it.
+        bounds_m: (S + 1,) borders of the segments.
+        lanes: (S,) lanes of each segment where it is narrowest.
+        start_m: Position of the approach's start, negative.
+        end_m: Position of the departure's end.
+    """
+
+    network: RoadNetwork
+    mainline: Mainline
+    tracks: dict[str, Track]
+    bounds_m: FloatArray
+    lanes: tuple[int, ...]
+    start_m: float
+    end_m: float
+
+    @property
+    def segments(self) -> int:
+        """Number of segments, S."""
+        return len(self.bounds_m) - 1
+
+    @property
+    def lengths_m(self) -> FloatArray:
+        """(S,) length of each segment, m."""
+        return np.asarray(np.diff(self.bounds_m))
+
+    @property
+    def joins_m(self) -> FloatArray:
+        """Where vehicles come from: the approach's start, then where each on-ramp joins, m."""
+        return np.array([self.start_m, *(self.bounds_m[segment] for segment in self.mainline.on_ramps.values())])
+
+    @property
+    def leaves_m(self) -> FloatArray:
+        """Where vehicles go: the departure's end, then where each off-ramp goes, m."""
+        return np.array([self.end_m, *(self.bounds_m[segment + 1] for segment in self.mainline.off_ramps.values())])
+
+    def way(self, entry: int, exit: int) -> tuple[str, ...]:
+        """Edges from an entry to an exit, numbered as in `joins_m` and `leaves_m`.
+
+        Raises:
+            InvalidInputError: The exit does not lie downstream of the entry.
+        """
+        if not self.joins_m[entry] < self.leaves_m[exit]:
+            raise InvalidInputError(f"exit {exit} does not lie downstream of entry {entry}")
+        line, edges = self.mainline, self.mainline.edges
+        first, last = 0, len(edges)
+        before: tuple[str, ...] = ()
+        after: tuple[str, ...] = ()
+        if entry:
+            ramp, segment = list(line.on_ramps.items())[entry - 1]
+            first, before = edges.index(line.segments[segment][0]), (ramp,)
+        if exit:
+            ramp, segment = list(line.off_ramps.items())[exit - 1]
+            last, after = edges.index(line.segments[segment][-1]) + 1, (ramp,)
+        return (*before, *edges[first:last], *after)
+
+    def edge_at(self, position_m: float) -> tuple[str, float]:
+        """The edge of the mainline at a position, and how far along it that is, m."""
+        starts = {edge: self.tracks[f"{edge}_0"].start_m for edge in self.mainline.edges}
+        edge = max((edge for edge in starts if starts[edge] <= position_m), key=lambda edge: starts[edge])
+        return edge, position_m - starts[edge]
+
+    @property
+    def bottleneck_m(self) -> float:
+        """Position where the bottleneck begins, m."""
+        return float(self.bounds_m[self.mainline.bottleneck])
+
+
+@lru_cache(maxsize=4)
+def load_freeway(name: str = "freeway") -> FreewayRoad:
+    """A freeway by its catalog name.
+
+    Raises:
+        InvalidInputError: Unknown name, a network that is no freeway, or a mainline whose edges do not join.
+    """
+    network = load_network(name)
+    path = network_folder(name) / MAINLINE
+    if not path.is_file():
+        raise InvalidInputError(f"network '{name}' is no freeway: expected '{MAINLINE}' in its folder")
+    try:
+        mainline = Mainline.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except (ValidationError, tomllib.TOMLDecodeError) as error:
+        raise InvalidInputError(f"{path}: {error}") from error
+    return _laid_out(network, mainline)
+
+
+def _laid_out(network: RoadNetwork, mainline: Mainline) -> FreewayRoad:
+    edges = mainline.edges
+    lanes = {edge: _lanes_of(network, edge) for edge in edges}
+    starts: dict[str, float] = {}
+    tracks: dict[str, Track] = {}
+    at = 0.0
+    for place, edge in enumerate(edges):
+        starts[edge] = at
+        _add_tracks(tracks, network, lanes[edge], at)
+        at += float(network.lanes.length[lanes[edge][0]])
+        if place + 1 < len(edges):
+            inside = _between(network, lanes[edge], lanes[edges[place + 1]])
+            _add_tracks(tracks, network, inside, at)
+            at += float(network.lanes.length[inside[0]])
+    zero = starts[mainline.segments[0][0]]
+    first_after = starts[mainline.departure[0]] if mainline.departure else at
+    bounds = [starts[segment[0]] - zero for segment in mainline.segments] + [first_after - zero]
+    return FreewayRoad(
+        network=network,
+        mainline=mainline,
+        tracks={lane: Track(track.start_m - zero, track.lane) for lane, track in tracks.items()},
+        bounds_m=np.array(bounds),
+        lanes=tuple(min(len(lanes[edge]) for edge in segment) for segment in mainline.segments),
+        start_m=-zero,
+        end_m=at - zero,
+    )
+
+
+def _add_tracks(tracks: dict[str, Track], network: RoadNetwork, lanes: list[int], at: float) -> None:
+    for place, lane in enumerate(reversed(lanes)):
+        tracks[str(network.lanes.ids[lane])] = Track(at, place)
+
+
+def _lanes_of(network: RoadNetwork, edge: str) -> list[int]:
+    """Lanes of an edge open to cars, from right to left."""
+    rows = np.flatnonzero((network.lanes.edge_ids[network.lanes.edge] == edge) & network.lanes.drivable)
+    if not len(rows):
+        raise InvalidInputError(f"mainline of network '{network.name}': expected an edge with lanes, got '{edge}'")
+    return sorted(rows.tolist(), key=lambda row: int(network.lanes.index[row]))
+
+
+def _between(network: RoadNetwork, before: list[int], after: list[int]) -> list[int]:
+    """The lanes inside the junction that joins two edges of the mainline, from right to left."""
+    links = network.connections
+    leads = set(links.source[np.isin(links.target, after)].tolist())
+    inside = {int(links.target[link]) for lane in before for link in network.connections_from(lane)} & leads
+    if not inside:
+        names = [str(network.lanes.edge_ids[network.lanes.edge[lanes[0]]]) for lanes in (before, after)]
+        raise InvalidInputError(f"mainline of '{network.name}': no lane leads from '{names[0]}' to '{names[1]}'")
+    return sorted(inside, key=lambda row: int(network.lanes.index[row]))

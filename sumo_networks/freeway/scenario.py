@@ -1,0 +1,118 @@
+"""FreewayScenario: a stretch of one day on the freeway, with everything that is needed to replay it."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from sumo_networks.config import Config
+
+DAY_S = 86400.0
+WEEKEND = (5, 6)
+
+
+class Incident(Config):
+    """A vehicle that breaks down and blocks its lane.
+
+    Attributes:
+        time_s: When it stops, s since midnight.
+        duration_s: How long the lane stays blocked.
+        position_m: Where, from the start of the first segment.
+        lane: Which, from the left, 0 the leftmost.
+    """
+
+    time_s: Annotated[float, Field(ge=0)]
+    duration_s: Annotated[float, Field(gt=0)]
+    position_m: float
+    lane: Annotated[int, Field(ge=0)]
+
+
+class Day(Config):
+    """What makes one day different from the next.
+
+    Attributes:
+        weekday: 0 Monday to 6 Sunday.
+        demand: Factor on all flows.
+        peak_shift_s: How much later than usual the morning peak comes.
+        peak_width: Factor on how long it lasts.
+        trucks: Share of trucks.
+        tau_factor: Factor on everybody's time gap: above 1 on a wet or dark morning.
+        incidents: Breakdowns.
+    """
+
+    weekday: Annotated[int, Field(ge=0, le=6)] = 1
+    demand: Annotated[float, Field(gt=0, le=2)] = 1.0
+    peak_shift_s: float = 0.0
+    peak_width: Annotated[float, Field(gt=0)] = 1.0
+    trucks: Annotated[float, Field(ge=0, le=0.5)] = 0.06
+    tau_factor: Annotated[float, Field(ge=0.8, le=1.5)] = 1.0
+    incidents: tuple[Incident, ...] = ()
+
+
+class FreewayScenario(Config):
+    """A stretch of one day.
+
+    Attributes:
+        network: A freeway of the catalog.
+        seed: Decides who drives when, how, and what SUMO's drivers get wrong.
+        day: What kind of day it is.
+        start_s: Time of day at which the reported time begins, s since midnight.
+        duration_s: How long the demand lasts from then on.
+        warm_up_s: Simulated before, so that the road is full at the start.
+        penetration: Share of the cars that are connected. It decides nothing else: the same seed gives the same
+            vehicles at the same times, whatever the penetration.
+        probes: Share of the vehicles whose speed the segment measurements are made of.
+    """
+
+    network: str = "freeway"
+    seed: Annotated[int, Field(ge=0)] = 0
+    day: Day = Day()
+    start_s: Annotated[float, Field(ge=0, lt=DAY_S)] = 6.0 * 3600
+    duration_s: Annotated[float, Field(gt=0, le=DAY_S)] = 3600.0
+    warm_up_s: Annotated[float, Field(ge=0)] = 600.0
+    penetration: Annotated[float, Field(ge=0, le=1)] = 0.0
+    probes: Annotated[float, Field(ge=0, le=1)] = 0.1
+
+    @model_validator(mode="after")
+    def _one_day(self) -> FreewayScenario:
+        if self.start_s + self.duration_s > DAY_S:
+            raise ValueError(f"expected an end before midnight, got {self.start_s:g} s + {self.duration_s:g} s")
+        return self
+
+
+def draw_day(weekday: int, seed: np.random.SeedSequence, length_m: float, lanes: int = 4) -> Day:
+    """A random day: its demand, its peak, its weather, and its incidents.
+
+    Args:
+        weekday: 0 Monday to 6 Sunday.
+        seed: Decides everything.
+        length_m: Length of the segments, where incidents may happen.
+        lanes: Lanes an incident may block.
+    """
+    rng = np.random.default_rng(seed)
+    habit = (1.0, 1.02, 1.02, 1.01, 0.95, 1.0, 1.0)[weekday]
+    wet = rng.random() < 0.15
+    return Day(
+        weekday=weekday,
+        demand=float(np.clip(habit * rng.normal(1.0, 0.035), 0.85, 1.12)),
+        peak_shift_s=float(np.clip(rng.normal(0.0, 600.0), -1500, 1500)),
+        peak_width=float(np.clip(rng.normal(1.0, 0.08), 0.8, 1.25)),
+        trucks=float(np.clip(rng.normal(0.03 if weekday in WEEKEND else 0.07, 0.01), 0.01, 0.12)),
+        tau_factor=float(rng.uniform(1.03, 1.10)) if wet else 1.0,
+        incidents=_incidents(rng, length_m, lanes),
+    )
+
+
+def _incidents(rng: np.random.Generator, length_m: float, lanes: int) -> tuple[Incident, ...]:
+    """About one day in four has one, mostly by day, for 10 to 40 minutes, on one of the outer lanes."""
+    return tuple(
+        Incident(
+            time_s=float(rng.triangular(5.0, 9.0, 20.0) * 3600),
+            duration_s=float(rng.uniform(600, 2400)),
+            position_m=float(rng.uniform(0.1, 0.95) * length_m),
+            lane=int(rng.choice((0, lanes - 1))),
+        )
+        for _ in range(rng.poisson(0.25))
+    )

@@ -1,0 +1,188 @@
+"""FreewaySimulation: one scenario of the freeway, tick by tick; connected vehicles may be commanded.
+
+What is commanded is a wish: SUMO's car-following model keeps every vehicle from following closer or braking later than
+its driver would, whatever the command. Safety is never handed over, so no command can make a vehicle crash.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import ClassVar, Final
+
+import libsumo
+import numpy as np
+
+from sumo_networks.errors import InvalidInputError, SimulationError
+from sumo_networks.freeway.demand import draw_demand, write_routes
+from sumo_networks.freeway.drivers import CONNECTED, KINDS, PROBE
+from sumo_networks.freeway.process import MICRO, TICK_S, start_sumo
+from sumo_networks.freeway.road import FreewayRoad, Track, load_freeway
+from sumo_networks.freeway.scenario import FreewayScenario
+from sumo_networks.freeway.world import NO_LANE, FreewayWorld
+from sumo_networks.simulation.process import failing_as_simulation_error
+
+NOTHING: Final[Mapping[str, float]] = MappingProxyType({})
+HUMAN: Final = -1.0
+"""SUMO's speed of a vehicle that nobody commands."""
+_RAMP: Final = Track(math.nan, NO_LANE)
+
+
+class FreewaySimulation:
+    """One scenario of the freeway in SUMO. There can be one simulation per process, since libsumo is global.
+
+    Attributes:
+        scenario: What is simulated.
+        road: The freeway.
+        world: What is true now; there is none before `start`.
+    """
+
+    _running: ClassVar[FreewaySimulation | None] = None
+
+    def __init__(self, scenario: FreewayScenario, *, fuel: bool = True) -> None:
+        """Prepares a scenario.
+
+        Args:
+            scenario: What to simulate.
+            fuel: Read every vehicle's fuel consumption; without it a tick is faster.
+        """
+        self.scenario = scenario
+        self.road: FreewayRoad = load_freeway(scenario.network)
+        self.world: FreewayWorld
+        self._fuel = fuel
+
+    def start(self) -> FreewayWorld:
+        """Starts SUMO, lets the warm-up pass, and reads the world at the scenario's start.
+
+        Raises:
+            InvalidInputError: An incident of the day does not lie on the road.
+            SimulationError: SUMO failed, or another simulation of this process is open.
+        """
+        self.close()
+        seed = np.random.SeedSequence(self.scenario.seed).spawn(6)[5]
+        begin = max(self.scenario.start_s - self.scenario.warm_up_s, 0.0)
+        with tempfile.TemporaryDirectory(prefix="dohyo-freeway-") as folder:
+            routes = Path(folder) / "freeway.rou.xml"
+            write_routes(self.road, self.scenario, draw_demand(self.road, self.scenario), routes)
+            start_sumo(self.road.network.path, [routes], begin, int(seed.generate_state(1)[0] % 2**31), MICRO)
+            FreewaySimulation._running = self
+            try:
+                return self._warm_up(begin)
+            except BaseException:
+                self.close()
+                raise
+
+    def tick(self, speeds: Mapping[str, float] = NOTHING, accelerations: Mapping[str, float] = NOTHING) -> FreewayWorld:
+        """Advances the world by `TICK_S`.
+
+        Args:
+            speeds: Speed each connected vehicle is to drive, m/s. It takes the vehicle there as its acceleration and
+                its leader allow.
+            accelerations: Acceleration each connected vehicle is to have for this tick, m/s^2; by the same limits.
+                Who is in neither drives as a human.
+
+        Raises:
+            InvalidInputError: A vehicle that is not on the road, not connected or commanded twice; or a speed that is
+                negative or not finite.
+            SimulationError: SUMO failed, or `start` was not called.
+        """
+        if FreewaySimulation._running is not self:
+            raise SimulationError("this simulation is not running; start it first")
+        self._check(speeds, accelerations)
+        with failing_as_simulation_error(self._ticks):
+            self._command(speeds, accelerations)
+            libsumo.simulationStep()
+            self._update_roster()
+            self.world = self._read()
+        return self.world
+
+    def close(self) -> None:
+        """Ends SUMO; safe to call twice."""
+        if FreewaySimulation._running is self:
+            FreewaySimulation._running = None
+            libsumo.close()
+
+    def __enter__(self) -> FreewaySimulation:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _warm_up(self, begin_s: float) -> FreewayWorld:
+        self._names: dict[str, tuple[float, int, bool]] = {}  # length, kind, probe; in the order of departure
+        self._commanded: set[str] = set()
+        self._departed = self._ticks = 0
+        with failing_as_simulation_error(0):
+            for _ in range(round((self.scenario.start_s - begin_s) / TICK_S)):
+                libsumo.simulationStep()
+                self._update_roster()
+            self.world = self._read()
+        return self.world
+
+    def _check(self, speeds: Mapping[str, float], accelerations: Mapping[str, float]) -> None:
+        for name in (*speeds, *accelerations):
+            facts = self._names.get(name)
+            if facts is None:
+                raise InvalidInputError(f"vehicle '{name}' is not on the freeway at {self.world.time_s:.1f} s")
+            if KINDS[facts[1]] != CONNECTED:
+                raise InvalidInputError(f"vehicle '{name}' is not connected: it cannot be commanded")
+        if twice := speeds.keys() & accelerations.keys():
+            raise InvalidInputError(f"vehicle '{min(twice)}' is given a speed and an acceleration: expected one")
+        for name, speed in speeds.items():
+            if not (math.isfinite(speed) and speed >= 0):
+                raise InvalidInputError(f"vehicle '{name}': expected a speed of 0 m/s or more, got {speed}")
+        for name, acceleration in accelerations.items():
+            if not math.isfinite(acceleration):
+                raise InvalidInputError(f"vehicle '{name}': expected a finite acceleration, got {acceleration}")
+
+    def _command(self, speeds: Mapping[str, float], accelerations: Mapping[str, float]) -> None:
+        for name in self._commanded - speeds.keys() - accelerations.keys():
+            libsumo.vehicle.setSpeed(name, HUMAN)
+        for name, speed in speeds.items():
+            libsumo.vehicle.setSpeed(name, speed)
+        for name, acceleration in accelerations.items():
+            libsumo.vehicle.setSpeed(name, max(0.0, libsumo.vehicle.getSpeed(name) + acceleration * TICK_S))
+        self._commanded = {*speeds, *accelerations}
+
+    def _update_roster(self) -> None:
+        self._ticks += 1
+        departed: Iterable[str] = libsumo.simulation.getDepartedIDList()
+        for name in departed:
+            kind = libsumo.vehicle.getTypeID(name)
+            facts = libsumo.vehicle.getLength(name), KINDS.index(kind.removesuffix(PROBE)), kind.endswith(PROBE)
+            self._names[name] = facts
+            self._departed += 1
+        self._arrived = tuple(libsumo.simulation.getArrivedIDList())
+        for name in self._arrived:
+            del self._names[name]
+            self._commanded.discard(name)
+
+    def _read(self) -> FreewayWorld:
+        vehicle, names = libsumo.vehicle, tuple(self._names)
+        tracks = [self.road.tracks.get(lane, _RAMP) for lane in map(vehicle.getLaneID, names)]
+        facts = list(self._names.values())
+        length = np.array([one[0] for one in facts], dtype=np.float64)
+        kind = np.array([one[1] for one in facts], dtype=np.int64)
+        start = np.array([track.start_m for track in tracks], dtype=np.float64)
+        fuel = map(vehicle.getFuelConsumption, names) if self._fuel else [math.nan] * len(names)
+        return FreewayWorld(
+            road=self.road,
+            time_s=float(libsumo.simulation.getTime()),
+            names=names,
+            position_m=start + np.fromiter(map(vehicle.getLanePosition, names), np.float64, len(names)) - length / 2,
+            lane=np.array([track.lane for track in tracks], dtype=np.int64),
+            speed_mps=np.fromiter(map(vehicle.getSpeed, names), np.float64, len(names)),
+            acceleration_mps2=np.fromiter(map(vehicle.getAcceleration, names), np.float64, len(names)),
+            length_m=length,
+            connected=kind == KINDS.index(CONNECTED),
+            probe=np.array([one[2] for one in facts], dtype=np.bool_),
+            vtype=kind,
+            fuel_mg_s=np.fromiter(fuel, np.float64, len(names)),
+            departed=self._departed,
+            arrived=self._arrived,
+            waiting=len(libsumo.simulation.getPendingVehicles()),
+        )

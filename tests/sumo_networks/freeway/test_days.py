@@ -1,0 +1,168 @@
+"""Days of segment speeds: real drives in meso and micro, and the dataset that they become."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import libsumo
+import numpy as np
+import polars as pl
+import pytest
+from pydantic import ValidationError
+
+from sumo_networks.errors import InvalidInputError, SimulationError
+from sumo_networks.freeway import dataset
+from sumo_networks.freeway.dataset import Order, day_orders, make_dataset
+from sumo_networks.freeway.days import Measured, Scale, SpeedDay, drive_day
+from sumo_networks.freeway.scenario import Day, FreewayScenario, Incident
+
+MORNING = FreewayScenario(seed=3, start_s=6 * 3600, duration_s=2.5 * 3600, warm_up_s=600)
+
+
+def test_a_morning_in_meso_has_a_queue_before_the_bridge_and_none_after_it() -> None:
+    shares: list[float] = []
+    day = drive_day(MORNING, "meso", shares.append)
+    assert day.minute[0] == 360
+    assert day.truth.speed_mps.shape == (150, 21)
+    peak = day.truth.speed_mps[70:130]
+    assert np.median(peak[:, 13:16]) < 15
+    assert np.median(peak[:, 18:]) > 24
+    assert np.median(day.truth.speed_mps[:10]) > 24  # and nobody stood at six
+    assert np.nanmax(day.truth.speed_mps) < 38
+    flow = day.truth.left[70:130, 16].sum()
+    assert 4800 < flow < 6200
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+def test_probes_see_about_what_is_true() -> None:
+    day = drive_day(MORNING.model_copy(update={"duration_s": 1200.0, "probes": 0.15}), "meso")
+    seen = day.probes.seconds > 60
+    assert seen.mean() > 0.9
+    assert np.abs(day.probes.speed_mps - day.truth.speed_mps)[seen].mean() < 1.5
+    assert day.probes.seconds.sum() / day.truth.seconds.sum() == pytest.approx(0.15, abs=0.02)
+
+
+def test_single_vehicles_are_measured_the_same_way() -> None:
+    early = MORNING.model_copy(update={"start_s": 5.2 * 3600, "duration_s": 180.0, "warm_up_s": 420.0})
+    micro, meso = drive_day(early, "micro"), drive_day(early, "meso")
+    assert np.nanmean(micro.truth.speed_mps) == pytest.approx(np.nanmean(meso.truth.speed_mps), rel=0.1)
+    assert micro.truth.left.sum() == pytest.approx(meso.truth.left.sum(), rel=0.15)
+
+
+def test_the_same_scenario_gives_the_same_day() -> None:
+    short = MORNING.model_copy(update={"duration_s": 600.0})
+    one, again = drive_day(short, "meso"), drive_day(short, "meso")
+    assert np.array_equal(one.truth.speed_mps, again.truth.speed_mps, equal_nan=True)
+    other = drive_day(short.model_copy(update={"seed": 4}), "meso")
+    assert not np.array_equal(one.truth.speed_mps, other.truth.speed_mps, equal_nan=True)
+
+
+def test_an_incident_in_meso_slows_its_segment_and_passes() -> None:
+    incident = Incident(time_s=5.1 * 3600, duration_s=900, position_m=3000.0, lane=0)
+    early = MORNING.model_copy(update={"start_s": 5 * 3600.0, "duration_s": 2700.0, "day": Day(incidents=(incident,))})
+    speed = drive_day(early, "meso").truth.speed_mps[:, 5]
+    assert np.nanmean(speed[8:20]) < 15
+    assert np.nanmean(speed[30:]) > 22
+    assert np.nanmean(speed[:5]) > 22
+
+
+def test_sumo_is_closed_after_a_day_and_after_an_error() -> None:
+    libsumo.start(["sumo", "-n", str(dataset.load_freeway().network.path), "--no-step-log", "true"])
+    with pytest.raises(SimulationError, match="another simulation of this process is still open"):
+        drive_day(MORNING, "meso")
+    libsumo.close()
+    drive_day(MORNING.model_copy(update={"duration_s": 60.0, "warm_up_s": 0.0}), "meso")
+    assert not libsumo.isLoaded()
+
+
+# The dataset. What drives a day is replaced: its files are what is looked at.
+
+
+@pytest.fixture
+def driven(monkeypatch: pytest.MonkeyPatch) -> list[FreewayScenario]:
+    """The scenarios that were driven, in order."""
+    scenarios: list[FreewayScenario] = []
+
+    def drive(scenario: FreewayScenario, scale: Scale, progress: Callable[[float], None]) -> SpeedDay:
+        scenarios.append(scenario)
+        progress(1.0)
+        minutes = round(scenario.duration_s / 60)
+        speed = np.full((minutes, 21), 20.0 if scale == "meso" else 10.0)
+        measured = Measured(speed, np.full_like(speed, 100.0), np.ones_like(speed))
+        return SpeedDay(scenario.start_s / 60 + np.arange(minutes, dtype=np.float64), measured, measured)
+
+    monkeypatch.setattr(dataset, "drive_day", drive)
+    return scenarios
+
+
+def test_the_sets_are_those_of_the_thesis(tmp_path: Path, driven: list[FreewayScenario]) -> None:
+    assert make_dataset(Order(days=3, easy=2, hard=4), tmp_path) == 9
+    for split, number, minutes in (("train", 3, 1440), ("easy", 2, 1440), ("hard", 4, 440)):
+        files = sorted((tmp_path / split).glob("*"))
+        assert [file.name for file in files] == [f"day-{day:04}.parquet" for day in range(1, number + 1)]
+        table = pl.read_parquet(files[0])
+        assert table.height == minutes
+        assert table.columns == [
+            "minute",
+            *(f"segment_{place:02}" for place in range(21)),
+            *(f"truth_{place:02}" for place in range(21)),
+        ]
+        assert table["minute"].to_list() == list(range(table["minute"][0], table["minute"][0] + minutes))
+        assert table["segment_00"].dtype == pl.Float32
+    facts = json.loads((tmp_path / "dataset.json").read_text())
+    assert facts["units"] == "m/s"
+    assert len(facts["lengths_m"]) == 21
+    assert facts["days"] == {"train": 3, "easy": 2, "hard": 4}
+    assert len({scenario.seed for scenario in driven}) == 9
+
+
+def test_what_is_there_is_kept_and_more_days_change_no_day(tmp_path: Path, driven: list[FreewayScenario]) -> None:
+    make_dataset(Order(days=2, easy=1, hard=1), tmp_path)
+    before = {file: file.read_bytes() for file in tmp_path.glob("*/*.parquet")}
+    (tmp_path / "train" / "day-0002.parquet").unlink()
+    driven.clear()
+    assert make_dataset(Order(days=4, easy=1, hard=1), tmp_path) == 3
+    assert len(driven) == 3
+    assert all(file.read_bytes() == content for file, content in before.items())
+    assert json.loads((tmp_path / "dataset.json").read_text())["days"]["train"] == 4
+
+
+def test_a_day_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> SpeedDay:
+        raise SimulationError("SUMO failed")
+
+    monkeypatch.setattr(dataset, "drive_day", fail)
+    with pytest.raises(SimulationError):
+        make_dataset(Order(days=1, easy=0, hard=0), tmp_path)
+    assert not list(tmp_path.glob("*/*"))
+
+
+@pytest.mark.usefixtures("driven")
+def test_another_order_does_not_mix_with_it(tmp_path: Path) -> None:
+    make_dataset(Order(days=1, easy=0, hard=0), tmp_path)
+    for other in (Order(days=1, easy=0, hard=0, seed=1), Order(days=1, easy=0, hard=0, probes=0.5)):
+        with pytest.raises(InvalidInputError, match=r"holds another dataset, (seed|probes)"):
+            make_dataset(other, tmp_path)
+
+
+def test_a_folder_that_cannot_be_is_one_clear_error(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InvalidInputError, match="cannot make a dataset in"):
+        make_dataset(Order(days=1), tmp_path / "file" / "inside")
+    (tmp_path / "dataset.json").write_text("not json")
+    with pytest.raises(InvalidInputError, match="cannot make a dataset in"):
+        make_dataset(Order(days=1), tmp_path)
+    with pytest.raises(ValidationError):
+        Order(days=0)
+
+
+def test_hard_mornings_are_dense_weekdays_in_micro() -> None:
+    hard = [one for one in day_orders(Order(days=8)) if one.split == "hard"]
+    train = [one for one in day_orders(Order(days=8)) if one.split == "train"]
+    assert [one.scale for one in hard] == ["micro"] * 4
+    assert all(one.scenario.day.weekday < 5 and one.scenario.day.demand >= 1 for one in hard)
+    assert {one.scenario.day.weekday for one in train} == set(range(7))
+    assert {one.scale for one in train} == {"meso"}
