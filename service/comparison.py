@@ -8,7 +8,7 @@ from itertools import combinations
 from typing import Any, Final
 
 from service.leaderboard import Entry
-from service.scoring import SCORE_KEYS, compare_drives, summarise_drives
+from service.scoring import compare_drives, scores_of, summarise_drives
 from sumo_networks.errors import InvalidInputError
 
 MOST: Final = 8
@@ -20,7 +20,7 @@ def compare_entries(entries: Sequence[Entry], metric: str) -> dict[str, Any]:
 
     Args:
         entries: Of one benchmark version; different versions have no common scale, so they are refused.
-        metric: The benchmark's headline, a name of `SCORE_KEYS`.
+        metric: The benchmark's headline, else the driving score.
 
     Returns:
         `evaluations` with their summaries, `pairs` with a comparison per score (a - b, on the drives both made; None
@@ -30,6 +30,8 @@ def compare_entries(entries: Sequence[Entry], metric: str) -> dict[str, Any]:
         InvalidInputError: Too few, too many, one twice, one without a drive, or of different benchmark versions.
     """
     _check(entries)
+    if not all(metric in scores_of(entry.drives) for entry in entries):
+        metric = "driving_score"
     return {
         "benchmark": entries[0].benchmark,
         "benchmark_sha256": entries[0].benchmark_sha256,
@@ -92,7 +94,7 @@ def _side(entry: Entry) -> dict[str, Any]:
 
 
 def _pair(a: Entry, b: Entry) -> dict[str, Any]:
-    scores = {name: compare_drives(name, a.drives, b.drives) for name in SCORE_KEYS}
+    scores = {name: compare_drives(name, a.drives, b.drives) for name in scores_of((*a.drives, *b.drives))}
     return {
         "a": a.evaluation,
         "b": b.evaluation,

@@ -89,7 +89,10 @@ class Deliverer:
     async def start(self) -> None:
         """Begins."""
         # Nothing of this machine's environment: no proxy, no stored credentials.
-        self._client = httpx.AsyncClient(trust_env=False, follow_redirects=False, timeout=TIMEOUT_S)
+        context = httpx.create_ssl_context(trust_env=False)
+        if (own := self.services.settings.webhook_authorities) is not None:
+            context.load_verify_locations(own)
+        self._client = httpx.AsyncClient(verify=context, trust_env=False, follow_redirects=False, timeout=TIMEOUT_S)
         self._task = asyncio.create_task(self._run(), name="webhooks")
 
     async def stop(self) -> None:

@@ -9,10 +9,12 @@ from functools import cached_property
 from typing import Any
 
 from evaluation.statistics import Comparison, Estimate
-from service.scoring import Drive, compare_drives, estimate, rates_per_km
+from service.scoring import CLOSED_LOOP_SCORES, Drive, compare_drives, estimate, rates_per_km, scores_of
 from service.tables import csv_text
 
 COLUMNS = ("driving_score", "route_completion", "infraction_penalty", "irs", "success", "nocrash_success")
+OF_SOME = ("drove_2500m", *CLOSED_LOOP_SCORES)
+"""Columns of the benchmarks that rank by one of them."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,8 @@ class Entry:
     @cached_property
     def scores(self) -> dict[str, Estimate]:
         """Every column with its interval; computed once, since a finished evaluation never changes."""
-        return {name: estimate(name, self.drives) for name in COLUMNS}
+        there = scores_of(self.drives)
+        return {name: estimate(name, self.drives) for name in (*COLUMNS, *OF_SOME) if name in there}
 
     @cached_property
     def per_km(self) -> dict[str, float]:
@@ -81,7 +84,7 @@ def rank(entries: Sequence[Entry], metric: str) -> list[Row]:
 
     Args:
         entries: Of one benchmark version, with at least one drive each.
-        metric: A name of `COLUMNS`.
+        metric: A score that all of them have.
     """
     rows: list[Row] = []
     for entry in sorted(entries, key=lambda one: _place(one, metric)):
@@ -97,7 +100,14 @@ def rank(entries: Sequence[Entry], metric: str) -> list[Row]:
     return rows
 
 
-def as_document(row: Row) -> dict[str, Any]:
+def columns_of(metric: str) -> tuple[str, ...]:
+    """The scores that a leaderboard shows."""
+    if metric in CLOSED_LOOP_SCORES:
+        return (*CLOSED_LOOP_SCORES, *COLUMNS)
+    return COLUMNS if metric in COLUMNS else (metric, *COLUMNS)
+
+
+def as_document(row: Row, metric: str) -> dict[str, Any]:
     """A row as plain JSON."""
     entry = row.entry
     return {
@@ -113,7 +123,7 @@ def as_document(row: Row) -> dict[str, Any]:
         "episodes": len({drive.episode for drive in entry.drives}),
         "drives": len(entry.drives),
         "finished": entry.finished.isoformat() if entry.finished else None,
-        "scores": {name: asdict(score) for name, score in entry.scores.items()},
+        "scores": {name: asdict(entry.scores[name]) for name in columns_of(metric)},
         "per_km": entry.per_km,
         "above": asdict(row.above) if row.above else None,
     }
@@ -121,14 +131,15 @@ def as_document(row: Row) -> dict[str, Any]:
 
 def as_csv(rows: Sequence[Row], metric: str) -> str:
     """The leaderboard as CSV: a row per submission, each score with the ends of its interval."""
+    columns = columns_of(metric)
     header = ["rank", "agent", "version", "owner", "kind", "track", "evaluation", "seeds", "drives", "metric"]
-    header += [f"{name}{end}" for name in COLUMNS for end in ("", "_low", "_high")]
+    header += [f"{name}{end}" for name in columns for end in ("", "_low", "_high")]
     header += ["verdict_above", "probability_above"]
     lines: list[list[object]] = []
     for row in rows:
         one = row.entry
         who = [row.rank, one.agent, one.version, one.owner, one.kind, one.track, one.evaluation]
-        ends = [end for name in COLUMNS for end in _ends(one.scores[name])]
+        ends = [end for name in columns for end in _ends(one.scores[name])]
         above = [row.above.verdict, row.above.probability] if row.above else [None, None]
         lines.append([*who, len(one.seeds), len(one.drives), metric, *ends, *above])
     return csv_text(header, lines)

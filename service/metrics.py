@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from evaluation.record import InfractionKind
 from service.leaderboard import Entry
-from service.scoring import SCORE_KEYS, Drive, estimate, summarise_drives
+from service.scoring import Drive, estimate, scores_of, summarise_drives
 from service.tables import csv_text
 
 _LENGTHS: Final = ("km", "route_m", "driven_m", "duration_s")
@@ -31,9 +31,10 @@ def as_document(entry: Entry) -> dict[str, Any]:
 def as_csv(entry: Entry) -> str:
     """A row per drive, one per cell, and one for all; the column `row` says which. A cell's scores have intervals."""
     kinds = [kind.value for kind in InfractionKind]
-    scores = [f"{name}{end}" for name in SCORE_KEYS for end in ("", "_low", "_high")]
+    names = scores_of(entry.drives)
+    scores = [f"{name}{end}" for name in names for end in ("", "_low", "_high")]
     header = ["row", "cell", "scenario", "seed", "ego", "episode", "status", "drives", *_LENGTHS, *scores, *kinds]
-    return csv_text(header, _rows(entry, kinds))
+    return csv_text(header, _rows(entry, names, kinds))
 
 
 def cells_of(entry: Entry) -> dict[str, list[Drive]]:
@@ -44,19 +45,21 @@ def cells_of(entry: Entry) -> dict[str, list[Drive]]:
     return cells
 
 
-def _rows(entry: Entry, kinds: Sequence[str]) -> Iterator[list[object]]:
+def _rows(entry: Entry, names: Sequence[str], kinds: Sequence[str]) -> Iterator[list[object]]:
     for drive in entry.drives:
         who = ["drive", drive.cell, drive.scenario, drive.seed, drive.facts["name"], drive.episode, drive.status.value]
-        scores = [value for name in SCORE_KEYS for value in (drive.score(name), None, None)]
+        scores = [value for name in names for value in (drive.score(name), None, None)]
         counts = [drive.facts["infractions"].get(kind, 0) for kind in kinds]
         yield [*who, 1, *(drive.facts[name] for name in _LENGTHS), *scores, *counts]
     for cell, drives in cells_of(entry).items():
-        yield _group("cell", cell, drives, kinds)
-    yield _group("all", None, entry.drives, kinds)
+        yield _group("cell", cell, drives, names, kinds)
+    yield _group("all", None, entry.drives, names, kinds)
 
 
-def _group(row: str, cell: str | None, drives: Sequence[Drive], kinds: Sequence[str]) -> list[object]:
-    estimates = [estimate(name, drives) for name in SCORE_KEYS]
+def _group(
+    row: str, cell: str | None, drives: Sequence[Drive], names: Sequence[str], kinds: Sequence[str]
+) -> list[object]:
+    estimates = [estimate(name, drives) for name in names]
     scores = [value for one in estimates for value in (one.mean, one.low, one.high)]
     sums = [sum(drive.facts[name] for drive in drives) for name in _LENGTHS]
     counts = [sum(drive.facts["infractions"].get(kind, 0) for drive in drives) for kind in kinds]

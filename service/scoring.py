@@ -6,9 +6,14 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
+from evaluation.benchmark import CLOSED_LOOP
+from evaluation.closed_loop import TERMS, applies, score_records
 from evaluation.record import EgoRecord, EpisodeRecord, Infraction, InfractionKind, Status
+from evaluation.scores.closed_loop import ClosedLoop
 from evaluation.scores.driving import MIN_KM, Rules
 from evaluation.scores.rates import infraction_counts, route_km
 from evaluation.statistics import Comparison, Estimate, mean_estimate, paired, ratio_estimate, share_estimate
@@ -26,7 +31,16 @@ SCORE_KEYS: Final[Mapping[str, str]] = {
 }
 """Names of the scores, as `dohyo score` prints them, and what a summary calls them."""
 
-_HEADLINES: Final = (("nocrash success", "nocrash_success"), ("success", "success"), ("irs", "irs"))
+CLOSED_LOOP_SCORES: Final = ("closed_loop", *TERMS)
+"""Scores of drives whose scenario has a reference, in percent: nuPlan's score, and its terms."""
+
+_HEADLINES: Final = (
+    ("nocrash success", "nocrash_success"),
+    ("success", "success"),
+    ("irs", "irs"),
+    ("2500 m", "drove_2500m"),
+    (CLOSED_LOOP, "closed_loop"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,21 +72,37 @@ class Drive:
         return Status(self.facts["status"])
 
     def score(self, name: str) -> float:
-        """A score by its name in `SCORE_KEYS`: percent, but the infraction penalty in [0, 1]."""
+        """A score by its name, see `scores_of`: percent, but the infraction penalty in [0, 1]."""
+        if name in CLOSED_LOOP_SCORES:
+            return float(self.facts["closed_loop"][name])
         value = float(self.facts[SCORE_KEYS[name]])
         return 100.0 * value if name in SHARES else value
 
 
-def summary_of(record: EpisodeRecord, rules: Rules) -> dict[str, Any]:
+def summary_at(path: Path, record: EpisodeRecord, rules: Rules) -> dict[str, Any]:
+    """`summary_of` a record on disk, with the closed-loop score where its scenario has a reference.
+
+    Raises:
+        InvalidInputError: As `summary_of`, or the trajectory that this score reads is missing or damaged.
+    """
+    scored = score_records([(record, path)]) if applies(record) else []
+    return summary_of(record, rules, {drive.ego: drive.terms for drive in scored})
+
+
+def summary_of(
+    record: EpisodeRecord, rules: Rules, closed_loop: Mapping[str, ClosedLoop] = MappingProxyType({})
+) -> dict[str, Any]:
     """A record as plain JSON, small enough that a leaderboard reads thousands.
 
     Args:
         record: Of any status; one that was lost is summarised too, and told by its egos' statuses.
         rules: Of the driving score, those of the benchmark.
+        closed_loop: By ego, where it has that score.
 
     Returns:
         `egos`, one per mission: name, status, success, scores in percent (`ip` in [0, 1]), infractions counted by kind,
-        `marks` (each infraction's kind, time and place), metres and seconds; `decision_ms`: the slowest ego's p50, p95,
+        `marks` (each infraction's kind, time and place), metres and seconds, `closed_loop` where it has that score, by
+        the names in `CLOSED_LOOP_SCORES`; `decision_ms`: the slowest ego's p50, p95,
         p99, None where the record has no timing; `wall_s`.
 
     Raises:
@@ -81,7 +111,7 @@ def summary_of(record: EpisodeRecord, rules: Rules) -> dict[str, Any]:
     timing = record.timing
     decisions: list[tuple[float, float, float]] = [*timing.decision_ms.values()] if timing else []
     return {
-        "egos": [_ego(ego, rules) for ego in record.egos],
+        "egos": [_ego(ego, rules) | _closed_loop(closed_loop.get(ego.name)) for ego in record.egos],
         "decision_ms": [*max(decisions, key=lambda one: one[2])] if decisions else None,
         "wall_s": timing.wall_s if timing else None,
     }
@@ -93,10 +123,17 @@ def headline_of(metric: str) -> str:
     return next((name for start, name in _HEADLINES if words.startswith(start)), "driving_score")
 
 
+def scores_of(drives: Iterable[Drive]) -> tuple[str, ...]:
+    """Names of the scores that all of some drives have."""
+    closed_loop = all("closed_loop" in drive.facts for drive in drives)
+    return (*SCORE_KEYS, *(CLOSED_LOOP_SCORES if closed_loop else ()))
+
+
 def estimate(name: str, drives: Sequence[Drive]) -> Estimate:
     """Mean of a score over drives with its 95 % interval: Wilson's for shares, bootstrap else."""
     values = [drive.score(name) for drive in drives]
-    return share_estimate([value > 0.0 for value in values]) if name in SHARES else mean_estimate(values)
+    share = name in SHARES or (name in CLOSED_LOOP_SCORES and set(values) <= {0.0, 100.0})
+    return share_estimate([value > 0.0 for value in values]) if share else mean_estimate(values)
 
 
 def summarise_drives(drives: Sequence[Drive]) -> dict[str, Any]:
@@ -107,7 +144,7 @@ def summarise_drives(drives: Sequence[Drive]) -> dict[str, Any]:
         "drives": len(drives),
         "episodes": len({drive.episode for drive in drives}),
         "km": math.fsum(km),
-        "scores": {name: asdict(estimate(name, drives)) for name in SCORE_KEYS},
+        "scores": {name: asdict(estimate(name, drives)) for name in scores_of(drives)},
         "per_km": {
             kind.value: asdict(
                 ratio_estimate([drive.facts["infractions"].get(kind.value, 0) for drive in drives], km, floor=MIN_KM)
@@ -154,6 +191,12 @@ def _ego(ego: EgoRecord, rules: Rules) -> dict[str, Any]:
         "driven_m": ego.driven_m,
         "duration_s": ego.duration_s,
     }
+
+
+def _closed_loop(terms: ClosedLoop | None) -> dict[str, Any]:
+    if terms is None:
+        return {}
+    return {"closed_loop": {"closed_loop": terms.score} | {name: 100.0 * getattr(terms, name) for name in TERMS}}
 
 
 def _mark(one: Infraction) -> dict[str, Any]:

@@ -39,6 +39,10 @@ def run(settings: Settings, listening: Callable[[str, str | None], None]) -> boo
         InvalidInputError: The settings cannot be served.
     """
     check_exposure(settings)
+    if settings.executor == "ray":
+        from service.episodes.cluster import check_cluster  # the extra `cluster`
+
+        check_cluster(settings.ray_address)
     logs.configure()
     with listen(settings) as own:
         token = _prepare(settings)
@@ -59,7 +63,7 @@ def check_exposure(settings: Settings) -> None:
     certificate, key = settings.tls_certificate, settings.tls_key
     if (certificate is None) != (key is None):
         raise InvalidInputError("TLS: expected both --tls-certificate and --tls-key")
-    for file in (certificate, key):
+    for file in (certificate, key, settings.webhook_authorities):
         if file is not None and not file.is_file():
             raise InvalidInputError(f"TLS: no file '{file}'")
     if certificate is None and not settings.insecure and not _is_loopback(settings.host):

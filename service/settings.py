@@ -21,8 +21,10 @@ class Settings(BaseSettings):
         tls_certificate: PEM file.
         tls_key: PEM file.
         insecure: Listen beyond loopback without TLS, such as behind a proxy that ends it.
-        executor: What drives built-in and ONNX agents.
-        processes: Episodes driven at once on this machine by built-in and ONNX agents.
+        executor: What drives built-in and ONNX agents: this machine's processes, or a Ray cluster.
+        ray_address: Of that cluster; "auto": the one this machine belongs to, or what RAY_ADDRESS says.
+        processes: Episodes driven at once by built-in and ONNX agents; each keeps a process on this machine, too, which
+            on a cluster only waits.
         remote_episodes: Episodes of remote agents alive at once.
         queue_limit: Episodes waiting at once, over all submitters.
         evaluations_per_owner: Unfinished evaluations one owner may have.
@@ -34,6 +36,7 @@ class Settings(BaseSettings):
         lease_ttl_s: A worker silent for longer loses its lease.
         act_deadline_s: Wall-clock time for one decision where the simulation waits.
         webhook_private_addresses: Let webhooks call this machine and its private network.
+        webhook_authorities: PEM file of certificates, beyond those that everybody trusts, that webhooks may prove with.
         drain_s: After SIGTERM, time for running episodes to end.
     """
 
@@ -47,6 +50,7 @@ class Settings(BaseSettings):
     tls_key: Path | None = None
     insecure: bool = False
     executor: Literal["processes", "ray"] = "processes"
+    ray_address: Annotated[str, Field(min_length=1)] = "auto"
     processes: Annotated[int, Field(ge=1, le=1024)] = Field(default_factory=lambda: os.cpu_count() or 1)
     remote_episodes: Annotated[int, Field(ge=1, le=1024)] = 8
     queue_limit: Annotated[int, Field(ge=1)] = 100_000
@@ -59,6 +63,7 @@ class Settings(BaseSettings):
     lease_ttl_s: Annotated[float, Field(gt=0)] = 30.0
     act_deadline_s: Annotated[float, Field(gt=0)] = 10.0
     webhook_private_addresses: bool = False
+    webhook_authorities: Path | None = None
     drain_s: Annotated[float, Field(ge=0)] = 30.0
 
     @property

@@ -65,7 +65,7 @@ class Standings:
             with self._building:  # one thread builds, the others find it built
                 rows = self._boards.get((ids, metric))
                 if rows is None:
-                    rows = rank([entry for entry in load() if entry.drives], metric)
+                    rows = rank([entry for entry in load() if entry.drives and metric in entry.scores], metric)
                     self._boards.put((ids, metric), rows)
         return rows
 

@@ -11,6 +11,9 @@ from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.orm import Session
 
+from evaluation.benchmark import Benchmark
+from evaluation.evaluation import Manifest
+from evaluation.record import AgentInfo
 from service.access import Caller, Reader, Submitter
 from service.api.agents import IdempotencyKey, owned_agent
 from service.api.benchmarks import find_benchmark
@@ -128,6 +131,18 @@ async def progress(
 
     events: AsyncIterator[str] = stream_progress(services.events, identifier, read)
     return StreamingResponse(events, media_type=MEDIA_TYPE, headers={"cache-control": "no-store"})
+
+
+@router.get("/{identifier}/manifest", responses=problems(404))
+def manifest(identifier: Identifier, caller: Reader, services: ServicesOf) -> Manifest:
+    """What is evaluated, the whole benchmark included: with its records, a result folder of `dohyo evaluate`."""
+    with services.database.reading() as session:
+        evaluation = _visible(session, caller, identifier)
+        return Manifest(
+            agent=AgentInfo.model_validate(evaluation.submission.info),
+            benchmark=Benchmark.model_validate(evaluation.benchmark.document),
+            benchmark_sha256=evaluation.benchmark_sha256,
+        )
 
 
 @router.get("/{identifier}/episodes", responses=problems(404))

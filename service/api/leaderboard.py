@@ -30,6 +30,7 @@ VersionHash = Annotated[
 TrackName = Annotated[
     Literal["sensors", "map", "privileged"] | None, Query(description="By default all, ranked as one.")
 ]
+CLOSED_LOOP_IS = "closed-loop score: NC x DAC x DDC x MP x (5 EP + 5 TTC + 4 SL + 2 C) / 16, mean over drives (nuPlan)"
 CSV: dict[int | str, dict[str, Any]] = {
     200: {"description": "A row per submission.", "content": {"text/csv": {"schema": {"type": "string"}}}}
 }
@@ -63,8 +64,8 @@ def show(
         "versions": board.versions,
         "track": track,
         "metric": board.metric,
-        "description": board.benchmark.metric,
-        "rows": [as_document(row) for row in board.rows],
+        "description": CLOSED_LOOP_IS if board.benchmark.closed_loop else board.benchmark.metric,
+        "rows": [as_document(row, board.metric) for row in board.rows],
     }
     return Response(msgspec.json.encode(document), media_type="application/json")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.progress import MofNCompleteColumn, Progress
@@ -12,7 +12,7 @@ from agents.registry import agent_entries
 from evaluation.agent import make_agent
 from evaluation.benchmark import benchmark_names, load_benchmark
 from evaluation.logs import prepare_logs
-from service.cli.output import console, print_listing
+from service.cli.output import console, print_json, print_rows
 from sumo_networks.log import logs_folder
 
 agents = typer.Typer(help="Driving agents.", no_args_is_help=True)
@@ -30,7 +30,7 @@ def _group() -> None:
 @agents.command("list")
 def list_agents(json: Json = False) -> None:
     """Lists the registered agents."""
-    rows = []
+    rows: list[dict[str, Any]] = []
     for name, entry in agent_entries().items():
         spec = make_agent(entry).spec
         rows.append(
@@ -42,7 +42,13 @@ def list_agents(json: Json = False) -> None:
                 "entry": entry,
             }
         )
-    print_listing(rows, json)
+    if json:
+        print_json(rows)
+        return
+    print_rows(
+        ("name", "track", "control", "sensors"),
+        [(row["name"], row["track"], row["control"], ", ".join(row["sensors"])) for row in rows],
+    )
 
 
 @benchmarks.command("prepare")
@@ -64,7 +70,7 @@ def prepare(
 @benchmarks.command("list")
 def list_benchmarks(json: Json = False) -> None:
     """Lists the benchmarks."""
-    rows = []
+    rows: list[dict[str, Any]] = []
     for name in benchmark_names():
         benchmark = load_benchmark(name)
         rows.append(
@@ -78,4 +84,18 @@ def list_benchmarks(json: Json = False) -> None:
                 "description": benchmark.description,
             }
         )
-    print_listing(rows, json)
+    if json:
+        print_json(rows)
+        return
+    print_rows(
+        ("name", "scenarios", "ranked by", "description"),
+        [
+            *((row["name"], str(row["scenarios"]), _headline(row["metric"]), row["description"]) for row in rows),
+            ("localization", "", "share within 0.5 m", "Filters on simulated logs, no agent: dohyo localize --study"),
+        ],
+    )
+
+
+def _headline(metric: str) -> str:
+    """The first words of a metric, which tell what it is."""
+    return metric.partition(":")[0].replace("_", " ")

@@ -10,13 +10,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from agents.mcts.predictors.recording import TRAINING, Order, record_motion
 from service.cli.output import console
+from sumo_networks.freeway.dataset import Order as FreewayOrder
+from sumo_networks.freeway.dataset import make_dataset
 
 dataset = typer.Typer(help="Datasets for learning.", no_args_is_help=True)
-
-
-@dataset.callback()
-def _group() -> None:
-    """Keeps `dohyo dataset` a group while it has one command."""
 
 
 @dataset.command("motion")
@@ -34,3 +31,21 @@ def motion(
         bar = progress.add_task("motion", total=hours)
         samples = record_motion(order, out, lambda done: progress.update(bar, completed=done))
     console.print(f"{samples} samples: {out.resolve()}", soft_wrap=True)
+
+
+@dataset.command("freeway")
+def freeway(
+    days: Annotated[int, typer.Option(min=1, help="Days to train on, in meso.")],
+    out: Annotated[Path, typer.Option(help="Folder; days already there are kept.")],
+    seed: Annotated[int, typer.Option(min=0, help="Decides everything random.")] = 0,
+    easy: Annotated[int | None, typer.Option(min=0, help="Whole days to judge by, 60 for 350 by default.")] = None,
+    hard: Annotated[int, typer.Option(min=0, help="Congested mornings to judge by, in micro.")] = 4,
+    probes: Annotated[float, typer.Option(min=0.001, max=1, help="Share of the vehicles that report speeds.")] = 0.15,
+) -> None:
+    """Makes days of segment speeds on the freeway, minute by minute; each day is written when it is whole."""
+    order = FreewayOrder(days=days, easy=easy, hard=hard, seed=seed, probes=probes)
+    columns = (TextColumn("driven"), BarColumn(), TextColumn("{task.completed:.2f} of {task.total} days"))
+    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
+        bar = progress.add_task("freeway")
+        made = make_dataset(order, out, lambda done, of, share: progress.update(bar, completed=done + share, total=of))
+    console.print(f"{made} days made: {out.resolve()}", soft_wrap=True)

@@ -67,7 +67,7 @@ def evaluate(
             benchmark,
             entry,
             settings=made_with,
-            seeds=_parse_seeds(seeds) if seeds is not None else None,
+            seeds=parse_seeds(seeds) if seeds is not None else None,
             out=out or Path("out") / Path(benchmark).stem / re.sub(r"[^\w.-]", "_", agent),
             executor=_executor(executor, workers, address),
             act_deadline_s=deadline,
@@ -162,7 +162,7 @@ def _drives(result: Result) -> list[dict[str, Any]]:
     ]
 
 
-def _parse_seeds(text: str) -> list[int]:
+def parse_seeds(text: str) -> list[int]:
     """The seeds of "0,1,2", "0-4" or both mixed."""
     seeds: list[int] = []
     for part in text.split(","):

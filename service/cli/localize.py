@@ -1,4 +1,4 @@
-"""`dohyo localize`: where a vehicle was, from real logs of an IMU and a GNSS receiver."""
+"""`dohyo localize`: where a vehicle was, from real logs of an IMU and a GNSS receiver; and the filters' benchmark."""
 
 from __future__ import annotations
 
@@ -8,23 +8,29 @@ from typing import Annotated
 
 import numpy as np
 import typer
+from rich.progress import MofNCompleteColumn, Progress
 
 from agents.localization.consistency import mean_bounds, quantile
 from agents.localization.figures import error_figure, nis_figure, page, track_figure
 from agents.localization.localizer import Localizer, Settings
 from agents.localization.logs import ImuLog, PositionLog, check_together, read_imu, read_positions
 from agents.localization.lowpass import ALPHA
+from agents.localization.study import FILTERS, grid, write_results
+from agents.localization.study import study as run_study
+from agents.localization.tables import by_sigma
 from agents.localization.track import Track, follow
 from evaluation.scores.localization import accuracy, max_drift, p95, rmse
 from evaluation.store import write_atomically
 from service.cli.output import console, number, print_json, print_rows
 from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
+from sumo_networks.errors import InvalidInputError, UnknownNameError
 
 
 def localize(
-    imu: Annotated[Path, typer.Option(help="CSV: t, ax, ay, az, gx, gy, gz (SI; x forward, y left, z up).")],
-    gnss: Annotated[Path, typer.Option(help="CSV: t, lat, lon, alt (degrees, m) or t, x, y, z (m).")],
+    imu: Annotated[
+        Path | None, typer.Option(help="CSV: t, ax, ay, az, gx, gy, gz (SI; x forward, y left, z up).")
+    ] = None,
+    gnss: Annotated[Path | None, typer.Option(help="CSV: t, lat, lon, alt (degrees, m) or t, x, y, z (m).")] = None,
     truth: Annotated[Path | None, typer.Option(help="CSV like --gnss, to score the estimate against.")] = None,
     out: Annotated[Path | None, typer.Option(help="Write an HTML report with the track.")] = None,
     filter_: Annotated[str, typer.Option("--filter", help="es-ekf, ekf, ukf or imu.")] = "es-ekf",
@@ -32,9 +38,20 @@ def localize(
     alpha: Annotated[float, typer.Option(min=0.0, max=0.99, help="Of the low-pass filter; 0: none.")] = ALPHA,
     standing: Annotated[float, typer.Option(min=0.3, help="Seconds at the start in which it stands.")] = 3.0,
     calibrate: Annotated[bool, typer.Option(help="Measure the IMU's offsets while it stands.")] = True,
+    study: Annotated[bool, typer.Option("--study", help="Run the benchmark 'localization' instead; no logs.")] = False,
+    seeds: Annotated[int, typer.Option(min=1, help="Of --study: errors drawn anew, each on three routes.")] = 1,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
-    """Estimates a vehicle's track from its IMU and GNSS logs; it must stand level at first."""
+    """Estimates a vehicle's track from its IMU and GNSS logs; it must stand level at first.
+
+    With --study it runs the benchmark 'localization' on simulated logs: calibration and low-pass filter, GNSS rate and
+    error, one filter.
+    """
+    if study:
+        _study(filter_, seeds, out, json)
+        return
+    if imu is None or gnss is None:
+        raise InvalidInputError("expected --imu and --gnss, or --study")
     samples, fixes = read_imu(imu), read_positions(gnss)
     true = read_positions(truth, fixes.origin) if truth else None
     if true and (true.origin is None) != (fixes.origin is None):
@@ -60,6 +77,26 @@ def localize(
     print_rows(["", settings.filter], [(name, number(value)) for name, value in facts.items()])
     if out:
         console.print(f"report: {out.resolve()}")
+
+
+def _study(filter_: str, seeds: int, out: Path | None, json: bool) -> None:
+    """Runs the benchmark for one filter, and prints its table by sigma."""
+    if filter_ not in FILTERS:
+        raise UnknownNameError("filter of the study", filter_, FILTERS)
+    cells, result = list(grid((filter_,))), {}
+    with Progress(*Progress.get_default_columns(), MofNCompleteColumn(), console=console, disable=json) as bar:
+        task = bar.add_task(f"localization, {filter_}", total=len(cells))
+        for result in run_study(range(seeds), cells):
+            bar.update(task, completed=result["done"][0])
+    if out:
+        write_results(out, result)
+    if json:
+        print_json(result)
+        return
+    console.print(f"within 0.5 m, % / RMSE, m; {seeds} seed{'s' * (seeds > 1)} on {', '.join(result['routes'])}")
+    print_rows(*by_sigma(result["cells"], filter_))
+    if out:
+        console.print(f"all metrics with intervals: {out.resolve()}")
 
 
 def _reference(track: Track, true: PositionLog) -> tuple[Track, FloatArray]:

@@ -11,9 +11,11 @@ from service.cli import (
     dataset,
     evaluate,
     explain,
+    forecast,
     localize,
     networks,
     records,
+    remote,
     routes,
     serve,
     tokens,
@@ -43,9 +45,13 @@ app.command("explain")(explain.explain)
 app.command("localize")(localize.localize)
 app.command("serve")(serve.serve)
 app.command("worker")(worker.worker)
+app.command("submit")(remote.submit)
+app.add_typer(remote.evaluations, name="evaluations")
+app.command("leaderboard")(remote.leaderboard)
 app.add_typer(tokens.tokens, name="tokens")
 app.add_typer(dataset.dataset, name="dataset")
 app.add_typer(train.train, name="train")
+app.add_typer(forecast.forecast, name="forecast")
 
 
 def main() -> None:

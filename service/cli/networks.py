@@ -13,8 +13,9 @@ from service.cli.output import DASH, console, print_json, print_listing, print_r
 from sumo_networks.catalog import builtin_names, load_network, network_entry, network_names
 from sumo_networks.drawing import write_map
 from sumo_networks.errors import InvalidInputError
-from sumo_networks.importing import LIMIT_MB, build_network, import_network
+from sumo_networks.importing import build_network, import_network
 from sumo_networks.inspection import NetworkReport, inspect_network
+from sumo_networks.xml_guard import LIMIT_MB
 
 SHOWN = 6
 

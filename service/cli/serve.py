@@ -20,6 +20,7 @@ def serve(
     data: Annotated[Path | None, typer.Option(help="Folder of records, policies and database.")] = None,
     database: Annotated[str | None, typer.Option(help="URL of a PostgreSQL or SQLite database.")] = None,
     executor: Annotated[str | None, typer.Option(help="What drives: processes or ray.")] = None,
+    ray_address: Annotated[str | None, typer.Option(help="Of the Ray cluster; default: this machine's.")] = None,
     processes: Annotated[int | None, typer.Option(min=1, help="Episodes driven at once; default: one per CPU.")] = None,
     insecure: Annotated[bool | None, typer.Option("--insecure", help="Listen beyond this machine without TLS.")] = None,
     tls_certificate: Annotated[Path | None, typer.Option(help="PEM file.")] = None,
@@ -30,7 +31,8 @@ def serve(
     The first start prints an administrator's token, once. Settings come from DOHYO_... variables too.
     """
     given: dict[str, Any] = {"host": host, "port": port, "data": data, "insecure": insecure}
-    given |= {"executor": executor, "processes": processes, "tls_certificate": tls_certificate, "tls_key": tls_key}
+    given |= {"executor": executor, "ray_address": ray_address, "processes": processes}
+    given |= {"tls_certificate": tls_certificate, "tls_key": tls_key}
     from service.server import run  # a second of imports, which other commands need not wait for
 
     if not run(make_settings(given, database), _announce):

@@ -1,7 +1,8 @@
 """An episode process: drives one order after the other until the server closes its channel or dies.
 
-Started as `python -m service.episodes.child CHANNEL ALARM`, two file descriptors. The alarm is shared memory with one
-float64: the moment on the monotonic clock by which the agent must have returned, 0 while none is called.
+Started as `python -m service.episodes.child CHANNEL ALARM [CLUSTER]`, two file descriptors. The alarm is shared memory
+with one float64: the moment on the monotonic clock by which the agent must have returned, 0 while none is called.
+CLUSTER is the address of a Ray cluster that drives instead, all but the episodes of policy workers.
 """
 
 from __future__ import annotations
@@ -14,15 +15,17 @@ import sys
 import threading
 import time
 import traceback
-from dataclasses import replace
+from functools import cache
+from typing import TYPE_CHECKING
 
-from agents.registry import resolve
-from evaluation.agent import agent_info, make_agent
 from evaluation.executors import drive_job, lost_episode
 from service.episodes.channel import Channel, Kind
-from service.episodes.order import Order
+from service.episodes.order import Order, checked_job
 from service.episodes.remote import drive_remotely
 from sumo_networks.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from service.episodes.cluster import Cluster
 
 ALARM_BYTES = 8
 
@@ -47,10 +50,10 @@ def _drive(order: Order, channel: Channel, alarm: memoryview[float]) -> tuple[Ki
             lost_episode(order.job, *order.verdict)
         elif order.remote:
             return Kind.FINISHED, drive_remotely(order, channel)
+        elif len(sys.argv) > 3:
+            _cluster(sys.argv[3]).drive(order)
         else:
-            entry = resolve(order.info.entry)
-            _refuse_changed(order, entry)
-            drive_job(replace(order.job, info=order.info.model_copy(update={"entry": entry})), watch)
+            drive_job(checked_job(order), watch)
     except InvalidInputError as error:  # no second attempt would go better
         return Kind.IMPOSSIBLE, str(error).encode()
     except Exception as error:  # of ours, or a full disk: the server decides what becomes of the episode
@@ -59,19 +62,11 @@ def _drive(order: Order, channel: Channel, alarm: memoryview[float]) -> tuple[Ki
     return Kind.FINISHED, b""
 
 
-def _refuse_changed(order: Order, entry: str) -> None:
-    """Refuses to drive other code than was submitted: the record would tell a lie."""
-    if not order.info.source_sha256:
-        return
-    agent = make_agent(entry, order.info.settings)
-    try:
-        there = agent_info(agent, entry, order.info.settings)
-    finally:
-        agent.close()
-    if there.source_sha256 != order.info.source_sha256:
-        raise InvalidInputError(
-            f"agent '{order.info.name}': its code has changed since it was submitted; submit it again"
-        )
+@cache
+def _cluster(address: str) -> Cluster:
+    from service.episodes.cluster import Cluster  # Ray takes a second to import, and may not be installed
+
+    return Cluster(address)
 
 
 def _end_with_server(descriptor: int) -> None:

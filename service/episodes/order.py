@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
+from agents.registry import resolve
+from evaluation.agent import agent_info, make_agent
 from evaluation.executors import Job
 from evaluation.record import AgentInfo, Status
+from sumo_networks.errors import InvalidInputError
 from sumo_networks.scenario import Config, Scenario
 
 
@@ -39,3 +43,23 @@ class Order(Config):
     def job(self) -> Job:
         """The same for `evaluation.executors`."""
         return Job(self.scenario, self.info, self.benchmark, self.directory, self.stem, self.act_deadline_s)
+
+
+def checked_job(order: Order) -> Job:
+    """An order's job, its agent's entry resolved.
+
+    Raises:
+        InvalidInputError: The code here is other than was submitted: the record would tell a lie.
+    """
+    entry = resolve(order.info.entry)
+    if order.info.source_sha256:
+        agent = make_agent(entry, order.info.settings)
+        try:
+            there = agent_info(agent, entry, order.info.settings)
+        finally:
+            agent.close()
+        if there.source_sha256 != order.info.source_sha256:
+            raise InvalidInputError(
+                f"agent '{order.info.name}': its code has changed since it was submitted; submit it again"
+            )
+    return replace(order.job, info=order.info.model_copy(update={"entry": entry}))

@@ -61,14 +61,16 @@ class EpisodeProcess:
         seen: Called with every frame of a remote episode: what the worker is to see, and what was refused.
     """
 
-    def __init__(self, policies: Path, program: str = PROGRAM) -> None:
+    def __init__(self, policies: Path, program: str = PROGRAM, cluster: str | None = None) -> None:
         """Not started yet.
 
         Args:
             policies: Folder of uploaded policies.
             program: Module that runs in it.
+            cluster: Address of the Ray cluster that drives for it; None: it drives itself.
         """
         self._policies, self._program = policies, program
+        self._options = () if cluster is None else (cluster,)
         self.alive = False
         self.seen: Callable[[Kind, bytes], None] = lambda kind, payload: None
         self._frames = Frames(self._received, self._gone)
@@ -93,7 +95,7 @@ class EpisodeProcess:
     def _spawn(self, channel: int, alarm: int) -> subprocess.Popen[bytes]:
         environment = {key: value for key, value in os.environ.items() if key not in SECRETS}
         return subprocess.Popen(
-            [sys.executable, "-m", self._program, str(channel), str(alarm)],
+            [sys.executable, "-m", self._program, str(channel), str(alarm), *self._options],
             pass_fds=(channel, alarm),
             stdin=subprocess.DEVNULL,
             start_new_session=True,  # a Ctrl-C is for the server, which ends its processes in its own time

@@ -23,7 +23,7 @@ from evaluation.executors import MAX_ATTEMPTS
 from evaluation.record import AgentInfo, EpisodeRecord, Status
 from service.database.models import AgentKind
 from service.episodes import queue
-from service.episodes.archive import discard, lost_because, shelve, staged_folder
+from service.episodes.archive import archived_path, discard, lost_because, shelve, staged_folder
 from service.episodes.lease import RemoteEpisode
 from service.episodes.leases import SWEEP_S, LeaseBook
 from service.episodes.order import Order
@@ -73,19 +73,11 @@ class Scheduler:
     """
 
     def __init__(self, settings: Settings, database: Database, events: Broadcast) -> None:
-        """Prepares.
-
-        Raises:
-            InvalidInputError: The executor cannot be used here.
-        """
-        if settings.executor != "processes":
-            raise InvalidInputError(
-                f"executor '{settings.executor}': the service drives on this machine only, with 'processes'; for a Ray "
-                "cluster see dohyo evaluate --executor ray"
-            )
+        """Prepares."""
         self.leases = LeaseBook(settings.lease_ttl_s)
         self.leases.fresh = self.wake
         self._settings, self._database, self._events = settings, database, events
+        self._cluster = settings.ray_address if settings.executor == "ray" else None
         self._live: dict[str, Live] = {}
         self._idle: list[EpisodeProcess] = []
         self._turns = Turns()
@@ -279,7 +271,7 @@ class Scheduler:
             process = self._idle.pop()
             if process.alive:
                 return process
-        process = EpisodeProcess(self._settings.policies)
+        process = EpisodeProcess(self._settings.policies, cluster=self._cluster)
         await process.start()
         return process
 
@@ -301,9 +293,10 @@ class Scheduler:
         return Outcome(End.FINISHED) if lost is None else Outcome(End.FAILED, lost)
 
     async def _remember(self, ticket: Ticket, record: EpisodeRecord) -> None:
-        from service.scoring import summary_of
+        from service.scoring import summary_at
 
-        summary = summary_of(record, ticket.document.get("rules", "2.0"))
+        path, rules = archived_path(self._settings, record.record_hash), ticket.document.get("rules", "2.0")
+        summary = await asyncio.to_thread(summary_at, path, record, rules)
         progress = await self._transaction(lambda session: queue.finish(session, ticket, record.record_hash, summary))
         await self._tell(progress, ticket, "done")
 

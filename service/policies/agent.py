@@ -6,6 +6,7 @@ import hashlib
 import os
 import re
 from collections.abc import Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
 
@@ -42,6 +43,7 @@ class OnnxPolicy(Agent):
         sensors: Sequence[str] = ("speedometer", "route"),
         control: str = "target_speed_steering",
         *,
+        onnxruntime: str = "",
         path: str | Path | None = None,
         content: bytes | None = None,
         limits: PolicyLimits | None = None,
@@ -54,6 +56,7 @@ class OnnxPolicy(Agent):
             track: The agent's.
             sensors: The model's inputs.
             control: What its output means.
+            onnxruntime: The version it was submitted for, on which its last bits depend; "": whichever is here.
             path: A file of one's own, which is checked first.
             content: The same, already read.
             limits: What the model may use.
@@ -64,6 +67,11 @@ class OnnxPolicy(Agent):
         self.spec = AgentSpec(name=name, track=track, sensors=tuple(sensors), control=control)
         self._limits = limits or PolicyLimits()
         self._inputs, self._action = expected_inputs(self.spec), expected_action(self.spec)
+        self._runtime = version("onnxruntime")
+        if onnxruntime not in ("", self._runtime):
+            raise InvalidInputError(
+                f"policy '{name}' was submitted for onnxruntime {onnxruntime}, here is {self._runtime}; submit it again"
+            )
         own = path is not None or content is not None
         self._content = content if content is not None else _read(Path(path) if path is not None else _stored(sha256))
         self.sha256 = hashlib.sha256(self._content).hexdigest()
@@ -83,6 +91,7 @@ class OnnxPolicy(Agent):
             "track": spec.track,
             "sensors": list(spec.sensors),
             "control": spec.control,
+            "onnxruntime": self._runtime,
         }
 
     def reset(self, mission: Mission, seed: int) -> None:

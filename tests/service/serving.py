@@ -6,6 +6,7 @@ import json
 import os
 import re
 import signal
+import ssl
 import subprocess
 import sys
 import threading
@@ -34,14 +35,16 @@ class Served:
         log: Lines on standard error, parsed.
     """
 
-    def __init__(self, data: Path, *options: str, before: str = "") -> None:
+    def __init__(self, data: Path, *options: str, before: str = "", certificate: Path | None = None) -> None:
         """Starts it and waits until it is ready.
 
         Args:
             data: Its folder.
             options: Of the command.
             before: Python to run first, in its process.
+            certificate: To trust it by, where it speaks TLS.
         """
+        self._verify = ssl.create_default_context(cafile=certificate) if certificate else True
         environment = {key: value for key, value in os.environ.items() if not key.startswith("DOHYO_")}
         self.process = subprocess.Popen(
             [
@@ -90,7 +93,7 @@ class Served:
             if self.printed:
                 url = self.printed[0].removeprefix("dohyo: ")
                 try:
-                    if httpx.get(f"{url}/health/ready", timeout=1).status_code == 200:
+                    if httpx.get(f"{url}/health/ready", timeout=1, verify=self._verify).status_code == 200:
                         return url
                 except httpx.TransportError:
                     pass
@@ -106,7 +109,7 @@ class Served:
     def ask(self, method: str, path: str, json: Any = None) -> Any:
         """What the administrator is answered."""
         headers = {"authorization": f"Bearer {self.token}"}
-        answer = httpx.request(method, self.url + path, json=json, headers=headers, timeout=30)
+        answer = httpx.request(method, self.url + path, json=json, headers=headers, timeout=30, verify=self._verify)
         assert answer.status_code < 300, (answer.text, self.log)
         return answer.json()
 
@@ -120,9 +123,9 @@ class Served:
 
 
 @contextmanager
-def serving(data: Path, *options: str, before: str = "") -> Iterator[Served]:
+def serving(data: Path, *options: str, before: str = "", certificate: Path | None = None) -> Iterator[Served]:
     """A running service, gone at the end of the block."""
-    served = Served(data, *options, before=before)
+    served = Served(data, *options, before=before, certificate=certificate)
     try:
         yield served
     finally:

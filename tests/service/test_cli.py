@@ -30,9 +30,9 @@ goal = { lane = "737320747#4_2", position_m = 20.0 }
 """
 
 
-def dohyo(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
+def dohyo(*arguments: str, cwd: Path = ROOT, columns: int = 160) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-c", "from service.cli import main; main()", *arguments]
-    environment = {"PYTHONPATH": str(ROOT), "COLUMNS": "160"}
+    environment = {"PYTHONPATH": str(ROOT), "COLUMNS": str(columns)}
 
     return subprocess.run(
         command, cwd=cwd, capture_output=True, text=True, timeout=300, env=os.environ | environment, check=False
@@ -189,3 +189,11 @@ def test_an_agent_of_ones_own_is_found_in_the_working_folder(short: Path, tmp_pa
         *("evaluate", "--agent", "mine:Mine", "--benchmark", str(short), "--seeds", "0", "--json"), cwd=tmp_path
     )
     assert document(result)["agent"] == "mine"
+
+
+def test_lists_of_benchmarks_and_agents_keep_their_names_whole_on_80_columns() -> None:
+    for what in ("benchmarks", "agents"):
+        listed = document(dohyo(what, "list", "--json"))
+        shown = dohyo(what, "list", columns=80).stdout.splitlines()
+        assert max(map(len, shown)) <= 80
+        assert {one["name"] for one in listed} <= {line.split()[0] for line in shown if not line.startswith(" ")}

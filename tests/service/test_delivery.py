@@ -4,11 +4,9 @@ import asyncio
 import hashlib
 import hmac
 import json
-import threading
 import time
 from collections.abc import Iterator
 from datetime import timedelta
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -21,46 +19,14 @@ from service.database.engine import Database
 from service.database.models import Delivery, EpisodeStatus, EvaluationStatus, now
 from sumo_networks.errors import InvalidInputError
 from tests.service.harness import Harness, assert_problem, finish, running
-
-
-class Receiver:
-    """A web server that notes what it gets, and answers as it is told."""
-
-    def __init__(self) -> None:
-        self.got: list[tuple[dict[str, str], bytes]] = []
-        self.answers = [200]
-        outer = self
-
-        class Handler(BaseHTTPRequestHandler):
-            def do_POST(self) -> None:
-                body = self.rfile.read(int(self.headers["content-length"]))
-                outer.got.append(({key.lower(): value for key, value in self.headers.items()}, body))
-                status = outer.answers.pop(0) if len(outer.answers) > 1 else outer.answers[0]
-                self.send_response(status)
-                if status in (301, 302, 307):
-                    self.send_header("location", f"http://127.0.0.1:{outer.port}/elsewhere")
-                self.end_headers()
-
-            def log_message(self, *_: Any) -> None:
-                pass
-
-        self.server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        self.port = self.server.server_address[1]
-        threading.Thread(target=self.server.serve_forever, daemon=True).start()
-
-    def wait(self, count: int) -> None:
-        deadline = time.monotonic() + 10
-        while len(self.got) < count:
-            assert time.monotonic() < deadline, f"got {len(self.got)} of {count}"
-            time.sleep(0.01)
+from tests.service.receiver import Receiver, settled
 
 
 @pytest.fixture
 def receiver() -> Iterator[Receiver]:
     made = Receiver()
     yield made
-    made.server.shutdown()
-    made.server.server_close()
+    made.close()
 
 
 @pytest.fixture
@@ -69,22 +35,6 @@ def telling(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Harness
     monkeypatch.setattr(webhooks, "FIRST_WAIT", timedelta(seconds=0.02))
     with running(tmp_path / "data", webhook_private_addresses=True) as harness:
         yield harness
-
-
-def deliveries(service: Harness) -> list[Delivery]:
-    with service.services.database.reading() as session:
-        return list(session.scalars(select(Delivery).order_by(Delivery.id)))
-
-
-def settled(service: Harness) -> list[Delivery]:
-    """Deliveries once nothing more will be tried."""
-    deadline = time.monotonic() + 15
-    while True:
-        found = deliveries(service)
-        if found and all(one.delivered or one.attempts >= webhooks.ATTEMPTS for one in found):
-            return found
-        assert time.monotonic() < deadline, [(one.attempts, one.failure) for one in found]
-        time.sleep(0.02)
 
 
 def test_the_end_of_an_evaluation_is_told_signed_and_once(telling: Harness, receiver: Receiver) -> None:

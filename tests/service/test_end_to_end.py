@@ -17,6 +17,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from evaluation import benchmark as benchmarks
 from evaluation.agent import agent_info
+from evaluation.evaluation import read_result
 from evaluation.runner import run_episode
 from evaluation.scores.driving import driving_score
 from evaluation.store import read_record
@@ -132,6 +133,18 @@ def test_the_leaderboard_says_what_the_records_say(
         scores = [driving_score(read_record(path).egos[0], "2.0") for path in paths]
         assert row["scores"]["driving_score"]["mean"] == pytest.approx(sum(scores) / len(DRIVES))
         assert (row["seeds"], row["drives"]) == (1, len(DRIVES))
+
+
+def test_what_is_fetched_is_a_result_folder_to_report(
+    evaluations: dict[str, list[dict[str, Any]]], served: Served, user: Client, folder: Path
+) -> None:
+    out = folder / "fetched"
+    options = ("--server", served.url, "--token", served.token, "--out", str(out))
+    done = run("evaluations", "fetch", evaluations["pilot"][0]["evaluation"], *options)
+    assert done.returncode == 0, done.stderr
+    result = read_result(out)
+    assert [record.record_hash for record in result.records] == hashes(evaluations["pilot"])
+    assert result.manifest.agent == result.records[0].egos[0].agent
 
 
 def test_the_leaderboard_leads_to_the_replay_of_an_infraction(

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI, HTTPException, Request
-from starlette.responses import Response, StreamingResponse
+from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from evaluation.record import EpisodeRecord
 from service.comparison import compare_entries
@@ -35,6 +35,14 @@ CSP = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
 )
+SEARCH = {
+    "plan": [1, 3],
+    "nodes": [
+        {"node": 1, "n": 5, "failed": False, "trajectory": [[0.0, 0.0], [4.0, 0.0]]},
+        {"node": 2, "n": 2, "failed": True, "trajectory": [[0.0, 0.0], [4.0, 2.0]]},
+        {"node": 3, "n": 1, "failed": False, "trajectory": [[4.0, 0.0], [8.0, 1.0]]},
+    ],
+}
 VERSION = "3f9c" + "0" * 60
 BENCHMARKS = [
     BenchmarkView(
@@ -61,12 +69,14 @@ class Fake:
         records: Episodes by id, such as "reckless-right-to-south-s0".
         queued: Ids of episodes of evaluation "ev-live" that are not done.
         empty: Whether to know nothing at all.
+        explained: Whether the reasons of an episode have been found out.
         events: Server-sent events of "ev-live", as they come.
     """
 
     records: dict[str, EpisodeRecord] = field(default_factory=dict)
     queued: list[str] = field(default_factory=list)
     empty: bool = False
+    explained: bool = False
     events: list[dict[str, Any]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -159,7 +169,7 @@ def create() -> FastAPI:
         rows = rank(entries if benchmark == "quickstart" else [], "driving_score")
         return LeaderboardView(
             benchmark=benchmark, version=VERSION, versions=[VERSION], track=track, metric="driving_score",
-            description=BENCHMARKS[0].metric, rows=[row_document(row) for row in rows],
+            description=BENCHMARKS[0].metric, rows=[row_document(row, "driving_score") for row in rows],
         )  # fmt: skip
 
     @app.get("/v1/comparison")
@@ -234,6 +244,16 @@ def create() -> FastAPI:
     @app.get("/v1/episodes/{name}/replay")
     def replay(name: str) -> Any:
         return crowded(200) if name == "crowd" else stored("replay-" + name.split("-")[0])
+
+    @app.get("/v1/episodes/{name}/explanation")
+    def explanation(name: str, tick: int) -> Any:
+        if name.startswith("autopilot"):
+            raise HTTPException(409, "agent 'autopilot' has changed since: a replay would prove nothing")
+        if not fake.explained:
+            fake.explained = True
+            return JSONResponse({"status": "being found out"}, 202, {"retry-after": "0"})
+        why = None if tick > 100 else {"rule": "free road", "target_speed": 10 + tick, "root": {"n": 7}} | SEARCH
+        return {"episode": name, "tick": tick, "ticks": 197, "explanations": {"ego": why}}
 
     @app.get("/v1/networks/{name}/map")
     def geometry(name: str) -> Any:

@@ -147,3 +147,40 @@ def test_two_hundred_actors_run_smoothly(visit: Visitor) -> None:
     assert seconds(page) > 1
     print(f"\n200 actors: {rate:.0f} frames per second in headless chromium without a GPU")
     assert rate > 20
+
+
+def test_why_it_decides_so_is_found_out_once_and_follows_the_time(visit: Visitor) -> None:
+    one = visit()
+    page = one.go(f"{EPISODE}#t=5.0")
+    plain = page.locator("canvas").screenshot()
+    page.get_by_role("button", name="show why it decides so").click()
+    why = page.locator(".reasons dl")
+    expect(why).to_contain_text("target speed60.0rulefree roadroot · n7")
+    expect(page.locator(".reasons")).to_contain_text("3 branches of its search")
+    assert page.locator("canvas").screenshot() != plain  # its plan is on the road
+    page.keyboard.press("ArrowRight")
+    expect(why).to_contain_text("target speed61.0")
+    page.keyboard.press("i")  # at 12.6 s
+    expect(page.locator(".reasons")).to_contain_text("it has nothing to say")
+    assert one.complaints == []
+
+
+def test_reasons_that_cannot_be_had_are_told(visit: Visitor) -> None:
+    page = visit().go("/episodes/autopilot-right-to-south-s0")
+    page.get_by_role("button", name="show why it decides so").click()
+    expect(page.locator(".reasons .reason")).to_contain_text("has changed since")
+
+
+def test_a_plan_is_turned_from_the_ego_s_frame_into_the_network_s(visit: Visitor) -> None:
+    page = visit().go(EPISODE)
+    found = page.evaluate("""async () => {
+        const { planOf } = await import("/static/replay/reasons.js");
+        const track = { first: 10, count: 2, x: [0, 100], y: [0, 50], heading: [0, Math.PI / 2] };
+        const node = (node, n, trajectory) => ({ node, n, trajectory });
+        const nodes = [node(1, 4, [[0, 0], [3, 1]]), node(2, 1, [[0, 0], [1, 0]])];
+        const round = (points) => points.map((point) => point.map(Math.round));
+        const tree = planOf({ plan: [1], nodes }, track, 11);
+        const line = planOf({ trajectory: [[2, 0]] }, track, 11);
+        return [round(tree.path), tree.explored.map((one) => one.share), round(line.path), planOf({}, track, 9)];
+    }""")
+    assert found == [[[100, 50], [99, 53]], [1, 0.25], [[100, 52]], None]

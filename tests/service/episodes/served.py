@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from sqlalchemy import select
 
@@ -97,11 +97,13 @@ class Service:
         self.url = f"http://127.0.0.1:{self.port}"
         self.process: subprocess.Popen[bytes] | None = None
 
-    def start(self) -> None:
-        """Starts the process and waits until it listens."""
+    def start(self, log: IO[bytes] | None = None) -> None:
+        """Starts the process and waits until it listens; it writes its log here, or where this process does."""
         program = "from service.cli import main; main()"
         command = [sys.executable, "-c", program, "serve", "--data", str(self.data), "--port", str(self.port)]
-        self.process = subprocess.Popen(command, cwd=ROOT, env=os.environ | self.environment, stdout=subprocess.DEVNULL)
+        self.process = subprocess.Popen(
+            command, cwd=ROOT, env=os.environ | self.environment, stdout=subprocess.DEVNULL, stderr=log
+        )
         wait_until(self._listens, "the service does not listen")
 
     def _listens(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from service.policies.agent import ENTRY, FOLDER_VARIABLE, OnnxPolicy
 from service.policies.checks import PolicyRefusedError
 from service.policies.interface import observation_spec, published_spec
 from service.policies.limits import PolicyLimits
+from service.policies.sandbox import SandboxError
 from sumo_networks.control import CONTROLS
 from sumo_networks.errors import AgentError, InvalidInputError
 from sumo_networks.scenario import Mission, Place, Scenario
@@ -163,3 +165,24 @@ def test_the_document_of_a_spec_names_what_to_upload() -> None:
     assert (document["outputs"][0]["name"], document["outputs"][0]["shape"]) == ("action", [8, 2])
     with pytest.raises(InvalidInputError, match="needs track 'privileged'"):
         observation_spec(AgentSpec(name="x", sensors=("objects",)))
+
+
+def test_a_sandbox_that_cannot_be_started_is_not_the_agents_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise SandboxError("this machine cannot confine a policy: no namespaces")
+
+    monkeypatch.setattr("service.policies.agent.Sandbox", refuse)
+    record = drive(OnnxPolicy(content=models.identity().SerializeToString(), sensors=["speedometer"]))
+    (ego,) = record.egos
+    assert ego.status is Status.SIMULATION
+    assert ego.status.worth_another_try
+    assert "cannot confine" in (ego.failure or "")
+
+
+def test_a_record_says_which_onnxruntime_and_another_one_does_not_drive() -> None:
+    content = models.identity().SerializeToString()
+    policy = OnnxPolicy(content=content, sensors=["speedometer"])
+    assert policy.settings["onnxruntime"] == version("onnxruntime")
+    OnnxPolicy(content=content, sensors=["speedometer"], onnxruntime=version("onnxruntime"))
+    with pytest.raises(InvalidInputError, match=r"submitted for onnxruntime 1\.0\.0, here is .*; submit it again"):
+        OnnxPolicy(content=content, sensors=["speedometer"], onnxruntime="1.0.0")

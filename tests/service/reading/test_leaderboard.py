@@ -8,9 +8,9 @@ import pytest
 
 from evaluation.record import Status
 from service.leaderboard import COLUMNS, Entry, as_csv, as_document, rank
-from service.scoring import Drive
+from service.scoring import Drive, summary_of
 from tests.evaluation.builders import ego, episode
-from tests.service.reading.test_scoring import drives_of, entry
+from tests.service.reading.test_scoring import drives_of, entry, terms
 
 
 def drives(scores: list[float], scenarios: int = 0) -> list[Drive]:
@@ -100,7 +100,7 @@ def test_csv_parses_back() -> None:
     table = list(csv.DictReader(io.StringIO(as_csv(rows, "driving_score"))))
     assert [line["agent"] for line in table] == ["'=cmd()", 'b "x", y']
     for line, row in zip(table, rows, strict=True):
-        document = as_document(row)
+        document = as_document(row, "driving_score")
         for name in COLUMNS:
             assert float(line[name]) == document["scores"][name]["mean"]
             assert float(line[f"{name}_low"]) == document["scores"][name]["low"]
@@ -109,3 +109,20 @@ def test_csv_parses_back() -> None:
 
 def test_an_empty_leaderboard_is_empty() -> None:
     assert rank([], "driving_score") == []
+
+
+def closed_loop(score: float, progress_m: float) -> Drive:
+    """A drive that came so far, with a closed-loop score of so much."""
+    (facts,) = summary_of(episode(ego(progress_m=progress_m)), "2.0", {"ego": terms(score / 100.0, 1.0)})["egos"]
+    return Drive("ep", "scenario", "cell", 0, facts)
+
+
+def test_a_closed_loop_benchmark_ranks_by_that_score_alone() -> None:
+    far, near = entry("far", [closed_loop(50.0, 900.0)]), entry("near", [closed_loop(75.0, 100.0)])
+    rows = rank([far, near], "closed_loop")
+    assert [row.entry.agent for row in rows] == ["near", "far"]
+    assert [as_document(row, "closed_loop")["scores"]["closed_loop"]["mean"] for row in rows] == [75.0, 50.0]
+    assert rank([far, near], "driving_score")[0].entry.agent == "far"
+    header = as_csv(rows, "closed_loop").splitlines()[0].split(",")
+    assert {"closed_loop", "closed_loop_low", "no_collision", "comfort_high", "driving_score"} <= set(header)
+    assert "closed_loop" not in as_document(rows[0], "driving_score")["scores"]

@@ -2,14 +2,23 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from pathlib import Path
 
 import pytest
 
+from evaluation.agent import make_agent
+from evaluation.benchmark import load_benchmark
+from evaluation.closed_loop import score_records
 from evaluation.record import EpisodeRecord, InfractionKind, Status
+from evaluation.runner import drive_episode
+from evaluation.scores.closed_loop import ClosedLoop
+from evaluation.store import write_record
 from evaluation.summary import summarise
 from service.leaderboard import Entry
-from service.scoring import Drive, headline_of, rates_per_km, summarise_drives, summary_of
+from service.scoring import Drive, headline_of, rates_per_km, scores_of, summarise_drives, summary_at, summary_of
+from sumo_networks.scenario import Scenario, Traffic
 from tests.evaluation.builders import ego, episode, infraction, lost
+from tests.service.episodes.served import STEADY, short
 
 
 def drives_of(record: EpisodeRecord, name: str = "ep") -> list[Drive]:
@@ -99,3 +108,63 @@ def test_rates_pool_kilometres() -> None:
 )
 def test_the_headline_follows_the_benchmarks_words(metric: str, score: str) -> None:
     assert headline_of(metric) == score
+
+
+def terms(no_collision: float, progress: float) -> ClosedLoop:
+    """A drive that is perfect but for these two."""
+    return ClosedLoop(
+        no_collision=no_collision,
+        drivable_area=1.0,
+        driving_direction=1.0,
+        making_progress=1.0,
+        time_to_collision=1.0,
+        speed_limit=1.0,
+        progress=progress,
+        comfort=1.0,
+        red_lights=0,
+    )
+
+
+def test_a_closed_loop_drive_has_its_score_and_terms_in_percent() -> None:
+    summary = summary_of(episode(ego(RED)), "2.0", {"ego": terms(0.5, 0.2)})
+    (facts,) = summary["egos"]
+    assert facts["closed_loop"]["closed_loop"] == pytest.approx(50.0 * (11 + 5 * 0.2) / 16)
+    assert (facts["closed_loop"]["no_collision"], facts["closed_loop"]["progress"]) == (50.0, 20.0)
+    drive = Drive("ep", "s", "c", 0, facts)
+    assert drive.score("closed_loop") == facts["closed_loop"]["closed_loop"]
+    assert drive.score("driving_score") == pytest.approx(56.0)
+    assert summarise_drives([drive])["scores"]["closed_loop"]["mean"] == drive.score("closed_loop")
+
+
+def test_drives_without_that_score_say_nothing_of_it() -> None:
+    with_it = Drive("a", "s", "c", 0, summary_of(episode(ego()), "2.0", {"ego": terms(1.0, 1.0)})["egos"][0])
+    without = Drive("b", "s", "c", 1, summary_of(episode(ego()), "2.0")["egos"][0])
+    assert "closed_loop" in scores_of([with_it])
+    assert "closed_loop" not in scores_of([with_it, without])
+    assert "closed_loop" not in summarise_drives([without])["scores"]
+
+
+@pytest.mark.parametrize(
+    ("benchmark", "score"),
+    [
+        ("quickstart", "driving_score"),
+        ("leaderboard", "driving_score"),
+        ("nocrash", "nocrash_success"),
+        ("corl2017", "success"),
+        ("endurance", "drove_2500m"),
+        ("val14", "closed_loop"),
+    ],
+)
+def test_each_benchmark_ranks_by_its_own_metric(benchmark: str, score: str) -> None:
+    assert headline_of(load_benchmark(benchmark).metric) == score
+
+
+def test_a_record_on_disk_has_the_closed_loop_score_that_the_command_line_prints(tmp_path: Path) -> None:
+    mission = short().missions["all"][0].model_copy(update={"name": "ego"})
+    scenario = Scenario(network="ingolstadt", missions=(mission,), traffic=Traffic(), duration_s=3.0, reference_m=20.0)
+    record, trajectory = drive_episode(scenario, {"ego": make_agent(STEADY)})
+    write_record(tmp_path, "one", record, trajectory)
+    (scored,) = score_records([(record, tmp_path / "one.json")])
+    (facts,) = summary_at(tmp_path / "one.json", record, "2.0")["egos"]
+    assert facts["closed_loop"]["closed_loop"] == scored.terms.score > 0.0
+    assert "closed_loop" not in summary_of(record, "2.0")["egos"][0]

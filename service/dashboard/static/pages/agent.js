@@ -5,18 +5,10 @@ import { byId, fill, h, mark } from "../dom.js";
 import { missing, whisker } from "../estimate.js";
 import { bar, standing } from "../evaluation.js";
 import { moment, number, short } from "../format.js";
+import { scoreOf, shown } from "../scores.js";
 import { colours, subject } from "../subject.js";
 import { copyButton, table } from "../table.js";
 import { label, words } from "../words.js";
-
-const SCORES = [
-  ["driving_score", "driving score DS", "%", 100],
-  ["route_completion", "route completion RC", "%", 100],
-  ["infraction_penalty", "penalty IP", "0-1", 1],
-  ["irs", "infraction rate score IRS", "%", 100],
-  ["success", "success", "%", 100],
-  ["nocrash_success", "success without crash", "%", 100],
-];
 
 page(async () => {
   const name = subject();
@@ -85,7 +77,7 @@ async function benchmarkPart(evaluation) {
     h(
       "div",
       { class: "panel measures" },
-      SCORES.map(([key, title, unit, top]) =>
+      shown(whole.scores, 6).map(({ key, title, unit, top }) =>
         h("div", {}, h("h3", {}, title, h("span", { class: "unit" }, ` ${unit}`)), whisker(whole.scores[key], top)),
       ),
     ),
@@ -123,24 +115,25 @@ function median(values) {
   return (sorted[Math.floor((sorted.length - 1) / 2)] + sorted[Math.ceil((sorted.length - 1) / 2)]) / 2;
 }
 
-/** Cells as a grid shaded by success, the number inside: town by task and conditions where the names tell them. */
+/** Cells as a grid shaded by a score, the number inside: town by task and conditions where the names tell them. */
 function cellsPart(cells) {
+  const { key, title } = scoreOf(cells.some(([, cell]) => cell.scores.closed_loop) ? "closed_loop" : "success");
   return h(
     "div",
     {},
-    h("div", { class: "heading sub" }, h("h3", {}, "Success by cell", h("span", { class: "unit" }, " %"))),
+    h("div", { class: "heading sub" }, h("h3", {}, `${title[0].toUpperCase()}${title.slice(1)} by cell`, h("span", { class: "unit" }, " %"))),
     h(
       "div",
       { class: "panel cells" },
       cells.map(([name, cell]) => {
-        const success = cell.scores.success;
-        const share = (success?.mean ?? 0) / 100;
+        const score = cell.scores[key];
+        const share = (score?.mean ?? 0) / 100;
         return h(
           "div",
           { class: "cell", style: { "--share": (0.35 * share).toFixed(2) } },
           h("div", { class: "cell-name" }, name),
-          h("b", {}, number(success?.mean)),
-          h("span", { class: "quiet" }, ` n=${success?.n ?? 0}`),
+          h("b", {}, number(score?.mean)),
+          h("span", { class: "quiet" }, ` n=${score?.n ?? 0}`),
         );
       }),
     ),

@@ -4,19 +4,12 @@ import { ApiError, get, page } from "../api.js";
 import { byId, fill, h } from "../dom.js";
 import { agentName, estimateCells, scale, verdict, whisker } from "../estimate.js";
 import { number, short } from "../format.js";
+import { scoreOf, shown } from "../scores.js";
 import { colours } from "../subject.js";
 import { copyButton, table } from "../table.js";
 import { SIGNS, ending, meaning } from "../words.js";
 import { load, play } from "../replay/player.js";
 
-const TITLES = {
-  driving_score: ["driving score DS", 100],
-  route_completion: ["route completion RC", 100],
-  infraction_penalty: ["penalty IP", 1],
-  irs: ["infraction rate score IRS", 100],
-  success: ["success", 100],
-  nocrash_success: ["success without crash", 100],
-};
 const PLAYED = 2; // more replays side by side than two are too small to see
 
 const query = new URLSearchParams(location.search);
@@ -94,17 +87,15 @@ function scores(given, colour) {
         ),
       csv: (row) => row.agent,
     },
-    ...Object.entries(TITLES)
-      .filter(([name]) => name !== "nocrash_success")
-      .map(([name, [title, top]]) => ({
-        title,
-        unit: top === 100 ? "%" : "0-1",
-        css: "estimate",
-        head: scale(0, top),
-        cell: (row) =>
-          h("div", { style: { "--agent": colour[row.agent] ?? "var(--accent)" } }, whisker(row.scores[name], top)),
-        csv: (row) => estimateCells(name, row.scores[name]),
-      })),
+    ...shown(given.evaluations[0].scores, 5, given.metric).map(({ key, title, unit, top }) => ({
+      title,
+      unit,
+      css: "estimate",
+      head: scale(0, top),
+      cell: (row) =>
+        h("div", { style: { "--agent": colour[row.agent] ?? "var(--accent)" } }, whisker(row.scores[key], top)),
+      csv: (row) => estimateCells(key, row.scores[key]),
+    })),
   ];
   return h(
     "section",
@@ -124,9 +115,9 @@ function pairs(given, colour) {
       "div",
       { class: "columns" },
       given.pairs.map((pair) => {
-        const rows = Object.entries(TITLES)
-          .filter(([key]) => pair.scores[key])
-          .map(([key, [title, top]]) => ({ key, title, top, ...pair.scores[key] }));
+        const rows = shown(pair.scores, 6, given.metric)
+          .filter(({ key }) => pair.scores[key])
+          .map((one) => ({ ...one, ...pair.scores[one.key] }));
         const columns = [
           { title: "score", cell: (row) => row.title, csv: (row) => row.key },
           {
@@ -170,6 +161,11 @@ function pairs(given, colour) {
   );
 }
 
+const closed = (given) => given.metric === "closed_loop";
+
+/** The number that tells one side's drive of a scenario best. */
+const told = (given, scenario, i) => (closed(given) ? scenario.values[i] : scenario.driving_scores[i]);
+
 const key = (one) => `${one.scenario}-s${one.seed}`;
 
 function scenarios(given, colour) {
@@ -185,17 +181,17 @@ function scenarios(given, colour) {
     { title: "seed", numeric: true, cell: (row) => row.seed },
     ...given.evaluations.map((one, i) => ({
       title: one.agent,
-      unit: "DS, %",
+      unit: closed(given) ? "closed loop, %" : "DS, %",
       key: one.agent,
       cell: (row) =>
         h(
           "a",
           { href: `/episodes/${encodeURIComponent(row.episodes[i])}`, class: "outcome" },
-          number(row.driving_scores?.[i] ?? row.values[i]),
+          number(told(given, row, i)),
           " ",
           how(row.statuses?.[i]),
         ),
-      csv: (row) => row.driving_scores?.[i] ?? row.values[i],
+      csv: (row) => told(given, row, i),
     })),
     { title: "spread", numeric: true, cell: (row) => number(row.spread) },
     {
@@ -242,17 +238,18 @@ async function watch(given, scenario, colour, move = true) {
   section.lastChild.replaceWith(theatre);
   play(
     theatre,
-    loaded.map((one, i) => ({ ...one, title: title(given.evaluations[i].agent, scenario, i, colour) })),
+    loaded.map((one, i) => ({ ...one, title: title(given, scenario, i, colour) })),
   );
   theatre.querySelector("canvas").focus({ preventScroll: true });
 }
 
-function title(agent, scenario, i, colour) {
+function title(given, scenario, i, colour) {
+  const { agent } = given.evaluations[i];
   return h(
     "span",
     {},
     agentName(agent, colour[agent], null),
-    h("span", { class: "quiet" }, `  DS ${number(scenario.driving_scores?.[i] ?? scenario.values[i])} %  `),
+    h("span", { class: "quiet" }, `  ${closed(given) ? "closed loop" : "DS"} ${number(told(given, scenario, i))} %  `),
     h("a", { href: `/episodes/${encodeURIComponent(scenario.episodes[i])}` }, "alone"),
   );
 }

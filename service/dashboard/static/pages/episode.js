@@ -6,8 +6,9 @@ import { agentName } from "../estimate.js";
 import { number, seconds, short } from "../format.js";
 import { colours, subject } from "../subject.js";
 import { SIGNS, ending, label, meaning, words } from "../words.js";
-import { explain } from "../replay/score.js";
+import { explain, explainClosedLoop } from "../replay/score.js";
 import { load, play } from "../replay/player.js";
+import { Reasons } from "../replay/reasons.js";
 
 page(async () => {
   const id = subject();
@@ -27,8 +28,18 @@ page(async () => {
     h("div", { class: "episode" }, theatre, facts),
   );
   const player = play(theatre, [{ replay, map }]);
-  const show = (ego) => fill(facts, egoChoice(replay, player, show), ...why(ego, replay, player), links(id, episode));
+  const reasons = h("section", { class: "reasons", "aria-label": "Why it decides so" });
+  const show = (ego) =>
+    fill(
+      facts,
+      egoChoice(replay, player, show),
+      ...why(ego, replay, player, episode),
+      h("h2", {}, "Why it decides so"),
+      reasons,
+      links(id, episode),
+    );
   show(player.views[0].ego);
+  new Reasons(id, player, reasons);
 });
 
 function heading(episode, agent) {
@@ -90,13 +101,14 @@ function egoChoice(replay, player, show) {
   return h("p", {}, h("label", {}, "ego ", choice));
 }
 
-function why(ego, replay, player) {
+function why(ego, replay, player, episode) {
+  const closed = episode.summary?.egos.find((one) => one.name === ego.name)?.closed_loop;
   const kind = meaning(ego.status);
   return [
     h("p", { class: `status large ${kind}` }, h("i", { "aria-hidden": "true" }, SIGNS[kind]), ending(ego.status)),
     ego.failure && h("p", { class: "reason" }, ego.failure),
     h("h2", {}, "Why this score"),
-    explain(ego, replay.rules),
+    closed ? explainClosedLoop(closed) : explain(ego, replay.rules),
     h("h2", {}, ego.infractions.length ? `Infractions (${ego.infractions.length})` : "No infraction"),
     h(
       "ol",

@@ -5,17 +5,12 @@ import { byId, fill, h, mark, s } from "../dom.js";
 import { agentName, missing, whisker } from "../estimate.js";
 import { bar, standing } from "../evaluation.js";
 import { moment, number, seconds, short, span } from "../format.js";
+import { shown } from "../scores.js";
 import { colours, subject } from "../subject.js";
 import { copyButton, table } from "../table.js";
 import { SIGNS, ending, label, meaning, words } from "../words.js";
 
 const REFRESH_MS = 1500;
-const SCORES = [
-  ["driving_score", "driving score DS", 100],
-  ["route_completion", "route completion RC", 100],
-  ["irs", "infraction rate score IRS", 100],
-  ["success", "success", 100],
-];
 
 const id = subject();
 const base = `/v1/evaluations/${encodeURIComponent(id)}`;
@@ -157,8 +152,8 @@ function showScores() {
     h(
       "div",
       { class: "panel measures" },
-      SCORES.map(([key, name, top]) =>
-        h("div", {}, h("h3", {}, name, h("span", { class: "unit" }, " %")), whisker(scores[key], top)),
+      shown(scores, 4).map(({ key, title, unit, top }) =>
+        h("div", {}, h("h3", {}, title, h("span", { class: "unit" }, ` ${unit}`)), whisker(scores[key], top)),
       ),
     ),
   );
@@ -167,7 +162,8 @@ function showScores() {
 function showEpisodes() {
   const rows = state.episodes
     .map((one) => ({ ...one, ego: worst(one), marks: (one.summary?.egos ?? []).flatMap((ego) => ego.marks ?? []) }))
-    .sort((a, b) => (a.ego?.ds ?? 999) - (b.ego?.ds ?? 999) || a.position - b.position);
+    .sort((a, b) => (headline(a.ego) ?? 999) - (headline(b.ego) ?? 999) || a.position - b.position);
+  const closed = rows.some((row) => row.ego?.closed_loop);
   const columns = [
     {
       title: "scenario",
@@ -176,6 +172,13 @@ function showEpisodes() {
     },
     { title: "seed", numeric: true, cell: (row) => row.seed },
     { title: "ended", cell: (row) => how(row), csv: (row) => row.ego?.status ?? row.status },
+    closed && {
+      title: "closed loop",
+      unit: "%",
+      numeric: true,
+      cell: (row) => score(row, "closed_loop", row.ego?.closed_loop),
+      csv: (row) => row.ego?.closed_loop?.closed_loop,
+    },
     { title: "DS", unit: "%", numeric: true, cell: (row) => score(row, "ds"), csv: (row) => row.ego?.ds },
     { title: "RC", unit: "%", numeric: true, cell: (row) => score(row, "rc"), csv: (row) => row.ego?.rc },
     { title: "IP", numeric: true, cell: (row) => score(row, "ip"), csv: (row) => row.ego?.ip },
@@ -187,7 +190,7 @@ function showEpisodes() {
       cell: (row) => (row.ego ? number(row.ego.duration_s) : "—"),
       csv: (row) => row.ego?.duration_s,
     },
-  ];
+  ].filter(Boolean);
   fill(
     byId("episodes"),
     h("div", { class: "heading" }, h("h2", {}, "Episodes, worst first"), copyButton(columns, rows)),
@@ -197,12 +200,16 @@ function showEpisodes() {
 }
 
 /** A score of a drive; a lost or unfinished one has none. */
-const score = (row, name) => (row.ego && row.status === "done" ? number(row.ego[name]) : missing("no finished drive"));
+const score = (row, name, scores = row.ego) =>
+  scores && row.status === "done" ? number(scores[name]) : missing("no finished drive");
+
+/** What an ego is ranked by. */
+const headline = (ego) => ego?.closed_loop?.closed_loop ?? ego?.ds;
 
 /** The ego of an episode that scored least; most have only one. */
 function worst(episode) {
   const egos = episode.summary?.egos ?? [];
-  return egos.length ? egos.reduce((a, b) => (b.ds < a.ds ? b : a)) : null;
+  return egos.length ? egos.reduce((a, b) => (headline(b) < headline(a) ? b : a)) : null;
 }
 
 function how(row) {

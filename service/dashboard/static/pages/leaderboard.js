@@ -4,20 +4,13 @@ import { get, getAll, page } from "../api.js";
 import { byId, fill, h, mark } from "../dom.js";
 import { agentName, estimateCells, missing, scale, verdict, whisker } from "../estimate.js";
 import { moment, number, short } from "../format.js";
+import { scoreOf, shown } from "../scores.js";
 import { startCommand } from "../start.js";
 import { colours } from "../subject.js";
 import { copyButton, table } from "../table.js";
 import { label, words } from "../words.js";
 
 const TRACKS = ["", "sensors", "map", "privileged"];
-const TITLES = {
-  driving_score: "driving score DS",
-  route_completion: "route completion RC",
-  infraction_penalty: "penalty IP",
-  irs: "infraction rate score IRS",
-  success: "success",
-  nocrash_success: "success without crash",
-};
 
 page(async () => {
   const query = new URLSearchParams(location.search);
@@ -101,8 +94,8 @@ function filters(benchmarks, versions, name, query, copy) {
 }
 
 function columnsOf(rows, headline, colour) {
-  const score = (key, top = 100, unit = "%") => ({
-    title: TITLES[key] ?? key,
+  const score = ({ key, title, top, unit }) => ({
+    title,
     unit,
     key,
     css: "estimate",
@@ -111,10 +104,7 @@ function columnsOf(rows, headline, colour) {
       h("div", { style: { "--agent": colour[row.agent] ?? "var(--accent)" } }, whisker(row.scores[key], top)),
     csv: (row) => estimateCells(key, row.scores[key]),
   });
-  const keys = [
-    headline,
-    ...["driving_score", "route_completion", "irs", "success"].filter((key) => key !== headline),
-  ].slice(0, 4);
+  const measured = rows.length ? shown(rows[0].scores, 4, headline) : [scoreOf(headline)];
   return [
     {
       title: "agent",
@@ -122,7 +112,7 @@ function columnsOf(rows, headline, colour) {
       cell: (row) => who(row, colour),
       csv: (row) => ({ rank: row.rank, agent: row.agent, version: row.version, track: row.track }),
     },
-    ...keys.map((key) => score(key)),
+    ...measured.map(score),
     {
       title: "infractions",
       unit: "/km",

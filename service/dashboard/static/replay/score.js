@@ -2,6 +2,7 @@
 
 import { h } from "../dom.js";
 import { number } from "../format.js";
+import { scoreOf } from "../scores.js";
 import { label } from "../words.js";
 
 const SINCE_2 = new Set(["minimum_speed", "scenario_timeout", "yield_emergency"]);
@@ -65,6 +66,41 @@ export function explain(ego, rules = "2.0") {
       { class: "quiet small" },
       `Rules ${rules}. Leaving the lanes enters as a share of the distance; what ends a drive costs its completion.`,
     ),
+  );
+}
+
+/** nuPlan's closed-loop score: what must not fail, times a weighted mean of how well it went. All in per cent. */
+export function explainClosedLoop(terms) {
+  const must = ["no_collision", "drivable_area", "driving_direction", "making_progress"].map(scoreOf);
+  const mean = [
+    [scoreOf("progress"), 5],
+    [scoreOf("time_to_collision"), 5],
+    [scoreOf("speed_limit"), 4],
+    [scoreOf("comfort"), 2],
+  ];
+  const row = ({ key, title }, note) =>
+    h(
+      "div",
+      {},
+      h("dt", {}, title, h("span", { class: "quiet" }, note)),
+      h("dd", { class: "number" }, number(terms[key])),
+    );
+  return h(
+    "div",
+    { class: "why" },
+    h(
+      "p",
+      { class: "formula number" },
+      must.map(({ key, title }) => [h("span", { title }, number(terms[key] / 100)), " × "]),
+      h(
+        "span",
+        { title: "5 EP + 5 TTC + 4 SL + 2 C, by 16" },
+        number(mean.reduce((sum, [{ key }, weight]) => sum + (weight * terms[key]) / 16, 0)),
+      ),
+      " = ",
+      h("b", {}, number(terms.closed_loop)),
+    ),
+    h("dl", {}, must.map((one) => row(one, "factor, %")), mean.map(([one, weight]) => row(one, `weight ${weight}, %`))),
   );
 }
 

@@ -3,6 +3,7 @@
 import { drawActors, drawInvolved, drawSignals, drawTrails } from "./actors.js";
 import { Camera, steer } from "./camera.js";
 import { readColours } from "./colours.js";
+import { drawPlan } from "./reasons.js";
 import { Scene, polyline } from "./scene.js";
 import { words } from "../words.js";
 
@@ -25,6 +26,7 @@ export class View {
     this.scene = new Scene(map);
     this.context = canvas.getContext("2d", { alpha: false });
     this.dash = { solid: [], yellow: [0.6, 0.4] };
+    this.plan = null; // what the agent means to do at this moment, where that is known
     this.onCamera = () => {};
     this.choose(drive.egos[0]);
     this.colours = readColours(canvas);
@@ -62,6 +64,7 @@ export class View {
     this._drawRoute(px);
     drawTrails(c, drive, time_s, colours, px);
     drawSignals(c, drive, colours, px, this.dash);
+    if (this.plan) drawPlan(c, this.plan, colours, px);
     drawActors(c, drive, colours, px);
     drawInvolved(c, drive, this.infractions, time_s, colours, px);
     this._drawMarks(time_s);

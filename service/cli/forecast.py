@@ -1,0 +1,156 @@
+"""`dohyo forecast`: learns to forecast speeds from a table or a folder of days, and measures forecasters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from service.cli.output import console, number, print_json, print_rows
+from sumo_networks.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from agents.forecasting.base import Forecaster
+    from agents.forecasting.data import SpeedData
+
+forecast = typer.Typer(help="Forecasts of traffic speeds.", no_args_is_help=True)
+
+Data = Annotated[Path, typer.Option(help="A folder of `dohyo dataset freeway`, or a CSV or Parquet table.")]
+Unit = Annotated[str, typer.Option(help="Of the table's speeds: m/s, km/h or mph.")]
+Step = Annotated[float | None, typer.Option(min=0.001, help="Minutes between two rows, if its times do not say.")]
+Missing = Annotated[float, typer.Option(min=0.0, max=0.99, help="Largest share of a column that may be missing.")]
+Stands = Annotated[float | None, typer.Option(help="A number that stands for a missing speed.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
+
+
+@forecast.command("fit")
+def fit(
+    data: Data,
+    model: Annotated[str, typer.Option(help="persistence, historical-mean, linear, sa-lstm-n-step, tsmixer, ...")],
+    out: Annotated[Path | None, typer.Option(help="Write it as .safetensors; networks also as .onnx.")] = None,
+    unit: Unit = "m/s",
+    step: Step = None,
+    max_missing: Missing = 0.3,
+    missing_value: Stands = None,
+    depth: Annotated[int, typer.Option(min=-1, max=4, help="Of the Laplacian pyramid's loss; -1: without.")] = 3,
+    steps: Annotated[int, typer.Option(min=1, help="Of the optimiser, at most, in each phase.")] = 600,
+    batch: Annotated[int | None, typer.Option(min=0, help="Windows per step; 0: all. [default: by width]")] = None,
+    rate: Annotated[float, typer.Option(min=1e-6, help="First learning rate.")] = 0.01,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    json: AsJson = False,
+) -> None:
+    """Learns from the earlier part of the data, and prints the errors on the part it has not seen."""
+    from agents.forecasting import registry, training  # torch takes seconds to import
+    from agents.forecasting.windows import make_windows
+
+    if out is not None and out.suffix != ".safetensors":
+        raise InvalidInputError(f"expected --out to end in .safetensors, got '{out}'")
+    table = _read(data, unit, step, max_missing, missing_value)
+    settings = training.TrainSettings(
+        depth=None if depth < 0 else depth, steps=steps, batch=batch, rate=rate, seed=seed
+    )
+    forecaster = registry.make_forecaster(model, len(table.segments), table.step_s, settings)
+    train, validation = (make_windows(table.stretches(name), table.step_s) for name in ("train", "validation"))
+    columns = (TextColumn("step"), BarColumn(), MofNCompleteColumn(), TextColumn("MSE x 10^3 {task.fields[error]:.3f}"))
+    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
+        bar = progress.add_task(model, total=None, error=float("nan"))
+        forecaster.fit(
+            train, validation, lambda done, total, error: progress.update(bar, completed=done, total=total, error=error)
+        )
+    written = _write(forecaster, out) if out else []
+    _report(forecaster, table, table.measured_sets, json, written)
+
+
+@forecast.command("evaluate")
+def evaluate(
+    data: Data,
+    model: Annotated[str, typer.Option(help="A shipped one, a .safetensors or .onnx file, or persistence.")],
+    unit: Unit = "m/s",
+    step: Step = None,
+    max_missing: Missing = 0.3,
+    missing_value: Stands = None,
+    sets: Annotated[str | None, typer.Option(help="With commas between, such as test or easy,hard.")] = None,
+    json: AsJson = False,
+) -> None:
+    """Prints the errors of a trained forecaster, and those of persistence beside them."""
+    from agents.forecasting import registry
+    from agents.forecasting.simple import Persistence
+
+    table = _read(data, unit, step, max_missing, missing_value)
+    segments = len(table.segments)
+    if model == Persistence.name:
+        forecaster: Forecaster = registry.make_forecaster(model, segments, table.step_s)
+    else:
+        forecaster = registry.load_forecaster(model)
+    if forecaster.segments != segments:
+        raise InvalidInputError(
+            f"'{model}' forecasts {forecaster.segments} segments, '{data}' has {segments}; train one on it with "
+            "dohyo forecast fit"
+        )
+    _report(forecaster, table, sets.split(",") if sets else table.measured_sets, json, [])
+
+
+def _read(path: Path, unit: str, step_min: float | None, max_missing: float, missing_value: float | None) -> SpeedData:
+    from agents.forecasting.reading import Format, read_data
+
+    return read_data(path, Format(unit, None if step_min is None else 60.0 * step_min, max_missing, missing_value))
+
+
+def _write(forecaster: Forecaster, path: Path) -> list[Path]:
+    """Writes the file or files of a forecaster."""
+    from agents.forecasting.learned import Learned
+    from agents.forecasting.quantiles import Quantiles
+
+    forecaster.save(path)
+    if not isinstance(forecaster, Learned | Quantiles):
+        return [path]
+    forecaster.export(path.with_suffix(".onnx"))
+    return [path, path.with_suffix(".onnx")]
+
+
+def _report(
+    forecaster: Forecaster, table: SpeedData, sets: Sequence[str], as_json: bool, written: Sequence[Path]
+) -> None:
+    """Errors by set and row ahead, beside persistence's."""
+    from agents.forecasting.scores import errors
+    from agents.forecasting.simple import Persistence
+    from agents.forecasting.windows import make_windows
+
+    document: dict[str, Any] = {"segments": len(table.segments), "step_s": table.step_s, "sets": {}}
+    rows = []
+    for name in sets:
+        windows = make_windows(table.stretches(name), table.step_s)
+        free_mps = forecaster.free_mps if forecaster.free_mps > 1.0 else float(np.quantile(windows.history, 0.999))
+        simple = Persistence(len(table.segments), table.step_s)
+        both = {forecaster_name(forecaster): forecaster, simple.name: simple}
+        document["sets"][name] = {"windows": len(windows), "free_mps": free_mps}
+        for label, one in both.items():
+            got = errors(one, windows, free_mps)
+            mse = got.normalised.mean(axis=0)
+            facts = {
+                "mse_x1000": mse.tolist(),
+                "rmse_kmh": got.rmse("km/h").tolist(),
+                "rmse_mph": got.rmse("mph").tolist(),
+            }
+            document["sets"][name][label] = facts
+            values = (*mse, *got.rmse("km/h"))
+            rows.append((name, label, *(number(float(value)) for value in values)))
+    document["written"] = [str(path.resolve()) for path in written]
+    if as_json:
+        print_json(document)
+        return
+    ahead = [f"t+{(i + 1) * table.step_s / 60:g} min" for i in range(3)]
+    print_rows(["set", "", *(f"MSE x 10^3 {at}" for at in ahead), *(f"km/h {at}" for at in ahead)], rows)
+    if table.lag_min:
+        console.print(f"the feed is up to {table.lag_min:g} min late: that far ahead of its last row is now")
+    for path in written:
+        console.print(f"written: {path.resolve()}", soft_wrap=True)
+
+
+def forecaster_name(forecaster: Forecaster) -> str:
+    """What a table calls it."""
+    return getattr(forecaster, "kind", forecaster.name)

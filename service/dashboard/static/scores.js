@@ -1,0 +1,35 @@
+/** Scores by their names in the interface: title, unit, upper end of the axis. */
+
+const PERCENT = ["%", 100];
+const SCORES = {
+  driving_score: ["driving score DS", ...PERCENT],
+  route_completion: ["route completion RC", ...PERCENT],
+  infraction_penalty: ["penalty IP", "0-1", 1],
+  irs: ["infraction rate score IRS", ...PERCENT],
+  success: ["success", ...PERCENT],
+  nocrash_success: ["success without crash", ...PERCENT],
+  drove_2500m: ["2500 m without crash", ...PERCENT],
+  closed_loop: ["closed-loop score", ...PERCENT],
+  no_collision: ["no collision NC", ...PERCENT],
+  drivable_area: ["on the road DAC", ...PERCENT],
+  driving_direction: ["own direction DDC", ...PERCENT],
+  making_progress: ["makes progress MP", ...PERCENT],
+  time_to_collision: ["time to collision TTC", ...PERCENT],
+  speed_limit: ["speed limit SL", ...PERCENT],
+  progress: ["progress EP", ...PERCENT],
+  comfort: ["comfort C", ...PERCENT],
+};
+const OPEN = ["driving_score", "route_completion", "irs", "success", "infraction_penalty", "nocrash_success"];
+const CLOSED = ["closed_loop", "no_collision", "drivable_area", "progress", "time_to_collision", "comfort"];
+
+/** One score's facts, by name. */
+export function scoreOf(key) {
+  const [title, unit, top] = SCORES[key] ?? [key, ...PERCENT];
+  return { key, title, unit, top };
+}
+
+/** The scores to show of those there are, the most telling first; `headline`, where given, before all. */
+export function shown(scores, most, headline = null) {
+  const keys = scores.closed_loop ? CLOSED : OPEN;
+  return [...new Set([headline ?? keys[0], ...keys])].slice(0, most).map(scoreOf);
+}

@@ -1,0 +1,107 @@
+"""Cluster: an episode process's way to the machines of a Ray cluster. Ray is the extra `cluster`.
+
+The process here only waits: for it, an actor somewhere keeps a worker process that drives, as `evaluation.ray_executor`
+has them. Machines need not share a disk: an uploaded policy goes there as bytes, record and trajectory come back. The
+connection is held by the episode process and not by the server, which no fault of Ray's can then take down.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from evaluation.ray_executor import THREADS, Station, connect, first_line, require_ray, write_here
+from evaluation.record import EpisodeRecord
+from service.episodes.order import Order, checked_job
+from service.policies.agent import ENTRY, FOLDER_VARIABLE
+from sumo_networks.errors import InvalidInputError, SimulationError
+
+
+def check_cluster(address: str) -> None:
+    """Refuses a cluster that is not there.
+
+    Raises:
+        InvalidInputError: Nor is Ray, or nobody answers at that address.
+    """
+    ray = require_ray()
+    try:
+        connect(ray, address)
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{error} (ray start --head begins a cluster, --ray-address names one)") from error
+    ray.shutdown()
+
+
+class Cluster:
+    """A seat on a cluster for one episode at a time; its actor is kept from one to the next."""
+
+    def __init__(self, address: str) -> None:
+        """Connects.
+
+        Raises:
+            SimulationError: The cluster is gone.
+        """
+        self._ray = require_ray()
+        try:
+            connect(self._ray, address)
+        except InvalidInputError as error:  # it was there when the service started: the infrastructure's fault
+            raise SimulationError(str(error)) from error
+        self._station: Any = None
+
+    def drive(self, order: Order) -> None:
+        """Has an order driven, and writes its record here.
+
+        Raises:
+            InvalidInputError: It cannot be driven, or that machine has other versions than this one.
+            SimulationError: Ray lost the actor or its machine.
+        """
+        if self._station is None:
+            remote = self._ray.remote(num_cpus=1, max_restarts=0)(PolicyStation)
+            self._station = remote.remote(tuple(sys.path), os.environ.get(THREADS))
+        try:
+            record, columns = self._ray.get(self._station.drive_order.remote(order, _policy_of(order)))
+        except self._ray.exceptions.RayError as error:
+            cause = getattr(error, "cause", None)
+            if isinstance(cause, InvalidInputError):
+                raise InvalidInputError(str(cause)) from None
+            self._ray.kill(self._station)
+            self._station = None
+            raise SimulationError(f"Ray lost its worker: {first_line(error)}") from error
+        write_here(order.job, record, columns)
+
+
+class PolicyStation(Station):
+    """A station that is sent uploaded policies, and drives only what was submitted."""
+
+    def __init__(self, search_path: Sequence[str], threads: str | None) -> None:
+        """See `Station`; its worker process looks for policies in a folder of its own."""
+        self._policies = tempfile.TemporaryDirectory(prefix="dohyo-policies-")
+        os.environ[FOLDER_VARIABLE] = self._policies.name
+        super().__init__(search_path, threads)
+
+    def drive_order(self, order: Order, policy: tuple[str, bytes] | None) -> tuple[EpisodeRecord, dict[str, Any]]:
+        """Drives one order; see `Station.drive`.
+
+        Args:
+            order: What to drive.
+            policy: File name and content of the uploaded policy that drives, if one does.
+
+        Raises:
+            InvalidInputError: The agent's code here is not what was submitted.
+        """
+        if policy is not None:
+            Path(self._policies.name, policy[0]).write_bytes(policy[1])
+        return self.drive(checked_job(order))
+
+
+def _policy_of(order: Order) -> tuple[str, bytes] | None:
+    if order.info.entry != ENTRY:
+        return None
+    path = Path(os.environ[FOLDER_VARIABLE], f"{order.info.settings['sha256']}.onnx")
+    try:
+        return path.name, path.read_bytes()
+    except OSError as error:
+        raise InvalidInputError(f"policy '{path.name}' cannot be read: {error.strerror}") from error
