@@ -91,10 +91,13 @@ def make_agent(entry: str, settings: Mapping[str, Any] | None = None) -> Agent:
 
 def agent_info(agent: Agent, entry: str, settings: Mapping[str, Any] | None = None) -> AgentInfo:
     """What a record says of an agent."""
-    # An agent that wraps another one is made of both files.
-    parts = (agent, *filter(None, [getattr(agent, "inner", None)]))
+    # An agent that wraps others is made of all their files, and of the files that any of them calls its own.
+    parts = [agent]
+    while (inner := getattr(parts[-1], "inner", None)) is not None:
+        parts.append(inner)
     try:
-        source = b"".join(Path(inspect.getfile(type(part))).read_bytes() for part in parts)
+        files = [file for part in parts for file in (inspect.getfile(type(part)), *getattr(part, "files", ()))]
+        source = b"".join(Path(file).read_bytes() for file in files)
     except (TypeError, OSError):
         source = b""
     return AgentInfo(

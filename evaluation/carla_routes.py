@@ -25,9 +25,9 @@ from evaluation.benchmark import Benchmark, Cell
 from sumo_networks.arrays import FloatArray, IntArray
 from sumo_networks.catalog import load_network
 from sumo_networks.errors import InvalidInputError
-from sumo_networks.importing import unpack
 from sumo_networks.network import RoadNetwork
 from sumo_networks.scenario import Mission, Place, Traffic
+from sumo_networks.xml_guard import scan
 
 MAX_SNAP_M = 5.0
 METRIC = "driving score: route completion times infraction penalty, mean over drives (CARLA Leaderboard 2.0)"
@@ -120,7 +120,7 @@ def read_routes(file: Path) -> list[CarlaRoute]:
         InvalidInputError: Missing, no route file, or a route with fewer than two waypoints.
     """
     with tempfile.TemporaryDirectory(prefix="dohyo-routes-") as work:
-        unpack(file, Path(work) / "routes.xml", "routes")
+        scan(file, "routes", copy=Path(work) / "routes.xml")
         root = ET.parse(Path(work) / "routes.xml").getroot()
     routes = [_route(element, number, file) for number, element in enumerate(root.iter("route"))]
     if not routes:

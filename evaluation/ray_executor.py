@@ -50,8 +50,7 @@ class RayExecutor:
 
     def __post_init__(self) -> None:
         """Raises InvalidInputError where Ray is not installed."""
-        if find_spec("ray") is None:
-            raise InvalidInputError("executor 'ray' needs the package ray: pip install 'dohyo[cluster]'")
+        require_ray()
 
     def run(self, jobs: Sequence[Job]) -> Iterator[EpisodeRecord]:
         """See `Executor`.
@@ -63,10 +62,10 @@ class RayExecutor:
         """
         if not jobs:
             return
-        ray = import_module("ray")
+        ray = require_ray()
         ours = not ray.is_initialized()
         if ours:
-            _connect(ray, self.address)
+            connect(ray, self.address)
         try:
             count = self.workers or max(1, int(ray.cluster_resources().get("CPU", 1)))
             yield from _Crew(ray, min(count, len(jobs))).run(jobs)
@@ -75,7 +74,23 @@ class RayExecutor:
                 ray.shutdown()
 
 
-def _connect(ray: Any, address: str | None) -> None:
+def require_ray() -> Any:
+    """The module `ray`.
+
+    Raises:
+        InvalidInputError: It is not installed.
+    """
+    if find_spec("ray") is None:
+        raise InvalidInputError("executor 'ray' needs the package ray: pip install 'dohyo[cluster]'")
+    return import_module("ray")
+
+
+def connect(ray: Any, address: str | None) -> None:
+    """Makes this process a driver of a cluster.
+
+    Raises:
+        InvalidInputError: There is no such cluster.
+    """
     if address is not None:
         _knock(address)
     try:
@@ -87,7 +102,7 @@ def _connect(ray: Any, address: str | None) -> None:
             **({} if address else {"include_dashboard": False}),
         )
     except (ConnectionError, RuntimeError, ValueError) as error:
-        raise InvalidInputError(f"no Ray cluster at '{address or LOCAL}': {_first_line(error)}") from error
+        raise InvalidInputError(f"no Ray cluster at '{address or LOCAL}': {first_line(error)}") from error
 
 
 def _knock(address: str) -> None:
@@ -147,13 +162,13 @@ class _Crew:
             self._tasks[actor.drive.remote(following)] = (actor, following, tries)
         else:
             self._ray.kill(actor)
-        return None if job is None else _written(job, *result)
+        return None if job is None else write_here(job, *result)
 
     def _without_actor(
         self, job: Job | None, attempt: int, pending: deque[tuple[Job, int]], error: Exception
     ) -> EpisodeRecord | None:
         """What becomes of the job of an actor that Ray has lost."""
-        reason = _first_line(error)
+        reason = first_line(error)
         if job is None:
             self._failed_starts += 1
             if self._failed_starts > MAX_ATTEMPTS:
@@ -199,8 +214,12 @@ class Station:
         return record, columns | {"names": dict(trajectory.names)}
 
 
-def _written(job: Job, record: EpisodeRecord, columns: dict[str, Any]) -> EpisodeRecord:
-    """Writes a record that came from elsewhere into the driver's folder."""
+def write_here(job: Job, record: EpisodeRecord, columns: dict[str, Any]) -> EpisodeRecord:
+    """Writes a record that came from elsewhere into the driver's folder.
+
+    Raises:
+        InvalidInputError: It was made by other versions than those here.
+    """
     here = versions(load_network(job.scenario.network))
     if record.versions != here:
         raise InvalidInputError(f"a machine of the Ray cluster has other versions: {record.versions}, here {here}")
@@ -208,6 +227,7 @@ def _written(job: Job, record: EpisodeRecord, columns: dict[str, Any]) -> Episod
     return record
 
 
-def _first_line(error: Exception) -> str:
+def first_line(error: Exception) -> str:
+    """Type and beginning of an error of Ray's, whose messages are pages long."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return f"{type(error).__name__}: {lines[0] if lines else ''}"[:300]

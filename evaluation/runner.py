@@ -210,6 +210,8 @@ class _Episode:
             self._end(drive, Status.AGENT_DEADLINE, str(error))
         except InvalidActionError as error:
             self._end(drive, Status.AGENT_ACTION, str(error))
+        except SimulationError:  # the machine's fault, such as a policy's sandbox that cannot be started
+            raise
         except AgentError as error:  # worded by whoever found the fault
             self._end(drive, status, str(error)[:LONGEST_FAILURE])
         except Exception as error:  # an agent may raise anything; the batch must survive

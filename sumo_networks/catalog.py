@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import tomllib
@@ -14,6 +15,7 @@ from pydantic import ValidationError
 from sumo_networks.errors import InvalidInputError, UnknownNameError
 from sumo_networks.network import RoadNetwork, read_network
 from sumo_networks.scenario import Config
+from sumo_networks.xml_guard import LIMIT_MB
 
 CATALOG = Path(__file__).parent / "catalog"
 ENTRY = "network.toml"
@@ -116,20 +118,22 @@ def load_network(name: str) -> RoadNetwork:
     """A network by its catalog name, or from a .net.xml[.gz] file; kept in memory until its file changes.
 
     Raises:
-        InvalidInputError: Unknown name, missing file, or a file that is no SUMO net with roads for cars.
+        InvalidInputError: Unknown name, or a file that is missing, harmful, larger than 200 MB (packed or unpacked), or
+            no SUMO net with roads for cars. A network of the catalog may be larger: its import was told so.
     """
     path = network_path(name)
-    label = path.name.removesuffix(".gz").removesuffix(".net.xml") if path == Path(name) else name
+    raw = path == Path(name)
+    label = path.name.removesuffix(".gz").removesuffix(".net.xml") if raw else name
     try:
         state = path.stat()
     except OSError as error:
         raise InvalidInputError(f"cannot read network file '{path}': {error.strerror}") from error
-    return _load(path, label, state.st_mtime_ns, state.st_size)
+    return _load(path, label, LIMIT_MB if raw else math.inf, state.st_mtime_ns, state.st_size)
 
 
 @lru_cache(maxsize=8)
-def _load(path: Path, label: str, _mtime_ns: int, _size: int) -> RoadNetwork:
-    return read_network(path, label)
+def _load(path: Path, label: str, limit_mb: float, _mtime_ns: int, _size: int) -> RoadNetwork:
+    return read_network(path, label, limit_mb)
 
 
 def _names(catalog: Path) -> list[str]:

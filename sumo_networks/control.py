@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 from gymnasium.spaces import Box
+from numba import njit
 
 from sumo_networks.arrays import FloatArray
 from sumo_networks.errors import AgentError, UnknownNameError
@@ -36,6 +37,8 @@ class Control(ABC):
     def __init__(self, vehicle: VehicleParameters, dt: float) -> None:
         self.vehicle = vehicle
         self.dt = dt
+        self._low = self.space.low.astype(np.float64).reshape(-1)
+        self._high = self.space.high.astype(np.float64).reshape(-1)
 
     def command(self, action: object, world: World, ego: int) -> tuple[float, float]:
         """The demand of one tick.
@@ -66,15 +69,26 @@ class Control(ABC):
             given = np.asarray(action)
             if given.dtype.kind not in "biuf":
                 raise TypeError(f"cannot take {given.dtype} for numbers")
-            array = given.astype(np.float64)
+            array = given.astype(np.float64, order="C")
         except Exception as error:  # whatever the conversion of a stranger's object raises
             what = f"an array of shape {self.space.shape}"
             raise InvalidActionError(f"expected {what}, got {type(action).__name__}: {error}"[:200]) from error
         if array.shape != self.space.shape:
             raise InvalidActionError(f"expected an action of shape {self.space.shape}, got shape {array.shape}")
-        if not np.isfinite(array).all():
-            raise InvalidActionError(f"expected finite numbers, got {array.tolist()}")
-        return np.minimum(np.maximum(array, self.space.low), self.space.high)
+        finite = _clip(array.reshape(-1), self._low, self._high)
+        if not finite:
+            raise InvalidActionError(f"expected finite numbers, got {given.tolist()}")
+        return array
+
+
+@njit(cache=True)
+def _clip(values: FloatArray, low: FloatArray, high: FloatArray) -> bool:
+    """Brings values (N,) within their bounds, in place, up to the first that is not finite; whether there is none."""
+    for i in range(values.shape[0]):
+        if not math.isfinite(values[i]):
+            return False
+        values[i] = min(max(values[i], low[i]), high[i])
+    return True
 
 
 class PedalsSteering(Control):
@@ -169,11 +183,12 @@ class LaneCommand(Control):
         route, egos = world.routes[ego], world.egos
         speed = float(egos.speed[ego])
         i = route.index(float(egos.progress[ego]) + pursuit_distance(speed))
-        shift = round(float(action[1])) * route.width[i]
-        aim = route.position[i] + shift * np.array([-math.sin(route.heading[i]), math.cos(route.heading[i])])
-        dx, dy = aim - egos.position[ego]
-        cos, sin = math.cos(egos.heading[ego]), math.sin(egos.heading[ego])
-        steering = pure_pursuit(self.vehicle, float(dx * cos + dy * sin), float(dy * cos - dx * sin))
+        shift, across = round(float(action[1])) * route.width.item(i), route.heading.item(i)
+        (aim_x, aim_y), (x, y) = route.position[i].tolist(), egos.position[ego].tolist()
+        heading = egos.heading.item(ego)
+        dx, dy = aim_x - shift * math.sin(across) - x, aim_y + shift * math.cos(across) - y
+        cos, sin = math.cos(heading), math.sin(heading)
+        steering = pure_pursuit(self.vehicle, dx * cos + dy * sin, dy * cos - dx * sin)
         return self._pid.drive(float(action[0]), speed), steering
 
 

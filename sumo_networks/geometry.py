@@ -40,6 +40,15 @@ def _separated(a: FloatArray, b: FloatArray) -> bool:
 
 
 @njit(cache=True)
+def box_overlaps(a: FloatArray, b: FloatArray) -> bool:
+    """Separating-axis test of two oriented boxes (5,): whether the closed boxes share a point."""
+    reach = 0.5 * (a[3] + a[4] + b[3] + b[4])
+    if abs(a[0] - b[0]) > reach or abs(a[1] - b[1]) > reach:
+        return False
+    return not (_separated(a, b) or _separated(b, a))
+
+
+@njit(cache=True)
 def boxes_overlap(a: FloatArray, b: FloatArray) -> BoolArray:
     """Separating-axis test of oriented boxes, pairwise.
 
@@ -53,10 +62,7 @@ def boxes_overlap(a: FloatArray, b: FloatArray) -> BoolArray:
     out = np.zeros((a.shape[0], b.shape[0]), dtype=np.bool_)
     for i in range(a.shape[0]):
         for j in range(b.shape[0]):
-            reach = 0.5 * (a[i, 3] + a[i, 4] + b[j, 3] + b[j, 4])
-            if abs(a[i, 0] - b[j, 0]) > reach or abs(a[i, 1] - b[j, 1]) > reach:
-                continue
-            out[i, j] = not (_separated(a[i], b[j]) or _separated(b[j], a[i]))
+            out[i, j] = box_overlaps(a[i], b[j])
     return out
 
 
@@ -142,13 +148,14 @@ def nearest_lane(
         for c in range(max(column - 1, 0), min(column + 2, columns)):
             for k in range(cells[r * columns + c], cells[r * columns + c + 1]):
                 i = members[k]
-                distance, _, direction = _to_segment(x, y, segments[i])
+                distance, _ = _to_segment(x, y, segments[i])
                 if distance > NEAR_M:
                     continue
                 lane = segment_lane[i]
-                cost = 100.0 * max(distance - half_width[lane], 0.0) + abs(wrap(heading - direction)) + 0.1 * distance
-                if not preferred[lane]:
-                    cost += 2.0
+                beside, other = 100.0 * max(distance - half_width[lane], 0.0), 0.0 if preferred[lane] else 2.0
+                if beside + 0.1 * distance + other >= best:
+                    continue  # however well it is aligned, which costs more to find out
+                cost = beside + abs(wrap(heading - _direction(segments[i]))) + 0.1 * distance + other
                 if cost < best:
                     best, best_segment = cost, i
     if best_segment < 0:
@@ -157,22 +164,28 @@ def nearest_lane(
     lane, i = segment_lane[best_segment], best_segment
     while i > 0 and segment_lane[i - 1] == lane:
         i -= 1
-    nearest, offset, error = math.inf, math.nan, math.nan
+    nearest, offset, nearest_segment = math.inf, math.nan, i
     while i < segments.shape[0] and segment_lane[i] == lane:
-        distance, side, direction = _to_segment(x, y, segments[i])
+        distance, side = _to_segment(x, y, segments[i])
         if distance < nearest:
-            nearest, offset, error = distance, math.copysign(distance, side), wrap(heading - direction)
+            nearest, offset, nearest_segment = distance, math.copysign(distance, side), i
         i += 1
-    return lane, offset, error
+    return lane, offset, wrap(heading - _direction(segments[nearest_segment]))
 
 
 @njit(cache=True)
-def _to_segment(x: float, y: float, segment: FloatArray) -> tuple[float, float, float]:
-    """Distance of a point to a segment [m], a number positive to its left, direction of the segment [rad]."""
+def _to_segment(x: float, y: float, segment: FloatArray) -> tuple[float, float]:
+    """Distance of a point to a segment [m], a number positive to its left."""
     ux, uy = segment[2] - segment[0], segment[3] - segment[1]
     dx, dy = x - segment[0], y - segment[1]
     t = min(max((dx * ux + dy * uy) / (ux * ux + uy * uy), 0.0), 1.0)
-    return math.hypot(dx - t * ux, dy - t * uy), ux * dy - uy * dx, math.atan2(uy, ux)
+    return math.hypot(dx - t * ux, dy - t * uy), ux * dy - uy * dx
+
+
+@njit(cache=True)
+def _direction(segment: FloatArray) -> float:
+    """Of a segment, rad."""
+    return math.atan2(segment[3] - segment[1], segment[2] - segment[0])
 
 
 @njit(cache=True)

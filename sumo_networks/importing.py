@@ -1,7 +1,6 @@
 """Import: roads from SUMO, OpenStreetMap and OpenDRIVE files become networks of the user's catalog, by netconvert.
 
-A file is hostile until proven otherwise: it is unpacked under a size limit and read once by a streaming parser that
-refuses any DOCTYPE (and so entities of all kinds), before netconvert or another parser sees it.
+A file is hostile until `xml_guard.scan` has let it pass; only then netconvert or another parser sees it.
 """
 
 from __future__ import annotations
@@ -13,13 +12,11 @@ import re
 import shutil
 import subprocess
 import tempfile
-import xml.parsers.expat
-import zlib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Literal, NoReturn
+from typing import Literal
 
 import sumo
 
@@ -27,12 +24,11 @@ from sumo_networks.catalog import ENTRY, builtin_names, check_name, load_network
 from sumo_networks.errors import InvalidInputError
 from sumo_networks.inspection import NetworkReport, inspect_network
 from sumo_networks.network import RoadNetwork, read_network
+from sumo_networks.xml_guard import LIMIT_MB, Census, scan
 
 Kind = Literal["net", "osm", "xodr"]
 
-LIMIT_MB = 200.0
 TIMEOUT_S = 600.0
-CHUNK = 1 << 20
 ROOTS: dict[Kind, str] = {"net": "net", "osm": "osm", "xodr": "OpenDRIVE"}
 SUFFIXES: dict[str, Kind] = {".net.xml": "net", ".osm": "osm", ".osm.xml": "osm", ".xodr": "xodr"}
 TITLES: dict[Kind, str] = {"net": "a SUMO net", "osm": "OpenStreetMap", "xodr": "OpenDRIVE"}
@@ -54,23 +50,6 @@ GUESSES = (
     *("--sidewalks.guess", "--crossings.guess", "--default.sidewalk-width", "2", "--default.crossing-width", "4"),
     *("--no-turnarounds.except-deadend", "--tls.default-type", "static"),
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Census:
-    """What a file holds before anything is guessed.
-
-    Attributes:
-        elements: How many of each element there are.
-        sidewalks: Lanes for pedestrians alone.
-        crossings: Pedestrian crossings.
-        lights: Traffic lights.
-    """
-
-    elements: Counter[str]
-    sidewalks: int
-    crossings: int
-    lights: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +95,7 @@ def import_network(
     kind = _kind(file)
     with tempfile.TemporaryDirectory(prefix="dohyo-import-") as work:
         plain, built = Path(work) / f"source.{kind}.xml", Path(work) / f"{name}.net.xml"
-        before = unpack(file, plain, ROOTS[kind], limit_mb)
+        before = scan(file, ROOTS[kind], limit_mb, copy=plain)
         if kind == "net" and not before.elements["lane"]:
             raise InvalidInputError(f"'{file}' has no lane open to passenger cars: it has no lane at all")
         as_it_is = kind == "net" and before.crossings > 0 and not lights
@@ -152,39 +131,6 @@ def build_network(folder: Path, out: Path | None = None) -> Path:
     return out
 
 
-def unpack(file: Path, target: Path, root: str, limit_mb: float = LIMIT_MB) -> Census:
-    """Copies a file, unzipped if it is gzipped, while checking that it is harmless XML.
-
-    Args:
-        file: What the user gave.
-        target: The plain XML to write.
-        root: Its root element's name.
-        limit_mb: Largest size, packed or unpacked, MB.
-
-    Raises:
-        InvalidInputError: Too large, truncated, not well-formed, another root, or with a DOCTYPE.
-    """
-    limit = int(limit_mb * 1e6)
-    scanner = _Scanner(file, root)
-    try:
-        if file.stat().st_size > limit:
-            _refuse_size(file, "", limit_mb)
-        with _open(file) as source, target.open("wb") as copy:
-            size = 0
-            while chunk := source.read(CHUNK):
-                size += len(chunk)
-                if size > limit:
-                    _refuse_size(file, " unpacked", limit_mb)
-                scanner.feed(chunk)
-                copy.write(chunk)
-            scanner.feed(b"", last=True)
-    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-        raise InvalidInputError(f"'{file}' is no complete gzip file: {error}") from error
-    except OSError as error:
-        raise InvalidInputError(f"cannot read '{file}': {error.strerror or error}") from error
-    return scanner.census()
-
-
 def run_netconvert(arguments: Sequence[str], file: Path, timeout_s: float) -> list[str]:
     """Runs netconvert and returns its warnings.
 
@@ -212,45 +158,6 @@ def run_netconvert(arguments: Sequence[str], file: Path, timeout_s: float) -> li
 def without_comments(net: bytes) -> bytes:
     """A net without netconvert's comment, which holds the date and paths: the same source gives the same bytes."""
     return re.sub(rb"\n*<!-- generated on .*?-->\n*", b"\n\n", net, count=1, flags=re.DOTALL)
-
-
-class _Scanner:
-    """Reads XML as it streams by: refuses what could do harm, counts the rest."""
-
-    def __init__(self, file: Path, root: str) -> None:
-        self.file, self.root = file, root
-        self.elements: Counter[str] = Counter()
-        self.sidewalks = self.crossings = 0
-        self.parser = xml.parsers.expat.ParserCreate()
-        self.parser.StartElementHandler = self._element
-        self.parser.StartDoctypeDeclHandler = self._doctype
-
-    def feed(self, chunk: bytes, last: bool = False) -> None:
-        try:
-            self.parser.Parse(chunk, last)
-        except xml.parsers.expat.ExpatError as error:
-            raise InvalidInputError(f"'{self.file}' is no well-formed XML: {error}") from error
-
-    def census(self) -> Census:
-        return Census(self.elements, self.sidewalks, self.crossings, self.elements["tlLogic"])
-
-    def _doctype(self, *_: object) -> NoReturn:
-        raise InvalidInputError(f"'{self.file}' has a DOCTYPE; road files need none, and entities are not read")
-
-    def _element(self, tag: str, attributes: dict[str, str]) -> None:
-        if not self.elements and tag != self.root:
-            raise InvalidInputError(f"'{self.file}': expected the root element <{self.root}>, got <{tag[:40]}>")
-        self.elements[tag] += 1
-        self.sidewalks += tag == "lane" and attributes.get("allow") == "pedestrian"
-        self.crossings += tag == "edge" and attributes.get("function") == "crossing"
-
-
-def _open(file: Path) -> BinaryIO:
-    return gzip.open(file, "rb") if file.suffix == ".gz" else file.open("rb")  # type: ignore[return-value]
-
-
-def _refuse_size(file: Path, state: str, limit_mb: float) -> NoReturn:
-    raise InvalidInputError(f"'{file}' is larger{state} than {limit_mb:g} MB; allow more with --limit-mb")
 
 
 def _kind(file: Path) -> Kind:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 import tempfile
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ import shapely
 from sumo_networks.arrays import BoolArray, FloatArray, IntArray, StringArray
 from sumo_networks.geometry import crossed_segments, nearest_lane
 from sumo_networks.parsing import file_hash, parse_net
+from sumo_networks.xml_guard import check_size, scan
 
 CACHE_VERSION = 4
 GRID_CELL_M = 30.0
@@ -271,22 +273,25 @@ _GROUPS = {
 }
 
 
-def read_network(path: Path, name: str) -> RoadNetwork:
+def read_network(path: Path, name: str, limit_mb: float = math.inf) -> RoadNetwork:
     """Parses a SUMO net, or takes the arrays of an earlier parse of the same bytes from the cache.
 
     Args:
         path: A .net.xml or .net.xml.gz file.
         name: What to call it.
+        limit_mb: Largest size, packed or unpacked, MB.
 
     Raises:
-        InvalidInputError: The file is missing, is no SUMO net, or has no lane open to cars.
+        InvalidInputError: The file is missing, too large, no SUMO net, harmful, or has no lane open to cars.
     """
+    check_size(path, limit_mb)
     sha256 = file_hash(path)
     cached = cache_folder() / "networks" / f"{sha256}-v{CACHE_VERSION}.npz"
     if cached.exists():
         with np.load(cached, allow_pickle=False) as file:
             tables = {key: file[key] for key in file.files}
     else:
+        scan(path, "net", limit_mb)
         tables = parse_net(path)
         _write_atomically(cached, tables)
     groups = {

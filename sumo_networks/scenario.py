@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -14,6 +14,7 @@ from sumo_networks.events import Event
 __all__ = [
     "Config",
     "Event",
+    "Flow",
     "Mission",
     "Name",
     "Obstacle",
@@ -47,20 +48,69 @@ class Mission(Config):
     start_speed_mps: Annotated[float, Field(ge=0, le=60)] | None = _OPTIONAL
 
 
+class Flow(Config):
+    """Vehicles that follow each other along one way, for as long as the episode lasts; beside the population.
+
+    They enter at the beginning of their source whether an ego sees it or not, and wait outside while there is no room.
+    Exactly one of `vehicles_per_hour`, `gap_s` and `spacing_m` says how close they follow.
+
+    Attributes:
+        source: Edge they come from; or a lane, on which all then enter.
+        target: Edge they go to, on the fastest way.
+        type: What they are; None: cars, vans, trucks and buses, mixed as in the population.
+        vehicles_per_hour: On average, each at a random time.
+        gap_s: Shortest and longest time between two, s; every one between them is as likely.
+        spacing_m: The same as a distance between two fronts, m, driven at the speed limit of the source.
+    """
+
+    source: str
+    target: str
+    type: Literal["car", "van", "truck", "bus", "bicycle"] | None = None
+    vehicles_per_hour: Annotated[float, Field(gt=0, le=7200)] | None = None
+    gap_s: tuple[Annotated[float, Field(ge=0.5)], Annotated[float, Field(le=3600)]] | None = None
+    spacing_m: tuple[Annotated[float, Field(ge=5)], Annotated[float, Field(le=10_000)]] | None = None
+
+    @model_validator(mode="after")
+    def _gaps_are_one_and_in_order(self) -> Flow:
+        given = [name for name in ("vehicles_per_hour", "gap_s", "spacing_m") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(
+                f"flow from '{self.source}': expected one of vehicles_per_hour, gap_s and spacing_m, "
+                f"got {' and '.join(given) or 'none'}"
+            )
+        for bounds in (self.gap_s, self.spacing_m):
+            if bounds is not None and bounds[0] > bounds[1]:
+                raise ValueError(f"flow from '{self.source}': expected the shortest gap first, got {bounds}")
+        return self
+
+
 class Traffic(Config):
-    """The population around the egos, held constant while they drive.
+    """The population around the egos, held constant while they drive, and flows beside it.
 
     Attributes:
         vehicles: Cars, vans, trucks and buses.
         bicycles: Bicycles.
         pedestrians: People on foot.
         warm_up_s: Simulated time before the egos start.
+        jaywalkers: Share of the pedestrians who cross roads away from crossings, see `sumo_networks.jaywalkers`.
+        impatience: Of the drivers: how far those who must give way push into gaps that make others brake; 0 never, 1
+            always. SUMO's, and its default is 0.
+        flows: Vehicles that follow each other along one way.
     """
 
     vehicles: Annotated[int, Field(ge=0, le=20_000)] = 0
     bicycles: Annotated[int, Field(ge=0, le=20_000)] = 0
     pedestrians: Annotated[int, Field(ge=0, le=20_000)] = 0
     warm_up_s: Annotated[float, Field(ge=0, le=3600)] = 30.0
+    # What most scenarios have not is left out, so that they keep their hashes.
+    jaywalkers: Annotated[float, Field(ge=0, le=1, exclude_if=lambda share: not share)] = 0.0
+    impatience: Annotated[float, Field(ge=0, le=1, exclude_if=lambda share: not share)] = 0.0
+    flows: Annotated[tuple[Flow, ...], Field(max_length=100, exclude_if=lambda flows: not flows)] = ()
+
+    @property
+    def jaywalker_count(self) -> int:
+        """How many of the pedestrians are jaywalkers."""
+        return round(self.jaywalkers * self.pedestrians)
 
 
 class Obstacle(Config):

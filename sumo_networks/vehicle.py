@@ -191,8 +191,14 @@ class Vehicles:
 
     def centres(self) -> FloatArray:
         """(E, 2), m: centres of the boxes."""
-        heading = self.states[:, HEADING]
-        out = np.empty((len(self.states), 2))
-        out[:, 0] = self.states[:, X] + self.parameters.axle_to_centre * np.cos(heading)
-        out[:, 1] = self.states[:, Y] + self.parameters.axle_to_centre * np.sin(heading)
-        return out
+        return _centres(self.states, self.parameters.axle_to_centre)
+
+
+@njit(cache=True)
+def _centres(states: FloatArray, axle_to_centre: float) -> FloatArray:
+    """(E, 2), m: centres of the boxes of vehicles in states (E, 8) that lie so far ahead of the rear axle [m]."""
+    out = np.empty((states.shape[0], 2))
+    for e in range(states.shape[0]):
+        out[e, 0] = states[e, 0] + axle_to_centre * math.cos(states[e, 2])
+        out[e, 1] = states[e, 1] + axle_to_centre * math.sin(states[e, 2])
+    return out

@@ -87,6 +87,12 @@ class Egos:
     driven: FloatArray
     motion: FloatArray = field(default_factory=lambda: np.zeros((0, 10, 2)))
 
+    def boxes(self) -> FloatArray:
+        """(E, 5) x, y [m], heading [rad], length, width [m]."""
+        out = np.empty((len(self.names), 5))
+        out[:, :2], out[:, 2], out[:, 3], out[:, 4] = self.position, self.heading, self.length, self.width
+        return out
+
     def box(self, ego: int) -> FloatArray:
         """(5,) x, y [m], heading [rad], length, width [m] of one ego."""
         return np.array([*self.position[ego], self.heading[ego], self.length[ego], self.width[ego]], dtype=np.float64)

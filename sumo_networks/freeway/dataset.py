@@ -11,6 +11,7 @@ import json
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -30,9 +31,10 @@ Split = Literal["train", "easy", "hard"]
 SPLITS: tuple[Split, ...] = ("train", "easy", "hard")
 FACTS = "dataset.json"
 EASY_SHARE = 60 / 350
-HARD_START_S, HARD_MINUTES = 5.0 * 3600, 440
-HARD_DEMAND = (1.0, 1.02, 1.04, 1.06)
+HARD_START_S, HARD_MINUTES = 6.0 * 3600, 440
+HARD_DEMAND = (1.04, 1.06, 1.08, 1.10)
 """Demand of the hard mornings in turn: each is congested for hours."""
+HARD_PEAK_WIDTH = 1.5
 
 
 class Order(Config):
@@ -90,7 +92,7 @@ def day_orders(order: Order) -> Iterator[DayOrder]:
     for place, split in enumerate(SPLITS):
         for number in range(1, order.number(split) + 1):
             what, drive, noise = np.random.SeedSequence(order.seed, spawn_key=(place, number)).spawn(3)
-            day = draw_day((number - 1) % 7, what, float(road.bounds_m[-1]))
+            day = draw_day((number - 1) % 7, what, road)
             if split == "hard":
                 day = _hard(day, number)
             scenario = FreewayScenario(
@@ -107,7 +109,7 @@ def day_orders(order: Order) -> Iterator[DayOrder]:
 
 def _hard(day: Day, number: int) -> Day:
     demand = HARD_DEMAND[(number - 1) % len(HARD_DEMAND)]
-    return day.model_copy(update={"weekday": 1, "demand": demand, "peak_width": 1.15, "tau_factor": 1.0})
+    return day.model_copy(update={"weekday": 1, "demand": demand, "peak_width": HARD_PEAK_WIDTH, "tau_factor": 1.0})
 
 
 def make_dataset(
@@ -134,7 +136,7 @@ def make_dataset(
         progress(done, len(days), 0.0)
         if target.exists():
             continue
-        speeds = drive_day(day.scenario, day.scale, lambda share, done=done: progress(done, len(days), share))  # type: ignore[misc]
+        speeds = drive_day(day.scenario, day.scale, partial(progress, done, len(days)))
         _write(day_table(speeds, day.noise), target)
         made += 1
     progress(len(days), len(days), 0.0)

@@ -15,11 +15,6 @@ from sumo_networks.freeway.road import FreewayRoad
 from sumo_networks.freeway.scenario import WEEKEND, Day, FreewayScenario, Incident
 
 SLICE_S = 60.0
-PEAK_VPH = (5950.0, 500.0, 460.0, 680.0)
-"""Flow at the height of an ordinary morning: the approach, then each on-ramp."""
-EXIT_SHARES = (0.07, 0.07, 0.06, 0.10)
-"""Which part of those who pass an off-ramp takes it."""
-
 APPROACH_MPS = 28.0
 """How fast a car comes to where it breaks down."""
 
@@ -96,8 +91,9 @@ def draw_demand(road: FreewayRoad, scenario: FreewayScenario) -> Demand:
     slices = np.arange(max(begin, 0.0), end, SLICE_S)
     level = scenario.day.demand * share_of_peak(scenario.day, slices + SLICE_S / 2)
     came, entries = [], []
-    for place in range(1 + len(road.mainline.on_ramps)):
-        number = times.poisson(level * PEAK_VPH[min(place, len(PEAK_VPH) - 1)] * SLICE_S / 3600)
+    peaks = (road.mainline.peak_vph, *(ramp.peak_vph for ramp in road.mainline.on_ramps.values()))
+    for place, peak_vph in enumerate(peaks):
+        number = times.poisson(level * peak_vph * SLICE_S / 3600)
         came.append(np.repeat(slices, number) + times.random(int(number.sum())) * SLICE_S)
         entries.append(np.full(len(came[-1]), place, dtype=np.int64))
     time_s, entry = np.concatenate(came), np.concatenate(entries)
@@ -113,8 +109,8 @@ def draw_demand(road: FreewayRoad, scenario: FreewayScenario) -> Demand:
 def _exits(road: FreewayRoad, entry: IntArray, rng: np.random.Generator) -> IntArray:
     """Each vehicle passes the off-ramps that lie ahead of its entry one by one, and takes each with its share."""
     taken = np.zeros(len(entry), dtype=np.int64)
-    for place, share in enumerate(EXIT_SHARES[: len(road.mainline.off_ramps)], start=1):
-        leaves = (rng.random(len(entry)) < share) & (taken == 0) & _ahead(road)[entry, place - 1]
+    for place, ramp in enumerate(road.mainline.off_ramps.values(), start=1):
+        leaves = (rng.random(len(entry)) < ramp.share) & (taken == 0) & _ahead(road)[entry, place - 1]
         taken[leaves] = place
     return taken
 

@@ -44,4 +44,7 @@ def start_sumo(net: Path, files: Iterable[Path], begin_s: float, seed: int, opti
     try:
         libsumo.start([*command, *options, *_QUIET])
     except libsumo.TraCIException as error:
-        raise SimulationError(f"SUMO could not load the freeway from '{net}': {error}") from error
+        libsumo.close()  # what it could not load it keeps open
+        raise SimulationError(
+            f"SUMO could not load the freeway from '{net}': {' '.join(str(error).split())}"
+        ) from error

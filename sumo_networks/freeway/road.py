@@ -18,6 +18,30 @@ from sumo_networks.network import RoadNetwork
 MAINLINE = "mainline.toml"
 
 
+class OnRamp(Config):
+    """A ramp by which vehicles come.
+
+    Attributes:
+        segment: At whose start it joins.
+        peak_vph: Vehicles per hour at the height of an ordinary morning.
+    """
+
+    segment: int
+    peak_vph: float
+
+
+class OffRamp(Config):
+    """A ramp by which vehicles leave.
+
+    Attributes:
+        segment: At whose end it goes.
+        share: Of those who pass it, who take it.
+    """
+
+    segment: int
+    share: float
+
+
 class Mainline(Config):
     """What `catalog/NAME/mainline.toml` says; edges are SUMO's ids, from upstream to downstream.
 
@@ -25,17 +49,19 @@ class Mainline(Config):
         approach: Edges before the first segment.
         segments: The edges of each segment.
         departure: Edges after the last segment.
-        on_ramps: Edges by which vehicles come, each with the segment at whose start it joins.
-        off_ramps: Edges by which vehicles leave, each with the segment at whose end it goes.
         bottleneck: The segment that carries least.
+        peak_vph: Vehicles per hour that come by the approach at the height of an ordinary morning.
+        on_ramps: By their edges, from upstream to downstream.
+        off_ramps: By their edges, from upstream to downstream.
     """
 
     approach: tuple[str, ...]
     segments: tuple[tuple[str, ...], ...]
     departure: tuple[str, ...]
-    on_ramps: dict[str, int]
-    off_ramps: dict[str, int]
     bottleneck: int
+    peak_vph: float
+    on_ramps: dict[str, OnRamp]
+    off_ramps: dict[str, OffRamp]
 
     @property
     def edges(self) -> tuple[str, ...]:
@@ -91,12 +117,12 @@ class FreewayRoad:
     @property
     def joins_m(self) -> FloatArray:
         """Where vehicles come from: the approach's start, then where each on-ramp joins, m."""
-        return np.array([self.start_m, *(self.bounds_m[segment] for segment in self.mainline.on_ramps.values())])
+        return np.array([self.start_m, *(self.bounds_m[ramp.segment] for ramp in self.mainline.on_ramps.values())])
 
     @property
     def leaves_m(self) -> FloatArray:
         """Where vehicles go: the departure's end, then where each off-ramp goes, m."""
-        return np.array([self.end_m, *(self.bounds_m[segment + 1] for segment in self.mainline.off_ramps.values())])
+        return np.array([self.end_m, *(self.bounds_m[ramp.segment + 1] for ramp in self.mainline.off_ramps.values())])
 
     def way(self, entry: int, exit: int) -> tuple[str, ...]:
         """Edges from an entry to an exit, numbered as in `joins_m` and `leaves_m`.
@@ -111,11 +137,11 @@ class FreewayRoad:
         before: tuple[str, ...] = ()
         after: tuple[str, ...] = ()
         if entry:
-            ramp, segment = list(line.on_ramps.items())[entry - 1]
-            first, before = edges.index(line.segments[segment][0]), (ramp,)
+            name, joins = list(line.on_ramps.items())[entry - 1]
+            first, before = edges.index(line.segments[joins.segment][0]), (name,)
         if exit:
-            ramp, segment = list(line.off_ramps.items())[exit - 1]
-            last, after = edges.index(line.segments[segment][-1]) + 1, (ramp,)
+            name, leaves = list(line.off_ramps.items())[exit - 1]
+            last, after = edges.index(line.segments[leaves.segment][-1]) + 1, (name,)
         return (*before, *edges[first:last], *after)
 
     def edge_at(self, position_m: float) -> tuple[str, float]:

@@ -8,9 +8,11 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from sumo_networks.config import Config
+from sumo_networks.freeway.road import FreewayRoad
 
 DAY_S = 86400.0
 WEEKEND = (5, 6)
+INCIDENTS_PER_DAY = 0.25
 
 
 class Incident(Config):
@@ -82,14 +84,13 @@ class FreewayScenario(Config):
         return self
 
 
-def draw_day(weekday: int, seed: np.random.SeedSequence, length_m: float, lanes: int = 4) -> Day:
+def draw_day(weekday: int, seed: np.random.SeedSequence, road: FreewayRoad) -> Day:
     """A random day: its demand, its peak, its weather, and its incidents.
 
     Args:
         weekday: 0 Monday to 6 Sunday.
         seed: Decides everything.
-        length_m: Length of the segments, where incidents may happen.
-        lanes: Lanes an incident may block.
+        road: Where the incidents happen.
     """
     rng = np.random.default_rng(seed)
     habit = (1.0, 1.02, 1.02, 1.01, 0.95, 1.0, 1.0)[weekday]
@@ -101,18 +102,14 @@ def draw_day(weekday: int, seed: np.random.SeedSequence, length_m: float, lanes:
         peak_width=float(np.clip(rng.normal(1.0, 0.08), 0.8, 1.25)),
         trucks=float(np.clip(rng.normal(0.03 if weekday in WEEKEND else 0.07, 0.01), 0.01, 0.12)),
         tau_factor=float(rng.uniform(1.03, 1.10)) if wet else 1.0,
-        incidents=_incidents(rng, length_m, lanes),
+        incidents=tuple(_incident(rng, road) for _ in range(rng.poisson(INCIDENTS_PER_DAY))),
     )
 
 
-def _incidents(rng: np.random.Generator, length_m: float, lanes: int) -> tuple[Incident, ...]:
-    """About one day in four has one, mostly by day, for 10 to 40 minutes, on one of the outer lanes."""
-    return tuple(
-        Incident(
-            time_s=float(rng.triangular(5.0, 9.0, 20.0) * 3600),
-            duration_s=float(rng.uniform(600, 2400)),
-            position_m=float(rng.uniform(0.1, 0.95) * length_m),
-            lane=int(rng.choice((0, lanes - 1))),
-        )
-        for _ in range(rng.poisson(0.25))
-    )
+def _incident(rng: np.random.Generator, road: FreewayRoad) -> Incident:
+    """Mostly by day, for 10 to 40 minutes, on one of the outer lanes."""
+    time_s, duration_s = rng.triangular(5.0, 9.0, 20.0) * 3600, rng.uniform(600, 2400)
+    position_m = float(rng.uniform(0.1, 0.95) * road.bounds_m[-1])
+    segment = int(np.searchsorted(road.bounds_m, position_m, side="right")) - 1
+    lane = int(rng.choice((0, road.lanes[segment] - 1)))
+    return Incident(time_s=float(time_s), duration_s=float(duration_s), position_m=position_m, lane=lane)

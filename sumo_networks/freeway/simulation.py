@@ -6,6 +6,7 @@ its driver would, whatever the command. Safety is never handed over, so no comma
 
 from __future__ import annotations
 
+import itertools
 import math
 import tempfile
 from collections.abc import Iterable, Mapping
@@ -115,6 +116,7 @@ class FreewaySimulation:
     def _warm_up(self, begin_s: float) -> FreewayWorld:
         self._names: dict[str, tuple[float, int, bool]] = {}  # length, kind, probe; in the order of departure
         self._commanded: set[str] = set()
+        self._arrived: tuple[str, ...] = ()
         self._departed = self._ticks = 0
         with failing_as_simulation_error(0):
             for _ in range(round((self.scenario.start_s - begin_s) / TICK_S)):
@@ -162,26 +164,28 @@ class FreewaySimulation:
             self._commanded.discard(name)
 
     def _read(self) -> FreewayWorld:
-        vehicle, names = libsumo.vehicle, tuple(self._names)
-        tracks = [self.road.tracks.get(lane, _RAMP) for lane in map(vehicle.getLaneID, names)]
-        facts = list(self._names.values())
+        vehicle = libsumo.vehicle
+        lanes = {name: lane for name in self._names if (lane := vehicle.getLaneID(name))}  # none while teleported
+        names, number = tuple(lanes), len(lanes)
+        tracks = [self.road.tracks.get(lane, _RAMP) for lane in lanes.values()]
+        facts = [self._names[name] for name in names]
         length = np.array([one[0] for one in facts], dtype=np.float64)
         kind = np.array([one[1] for one in facts], dtype=np.int64)
         start = np.array([track.start_m for track in tracks], dtype=np.float64)
-        fuel = map(vehicle.getFuelConsumption, names) if self._fuel else [math.nan] * len(names)
+        fuel = map(vehicle.getFuelConsumption, names) if self._fuel else itertools.repeat(math.nan, number)
         return FreewayWorld(
             road=self.road,
             time_s=float(libsumo.simulation.getTime()),
             names=names,
-            position_m=start + np.fromiter(map(vehicle.getLanePosition, names), np.float64, len(names)) - length / 2,
+            position_m=start + np.fromiter(map(vehicle.getLanePosition, names), np.float64, number) - length / 2,
             lane=np.array([track.lane for track in tracks], dtype=np.int64),
-            speed_mps=np.fromiter(map(vehicle.getSpeed, names), np.float64, len(names)),
-            acceleration_mps2=np.fromiter(map(vehicle.getAcceleration, names), np.float64, len(names)),
+            speed_mps=np.fromiter(map(vehicle.getSpeed, names), np.float64, number),
+            acceleration_mps2=np.fromiter(map(vehicle.getAcceleration, names), np.float64, number),
             length_m=length,
             connected=kind == KINDS.index(CONNECTED),
             probe=np.array([one[2] for one in facts], dtype=np.bool_),
             vtype=kind,
-            fuel_mg_s=np.fromiter(fuel, np.float64, len(names)),
+            fuel_mg_s=np.fromiter(fuel, np.float64, number),
             departed=self._departed,
             arrived=self._arrived,
             waiting=len(libsumo.simulation.getPendingVehicles()),

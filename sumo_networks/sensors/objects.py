@@ -8,13 +8,14 @@ import numpy as np
 from gymnasium.spaces import Box
 from numba import njit
 
-from sumo_networks.arrays import Float32Array, FloatArray, IntArray
+from sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from sumo_networks.geometry import wrap
 from sumo_networks.sensors.base import Sensor, Track
 from sumo_networks.world import ActorKind, World
 
 ROWS = 48
 COLUMNS = 8
+_EGO = int(ActorKind.EGO)
 
 
 class Objects(Sensor):
@@ -32,28 +33,27 @@ class Objects(Sensor):
     def read(self, world: World, ego: int) -> Float32Array:
         """See the class."""
         actors, egos = world.actors, world.egos
-        kind, key, position = actors.kind, actors.key, actors.position
-        heading, speed, length, width = actors.heading, actors.speed, actors.length, actors.width
-        if len(egos.names) > 1:
-            others = np.flatnonzero(egos.active & (np.arange(len(egos.names)) != ego))
-            kind = np.concatenate([kind, np.full(len(others), int(ActorKind.EGO))])
-            key = np.concatenate([key, -1 - others])
-            position = np.concatenate([position, egos.position[others]])
-            heading = np.concatenate([heading, egos.heading[others]])
-            speed = np.concatenate([speed, egos.speed[others]])
-            length = np.concatenate([length, egos.length[others]])
-            width = np.concatenate([width, egos.width[others]])
-        x, y = egos.position[ego]
         return _nearest(
-            float(x), float(y), float(egos.heading[ego]), kind, key, position, heading, speed, length, width
+            ego,
+            actors.kind,
+            actors.key,
+            actors.position,
+            actors.heading,
+            actors.speed,
+            actors.length,
+            actors.width,
+            egos.active,
+            egos.position,
+            egos.heading,
+            egos.speed,
+            egos.length,
+            egos.width,
         )
 
 
 @njit(cache=True)
 def _nearest(
-    x: float,
-    y: float,
-    heading: float,
+    ego: int,
     kind: IntArray,
     key: IntArray,
     position: FloatArray,
@@ -61,21 +61,40 @@ def _nearest(
     speed: FloatArray,
     length: FloatArray,
     width: FloatArray,
+    ego_active: BoolArray,
+    ego_position: FloatArray,
+    ego_direction: FloatArray,
+    ego_speed: FloatArray,
+    ego_length: FloatArray,
+    ego_width: FloatArray,
 ) -> Float32Array:
+    """(48, 8) what `Objects` says, of the columns of `Actors` and of `Egos`."""
     out = np.zeros((ROWS, COLUMNS), dtype=np.float32)
     out[:, 0] = -1.0
+    x, y, heading = ego_position[ego, 0], ego_position[ego, 1], ego_direction[ego]
+    actors = kind.shape[0]
+    distance = np.full(actors + ego_active.shape[0], np.inf)
+    for i in range(actors):
+        distance[i] = math.hypot(position[i, 0] - x, position[i, 1] - y)
+    for other in range(ego_active.shape[0]):
+        if other != ego and ego_active[other]:
+            distance[actors + other] = math.hypot(ego_position[other, 0] - x, ego_position[other, 1] - y)
     cos, sin = math.cos(heading), math.sin(heading)
-    distance = np.hypot(position[:, 0] - x, position[:, 1] - y)
     order = np.argsort(distance, kind="mergesort")[:ROWS]
     for row in range(order.shape[0]):
-        i = order[row]
-        dx, dy = position[i, 0] - x, position[i, 1] - y
-        out[row, 0] = kind[i]
+        i, other = order[row], order[row] - actors
+        if distance[i] == np.inf:
+            break
+        if other < 0:
+            out[row, 0], out[row, 7] = kind[i], key[i]
+            px, py, towards = position[i, 0], position[i, 1], direction[i]
+            out[row, 4], out[row, 5], out[row, 6] = speed[i], length[i], width[i]
+        else:
+            out[row, 0], out[row, 7] = _EGO, -1 - other
+            px, py, towards = ego_position[other, 0], ego_position[other, 1], ego_direction[other]
+            out[row, 4], out[row, 5], out[row, 6] = ego_speed[other], ego_length[other], ego_width[other]
+        dx, dy = px - x, py - y
         out[row, 1] = dx * cos + dy * sin
         out[row, 2] = dy * cos - dx * sin
-        out[row, 3] = wrap(direction[i] - heading)
-        out[row, 4] = speed[i]
-        out[row, 5] = length[i]
-        out[row, 6] = width[i]
-        out[row, 7] = key[i]
+        out[row, 3] = wrap(towards - heading)
     return out

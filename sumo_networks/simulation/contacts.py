@@ -3,24 +3,54 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
-from sumo_networks.arrays import BoolArray
-from sumo_networks.geometry import boxes_overlap
+from sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from sumo_networks.geometry import box_overlaps
 from sumo_networks.world import ActorKind, Actors, Contact, Egos
 
 
 def contacts(egos: Egos, actors: Actors) -> tuple[Contact, ...]:
     """Boxes that touch an active ego's."""
-    boxes = np.column_stack([egos.position, egos.heading, egos.length, egos.width])
-    found = []
-    overlap = boxes_overlap(boxes, actors.boxes())
-    if overlap.any():
-        for ego, row in zip(*np.nonzero(overlap), strict=True):
-            if egos.active[ego]:
-                found.append(Contact(int(ego), int(actors.key[row]), ActorKind(actors.kind[row]), int(row)))
-    if len(boxes) > 1:
-        mutual: BoolArray = boxes_overlap(boxes, boxes)
-        for a, b in zip(*np.nonzero(mutual), strict=True):
-            if a != b and egos.active[a] and egos.active[b]:
-                found.append(Contact(int(a), -1 - int(b), ActorKind.EGO, int(b)))
+    own = egos.active, egos.position, egos.heading, egos.length, egos.width
+    found = [
+        Contact(ego, int(actors.key[row]), ActorKind(actors.kind[row]), row)
+        for ego, row in _touching(*own, actors.position, actors.heading, actors.length, actors.width).tolist()
+    ]
+    if len(egos.names) > 1:
+        found += [
+            Contact(a, -1 - b, ActorKind.EGO, b)
+            for a, b in _touching(*own, egos.position, egos.heading, egos.length, egos.width).tolist()
+            if a != b and egos.active[b]
+        ]
     return tuple(found)
+
+
+@njit(cache=True)
+def _touching(
+    active: BoolArray,
+    position: FloatArray,
+    heading: FloatArray,
+    length: FloatArray,
+    width: FloatArray,
+    other_position: FloatArray,
+    other_heading: FloatArray,
+    other_length: FloatArray,
+    other_width: FloatArray,
+) -> IntArray:
+    """(K, 2) rows of the active ones of E boxes and of those of M others that they touch."""
+    found = []
+    box, other = np.empty(5), np.empty(5)
+    for e in range(active.shape[0]):
+        if not active[e]:
+            continue
+        box[0], box[1], box[2], box[3], box[4] = position[e, 0], position[e, 1], heading[e], length[e], width[e]
+        for i in range(other_heading.shape[0]):
+            other[0], other[1], other[2] = other_position[i, 0], other_position[i, 1], other_heading[i]
+            other[3], other[4] = other_length[i], other_width[i]
+            if box_overlaps(box, other):
+                found.append((e, i))
+    out = np.empty((len(found), 2), dtype=np.int64)
+    for row in range(len(found)):
+        out[row, 0], out[row, 1] = found[row]
+    return out

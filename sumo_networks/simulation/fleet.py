@@ -39,6 +39,7 @@ class Fleet:
         self.active: BoolArray = np.ones(len(names), dtype=np.bool_)
         self.centres: FloatArray = self._vehicles.centres()
         self._driven = np.zeros(len(names))
+        self._length, self._width = np.full(len(names), vehicle.length), np.full(len(names), vehicle.width)
 
     def heading(self, ego: int) -> float:
         """Of one ego, rad."""
@@ -51,12 +52,13 @@ class Fleet:
             commands: (E, 2) demanded drive [m/s^2] and front wheel angle [rad]; rows of inactive egos are ignored.
             seconds: A multiple of the substep of 0.01 s.
         """
-        before = self.centres
-        frozen = self._vehicles.states[~self.active].copy()
+        before, ended = self.centres, ~self.active
+        frozen = self._vehicles.states[ended]
         self._vehicles.advance(commands, seconds)
-        self._vehicles.states[~self.active] = frozen
+        self._vehicles.states[ended] = frozen
         self.centres = self._vehicles.centres()
-        self._driven += np.hypot(*(self.centres - before).T)
+        moved = self.centres - before
+        self._driven = self._driven + np.hypot(moved[:, 0], moved[:, 1])
 
     def read(self, before: Egos | None) -> Egos:
         """Where the egos are, on their routes and on the lanes.
@@ -64,34 +66,34 @@ class Fleet:
         Args:
             before: A tick earlier; None at the start.
         """
-        states, centres = self._vehicles.states, self.centres
-        count = len(self._names)
-        progress, lateral, error = np.zeros(count), np.zeros(count), np.zeros(count)
-        lane, lane_offset, lane_error = np.full(count, -1), np.full(count, np.nan), np.full(count, np.nan)
-        for ego, route in enumerate(self._routes):
-            x, y = centres[ego].tolist()
-            heading = states.item(ego, HEADING)
-            near = float(before.progress[ego]) if before else 0.0
-            progress[ego], lateral[ego], direction = route.project(x, y, near)
-            error[ego] = wrap(heading - direction)
-            lane[ego], lane_offset[ego], lane_error[ego] = self._network.nearest_lane(x, y, heading, route.on_route)
+        columns, centres = self._vehicles.states.T.copy(), self.centres
+        near = before.progress.tolist() if before else [0.0] * len(self._names)
+        on_route, on_lane = [], []
+        for route, (x, y), heading, at in zip(
+            self._routes, centres.tolist(), columns[HEADING].tolist(), near, strict=True
+        ):
+            along, aside, direction = route.project(x, y, at)
+            on_route.append((along, aside, wrap(heading - direction)))
+            on_lane.append(self._network.nearest_lane(x, y, heading, route.on_route))
+        progress, lateral, error = (np.array(column) for column in zip(*on_route, strict=True))
+        lane, lane_offset, lane_error = (np.array(column) for column in zip(*on_lane, strict=True))
         return Egos(
             names=self._names,
             active=self.active.copy(),
             position=centres,
-            heading=states[:, HEADING].copy(),
-            speed=states[:, SPEED].copy(),
-            acceleration=states[:, ACCELERATION].copy(),
-            yaw_rate=states[:, YAW_RATE].copy(),
-            steering=states[:, STEERING].copy(),
-            length=np.full(count, self._vehicle.length),
-            width=np.full(count, self._vehicle.width),
+            heading=columns[HEADING],
+            speed=columns[SPEED],
+            acceleration=columns[ACCELERATION],
+            yaw_rate=columns[YAW_RATE],
+            steering=columns[STEERING],
+            length=self._length,
+            width=self._width,
             progress=progress,
             lateral=lateral,
             route_heading_error=error,
             lane=lane,
             lane_offset=lane_offset,
             lane_heading_error=lane_error,
-            driven=self._driven.copy(),
+            driven=self._driven,
             motion=self._vehicles.motion,
         )

@@ -12,6 +12,7 @@ from sumo_networks.errors import InvalidInputError, SimulationError
 from sumo_networks.network import RoadNetwork
 
 TICK_S = 0.1
+DRIVERS = ("car", "van", "truck", "bus")
 _TYPES = Path(__file__).parents[1] / "vehicle_types.add.xml"
 _OPTIONS = (
     *("--step-length", str(TICK_S), "--time-to-teleport", "300", "--lanechange.duration", "2"),
@@ -34,19 +35,28 @@ def start_sumo(network: RoadNetwork, seed: int, friction: float) -> None:
 
     Raises:
         InvalidInputError: The network's file is gone.
-        SimulationError: SUMO could not load it.
+        SimulationError: Another simulation of this process is open, or SUMO could not load it.
     """
     if not network.path.exists():
         raise InvalidInputError(f"network file '{network.path}' is gone")
+    if libsumo.isLoaded():
+        raise SimulationError("another simulation of this process is still open; close it, or use a process each")
     slippery = friction < 1.0
     options = (*_OPTIONS, "--device.friction.probability", "1") if slippery else _OPTIONS
     try:
         libsumo.start(["sumo", "-n", str(network.path), "-a", str(_TYPES), "--seed", str(seed), *options])
     except libsumo.TraCIException as error:
+        libsumo.close()  # what it could not load it keeps open
         raise SimulationError(f"SUMO could not load network '{network.name}': {error}") from error
     if slippery:
         for edge in libsumo.edge.getIDList():
             libsumo.edge.setFriction(edge, friction)
+
+
+def set_impatience(impatience: float) -> None:
+    """How far drivers push into gaps that make others brake, from 0 to 1."""
+    for driver in DRIVERS:
+        libsumo.vehicletype.setImpatience(driver, impatience)
 
 
 @contextmanager

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import libsumo
 import numpy as np
 
@@ -14,7 +16,7 @@ _LIGHTS |= dict.fromkeys("ru", LightState.RED) | dict.fromkeys("oO", LightState.
 
 
 class SignalReader:
-    """Reads the states of all signals, decoding only lights that changed."""
+    """Reads the states of all signals: of a light only when it may have switched, and decoded only when it has."""
 
     def __init__(self, network: RoadNetwork) -> None:
         signals = network.signals
@@ -23,11 +25,18 @@ class SignalReader:
             for i, light in enumerate(signals.light_ids)
         ]
         self._last = [""] * len(self._lights)
+        self._plans = [_follows_plan(light) for light, _, _ in self._lights]
+        self._next_switch = [-math.inf] * len(self._lights)
         self._state: IntArray = np.zeros(len(signals.link), dtype=np.int64)
 
     def read(self) -> IntArray:
         """(K,) LightState."""
+        now = libsumo.simulation.getTime()
         for i, (light, rows, links) in enumerate(self._lights):
+            if now < self._next_switch[i]:
+                continue
+            if self._plans[i]:
+                self._next_switch[i] = libsumo.trafficlight.getNextSwitch(light)
             text = libsumo.trafficlight.getRedYellowGreenState(light)
             if text != self._last[i]:
                 self._last[i] = text
@@ -35,3 +44,9 @@ class SignalReader:
                 state[rows] = [_LIGHTS.get(text[link], LightState.OFF) for link in links]
                 self._state = state
         return self._state
+
+
+def _follows_plan(light: str) -> bool:
+    """Whether SUMO knows when a light may next switch; of a railway crossing's it does not."""
+    types = {logic.type for logic in libsumo.trafficlight.getAllProgramLogics(light)}
+    return types <= {libsumo.TRAFFICLIGHT_TYPE_STATIC, libsumo.TRAFFICLIGHT_TYPE_ACTUATED}

@@ -18,14 +18,17 @@ from sumo_networks.arrays import FloatArray
 from sumo_networks.conditions import conditions_named
 from sumo_networks.errors import SimulationError
 from sumo_networks.events.director import Director, check_placement
+from sumo_networks.events.puppet import Puppet
+from sumo_networks.flows import make_streams
 from sumo_networks.geometry import boxes_overlap
+from sumo_networks.jaywalkers import Jaywalkers
 from sumo_networks.log import LogRecorder
 from sumo_networks.network import RoadNetwork
 from sumo_networks.routing import Route, plan_route
 from sumo_networks.scenario import Scenario
 from sumo_networks.simulation.contacts import contacts
 from sumo_networks.simulation.fleet import Fleet
-from sumo_networks.simulation.process import TICK_S, failing_as_simulation_error, start_sumo
+from sumo_networks.simulation.process import TICK_S, failing_as_simulation_error, set_impatience, start_sumo
 from sumo_networks.simulation.registry import Registry
 from sumo_networks.simulation.signals import SignalReader
 from sumo_networks.simulation.stage import SumoStage
@@ -65,6 +68,7 @@ class Simulation:
         for event in scenario.events:
             ego = event.ego or self._names[0]
             check_placement(event, ego, network, self.routes[self._names.index(ego)])
+        make_streams(network, scenario.traffic.flows, np.random.default_rng(0))
 
     def start(self) -> World:
         """Starts SUMO, lets the traffic warm up, puts the egos at their starts, and reads the world at tick 0.
@@ -73,27 +77,32 @@ class Simulation:
             InvalidInputError: The network cannot carry this traffic.
             SimulationError: SUMO failed.
         """
-        traffic_seed, sumo_seed, events_seed = np.random.SeedSequence(self.scenario.seed).spawn(3)
+        traffic_seed, sumo_seed, events_seed, walkers_seed = np.random.SeedSequence(self.scenario.seed).spawn(4)
         self.close()
         if Simulation._running is not None:
             raise SimulationError("another simulation of this process is still open; close it, or use a process each")
         start_sumo(self.network, int(sumo_seed.generate_state(1)[0] % 2**31), self.conditions.friction)
         Simulation._running = self
         try:
-            return self._warm_up(np.random.default_rng(traffic_seed), events_seed)
+            return self._warm_up(np.random.default_rng(traffic_seed), events_seed, np.random.default_rng(walkers_seed))
         except BaseException:
             self.close()
             raise
 
-    def _warm_up(self, traffic_rng: np.random.Generator, events_seed: np.random.SeedSequence) -> World:
+    def _warm_up(
+        self, traffic_rng: np.random.Generator, events_seed: np.random.SeedSequence, walkers_rng: np.random.Generator
+    ) -> World:
         self._fleet = Fleet(self.network, self._names, self.routes, self.vehicle, self._speeds())
         self._tick = 0
         self._registry = Registry(self.network, self.scenario, self.vehicle, self._images)
         self._signals = SignalReader(self.network)
         self._population = Population(self.network, self.scenario.traffic, traffic_rng)
         self._director = Director(self.network, self.scenario, self.routes, events_seed)
+        self._jaywalkers = Jaywalkers(self.network, self.scenario.traffic.jaywalker_count, walkers_rng)
         self._stage = SumoStage(self.network, self._registry, self._send_newcomers)
         with failing_as_simulation_error(self._tick):
+            if self.scenario.traffic.impatience:
+                set_impatience(self.scenario.traffic.impatience)
             self._population.fill(self)
             for _ in range(round(self.scenario.traffic.warm_up_s / TICK_S)):
                 self._population.replace_arrived(self, self._starts() if self._at_rest else _NOWHERE)
@@ -119,6 +128,7 @@ class Simulation:
             if self.scenario.events:
                 self._stage.note_departures()
                 self._director.update(self._world, egos, TICK_S, self._stage)
+            self._jaywalkers.update(TICK_S, self._stage, self.routes[0].edges)
             self._population.replace_arrived(self, self._fleet.centres)
             libsumo.simulationStep()
         self._tick += 1
@@ -137,14 +147,18 @@ class Simulation:
             fastest = max(float(route.speed_limit.max()) for route in self.routes)
             ahead_m = FASTER * fastest * (self.scenario.duration_s or 0.0)
             self._survey = Survey(self.network, reachable(self.routes, ahead_m))
-        names, actors = self._survey.read(self._registry.images, self._director.cast, self._registry.obstacles())
+        names, actors = self._survey.read(self._registry.images, self._cast, self._registry.obstacles())
         recorder.append(names, actors, self._world.signals)
 
     def everybody(self) -> Actors:
         """Everything in the whole network but the egos; keys are those of rows."""
-        return Survey(self.network, None).read(self._registry.images, self._director.cast, self._registry.obstacles())[
-            1
-        ]
+        everywhere = Survey(self.network, None)
+        return everywhere.read(self._registry.images, self._cast, self._registry.obstacles())[1]
+
+    @property
+    def _cast(self) -> list[Puppet]:
+        """Those whom SUMO does not move."""
+        return [*self._director.cast, *self._jaywalkers.cast]
 
     def close(self) -> None:
         """Ends SUMO; safe to call twice."""
@@ -158,7 +172,8 @@ class Simulation:
         """Lets a vehicle depart as soon as there is room."""
         libsumo.route.add(name, trip.edges)
         position = "random_free" if trip.on_the_way else "base"
-        libsumo.vehicle.add(name, name, trip.type, "now", "best", position, "desired" if trip.on_the_way else "max")
+        lane = "best" if trip.lane is None else str(trip.lane)
+        libsumo.vehicle.add(name, name, trip.type, "now", lane, position, "desired" if trip.on_the_way else "max")
 
     def add_pedestrian(self, name: str, walk: Walk) -> bool:
         """Lets a pedestrian set out; False if there is no way on foot."""
@@ -242,7 +257,7 @@ class Simulation:
         self._registry.look_around(name, x, y)
 
     def _read(self, egos: Egos) -> World:
-        actors = self._stage.with_cast(self._registry.read(), self._director.cast, egos)
+        actors = self._stage.with_cast(self._registry.read(), self._cast, egos)
         return World(
             tick=self._tick,
             time=self._tick * TICK_S,

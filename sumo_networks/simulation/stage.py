@@ -17,7 +17,7 @@ from sumo_networks.world import SIGHT_M, ActorKind, Actors, Egos
 
 ALIGNED_RAD = 0.6
 GRAZED_M = 0.3
-_TRAFFIC = ("vehicle", "bicycle")
+_TRAFFIC = ("vehicle", "bicycle", "flow")
 
 
 class SumoStage:
@@ -73,6 +73,19 @@ class SumoStage:
                 cleared.append(name)
         if cleared:
             self._replace(cleared)
+
+    def vehicles_near(self, x: float, y: float, radius_m: float) -> FloatArray:
+        """(M, 6) x, y [m], heading [rad], length, width [m], speed [m/s] of vehicles near a point, egos included."""
+        rows, domain = [], libsumo.vehicle
+        for name in domain.getIDList():
+            px, py = domain.getPosition(name)
+            if math.dist((px, py), (x, y)) > radius_m or name.startswith("jaywalker"):
+                continue
+            heading = (1.5 * math.pi - math.radians(domain.getAngle(name))) % (2 * math.pi) - math.pi
+            length = domain.getLength(name)
+            px, py = px - 0.5 * length * math.cos(heading), py - 0.5 * length * math.sin(heading)
+            rows.append((px, py, heading, length, domain.getWidth(name), domain.getSpeed(name)))
+        return np.array(rows, dtype=np.float64).reshape(-1, 6)
 
     def enter(self, name: str, entry: Entry) -> None:
         """Lets a vehicle enter as soon as there is room."""

@@ -26,7 +26,7 @@ from sumo_networks.scenario import Mission, Place
 
 TOWNS = ("town-train", "town-test")
 OURS = (*TOWNS, "district")
-SEVEN = (*OURS, "a10", "adlershof", "braunschweig", "ingolstadt")
+EIGHT = (*OURS, "freeway", "a10", "adlershof", "braunschweig", "ingolstadt")
 
 
 def net(name: str) -> ET.Element:
@@ -61,9 +61,9 @@ def roads(network: RoadNetwork) -> list[int]:
 # The catalog
 
 
-def test_the_catalog_has_the_seven_networks() -> None:
-    assert set(SEVEN) <= set(network_names())
-    for name in SEVEN:
+def test_the_catalog_has_the_eight_networks() -> None:
+    assert set(EIGHT) <= set(network_names())
+    for name in EIGHT:
         assert load_network(name).lanes.drivable.any()
 
 
@@ -203,7 +203,7 @@ def test_lights_give_yellow_for_3_s_and_all_red_for_2_s(name: str) -> None:
                 assert "y" in phases[number - 1][1]
 
 
-@pytest.mark.parametrize("name", OURS)
+@pytest.mark.parametrize("name", [*OURS, "freeway"])
 def test_the_committed_net_is_what_its_source_gives(name: str, tmp_path: Path) -> None:
     built = build_network(CATALOG / name, tmp_path / f"{name}.net.xml")
     ours, again = load_network(name), read_network(built, name)
@@ -257,7 +257,7 @@ def test_sumos_traffic_flows_without_jams_and_collisions(name: str, every_s: int
 # Maps
 
 
-@pytest.mark.parametrize("name", SEVEN)
+@pytest.mark.parametrize("name", EIGHT)
 def test_the_map_shows_every_lane_crossing_and_light(name: str) -> None:
     network = load_network(name)
     text = svg(draw_map(network))

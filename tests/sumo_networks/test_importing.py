@@ -282,7 +282,7 @@ def test_the_size_limit_holds_packed_and_unpacked(tmp_path: Path, home: Path) ->
     packed.write_bytes(gzip.compress(blank))
     assert packed.stat().st_size < 10_000
     for path in (large, packed):
-        with pytest.raises(InvalidInputError, match=r"larger.* than 2 MB; allow more with --limit-mb"):
+        with pytest.raises(InvalidInputError, match=r"larger.* than 2 MB; an import may allow more with --limit-mb"):
             import_network(path, "bad", limit_mb=2)
     assert written(home) == []
 

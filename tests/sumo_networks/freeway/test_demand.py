@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_networks.errors import InvalidInputError
-from sumo_networks.freeway.demand import PEAK_VPH, draw_demand, share_of_peak, write_routes
+from sumo_networks.freeway.demand import draw_demand, lane_at, share_of_peak, write_routes
 from sumo_networks.freeway.drivers import CONNECTED, KINDS, TRUCK
 from sumo_networks.freeway.road import load_freeway
 from sumo_networks.freeway.scenario import DAY_S, Day, FreewayScenario, Incident, draw_day
@@ -36,7 +36,7 @@ def test_a_late_peak_is_late_and_a_wide_one_is_wide() -> None:
 
 def test_as_many_come_as_the_peak_says() -> None:
     demand = draw_demand(ROAD, FreewayScenario(seed=3, start_s=6.9 * 3600, duration_s=1800, warm_up_s=0))
-    expected = sum(PEAK_VPH) / 2
+    expected = (5950 + 500 + 460 + 680) / 2
     assert len(demand.time_s) == pytest.approx(expected, abs=5 * expected**0.5)
     assert np.all(np.diff(demand.time_s) >= 0)
     assert set(np.unique(demand.entry)) == {0, 1, 2, 3}
@@ -75,12 +75,21 @@ def test_another_seed_is_another_morning() -> None:
 
 
 def test_days_differ_and_repeat() -> None:
-    days = [draw_day(number % 7, np.random.SeedSequence(number), 11_400.0) for number in range(60)]
-    again = [draw_day(number % 7, np.random.SeedSequence(number), 11_400.0) for number in range(60)]
+    days = [draw_day(number % 7, np.random.SeedSequence(number), ROAD) for number in range(60)]
+    again = [draw_day(number % 7, np.random.SeedSequence(number), ROAD) for number in range(60)]
     assert days == again
     assert len({day.demand for day in days}) == 60
     assert 3 <= sum(bool(day.incidents) for day in days) <= 30
-    assert all(0 <= one.position_m < 11_400 for day in days for one in day.incidents)
+
+
+@pytest.mark.parametrize("name", ["freeway", "a10"])
+def test_an_incident_of_a_drawn_day_always_has_its_lane(name: str) -> None:
+    road = load_freeway(name)
+    drawn = [one for seed in range(600) for one in draw_day(1, np.random.SeedSequence(seed), road).incidents]
+    assert len(drawn) > 100
+    for one in drawn:
+        lane_at(road, one)
+    assert len({one.lane for one in drawn}) > 2
 
 
 def test_the_route_file_has_every_vehicle_and_the_incident(tmp_path: Path) -> None:

@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 
 import libsumo
 import numpy as np
 import pytest
 
 from sumo_networks.errors import InvalidInputError, SimulationError
-from sumo_networks.freeway import TICK_S, Day, FreewayScenario, FreewaySimulation, FreewayWorld, Incident
+from sumo_networks.freeway import (
+    TICK_S,
+    Day,
+    FreewayScenario,
+    FreewaySimulation,
+    FreewayWorld,
+    Incident,
+    load_freeway,
+)
+from sumo_networks.freeway.process import MICRO, start_sumo
+from sumo_networks.scenario import Mission, Place, Scenario
+from tests.conftest import Start
 
 QUIET = FreewayScenario(seed=5, start_s=5.6 * 3600, duration_s=300, warm_up_s=90, penetration=0.5)
 DENSE = FreewayScenario(seed=5, start_s=6.9 * 3600, duration_s=900, warm_up_s=330, penetration=1.0)
@@ -152,6 +164,15 @@ def test_an_incident_blocks_its_lane(opened: Open) -> None:
     assert world.position_m[wreck] == pytest.approx(2500, abs=40)  # people do not stop to the metre
 
 
+def test_the_a10_is_a_freeway_too(opened: Open) -> None:
+    simulation = opened(QUIET.model_copy(update={"network": "a10"}))
+    world = run(simulation, 30)[-1]
+    assert simulation.road.segments == 4
+    assert set(range(4)) <= set(world.segment.tolist())
+    assert world.lane.max() <= 3
+    assert np.nanmax(world.position_m) < simulation.road.end_m
+
+
 # What is refused
 
 
@@ -180,6 +201,23 @@ def test_a_process_has_room_for_one_and_it_must_be_started(opened: Open) -> None
     opened(QUIET)
     with pytest.raises(SimulationError, match="another simulation of this process is still open"):
         FreewaySimulation(QUIET).start()
+
+
+def test_a_city_cannot_be_started_beside_it(opened: Open, start: Start) -> None:
+    simulation = opened(QUIET)
+    mission = Mission(
+        start=Place(lane="737320747#3_2", position_m=8.0), goal=Place(lane="726514449_2", position_m=-5.0)
+    )
+    with pytest.raises(SimulationError, match="another simulation of this process is still open"):
+        start(Scenario(network="ingolstadt", missions=(mission,)))
+    assert simulation.tick().time_s == QUIET.start_s + TICK_S
+
+
+def test_what_sumo_cannot_load_leaves_nothing_open(tmp_path: Path) -> None:
+    (tmp_path / "bad.xml").write_text("<rou")
+    with pytest.raises(SimulationError, match="SUMO could not load the freeway"):
+        start_sumo(load_freeway().network.path, [tmp_path / "bad.xml"], 0.0, 1, MICRO)
+    assert not libsumo.isLoaded()
 
 
 def test_an_incident_beside_the_road_is_refused_before_sumo_starts() -> None:

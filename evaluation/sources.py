@@ -1,0 +1,93 @@
+"""Sources: which files make an agent what it is, so that one that was edited is not taken for what it was."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import sys
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+
+_NAMED = re.compile(r"(\w+(?:\.\w+)+)(?::\w+)?")
+
+
+def source_files(kind: type) -> tuple[Path, ...]:
+    """The file that defines a class, and those of its package that it imports, directly or not.
+
+    Its package is everything under the first part of its module's name, such as `agents`. Imports are read, not
+    followed at run time: also those inside functions count, and modules that a text names to be loaded later
+    ("agents.x" or "agents.x:Class"); nothing is executed. A file that holds no more than a docstring decides nothing
+    and is left out; so are other packages, whose versions a record states.
+
+    Args:
+        kind: The agent's class.
+
+    Returns:
+        Its own file, then the others in the order of their modules' names.
+
+    Raises:
+        TypeError: The class has no file, such as one typed at a prompt.
+        OSError: A file cannot be read.
+    """
+    own = Path(inspect.getfile(kind))
+    root, _, rest = kind.__module__.partition(".")
+    package = getattr(sys.modules.get(root), "__path__", None)
+    if not rest or not package:
+        return (own,)
+    found: dict[str, Path] = {}
+    waiting = [kind.__module__]
+    while waiting:
+        module = waiting.pop()
+        path = _file_of(module, Path(package[0]))
+        if module in found or path is None:
+            continue
+        found[module] = path
+        waiting += [name for name in _mentioned(module, path) if name.split(".")[0] == root and name not in found]
+    others = [path for name, path in sorted(found.items()) if path != own and _imports(*_state(path)) is not None]
+    return (own, *others)
+
+
+def _file_of(module: str, package: Path) -> Path | None:
+    place = package.joinpath(*module.split(".")[1:])
+    for path in (place / "__init__.py", place.with_name(f"{place.name}.py")):
+        if path.is_file() and (path.parent == package or package in path.parents):
+            return path
+    return None
+
+
+def _mentioned(module: str, path: Path) -> Iterator[str]:
+    """Modules that may be loaded with a module: its packages, and what it imports, by absolute name."""
+    parts = module.split(".")
+    yield from (".".join(parts[:count]) for count in range(1, len(parts)))
+    here = parts if path.name == "__init__.py" else parts[:-1]
+    for level, name, members in _imports(*_state(path)) or ():
+        base = [*here[: len(here) - level + 1], *([name] if name else [])] if level else [name]
+        yield ".".join(base)
+        yield from (".".join([*base, member]) for member in members)
+
+
+def _state(path: Path) -> tuple[Path, int, int]:
+    state = path.stat()
+    return path, state.st_mtime_ns, state.st_size
+
+
+@lru_cache(maxsize=1024)
+def _imports(path: Path, _mtime_ns: int, _size: int) -> tuple[tuple[int, str, tuple[str, ...]], ...] | None:
+    """Level, module and members of every import of a file; None if it holds no more than a docstring."""
+    try:
+        tree = ast.parse(path.read_bytes())
+    except (SyntaxError, ValueError):
+        return ()
+    if not tree.body or (len(tree.body) == 1 and ast.get_docstring(tree) is not None):
+        return None
+    found: list[tuple[int, str, tuple[str, ...]]] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found += [(0, alias.name, ()) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            found.append((node.level, node.module or "", tuple(alias.name for alias in node.names)))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and (named := _NAMED.fullmatch(node.value)):
+            found.append((0, named[1], ()))
+    return tuple(found)

@@ -1,0 +1,127 @@
+"""A guard before every road file: read once, as a stream, under a size limit, and refused if it could do harm.
+
+A file is hostile until proven otherwise: any DOCTYPE is refused (and so entities of all kinds) before netconvert,
+sumolib or another parser sees the file.
+"""
+
+from __future__ import annotations
+
+import gzip
+import stat
+import xml.parsers.expat
+import zlib
+from collections import Counter
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, NoReturn
+
+from sumo_networks.errors import InvalidInputError
+
+LIMIT_MB = 200.0
+_CHUNK = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Census:
+    """What a file holds before anything is guessed.
+
+    Attributes:
+        elements: How many of each element there are.
+        sidewalks: Lanes for pedestrians alone.
+        crossings: Pedestrian crossings.
+        lights: Traffic lights.
+    """
+
+    elements: Counter[str]
+    sidewalks: int
+    crossings: int
+    lights: int
+
+
+def check_size(file: Path, limit_mb: float = LIMIT_MB) -> None:
+    """Refuses a file by what the disk says of it, before it is opened.
+
+    Raises:
+        InvalidInputError: It is larger, or no file.
+    """
+    try:
+        state = file.stat()
+    except OSError as error:
+        raise InvalidInputError(f"cannot read '{file}': {error.strerror or error}") from error
+    if not stat.S_ISREG(state.st_mode):
+        raise InvalidInputError(f"cannot read '{file}': it is no file")
+    if state.st_size > limit_mb * 1e6:
+        _refuse_size(file, "", limit_mb)
+
+
+def scan(file: Path, root: str, limit_mb: float = LIMIT_MB, copy: Path | None = None) -> Census:
+    """Reads a file, unzipped if it is gzipped, to see that it is harmless XML.
+
+    Args:
+        file: What the user gave.
+        root: Its root element's name.
+        limit_mb: Largest size, packed or unpacked, MB.
+        copy: Where to write the plain XML, if anywhere.
+
+    Raises:
+        InvalidInputError: Too large, truncated, not well-formed, another root, or with a DOCTYPE.
+    """
+    check_size(file, limit_mb)
+    limit, scanner, size = limit_mb * 1e6, _Scanner(file, root), 0
+    try:
+        with ExitStack() as open_files:
+            source = open_files.enter_context(_open(file))
+            target = open_files.enter_context(copy.open("wb")) if copy else None
+            while chunk := source.read(_CHUNK):
+                size += len(chunk)
+                if size > limit:
+                    _refuse_size(file, " unpacked", limit_mb)
+                scanner.feed(chunk)
+                if target:
+                    target.write(chunk)
+            scanner.feed(b"", last=True)
+    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+        raise InvalidInputError(f"'{file}' is no complete gzip file: {error}") from error
+    except OSError as error:
+        raise InvalidInputError(f"cannot read '{file}': {error.strerror or error}") from error
+    return scanner.census()
+
+
+class _Scanner:
+    """Reads XML as it streams by: refuses what could do harm, counts the rest."""
+
+    def __init__(self, file: Path, root: str) -> None:
+        self.file, self.root = file, root
+        self.elements: Counter[str] = Counter()
+        self.sidewalks = self.crossings = 0
+        self.parser = xml.parsers.expat.ParserCreate()
+        self.parser.StartElementHandler = self._element
+        self.parser.StartDoctypeDeclHandler = self._doctype
+
+    def feed(self, chunk: bytes, last: bool = False) -> None:
+        try:
+            self.parser.Parse(chunk, last)
+        except xml.parsers.expat.ExpatError as error:
+            raise InvalidInputError(f"'{self.file}' is no well-formed XML: {error}") from error
+
+    def census(self) -> Census:
+        return Census(self.elements, self.sidewalks, self.crossings, self.elements["tlLogic"])
+
+    def _doctype(self, *_: object) -> NoReturn:
+        raise InvalidInputError(f"'{self.file}' has a DOCTYPE; road files need none, and entities are not read")
+
+    def _element(self, tag: str, attributes: dict[str, str]) -> None:
+        if not self.elements and tag != self.root:
+            raise InvalidInputError(f"'{self.file}': expected the root element <{self.root}>, got <{tag[:40]}>")
+        self.elements[tag] += 1
+        self.sidewalks += tag == "lane" and attributes.get("allow") == "pedestrian"
+        self.crossings += tag == "edge" and attributes.get("function") == "crossing"
+
+
+def _open(file: Path) -> BinaryIO:
+    return gzip.open(file, "rb") if file.suffix == ".gz" else file.open("rb")  # type: ignore[return-value]
+
+
+def _refuse_size(file: Path, state: str, limit_mb: float) -> NoReturn:
+    raise InvalidInputError(f"'{file}' is larger{state} than {limit_mb:g} MB; an import may allow more with --limit-mb")
