@@ -14,11 +14,22 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from agents.experts.courtesy import KEEP_RIGHT_RAMP_M, YIELDING_M_S, Yielding, keep_right, stand_before_oncoming
+from agents.experts import gaps, impact, surroundings
+from agents.experts.courtesy import (
+    KEEP_RIGHT_RAMP_M,
+    SQUEEZE_RAMP_M,
+    YIELDING_M_S,
+    Yielding,
+    keep_right,
+    squeeze_past,
+    stand_before_oncoming,
+)
 from agents.experts.crossing import crossers
-from agents.experts.passing import PASSING_ACCELERATION, PASSING_M_S, Passing
+from agents.experts.gaps import PASSING_ACCELERATION
+from agents.experts.impact import Impact
+from agents.experts.passing import PASSING_M_S, Passing
 from agents.experts.sidestep import Sidestep
-from agents.experts.surroundings import Surroundings, warm_up
+from agents.experts.surroundings import Surroundings
 from evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from sumo_networks.arrays import Float32Array
 from sumo_networks.control import pure_pursuit, pursuit_distance
@@ -30,7 +41,9 @@ PEDESTRIAN = int(ActorKind.PEDESTRIAN)
 FREE = math.inf
 NEAR_ENTRY_M = 15.0
 HARD_BRAKING = 3.8
-HURRY_S = 60.0
+EAGER = 1.5
+CREEPING_M_S = 2.0
+LIMIT_M = 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +60,8 @@ class Style:
         line_gap: Front bumper to a stop line, m.
         corridor_margin: Beside the ego's body, within which somebody ahead is a leader, m.
         patience: Standing longer than this, it no longer waits for others that stand too, s.
+        hurry_after: Having waited for longer than this for a gap, it begins to take smaller ones, s.
+        hurry_within: Time from then on until it takes the smallest, s.
     """
 
     max_speed: float = 14.0
@@ -58,6 +73,8 @@ class Style:
     line_gap: float = 1.0
     corridor_margin: float = 0.3
     patience: float = 12.0
+    hurry_after: float = 8.0
+    hurry_within: float = 30.0
 
 
 class Autopilot(Agent):
@@ -81,7 +98,8 @@ class Autopilot(Agent):
 
     def reset(self, mission: Mission, seed: int) -> None:
         """Forgets the last episode."""
-        warm_up()
+        for compiles in (surroundings.warm_up, gaps.warm_up, impact.warm_up):
+            compiles()
         self._reset_memory()
 
     def _reset_memory(self) -> None:
@@ -91,6 +109,7 @@ class Autopilot(Agent):
         self._aside = Sidestep()
         self._passing = Passing(self._half_length, self._half_width)
         self._yielding = Yielding(self._half_length)
+        self._impact = Impact(self._half_length, self._half_width)
         self._right = 0.0
 
     def act(self, observation: Observation) -> np.ndarray:
@@ -99,7 +118,7 @@ class Autopilot(Agent):
         # Creeping up to a line is waiting too; driving wears it off.
         self._standing = self._standing + 0.1 if speed < 0.6 else max(self._standing - 0.5, 0.0)
         around, progress = Surroundings(observation), float(observation["navigation"][2])
-        self._step_aside(around, observation["lights"], speed, progress)
+        self._step_aside(around, observation, speed, progress)
         route = self._aside.applied(observation["route"], progress)
         threats = self._passing.threats(around, speed, progress)
         wishes = {
@@ -111,16 +130,24 @@ class Autopilot(Agent):
             "oncoming": self._oncoming(around, threats, speed, progress),
             "emergency": self._yield(speed, observation["lights"]),
         }
+        most = PASSING_ACCELERATION if self._passing.active else self.style.acceleration + self._hurry
+        wish = min(min(wishes.values()), most)
+        wishes["impact"] = self._impact.acceleration(observation["objects"], route, speed, wish)
         cause = min(wishes, key=lambda name: wishes[name])
-        self._refused = self._refused + 0.1 if cause == "conflict" and speed < 0.6 else max(self._refused - 0.5, 0.0)
+        refused = wishes["conflict"] < 0.1 and speed < 0.6
+        self._refused = self._refused + 0.1 if refused else max(self._refused - 0.5, 0.0)
         self._reason = {"rule": cause, "acceleration": {name: round(a, 2) for name, a in wishes.items()}}
-        most = PASSING_ACCELERATION if self._passing.active else self.style.acceleration
         acceleration = float(np.clip(wishes[cause], -8.0, most))
         return np.array([acceleration, self._steering(speed, route)])
 
     def explain(self) -> Explanation | None:
         """The rule that decided, and what each rule asked for."""
         return self._reason
+
+    @property
+    def _hurry(self) -> float:
+        """From 0 to 1: how much smaller a gap it takes, and how much harder it accelerates, after a long wait."""
+        return min(max(self._refused - self.style.hurry_after, 0.0) / self.style.hurry_within, 1.0)
 
     def _steering(self, speed: float, route: Float32Array) -> float:
         aim = route[round(pursuit_distance(speed))]
@@ -136,22 +163,26 @@ class Autopilot(Agent):
         target = float(np.sqrt(allowed**2 + 2 * 0.7 * s.comfortable_braking * ahead).min())
         if speed > target:
             return max(-s.comfortable_braking * 1.6, (target - speed) / 0.5)
-        most = PASSING_ACCELERATION if self._passing.active else s.acceleration
-        return most * (1.0 - (speed / max(target, 0.1)) ** 4)
+        if self._passing.active:
+            return min(PASSING_ACCELERATION, (target - speed) / 0.5)
+        return (s.acceleration + self._hurry) * (1.0 - (speed / max(target, 0.1)) ** 4)
 
-    def _step_aside(self, around: Surroundings, lights: Float32Array, speed: float, progress: float) -> None:
+    def _step_aside(self, around: Surroundings, observation: Observation, speed: float, progress: float) -> None:
         """Leaves the middle of the lane for whoever stands there, comes from behind, or comes over the middle."""
+        lights, limit = observation["lights"], float(observation["route"][:LIMIT_M, 4].min())
         if not self._yielding.active:
-            self._passing.update(around, lights, speed, progress, self._aside)
+            self._passing.update(around, lights, speed, limit, progress, self._aside)
         self._yielding.update(around, lights, speed, progress, self._aside, self._passing)
         if self._passing.active or self._yielding.active:
             self._right = 0.0
             return
         # Inside a junction those who turn across look as if they came over the middle.
-        wanted = 0.0 if lights[0, 0] < 5.0 else keep_right(around, self._half_width, speed)
+        wanted, ramp = 0.0 if lights[0, 0] < 5.0 else keep_right(around, self._half_width, speed), KEEP_RIGHT_RAMP_M
+        if self._standing > self.style.patience or (self._right > 0.0 and speed < CREEPING_M_S):
+            wanted, ramp = max(wanted, squeeze_past(around, self._half_length, self._half_width)), SQUEEZE_RAMP_M
         if wanted > self._right + 0.05 or (wanted == 0.0 and self._right > 0.0):
             self._right = wanted
-            self._aside.lead(-wanted, progress, KEEP_RIGHT_RAMP_M)
+            self._aside.lead(-wanted, progress, ramp)
 
     def _leader(self, speed: float, objects: Float32Array, route: Float32Array) -> float:
         reach = self._half_width + self.style.corridor_margin
@@ -168,14 +199,15 @@ class Autopilot(Agent):
 
     def _leaders(self, objects: Float32Array, around: Surroundings, threats: set[int]) -> Float32Array:
         """Without those oncoming who will have passed, or not have come, when the ego goes round a blocker."""
-        passed = [one.key for one in around.driving() if one.oncoming and one.key not in threats]
+        passed = [one.key for one in around.driving() if one.opposes and one.key not in threats]
         if not (self._passing.active and passed):
             return objects
         return np.vstack([objects[~np.isin(objects[:, 7], passed)], np.full((1, objects.shape[1]), -1, np.float32)])
 
     def _oncoming(self, around: Surroundings, threats: set[int], speed: float, progress: float) -> float:
-        offset = self._aside.at(progress + self._half_length)
-        return stand_before_oncoming(around, threats, self._half_length, self._half_width, offset, speed)
+        return stand_before_oncoming(
+            around, threats, self._half_length, self._half_width, lambda ahead: self._aside.at(progress + ahead), speed
+        )
 
     def _yield(self, speed: float, lights: Float32Array) -> float:
         """Slowly while an emergency vehicle passes, and into no junction from the wrong lane."""
@@ -264,15 +296,15 @@ class Autopilot(Agent):
         if other_speed < 0.3 and other_enter > -2.0 and self._standing > patience:
             return False  # each waits for the other; whether there is room is for the leader rule to see
         arrive, clear = self._window(speed, enter, leave)
-        other_arrive, other_clear = _earliest(other_enter, other_speed, kind), _latest(other_leave, other_speed)
+        other_clear = _latest(other_leave, other_speed)
+        other_arrive = _earliest(other_enter, other_speed, kind, EAGER * (1.0 - 0.9 * self._hurry))
         if priority < 0:
             # The other must give way; doubt it when it could hardly stop any more, or is about to be there.
             braking = other_speed**2 / (2 * max(other_enter - 2.0, 0.1))
             doubtful = other_enter < max(0.8 * other_speed, 0.3) or (other_enter > 0.0 and braking > HARD_BRAKING)
             return doubtful and other_arrive < clear + 0.5 and arrive < other_clear + 0.3
         # After a long wait a smaller gap between vehicles will do.
-        hurry = min(max(self._refused - self.style.patience, 0.0) / HURRY_S, 1.0)
-        before, after = (1.2, 0.6) if on_foot else (1.5 - 0.5 * hurry, 1.0 - 0.3 * hurry)
+        before, after = (1.2, 0.6) if on_foot else (1.5 - self._hurry, 1.0 - 0.5 * self._hurry)
         if leave >= 1000.0:
             # Whoever follows behind must not have to brake hard.
             before, clear = 2.0 + max(other_speed - speed - 2.0, 0.0) / 2.0, arrive + 0.5
@@ -281,7 +313,8 @@ class Autopilot(Agent):
     def _window(self, speed: float, enter: float, leave: float) -> tuple[float, float]:
         """When the ego's front would enter a stretch and its rear leave it, accelerating gently up to 8 m/s."""
         leave = min(leave, enter + 12.0 + 2 * self._half_length) + self.style.line_gap
-        return _travel_time(enter, speed, 1.5, 8.0), _travel_time(leave, speed, 1.5, 8.0)
+        acceleration = EAGER + self._hurry
+        return _travel_time(enter, speed, acceleration, 8.0), _travel_time(leave, speed, acceleration, 8.0)
 
 
 def _travel_time(distance: float, speed: float, acceleration: float, top: float) -> float:
@@ -293,13 +326,13 @@ def _travel_time(distance: float, speed: float, acceleration: float, top: float)
     return (top - speed) / acceleration + (distance - ramp) / top
 
 
-def _earliest(distance: float, speed: float, kind: float) -> float:
+def _earliest(distance: float, speed: float, kind: float, acceleration: float) -> float:
     """When another may arrive at the earliest, s: vehicles may accelerate, people keep their pace."""
     if distance <= 0.0:
         return 0.0
     if kind == PEDESTRIAN:
         return distance / max(speed, 0.1)
-    return _travel_time(distance, speed, 1.5, max(speed, 8.0))
+    return _travel_time(distance, speed, acceleration, max(speed, 8.0))
 
 
 def _latest(distance: float, speed: float) -> float:

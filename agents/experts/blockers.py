@@ -13,7 +13,10 @@ SIGHT_M = 55.0
 LINK_M = 15.0
 CHAIN_M = 60.0
 QUEUE_M = 25.0
+OPEN_M = 50.0
+CLOSE_M = 30.0
 PARKED_S = 45.0
+ALONE_S = 4.0
 BROKEN_DOWN_S = 60.0
 BICYCLE_M_S = 5.0
 ASKEW = 0.997
@@ -55,11 +58,17 @@ class Patience:
         """Whether it was never seen driving."""
         return one.key not in self._driven
 
-    def stands_for_good(self, one: Neighbour) -> bool:
-        """Whether it has stood too long to be waited for; who stands askew has crashed."""
+    def stands_for_good(self, one: Neighbour, alone: bool) -> bool:
+        """Whether it has stood too long to be waited for; who stands askew has crashed.
+
+        Args:
+            one: Who stands.
+            alone: Whether the road before it is open, so that it does not queue.
+        """
         if one.kind == ActorKind.STATIC or (self.parked(one) and abs(one.along) < ASKEW):
             return True
-        return self._stood.get(one.key, 0.0) >= (PARKED_S if self.parked(one) else BROKEN_DOWN_S)
+        least = (ALONE_S if alone else PARKED_S) if self.parked(one) else BROKEN_DOWN_S
+        return self._stood.get(one.key, 0.0) >= least
 
 
 def find_blocker(
@@ -94,7 +103,14 @@ def find_blocker(
     static = any(one.kind == ActorKind.STATIC for one in chain)
     if (last - chain[0].s_low > CHAIN_M and not static) or _at_a_junction(blocker, lights, static):
         return None, False
-    return blocker, static or blocker.speed > 0.0 or patience.stands_for_good(chain[-1])
+    alone = _open_road(ahead, lights, chain, last)
+    return blocker, static or blocker.speed > 0.0 or patience.stands_for_good(chain[-1], alone)
+
+
+def _open_road(ahead: Sequence[Neighbour], lights: Float32Array, chain: Sequence[Neighbour], last: float) -> bool:
+    """Whether nothing before the last of them, neither a junction nor a vehicle, gives it reason to wait."""
+    queued = any(last < one.s_low < last + CLOSE_M for one in ahead if one not in chain)
+    return not queued and not any(entry < last + OPEN_M and leave - entry > 1.0 for entry, leave, _, _ in lights)
 
 
 def _at_a_junction(blocker: Blocker, lights: Float32Array, static: bool) -> bool:

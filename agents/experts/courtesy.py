@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from agents.experts.passing import Passing
 from agents.experts.sidestep import RAMP_M, Sidestep
@@ -19,6 +20,10 @@ SIGHT_S = 6.0
 ONCOMING_CLEARANCE_M = 0.25
 KERB_M = 0.1
 KEEP_RIGHT_RAMP_M = 8.0
+SQUEEZE_RAMP_M = 3.0
+SQUEEZE_CLEARANCE_M = 0.4
+SQUEEZE_M = 1.2
+NOSE_M = 8.0
 
 
 class Yielding:
@@ -71,17 +76,46 @@ def keep_right(around: Surroundings, half_width: float, speed: float) -> float:
     return min(wanted, most)
 
 
+def squeeze_past(around: Surroundings, half_length: float, half_width: float) -> float:
+    """How far to the right it gets past whoever stands before it, heads the other way and waits for the ego too, m.
+
+    Those who turn left across a junction may stand with their nose in the ego's path, and neither would ever go on.
+    """
+    wanted = 0.0
+    for one in around.driving():
+        facing = one.stands and one.along < 0.0 and half_length - 0.5 < one.s_low < half_length + NOSE_M
+        if facing and one.d_high > half_width and one.within(-half_width, half_width + SQUEEZE_CLEARANCE_M):
+            wanted = max(wanted, half_width + SQUEEZE_CLEARANCE_M - one.d_low)
+    return wanted if wanted <= SQUEEZE_M else 0.0
+
+
 def stand_before_oncoming(
-    around: Surroundings, threats: set[int], half_length: float, half_width: float, offset: float, speed: float
+    around: Surroundings,
+    threats: set[int],
+    half_length: float,
+    half_width: float,
+    aside: Callable[[float], float],
+    speed: float,
 ) -> float:
-    """Acceleration with which the ego stands before it meets somebody who comes towards it on its own path, m/s^2."""
+    """Acceleration with which the ego stands before it meets somebody who comes towards it on its own path, m/s^2.
+
+    Args:
+        around: Who is there.
+        threats: Keys of those who count.
+        half_length: Of the ego, m.
+        half_width: Of the ego, m.
+        aside: How far to the left of the route it will be [m], by metres ahead.
+        speed: Of the ego, m/s.
+    """
     wish = FREE
     for one in around.driving():
         if one.key not in threats or one.s_low < half_length:
             continue
+        gap = one.s_low - half_length
+        # Where they meet the ego may be back in its lane.
+        offset = aside(half_length + gap * speed / max(speed + one.speed, 0.1))
         if not one.within(offset - half_width - ONCOMING_CLEARANCE_M, offset + half_width + ONCOMING_CLEARANCE_M):
             continue
-        gap = one.s_low - half_length
         # Until the ego stands, the other one comes on; standing, the ego wants 3 m left.
         needed = speed * (0.5 * speed + one.speed) / max(gap - 3.0 - 0.3 * (speed + one.speed), 0.1)
         if needed > 1.0 or gap < 2.0 * (speed + one.speed):

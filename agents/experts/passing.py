@@ -6,26 +6,35 @@ import math
 from dataclasses import dataclass
 
 from agents.experts.blockers import Blocker, Patience, find_blocker
+from agents.experts.gaps import Stretch, leaves_room
 from agents.experts.sidestep import RAMP_M, Sidestep
 from agents.experts.surroundings import Lane, Neighbour, Surroundings
 from sumo_networks.arrays import Float32Array
 
 FREE = math.inf
 PASSING_M_S = 10.0
-PASSING_ACCELERATION = 3.0
 CLEARANCE_M = 0.5
 LEAST_CLEARANCE_M = 0.3
-RUN_UP_M = 8.0
+RUN_UP_M = 8.5
 LONG_RUN_UP_M = 14.0
 LONG_M = 12.0
-TURN_OUT_M = 4.0
+CREEP_M = 0.4
+CREEP_S = 30.0
+MOST_CREEPS = 5.0
 LEAST_RAMP_M = 6.0
 HURRY_S = 40.0
 MARGIN_M = 4.0
-LAG_S = 0.2
-REACTION_S = 1.0
-CLAIM_S = 60.0
+LEAST_MARGIN_M = 1.0
+RELIES_AFTER_S = 8.0
+RELIES_WHOLLY_S = 20.0
+BRAKING = 4.5
+HARDEST_BRAKING = 8.0
 LATERAL_M_S2 = 3.0
+BRISK_LATERAL_M_S2 = 4.5
+TURNED_M = 0.15
+INTO_HIS_LANE = 0.25
+OUT_OF_HIS_LANE = 0.4
+EARLY_M = 0.0
 NOT_YET_OUT_M = 0.8
 FOLLOWER_BRAKING = 3.0
 
@@ -54,16 +63,23 @@ class Passing:
     def __init__(self, half_length: float, half_width: float) -> None:
         self._half_length, self._half_width = half_length, half_width
         self._patience = Patience()
-        self._waited, self._claims = 0.0, False
-        self._end, self._way, self._blocker = 0.0, Way(0.0, False), Blocker(0.0, 0.0, 0.0, 0.0, 0.0)
+        self._waited, self._room = 0.0, math.inf
+        self._out, self._end, self._top = 0.0, 0.0, PASSING_M_S
+        self._way, self._blocker = Way(0.0, False), Blocker(0.0, 0.0, 0.0, 0.0, 0.0)
         self.active, self.waits_at = False, FREE
 
     def update(
-        self, around: Surroundings, lights: Float32Array, speed: float, progress: float, aside: Sidestep
+        self,
+        around: Surroundings,
+        lights: Float32Array,
+        speed: float,
+        limit: float,
+        progress: float,
+        aside: Sidestep,
     ) -> None:
         """Goes on for one tick; leads the sidestep."""
         self._patience.watch(around.neighbours)
-        self.waits_at = FREE
+        self.waits_at, self._top = FREE, min(PASSING_M_S, limit)
         reach = self._half_width + LEAST_CLEARANCE_M
         behind = -self._half_length if self.active else self._half_length
         blocker, decided = find_blocker(around, lights, self._patience, reach, behind)
@@ -71,7 +87,7 @@ class Passing:
             self._go_on(around, blocker, speed, progress, aside)
             return
         if blocker is None:
-            self._waited, self._claims = 0.0, False
+            self._forget_wait()
             return
         gap = blocker.first - self._half_length
         run_up = LONG_RUN_UP_M if blocker.last - blocker.first > LONG_M else RUN_UP_M
@@ -83,15 +99,35 @@ class Passing:
             return
         for way in self._ways(around, blocker):
             ramp = self._ramp(way, gap, speed)
-            if ramp is not None and self.has_room(around, way, blocker, speed, ramp):
-                aside.lead(way.offset, progress + max(gap - 1.0 - ramp, 0.0), ramp)
-                self.active, self._way, self._blocker, self._waited = True, way, blocker, 0.0
-                self._end = progress + blocker.last + self._half_length
+            if ramp is None:
+                continue
+            start = max(gap - 1.0 - ramp, 0.0)
+            enter = 0.0 if abs(aside.at(progress)) > TURNED_M else start + INTO_HIS_LANE * ramp
+            if self.has_room(around, way, blocker, speed, enter):
+                aside.lead(way.offset, progress + start, ramp)
+                self.active, self._way, self._blocker = True, way, blocker
+                self._out = progress + enter
+                self._end = progress + self._past(blocker)
                 return
         if blocker.speed == 0.0:
-            self._waited += 0.1
-            self._claims = self._waited > CLAIM_S
-            self.waits_at = gap - run_up
+            self.waits_at = self._wait(gap, run_up, speed)
+
+    def _wait(self, gap: float, run_up: float, speed: float) -> float:
+        """Where to stand, m from the front: with room to turn out, and from time to time a little further on.
+
+        That is a sign to those who come.
+        """
+        self._waited += 0.1
+        if speed < 0.1 and math.isinf(self._room):
+            self._room = gap
+        return gap - min(run_up, self._room) + CREEP_M * min(self._waited // CREEP_S, MOST_CREEPS)
+
+    def _forget_wait(self) -> None:
+        self._waited, self._room = 0.0, math.inf
+
+    def _past(self, blocker: Blocker) -> float:
+        """Where the ego may turn back, m from its centre: at once where others come, since it swings in only later."""
+        return blocker.last + (EARLY_M if self._way.oncoming else self._half_length)
 
     @staticmethod
     def _ramp(way: Way, gap: float, speed: float) -> float | None:
@@ -99,49 +135,67 @@ class Passing:
         gentle = speed * math.sqrt(6.0 * abs(way.offset) / LATERAL_M_S2)
         return None if 0.9 * gentle > gap else min(max(gentle, LEAST_RAMP_M), max(gap - 1.0, LEAST_RAMP_M))
 
+    def _way_back(self, way: Way, speed: float) -> float:
+        """Length of the turn back, m; brisk where others come."""
+        least, lateral = (LEAST_RAMP_M, BRISK_LATERAL_M_S2) if way.oncoming else (RAMP_M, LATERAL_M_S2)
+        return max(least, speed * math.sqrt(6.0 * abs(way.offset) / lateral))
+
     def _go_on(
         self, around: Surroundings, blocker: Blocker | None, speed: float, progress: float, aside: Sidestep
     ) -> None:
         if blocker is not None and blocker.first < self._end - progress + 2 * RAMP_M:
-            self._end = max(self._end, progress + blocker.last + self._half_length)
+            self._end = progress + self._past(blocker)
             self._blocker = blocker
-        if (
-            self._way.oncoming
-            and self.threats(around, speed, progress)
-            and abs(aside.at(progress)) < NOT_YET_OUT_M < abs(aside.offset)
-        ):
+        not_yet_out = abs(aside.at(progress)) < NOT_YET_OUT_M < abs(aside.offset)
+        if self._way.oncoming and not_yet_out and self.threats(around, speed, progress):
             aside.back(progress, LEAST_RAMP_M)
             self.active = False
         elif progress >= self._end and self.may_return(around, speed):
-            aside.back(progress, max(RAMP_M, speed * math.sqrt(6.0 * abs(aside.offset) / LATERAL_M_S2)))
+            aside.back(progress, self._way_back(self._way, speed))
             self.active = False
+            self._forget_wait()
 
     def threats(self, around: Surroundings, speed: float, progress: float) -> set[int]:
         """Keys of the oncoming vehicles that the ego would meet if it went on passing."""
         if not (self.active and self._way.oncoming):
             return {one.key for one in around.driving() if one.oncoming}
-        left = self._end - progress + 0.5 * RAMP_M
-        strip = self._way.offset - self._half_width - 0.3, self._way.offset + self._half_width + 0.3
-        top = max(PASSING_M_S - self._blocker.speed, 2.0)
-        seconds = _seconds(max(left, 0.0), speed, top)
+        stretch = self._stretch(self._way, self._out - progress, self._end - progress, speed)
+        braking = HARDEST_BRAKING if stretch.enter <= 0.0 else self._reliance()
         return {
             one.key
             for one in around.driving()
-            if one.oncoming
-            and one.within(*strip)
+            if one.opposes
             and one.s_high > self._half_length
-            and one.s_low - self._comes(one, seconds) < left + self._half_length
-            and one.s_high - one.speed * self._until_out(progress, speed) > self._half_length
+            and self._in_strip(one, self._way)
+            and not self._leaves_room(one, stretch, speed, braking, 0.0, self._blocker.speed)
         }
 
-    def _until_out(self, progress: float, speed: float) -> float:
-        """Until the ego is in the way of those who come, s."""
-        start = self._end - 2 * self._half_length - (self._blocker.last - self._blocker.first) - TURN_OUT_M - progress
-        return _seconds(start, speed, PASSING_M_S) if start > 0.0 else 0.0
+    def _stretch(self, way: Way, enter: float, end: float, speed: float) -> Stretch:
+        fastest = min(math.sqrt(speed**2 + 5.0 * max(end, 0.0)), max(self._top, speed))
+        return Stretch(enter, end + OUT_OF_HIS_LANE * self._way_back(way, fastest), self._top)
+
+    def _in_strip(self, one: Neighbour, way: Way) -> bool:
+        return one.within(way.offset - self._half_width - 0.3, way.offset + self._half_width + 0.3)
+
+    def _reliance(self) -> float:
+        """On how hard others will brake the ego relies, m/s^2: on nothing at first, more the longer it has waited."""
+        return BRAKING * min(max(self._waited - RELIES_AFTER_S, 0.0) / (RELIES_WHOLLY_S - RELIES_AFTER_S), 1.0)
+
+    def _leaves_room(
+        self, one: Neighbour, stretch: Stretch, speed: float, braking: float, margin: float, crawl: float
+    ) -> bool:
+        enter, leave, top = stretch.enter, stretch.leave, max(stretch.top, crawl + 2.0)
+        return bool(
+            leaves_room(
+                one.s_low, one.s_high, one.speed, enter, leave, top, speed, self._half_length, braking, margin, crawl
+            )
+        )
 
     def may_return(self, around: Surroundings, speed: float) -> bool:
         """Whether nobody is in the ego's own lane beside it, or about to be."""
-        return not any(self.in_the_way(one, 0.0, speed) for one in around.driving() if one.along > 0.0)
+        past = -self._half_length if not self._way.oncoming else EARLY_M
+        beside = (one for one in around.driving() if one.along > 0.0 and not (one.stands and one.s_high <= past))
+        return not any(self.in_the_way(one, 0.0, speed) for one in beside)
 
     def _ways(self, around: Surroundings, blocker: Blocker) -> list[Way]:
         """Ways round a blocker, the least disturbing first."""
@@ -161,33 +215,28 @@ class Passing:
         """Whether its side of the road is wide enough."""
         return any(abs(way.offset - lane.d) < 0.5 * lane.width + 0.3 for lane in lanes) or way.oncoming
 
-    def has_room(self, around: Surroundings, way: Way, blocker: Blocker, speed: float, ramp: float) -> bool:
-        """Whether nobody is, or will be, where the ego wants to go; the longer it has waited, the less it asks."""
+    def has_room(self, around: Surroundings, way: Way, blocker: Blocker, speed: float, enter: float) -> bool:
+        """Whether nobody is, or will be, where the ego wants to go; the longer it has waited, the less it asks.
+
+        Args:
+            around: Who is there.
+            way: Where it wants to go.
+            blocker: What it goes round.
+            speed: Of the ego, m/s.
+            enter: From where on it is in the way of those who come, m from its centre.
+        """
         hurry = min(self._waited / HURRY_S, 1.0)
+        stretch = self._stretch(way, enter, blocker.last + EARLY_M, speed)
+        margin = LEAST_MARGIN_M + (1.0 - hurry) * MARGIN_M
         for one in around.driving():
-            if not one.within(way.offset - self._half_width - 0.3, way.offset + self._half_width + 0.3):
+            if not self._in_strip(one, way):
                 continue
-            if one.along < 0.0 and self._meets(one, blocker, speed, ramp, (1.0 - hurry) * MARGIN_M):
-                return False
-            if one.along >= 0.0 and self.in_the_way(one, way.offset, speed, hurry, blocker.last):
+            if one.along < 0.0:
+                if not self._leaves_room(one, stretch, speed, self._reliance(), margin, blocker.speed):
+                    return False
+            elif self.in_the_way(one, way.offset, speed, hurry, blocker.last):
                 return False
         return True
-
-    def _meets(self, one: Neighbour, blocker: Blocker, speed: float, ramp: float, margin: float) -> bool:
-        """Whether an oncoming vehicle is beside the blocker at the time when the ego is."""
-        enter = max(blocker.first - self._half_length - 1.0 - 0.6 * ramp, 0.0)
-        leave = blocker.last + self._half_length + 0.5 * RAMP_M
-        top = max(PASSING_M_S - blocker.speed, 2.0)
-        begins, ends = _seconds(enter, speed, top), _seconds(leave, speed, top)
-        gone = one.s_high - one.speed * begins < enter + self._half_length - 1.0
-        leave += blocker.speed * ends + self._half_length
-        return not gone and one.s_low - self._comes(one, ends) < leave + 1.0 + margin
-
-    def _comes(self, one: Neighbour, seconds: float) -> float:
-        """How far an oncoming vehicle drives meanwhile, m; after a long wait the ego relies on its braking."""
-        if not self._claims:
-            return one.speed * seconds
-        return min(one.speed * seconds, one.speed * REACTION_S + one.speed**2 / (2 * FOLLOWER_BRAKING))
 
     def in_the_way(
         self, one: Neighbour, offset: float, speed: float, hurry: float = 0.0, until: float = RAMP_M
@@ -200,12 +249,3 @@ class Passing:
         closing = max(one.speed - speed - 2.0, 0.0)
         room = 2.0 + closing * (0.8 - 0.5 * hurry) + closing**2 / (2 * (FOLLOWER_BRAKING + 2.0 * hurry))
         return one.s_high > -self._half_length - room
-
-
-def _seconds(distance: float, speed: float, top: float) -> float:
-    """To drive a distance as when passing, up to a speed, s; the drive answers a little late."""
-    top, twice = max(top, speed), 2 * 0.85 * PASSING_ACCELERATION
-    ramp = (top**2 - speed**2) / twice
-    if distance < ramp:
-        return LAG_S + 2 * (math.sqrt(speed**2 + twice * distance) - speed) / twice
-    return LAG_S + 2 * (top - speed) / twice + (distance - ramp) / top

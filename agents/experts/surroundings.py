@@ -51,7 +51,12 @@ class Neighbour:
     @property
     def oncoming(self) -> bool:
         """Whether it drives against the route, within 30 degrees."""
-        return self.along < -ALIGNED and self.speed > 1.0
+        return self.opposes and self.speed > 1.0
+
+    @property
+    def opposes(self) -> bool:
+        """Whether it heads against the route, within 30 degrees, be it standing."""
+        return self.along < -ALIGNED
 
     @property
     def stands(self) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
+from agents.experts.courtesy import squeeze_past
 from agents.experts.sidestep import Sidestep
 from agents.experts.surroundings import Surroundings
 from evaluation.benchmark import load_benchmark
@@ -93,6 +94,65 @@ def test_it_does_not_pass_who_was_just_driving() -> None:
     worlds = drive(made("Autopilot"), straight_road().with_ego(x=100.0, speed=8.0).with_actor(125.0, stops), 15.0)
     assert abs(lefts(worlds)).max() < 0.2
     assert touched(worlds) == set()
+
+
+def test_a_car_that_stands_on_an_open_road_is_no_queue() -> None:
+    worlds = drive(made("Autopilot"), straight_road().with_ego(x=100.0, speed=8.0).with_actor(160.0), 22.0)
+    assert touched(worlds) == set()
+    assert fronts(worlds)[-1] > 175.0
+
+
+def test_a_car_that_stands_behind_another_one_may_be_a_queue() -> None:
+    scene = straight_road().with_ego(x=100.0, speed=8.0).with_actor(160.0).with_actor(182.0, 0.6)
+    worlds = drive(made("Autopilot"), scene, 22.0)
+    assert fronts(worlds)[-1] < 157.0
+
+
+def narrow_road(*gaps: float) -> Scene:
+    """Both lanes to the east are blocked but for the left one, in which cars come at 12 m/s with these gaps [m]."""
+    scene = straight_road().with_ego(x=140.0).with_actor(160.0, kind=ActorKind.STATIC, length=4.6, width=1.8)
+    x = 170.0
+    for gap in gaps:
+        x += 4.6 + gap
+        scene = scene.with_actor(x, 12.0, left=3.2, heading=WEST)
+    return scene
+
+
+def out_at(worlds: list[World]) -> float:
+    """When the ego went into the lane beside, s."""
+    return next((world.time for world, left in zip(worlds, lefts(worlds), strict=True) if left > 1.6), math.inf)
+
+
+def test_it_waits_until_those_who_come_have_passed() -> None:
+    worlds = drive(made("Autopilot"), narrow_road(20.0, 20.0, 20.0, 20.0), 30.0)
+    assert touched(worlds) == set()
+    last_passes = (170.0 + 4 * 24.6 - 150.0) / 12.0
+    assert last_passes - 3.0 < out_at(worlds) < last_passes + 8.0
+
+
+def test_it_moves_up_a_little_while_it_waits() -> None:
+    scene = straight_road().with_ego(x=140.0)
+    for left in (0.0, 3.2):
+        scene = scene.with_actor(160.0, left=left, kind=ActorKind.STATIC, length=4.6, width=1.8)
+    worlds = drive(made("Autopilot"), scene, 70.0)
+    assert fronts(worlds)[200] + 0.2 < fronts(worlds)[-1] < 157.0
+    assert touched(worlds) == set()
+
+
+@pytest.mark.parametrize(
+    ("left", "heading", "expected"),
+    [
+        pytest.param(2.0, WEST, 0.2, id="nose beside"),
+        pytest.param(1.6, WEST, 0.6, id="nose in the way"),
+        pytest.param(0.3, WEST, 0.0, id="no way round"),
+        pytest.param(3.2, WEST, 0.0, id="in its own lane"),
+        pytest.param(1.6, 0.0, 0.0, id="somebody of the same direction"),
+    ],
+)
+def test_it_squeezes_past_who_faces_it(left: float, heading: float, expected: float) -> None:
+    scene = straight_road().with_ego(x=100.0).with_actor(107.0, left=left, heading=heading)
+    around = Surroundings(observed(made("Autopilot"), scene.world()))
+    assert squeeze_past(around, 2.25, 0.9) == pytest.approx(expected, abs=0.03)
 
 
 def test_it_keeps_to_its_lane_for_an_opened_door() -> None:

@@ -1,0 +1,119 @@
+"""Impact: the last moment in which braking hard still prevents a collision, whatever the other rules think of it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from agents.planning.motion import boxes_meet
+from sumo_networks.arrays import Float32Array, FloatArray
+from sumo_networks.geometry import wrap
+from sumo_networks.world import ActorKind
+
+TICK_S = 0.1
+STEPS = 20
+SAFE_ACCELERATION = math.inf
+HARD_BRAKING = 7.0
+LATE_STEPS = 3
+SIGHT_M = 35.0
+MARGIN_M = 0.1
+FASTEST_TURN = 1.0
+NEVER = -1.0
+
+
+class Impact:
+    """Foresees the next two seconds: the ego on its path, the others keeping their speed and turn."""
+
+    def __init__(self, half_length: float, half_width: float) -> None:
+        self._half = half_length + MARGIN_M, half_width + MARGIN_M
+        self._half_length = half_length
+        self._seen: dict[int, tuple[float, float]] = {}
+        self._direction = 0.0
+
+    def acceleration(self, objects: Float32Array, route: Float32Array, speed: float, wish: float) -> float:
+        """Full braking where the next moment would be too late for it, else infinite.
+
+        Args:
+            objects: (48, 8), see `sensors.objects`.
+            route: (80, 7), see `sensors.route`; as the ego will follow it.
+            speed: Of the ego, m/s.
+            wish: Acceleration that the other rules ask for, m/s^2.
+        """
+        boxes = self._moving(objects, route, speed)
+        if speed < 0.3 or not len(boxes):
+            return SAFE_ACCELERATION
+        path = route[:, :3].astype(np.float64)
+        on = impact_speed(boxes, path, speed, wish, STEPS, *self._half)
+        if on == NEVER or impact_speed(boxes, path, speed, wish, LATE_STEPS, *self._half) == NEVER:
+            return SAFE_ACCELERATION
+        return -8.0 if impact_speed(boxes, path, speed, -HARD_BRAKING, 0, *self._half) < on else SAFE_ACCELERATION
+
+    def _moving(self, objects: Float32Array, route: Float32Array, speed: float) -> FloatArray:
+        """(N, 7) x, y, heading, speed, rate of turn [rad/s], length, width of those who are near and not behind."""
+        turned = speed * float(route[0, 3]) * TICK_S - wrap(float(route[0, 2]) - self._direction)
+        self._direction = float(route[0, 2])
+        rows, seen = [], {}
+        for kind, x, y, heading, pace, length, width, key in objects.tolist():
+            if kind < 0 or math.hypot(x, y) > SIGHT_M:
+                break
+            rate = 0.0
+            if int(key) in self._seen and pace > 1.0 and kind != ActorKind.PEDESTRIAN:
+                before, rate_before = self._seen[int(key)]
+                rate = 0.5 * (rate_before + (wrap(heading - before) + turned) / TICK_S)
+                rate = min(max(rate, -FASTEST_TURN), FASTEST_TURN)
+            seen[int(key)] = heading, rate
+            if x + 0.5 * length > -self._half_length:
+                rows.append((x, y, heading, pace, rate, length, width))
+        self._seen = seen
+        return np.array(rows, dtype=np.float64).reshape(-1, 7)
+
+
+def warm_up() -> None:
+    """Compiles the kernel, which takes seconds the first time: not while driving."""
+    impact_speed(np.zeros((0, 7)), np.zeros((2, 3)), 1.0, 0.0, 0, 1.0, 1.0)
+
+
+@njit(cache=True)
+def impact_speed(
+    boxes: FloatArray,
+    path: FloatArray,
+    speed: float,
+    acceleration: float,
+    steps: int,
+    half_length: float,
+    half_width: float,
+) -> float:
+    """How fast the ego is when it first touches somebody, m/s; -1 where it touches nobody while it moves.
+
+    Args:
+        boxes: (N, 7) x, y [m], heading [rad], speed [m/s], rate of turn [rad/s], length, width [m], ego frame.
+        path: (P, 3) x, y [m] and heading [rad] of points a metre apart, from the ego's centre on.
+        speed: Of the ego, m/s.
+        acceleration: Of the ego at first, m/s^2.
+        steps: For how many steps of 0.1 s; then it brakes hard.
+        half_length: Of the ego with its margin, m.
+        half_width: Of the ego with its margin, m.
+    """
+    moved = boxes.copy()
+    s = 0.0
+    for step in range(STEPS):
+        speed = max(speed + (acceleration if step < steps else -HARD_BRAKING) * TICK_S, 0.0)
+        if speed < 0.1:
+            return NEVER
+        s += speed * TICK_S
+        i = min(int(s), path.shape[0] - 2)
+        share = min(s - i, 1.0)
+        x = path[i, 0] + share * (path[i + 1, 0] - path[i, 0]) - path[0, 0]
+        y = path[i, 1] + share * (path[i + 1, 1] - path[i, 1]) - path[0, 1]
+        cos, sin = math.cos(path[i, 2]), math.sin(path[i, 2])
+        for n in range(moved.shape[0]):
+            moved[n, 2] += moved[n, 4] * TICK_S
+            c, d = math.cos(moved[n, 2]), math.sin(moved[n, 2])
+            moved[n, 0] += moved[n, 3] * TICK_S * c
+            moved[n, 1] += moved[n, 3] * TICK_S * d
+            length, width = 0.5 * moved[n, 5], 0.5 * moved[n, 6]
+            if boxes_meet(x, y, cos, sin, half_length, half_width, moved[n, 0], moved[n, 1], c, d, length, width):
+                return speed
+    return NEVER
