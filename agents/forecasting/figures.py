@@ -32,8 +32,11 @@ SLOW_TO_FAST = ((0.0, "#5C0A12"), (0.25, "#B3362E"), (0.5, "#E08A4F"), (0.75, "#
 JAM_SHARE = 0.5
 """Of the free speed; slower is congested."""
 STAGES = ("free flow", "onset", "congestion", "dissipation")
-SHOWN = (("SA-LSTM, 1 minute ahead", "sa-lstm", 0), ("n-step, 3 minutes ahead", "sa-lstm-n-step", 2))
-SHOWN = (*SHOWN, ("recursive, 3 minutes ahead", "sa-lstm", 2))
+SHOWN = (
+    ("SA-LSTM, 1 minute ahead", "sa-lstm", 0),
+    ("n-step, 3 minutes ahead", "sa-lstm-n-step", 2),
+    ("recursive, 3 minutes ahead", "sa-lstm", 2),
+)
 SIZE = (1040, 1180)
 
 
@@ -104,7 +107,8 @@ def figure(windows: Windows, forecasters: Mapping[str, Forecaster], free_mps: fl
 def _finding(speeds: Mapping[str, Float32Array]) -> str:
     errors = {label: float(np.sqrt(np.mean((table - speeds["measured"]) ** 2))) for label, table in speeds.items()}
     one, step, fed = (errors[label] for label, _, _ in SHOWN)
-    return f"One minute ahead the error is {one:.1f} km/h, three minutes ahead {step:.1f} (n-step) and {fed:.1f} (recursive)"
+    three = f"three minutes ahead {step:.1f} (n-step) and {fed:.1f} (recursive)"
+    return f"One minute ahead the error is {one:.1f} km/h, {three}"
 
 
 def _clock(minute: float) -> str:
@@ -149,7 +153,7 @@ def main() -> None:
     forecasters = {name: load_forecaster(name) for name in {name for _, name, _ in SHOWN}}
     windows = make_windows([days[arguments.day - 1]], data.step_s)
     free_mps = next(iter(forecasters.values())).free_mps
-    what = f"{arguments.set.capitalize()}, {days[arguments.day - 1].name}"
+    what = f"{days[arguments.day - 1].name} of {data.source}"
     for path in write(figure(windows, forecasters, free_mps, what), arguments.out):
         print(f"figure: {path}")
 

@@ -38,8 +38,8 @@ COMPARED = ("lstm", "sa-lstm", "transformer", "convlstm", "sa-convlstm")
 DEPTH, DEPTHS = 3, (0, 1, 2, 3, 4)
 BALANCED = 0.001
 """Weight of the Laplacian loss at which it is of the squared error's size."""
-SHIPPED = {"sa-lstm": "sa-lstm-lap3", "sa-lstm-n-step": "sa-lstm-n-step-lap3", "tsmixer": "tsmixer-mse"}
-SHIPPED |= {"linear": "linear", "historical-mean": "historical-mean", "sa-lstm-quantiles": "sa-lstm-quantiles"}
+SHIPPED = {"sa-lstm": "sa-lstm-lap3-balanced", "sa-lstm-n-step": "sa-lstm-n-step-lap3-balanced"}
+SHIPPED |= {name: name for name in ("linear", "historical-mean", "sa-lstm-quantiles")} | {"tsmixer": "tsmixer-mse"}
 LATENCY = (*((name, 1) for name in COMPARED), *((f"sa-lstm{way}", 3) for way in ("", "-all-at-once", "-n-step")))
 QUICK_RUNS = 2000
 
@@ -70,24 +70,39 @@ class Run:
 
 
 def runs(seeds: Sequence[int]) -> Iterator[Run]:
-    """All of them; what others start from comes first, and the first seed has everything before the second begins."""
+    """All of them; what others start from before these, and of each part all seeds before the next part begins."""
     for name in SIMPLE:
         yield Run(name, None, 1.0, seeds[0])
-    for seed in seeds:
-        yield Run("sa-lstm", DEPTH, 1.0, seed)
-        yield Run("sa-lstm-n-step", DEPTH, 1.0, seed)
-        yield Run("sa-lstm-all-at-once", DEPTH, 1.0, seed)
-        yield Run("tsmixer", None, 1.0, seed)
-        yield Run("tsmixer", DEPTH, 1.0, seed)
-        yield Run(Quantiles.name, DEPTH, 1.0, seed)
-        for name in COMPARED:
-            yield Run(name, None, 1.0, seed)
-            if name != "sa-lstm":
-                yield Run(name, DEPTH, 1.0, seed)
-        for depth in DEPTHS:
-            if depth != DEPTH:
-                yield Run("sa-lstm", depth, 1.0, seed)
-        yield Run("sa-lstm", DEPTH, BALANCED, seed)
+    for part in (_main_arms, _other_networks, _costly_arms):
+        for seed in seeds:
+            yield from (Run(name, depth, weight, seed) for name, depth, weight in part())
+
+
+def _main_arms() -> Iterator[tuple[str, int | None, float]]:
+    """SA-LSTM against LSTM, with and without Lap3, and the ways to look ahead."""
+    for name in ("sa-lstm", "sa-lstm-n-step", "sa-lstm-all-at-once", Quantiles.name):
+        yield name, DEPTH, BALANCED
+    for name in ("tsmixer", "lstm", "sa-lstm"):
+        yield name, None, 1.0
+        yield name, DEPTH, 1.0
+
+
+def _other_networks() -> Iterator[tuple[str, int | None, float]]:
+    """Transformer and ConvLSTM, the other depths, and all-at-once with the loss as printed."""
+    for name in ("transformer", "convlstm"):
+        yield name, None, 1.0
+        yield name, DEPTH, 1.0
+    for depth in DEPTHS:
+        if depth != DEPTH:
+            yield "sa-lstm", depth, 1.0
+    yield "sa-lstm-all-at-once", DEPTH, 1.0
+
+
+def _costly_arms() -> Iterator[tuple[str, int | None, float]]:
+    """What takes half of the time."""
+    yield "sa-convlstm", None, 1.0
+    yield "sa-convlstm", DEPTH, 1.0
+    yield "sa-lstm-n-step", DEPTH, 1.0
 
 
 class Study:
@@ -112,10 +127,15 @@ class Study:
         sums = [float(np.nansum(self.windows[name].target, dtype=np.float64)) for name in sets]
         return hashlib.sha256(json.dumps([shapes, sums, self.steps]).encode()).hexdigest()[:12]
 
+    def is_trained(self, run: Run) -> bool:
+        """Whether the forecaster of one run is there, and of this data."""
+        facts = self.out / "runs" / f"{run.arm}-{run.seed}.training.json"
+        return facts.exists() and json.loads(facts.read_text())["of"] == self.learned_from
+
     def model(self, run: Run) -> Forecaster:
         """The forecaster of one run, from its file or from a training."""
         path, facts = self._path(run), self.out / "runs" / f"{run.arm}-{run.seed}.training.json"
-        if path.exists() and facts.exists() and json.loads(facts.read_text())["of"] == self.learned_from:
+        if self.is_trained(run):
             return load_forecaster(path)
         began = time.process_time()
         forecaster = self.trained(run)
@@ -192,8 +212,8 @@ def _rounded(values: np.ndarray) -> Any:
     return np.round(values, 4).tolist()
 
 
-def study(data: SpeedData, seeds: Sequence[int], out: Path, steps: int) -> dict[str, Any]:
-    """Runs what is missing, and gathers all of it."""
+def study(data: SpeedData, seeds: Sequence[int], out: Path, steps: int, trained_only: bool = False) -> dict[str, Any]:
+    """Runs what is missing, unless only what is trained is wanted, and gathers all of it."""
     torch.set_num_threads(1)
     own = Study(data, out, steps)
     if not data.measured_sets:
@@ -202,7 +222,8 @@ def study(data: SpeedData, seeds: Sequence[int], out: Path, steps: int) -> dict[
         raise InvalidInputError(f"'{data.source}': all is trained; expected days in easy/ and hard/ to measure it on")
     arms: dict[str, list[dict[str, Any]]] = {}
     for run in runs(seeds):
-        arms.setdefault(run.arm, []).append(own.result(run))
+        if own.is_trained(run) or not trained_only:
+            arms.setdefault(run.arm, []).append(own.result(run))
     segments = len(data.segments)
     measured = {(name, rows): of_network(name, segments, rows, QUICK_RUNS, 200) for name, rows in LATENCY}
     latency = {
@@ -235,10 +256,12 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--out", type=Path, default=Path("out/forecasting"))
     parser.add_argument("--steps", type=int, default=600, help="of each phase of a training")
+    parser.add_argument("--trained-only", action="store_true", help="train nothing more")
     parser.add_argument("--readme", action="store_true")
     parser.add_argument("--ship", action="store_true")
     arguments = parser.parse_args()
-    result = study(read_data(arguments.data), arguments.seeds, arguments.out, arguments.steps)
+    data = read_data(arguments.data)
+    result = study(data, arguments.seeds, arguments.out, arguments.steps, arguments.trained_only)
     if arguments.ship:
         ship(arguments.out, arguments.seeds[0])
     if arguments.readme:

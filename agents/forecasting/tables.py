@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from agents.forecasting.registry import SIMPLE
 from agents.forecasting.scores import crossed
-from evaluation.figures import number
+from evaluation.figures import MISSING, number
 from evaluation.store import write_atomically
 from sumo_networks.arrays import FloatArray
 from sumo_networks.errors import InvalidInputError
@@ -59,9 +60,12 @@ def markdown(result: Result) -> str:
                         intervals(result), claims(result)])  # fmt: skip
 
 
-def values(result: Result, arm: str, kind: str, row: int = 0, measure: str = "mse") -> FloatArray:
-    """(seeds, stretches) of one set and one row ahead."""
-    return np.array([[one[row] for one in run["sets"][kind][measure]] for run in result["arms"][arm]])
+def values(
+    result: Result, arm: str, kind: str, row: int = 0, measure: str = "mse", seeds: frozenset[int] | None = None
+) -> FloatArray:
+    """(seeds, stretches) of one set and one row ahead; of all seeds, or of some."""
+    runs = [run for run in result["arms"].get(arm, []) if seeds is None or run["seed"] in seeds]
+    return np.array([[one[row] for one in run["sets"][kind][measure]] for run in runs])
 
 
 def scale(result: Result) -> str:
@@ -83,11 +87,11 @@ def networks(result: Result) -> str:
         for loss, shown in (("mse", thesis[:2]), ("lap3", thesis[2:4])):
             arm = f"{name}-{loss}"
             ms = result["latency_ms"][f"{name}, 1"]
-            cells = [_interval(values(result, arm, kind)) for kind in ("easy", "hard")]
+            cells = [_cell(result, arm, kind) for kind in ("easy", "hard")]
             rows.append([NAMES[name], "yes" if loss == "lap3" else "no", f"{shown[0]:.2f}", cells[0], f"{shown[1]:.2f}",
                          cells[1], f"{thesis[4]}", f"{ms['torch']:.2f}", f"{ms['onnx']:.3f}"])  # fmt: skip
     for name in ("persistence", "linear", "tsmixer-mse"):
-        cells = [_interval(values(result, name, kind)) for kind in ("easy", "hard")]
+        cells = [_cell(result, name, kind) for kind in ("easy", "hard")]
         rows.append([name.removesuffix("-mse"), "no", "", cells[0], "", cells[1], "", "", ""])
     head = ["t+1 (tables 6.1, 6.3)", "Lap3", "Easy, thesis", "Easy, ours", "Hard, thesis", "Hard, ours"]
     return _table([*head, "ms, thesis", "ms, torch", "ms, ONNX"], rows)
@@ -99,7 +103,7 @@ def depths(result: Result) -> str:
     for kind, thesis in THESIS_62.items():
         rows.append([f"{kind.capitalize()}, thesis", "", *(f"{one:.2f}" for one in thesis), ""])
         arms = ["sa-lstm-mse", *(f"sa-lstm-lap{depth}" for depth in range(5)), "sa-lstm-lap3-balanced"]
-        rows.append([f"{kind.capitalize()}, ours", *(_interval(values(result, arm, kind)) for arm in arms)])
+        rows.append([f"{kind.capitalize()}, ours", *(_cell(result, arm, kind) for arm in arms)])
     head = ["SA-LSTM, t+1 (table 6.2)", "MSE alone", *(f"depth {depth}" for depth in range(5)), "depth 3, balanced"]
     return _table(head, rows)
 
@@ -110,20 +114,25 @@ def ways(result: Result) -> str:
     for name, (arm, timed, thesis, thesis_ms) in WAYS.items():
         ms = result["latency_ms"][timed]
         for kind, shown in zip(("easy", "hard"), thesis, strict=True):
-            cells = [f"{shown[row]:.2f} / {_interval(values(result, arm, kind, row))}" for row in range(3)]
-            rows.append([name, kind.capitalize(), *cells, f"{thesis_ms} / {ms['torch']:.2f} / {ms['onnx']:.3f}"])
-    head = ["thesis / ours (table 6.4)", "set", "t+1", "t+2", "t+3"]
+            theirs = " / ".join(f"{one:.2f}" for one in shown)
+            for loss, suffix in (("as printed", ""), ("balanced", "-balanced")):
+                cells = [_cell(result, f"{arm}{suffix}", kind, row) for row in range(3)]
+                took = f"{thesis_ms} / {ms['torch']:.2f} / {ms['onnx']:.3f}"
+                rows.append([name, kind.capitalize(), theirs, loss, *cells, took])
+    head = ["table 6.4", "set", "thesis: t+1 / 2 / 3", "Lap3", "ours: t+1", "t+2", "t+3"]
     return _table([*head, "ms: thesis / torch / ONNX"], rows)
 
 
 def others(result: Result) -> str:
     """What the thesis does not have."""
     rows = []
-    shown = ("persistence", "historical-mean", "linear", "tsmixer-mse", "tsmixer-lap3", "sa-lstm-n-step-lap3")
+    shown = ("persistence", "historical-mean", "linear", "tsmixer-mse", "tsmixer-lap3", "sa-lstm-n-step-lap3-balanced")
     for name in shown:
         for kind in ("easy", "hard"):
-            cells = [_interval(values(result, name, kind, row)) for row in range(3)]
-            runs = result["arms"][name]
+            cells = [_cell(result, name, kind, row) for row in range(3)]
+            runs = result["arms"].get(name, [])
+            if not runs:
+                continue
             kmh = np.sqrt(np.mean([np.square(run["sets"][kind]["rmse_kmh"]) for run in runs], axis=0))
             true = [values(result, name, kind, row, "mse_true").mean() for row in range(3)] if _has_truth(runs) else []
             cells += [" / ".join(number(float(one)) for one in kmh), " / ".join(number(float(one)) for one in true)]
@@ -158,6 +167,8 @@ def claims(result: Result) -> str:
         difference, said = verdict(result, *arms)
         if " = " in what[0]:
             said = "not told apart" if said == "not resolved" else "contradicted"
+        elif what[0].startswith("not the thesis's"):
+            said = {"reproduced": "yes", "contradicted": "no"}.get(said, "not told apart")
         rows.append([*what, difference, said])
     return _table(["direction in the thesis", "set", "ours: difference, x 10^3", "verdict"], rows)
 
@@ -177,25 +188,37 @@ def _directions() -> list[tuple[Any, ...]]:
         ((f"depth 3 < depth {depth}", "Hard"), "sa-lstm-lap3", f"sa-lstm-lap{depth}", "hard", 0)
         for depth in (0, 1, 2, 4)
     ]
-    n_step, recursive, at_once = "sa-lstm-n-step-lap3", "sa-lstm-lap3", "sa-lstm-all-at-once-lap3"
+    for loss, suffix in (("", ""), (", balanced", "-balanced")):
+        n_step, recursive, at_once = (f"{WAYS[way][0]}{suffix}" for way in ("n-step", "recursive", "all-at-once"))
+        for kind in ("easy", "hard"):
+            label = f"{kind.capitalize()}{loss}"
+            out.append((("n-step = recursive at t+1", label), n_step, recursive, kind, 0))
+            out.append((("n-step < all-at-once at t+1", label), n_step, at_once, kind, 0))
+            out.append((("n-step < recursive at t+3", label), n_step, recursive, kind, 2))
+            out.append((("all-at-once <= n-step at t+3", label), at_once, n_step, kind, 2))
+        out.append((("n-step < recursive at t+2", f"Hard{loss}"), n_step, recursive, "hard", 1))
+        out.append((("n-step < all-at-once at t+2", f"Hard{loss}"), n_step, at_once, "hard", 1))
+    ours = f"{WAYS['n-step'][0]}-balanced"
     for kind in ("easy", "hard"):
-        label = kind.capitalize()
-        out.append((("n-step = recursive at t+1", label), n_step, recursive, kind, 0))
-        out.append((("n-step < all-at-once at t+1", label), n_step, at_once, kind, 0))
-        out.append((("n-step < recursive at t+3", label), n_step, recursive, kind, 2))
-        out.append((("all-at-once <= n-step at t+3", label), at_once, n_step, kind, 2))
-    out.append((("n-step < recursive at t+2", "Hard"), n_step, recursive, "hard", 1))
-    out.append((("n-step < all-at-once at t+2", "Hard"), n_step, at_once, "hard", 1))
+        for other, arm in (("persistence", "persistence"), ("linear", "linear"), ("TSMixer", "tsmixer-mse")):
+            out.append(
+                ((f"not the thesis's: n-step < {other}, t+3", f"{kind.capitalize()}, balanced"), ours, arm, kind, 2)
+            )
     return out
 
 
 def verdict(result: Result, better: str, worse: str, kind: str, row: int) -> tuple[str, str]:
     """The paired difference better - worse with its interval, and what it says of the claim."""
-    difference = values(result, better, kind, row) - values(result, worse, kind, row)
+    seeds = [frozenset(run["seed"] for run in result["arms"].get(arm, [])) for arm in (better, worse)]
+    common = None if worse in SIMPLE else seeds[0] & seeds[1]
+    if not seeds[0] or not seeds[1] or (common is not None and not common):
+        return MISSING, "not measured"
+    left, right = values(result, better, kind, row, seeds=common), values(result, worse, kind, row, seeds=common)
+    difference = left - right
     mean, low, high = crossed(difference)
     said = "reproduced" if high < 0.0 else "contradicted" if low > 0.0 else "not resolved"
-    relative = 100.0 * mean / values(result, worse, kind, row).mean()
-    return f"{_signed(mean)} [{_signed(low)}, {_signed(high)}] ({relative:+.0f} %)", said
+    relative, n = 100.0 * mean / right.mean(), len(difference)
+    return f"{_signed(mean)} [{_signed(low)}, {_signed(high)}] ({relative:+.0f} %, {n} seed{'s' * (n > 1)})", said
 
 
 def _signed(value: float) -> str:
@@ -206,7 +229,16 @@ def _has_truth(runs: Sequence[Mapping[str, Any]]) -> bool:
     return all("mse_true" in one for run in runs for one in run["sets"].values())
 
 
+def _cell(result: Result, arm: str, kind: str, row: int = 0) -> str:
+    """Mean and interval, and how many seeds where it is not all."""
+    some = values(result, arm, kind, row)
+    few = 0 < len(some) < len(result["seeds"]) and arm not in SIMPLE
+    return _interval(some) + (f" ({len(some)} seed{'s' * (len(some) > 1)})" if few else "")
+
+
 def _interval(some: FloatArray) -> str:
+    if not len(some):
+        return MISSING
     mean, low, high = crossed(some)
     return f"{number(mean)} [{number(low)}, {number(high)}]"
 

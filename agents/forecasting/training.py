@@ -34,7 +34,7 @@ class TrainSettings:
         depth: Of the Laplacian pyramid's loss, beside the squared error; None: without it.
         weight: Of that loss; 1 as printed in the thesis, where it outweighs the squared error a thousand times.
         rate: Of AdamW; a tenth after three validations in a row without a new best.
-        batch: Windows per step; 0, or as many as there are: all of them, each step.
+        batch: Windows per step; 0, or as many as there are: all of them, each step; None: see `batch_for`.
         steps: At most, in each phase.
         validate_every: Steps.
         clip: Largest norm of a gradient.
@@ -44,7 +44,7 @@ class TrainSettings:
     depth: int | None = 3
     weight: float = 1.0
     rate: float = 0.01
-    batch: int = 256
+    batch: int | None = None
     steps: int = 600
     validate_every: int = 25
     clip: float = 1.0
@@ -58,8 +58,13 @@ class TrainSettings:
         """
         if self.depth is not None and not 0 <= self.depth <= MAX_DEPTH:
             raise InvalidInputError(f"expected a pyramid's depth of 0 to {MAX_DEPTH}, or none, got {self.depth}")
-        if self.rate <= 0.0 or self.steps < 1 or self.validate_every < 1 or self.batch < 0:
+        if self.rate <= 0.0 or self.steps < 1 or self.validate_every < 1 or (self.batch or 0) < 0:
             raise InvalidInputError(f"expected a rate and steps above 0 and a batch of 0 or more, got {self}")
+
+
+def batch_for(segments: int) -> int:
+    """256 windows of 21 segments, fewer of wider roads, so that a step costs about the same; at least 32."""
+    return max(32, min(256, 256 * 21 // segments))
 
 
 class Examples:
@@ -174,8 +179,9 @@ def _loss(
     generator: torch.Generator,
 ) -> Tensor:
     """The squared error where there is a target, and the Laplacian loss."""
-    whole = settings.batch == 0 or settings.batch >= len(examples)
-    which = slice(None) if whole else torch.randint(len(examples), (settings.batch,), generator=generator)
+    batch = batch_for(examples.history.shape[2]) if settings.batch is None else settings.batch
+    whole = batch == 0 or batch >= len(examples)
+    which = slice(None) if whole else torch.randint(len(examples), (batch,), generator=generator)
     difference, mask = examples.difference(network, phase, which)
     loss = difference.square().sum() / mask.sum().clamp_min(1.0)
     return loss if laplacian is None else loss + settings.weight * laplacian(difference)

@@ -20,7 +20,7 @@ from agents.hierarchical.watch import Danger
 from evaluation.agent import Observation
 from sumo_networks.arrays import Float32Array
 from sumo_networks.sensors.lights import STOPS, YIELDS
-from sumo_networks.sensors.path import POINTS
+from sumo_networks.sensors.path import BEHIND, POINTS
 from sumo_networks.vehicle import VehicleParameters
 from sumo_networks.world import ActorKind, LightState
 
@@ -29,12 +29,13 @@ SENSORS = ("speedometer", "route", "objects", "lights", "conflicts", "navigation
 TICK_S = 0.1
 FAR_M = 1000.0
 NEAREST_AHEAD, NEAREST_CROSSING, NEAREST_IN_LANE = 4, 8, 3
-SIGHT_M = float(POINTS - 13)
+SIGHT_M = float(POINTS - BEHIND - 1)
 STANDS_M_S, DROVE_M_S, WAITS_M_S = 0.3, 1.0, 0.6
 ASKEW = 0.997
 CORRIDOR_MARGIN_M = 0.3
 STRIP_MARGIN_M = 0.3
 CUT_IN_S, CUT_IN_SIDEWAYS_M_S = 1.5, 0.25
+RACING_M_S, RACED_S, RACING_AHEAD_M = 2.5, 3.0, 90.0
 KERB_M, KERB_AHEAD_M = 1.5, 30.0
 PASSING_M_S, PASSING_ACCELERATION = 10.0, 3.0
 CROSSING_M_S, CROSSING_ACCELERATION = 8.0, 1.5
@@ -78,6 +79,7 @@ class Memory:
         stood_at_line: Whether it has stood at the next stop sign.
         stood: How long each actor has stood, s.
         driven: Who has been seen driving.
+        raced: For how long each one who was seen racing is still not trusted, s.
     """
 
     standing: float = 0.0
@@ -85,13 +87,18 @@ class Memory:
     stood_at_line: bool = False
     stood: dict[int, float] = field(default_factory=dict)
     driven: set[int] = field(default_factory=set)
+    raced: dict[int, float] = field(default_factory=dict)
 
-    def watch(self, speed: float, lights: Float32Array, neighbours: Sequence[Neighbour]) -> None:
+    def watch(self, observation: Observation, neighbours: Sequence[Neighbour]) -> None:
         """Goes on for one tick."""
+        speed, lights = float(observation["speedometer"][0]), observation["lights"]
         # Creeping up to a line is waiting too; driving wears it off.
         self.standing = self.standing + TICK_S if speed < WAITS_M_S else max(self.standing - 5 * TICK_S, 0.0)
         self.stood = {one.key: self.stood.get(one.key, 0.0) + TICK_S for one in neighbours if one.stands}
         self.driven |= {one.key for one in neighbours if one.speed > DROVE_M_S}
+        racing = float(observation["path"][BEHIND, 4]) + RACING_M_S
+        kept = {key: left - TICK_S for key, left in self.raced.items() if left > TICK_S}
+        self.raced = kept | {one.key: RACED_S for one in neighbours if one.speed > racing}
         distance, _, _, sign = (float(v) for v in lights[0])
         at_sign = sign == STOPS and -0.5 <= distance < FAR_M
         self.stood_at_line = at_sign and (self.stood_at_line or (speed < 0.05 and distance < 2.5))
@@ -138,12 +145,15 @@ class FactsBuilder:
         entering = {} if aside.aside(progress) else self._entering(around, speed)
         out += [fact("enters", key, tenths(gap), tenths(pace)) for key, (gap, pace) in entering.items()]
         out += self._crossings(observation, around, speed)
+        out += [fact("races", key) for key in _coming(around) if key in memory.raced]
         out += self._on_foot(around, aside, progress)
-        lanes = self._lanes(around, ahead, aside)
+        room = 0.5 * around.lane_width - self._half_width + 0.05
+        out_of_lane = max(abs(aside.offset), abs(aside.at(progress))) > room
+        lanes = {} if out_of_lane else self._lanes(around, ahead)
         for side, lane in lanes.items():
             out += [fact("lane", side, "against" if lane.oncoming else "same")]
             out += self._in_lane(around, side, lane.d)
-        if aside.offset != 0.0 or abs(aside.at(progress)) > 0.5:
+        if out_of_lane:
             out += [fact("aside", "left" if aside.at(progress) + aside.offset > 0.0 else "right")]
             out += self._in_lane(around, "own", 0.0)
         out.append(fact("sight", tenths(_sight(observation["objects"]))))
@@ -255,12 +265,10 @@ class FactsBuilder:
             if one.speed > STANDS_M_S and towards < 0.3:
                 yield fact("crosses", one.key, holds=False)
 
-    def _lanes(
-        self, around: Surroundings, ahead: Sequence[tuple[Neighbour, float, float]], aside: Sidestep
-    ) -> dict[str, Lane]:
+    def _lanes(self, around: Surroundings, ahead: Sequence[tuple[Neighbour, float, float]]) -> dict[str, Lane]:
         """The lanes beside what may have to be passed: of the same direction before those of the other one."""
         slow = [one for one, _, pace in ahead if one.speed < STANDS_M_S or one.kind == ActorKind.BICYCLE]
-        if not slow or aside.offset != 0.0:
+        if not slow:
             return {}
         lanes = around.lanes_beside(slow[0].s_low - 12.0, max(one.s_high for one in slow) + 12.0)
         out: dict[str, Lane] = {}
@@ -309,6 +317,12 @@ def _earliest(distance: float, speed: float, kind: ActorKind) -> float:
     if kind == PEDESTRIAN:
         return distance / max(speed, 0.1)
     return travel_time(distance, speed, CROSSING_ACCELERATION, CROSSING_M_S)
+
+
+def _coming(around: Surroundings) -> list[int]:
+    """Who is near, not behind, and on another way than the ego's."""
+    near = (one for one in around.driving() if one.s_high > 0.0 and one.s_low < RACING_AHEAD_M)
+    return [one.key for one in near if one.along < 0.5]
 
 
 def _sight(objects: Float32Array) -> float:

@@ -13,9 +13,10 @@ from __future__ import annotations
 import difflib
 import hashlib
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 
 from clingo import MessageCode, Number, SymbolType
 from clingo import ast as syntax
@@ -110,14 +111,14 @@ class Rulebook:
     Attributes:
         rules: In the order of files and lines.
         facts: What the world may say.
-        actions: What the rules may order.
+        actions: What the rules may order, and where that is said.
         version: sha256 of all files.
         files: That it was read from.
     """
 
     rules: tuple[Rule, ...]
     facts: frozenset[Signature]
-    actions: frozenset[Signature]
+    actions: Mapping[Signature, str]
     version: str
     files: tuple[Path, ...]
 
@@ -180,7 +181,7 @@ def read_rulebook(folder: Path) -> Rulebook:
                 raise RuleError(f"{place}: expected a rule, a constraint, #defined or #show: {statement}")
     _check_predicates(rules, facts, actions)
     version = hashlib.sha256(b"".join(file.name.encode() + file.read_bytes() for file in files)).hexdigest()
-    return Rulebook(tuple(rules), frozenset(facts), frozenset(actions), version, files)
+    return Rulebook(tuple(rules), frozenset(facts), MappingProxyType(actions), version, files)
 
 
 def _statements(file: Path) -> Iterator[tuple[AST, str]]:

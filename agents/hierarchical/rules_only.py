@@ -16,7 +16,7 @@ from agents.experts.sidestep import Sidestep
 from agents.experts.surroundings import Surroundings, warm_up
 from agents.hierarchical.facts import SENSORS, FactsBuilder, Memory, Moment
 from agents.hierarchical.rss import CONSTANTS
-from agents.hierarchical.rulebook import read_rulebook
+from agents.hierarchical.rulebook import RuleError, Signature, read_rulebook
 from agents.hierarchical.solver import Decision, Solver
 from agents.hierarchical.watch import Watch
 from agents.planning.motion import Idm
@@ -36,6 +36,11 @@ LINE_GAP_M = 1.0
 LEVELS_M_S2 = (0.0, 1.5, 2.5, 4.0, 6.0, 8.0)
 """Of the braking cascade, by `brake(L)`."""
 HARDEST_M_S2 = 8.0
+ORDERS = {
+    *(Signature(name, 1) for name in ("pace", "follow", "waits", "stop", "brake", "change")),
+    *(Signature(name, 0) for name in ("go", "keep_lane", "keep_right")),
+}
+"""What the control below the rules can carry out."""
 SIDE_M_S2 = 3.0
 LEAST_RAMP_M, BACK_RAMP_M, RIGHT_RAMP_M = 6.0, 12.0, 8.0
 
@@ -58,8 +63,12 @@ class RulesOnly(Agent):
         """
         if rss not in CONSTANTS:
             raise UnknownNameError("RSS constants", rss, CONSTANTS)
-        self.solver = Solver(read_rulebook(Path(rules)))
-        self.files = self.solver.rulebook.files
+        book = read_rulebook(Path(rules))
+        for action, place in book.actions.items():
+            if action not in ORDERS:
+                known = ", ".join(sorted(map(str, ORDERS)))
+                raise RuleError(f"{place}: the control knows no order '{action}' (it knows {known})")
+        self.solver, self.files = Solver(book), book.files
         self.watch = Watch(CONSTANTS[rss])
         self._vehicle = VehicleParameters()
         self._builder = FactsBuilder()
@@ -80,7 +89,7 @@ class RulesOnly(Agent):
         """What the rules order, carried out."""
         speed, progress = float(observation["speedometer"][0]), float(observation["navigation"][2])
         around = Surroundings(observation)
-        self._memory.watch(speed, observation["lights"], around.neighbours)
+        self._memory.watch(observation, around.neighbours)
         dangers = self.watch.update(observation, around)
         route = self._aside.applied(observation["route"], progress)
         advised = advised_speed(route)
@@ -108,15 +117,17 @@ class RulesOnly(Agent):
     def _acceleration(self, decision: Decision, moment: Moment, speed: float, advised: float) -> float:
         """The most careful of what the actions ask for, m/s^2."""
         paces = [v / 10.0 for v in decision.numbers("pace")]
-        most = PASSING_M_S2 if self._aside.offset != 0.0 else FOLLOWING.acceleration
+        most = FOLLOWING.acceleration if self._aside.offset in (0.0, self._right) else PASSING_M_S2
         wish = _towards(speed, min([advised, *paces]), most)
         for key in decision.numbers("follow"):
+            if key not in moment.ahead:
+                raise RuleError(f"order 'follow({key})': expected somebody ahead, of {sorted(moment.ahead)}")
             gap, pace = moment.ahead[key]
             wish = min(wish, follow(speed, gap, max(pace, 0.0)))
         for distance in decision.numbers("stop"):
             wish = min(wish, follow(speed, distance / 10.0 + FOLLOWING.gap - LINE_GAP_M, 0.0))
-        levels = decision.numbers("brake")
-        return max(min(wish, -LEVELS_M_S2[max(levels)] if levels else wish), -HARDEST_M_S2)
+        level = min(max([0, *decision.numbers("brake")]), len(LEVELS_M_S2) - 1)
+        return max(min(wish, -LEVELS_M_S2[level]) if level else wish, -HARDEST_M_S2)
 
     def _change_lane(self, decision: Decision, moment: Moment, speed: float, progress: float) -> None:
         for where in decision.names("change"):
@@ -125,6 +136,8 @@ class RulesOnly(Agent):
                 if self._aside.offset != 0.0:
                     self._aside.back(progress, max(ramp, BACK_RAMP_M))
                 return
+            if where not in moment.lanes:
+                raise RuleError(f"order 'change({where})': expected own, or a lane beside, of {sorted(moment.lanes)}")
             offset, nearest = moment.lanes[where], min(gap for gap, _ in moment.ahead.values())
             ramp = max(speed * math.sqrt(6.0 * abs(offset) / SIDE_M_S2), LEAST_RAMP_M)
             ramp = min(ramp, max(nearest - 1.0, LEAST_RAMP_M))

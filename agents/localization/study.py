@@ -13,7 +13,7 @@ import argparse
 import json
 import math
 import platform
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from itertools import product
@@ -82,6 +82,14 @@ def cells(filters: tuple[str, ...] = FILTERS) -> Iterator[Cell]:
         yield Cell(arm, name, rate, sigma)
 
 
+def grid(filters: Sequence[str]) -> Iterator[Cell]:
+    """What the benchmark `localization` runs: every arm, filter, rate and error; the IMU alone once for all rates."""
+    for arm, name, rate, sigma in product(ARMS, filters, RATES_HZ, SIGMAS_M):
+        yield Cell(arm, name, rate, sigma)
+    for arm in ARMS:
+        yield Cell(arm, "imu", RATES_HZ[0], SIGMAS_M[0])
+
+
 @cache
 def _journey(route: str) -> Journey:
     return journey_named(route, STANDING_S, LENGTH_S)
@@ -139,17 +147,17 @@ def _nees(error: FloatArray, covariance: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("ki,kij,kj->k", error, np.linalg.inv(covariance), error))
 
 
-def study(seeds: range, filters: tuple[str, ...] = FILTERS) -> Iterator[dict[str, Any]]:
-    """Runs all cells.
+def study(seeds: range, todo: Sequence[Cell]) -> Iterator[dict[str, Any]]:
+    """Runs cells.
 
     Args:
         seeds: Of the errors; each on all routes.
-        filters: Which to compare.
+        todo: What to run: `cells` or `grid`.
 
     Yields:
         The results so far, after every cell.
     """
-    todo, rows = list(cells(filters)), []
+    rows = []
     values: dict[Cell, dict[str, list[float]]] = {}
     for done, cell in enumerate(todo, 1):
         some = seeds[: SLOW.get(cell.filter, len(seeds))]
@@ -196,7 +204,7 @@ def main() -> None:
     parser.add_argument("--filters", default=",".join(FILTERS))
     parser.add_argument("--out", type=Path, default=Path("agents/localization/results/study.json"))
     arguments = parser.parse_args()
-    for result in study(range(arguments.seeds), tuple(arguments.filters.split(","))):
+    for result in study(range(arguments.seeds), list(cells(tuple(arguments.filters.split(","))))):
         done, total = result["done"]
         if done % SAVED_EVERY == 0 or done == total:
             write_results(arguments.out, result)

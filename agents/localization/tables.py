@@ -52,6 +52,22 @@ def accuracy_by_rate(cells: Cells, *sigmas: float) -> str:
     return _table(["within 0.5 m, %: ES-EKF", "sigma, m", *(f"{rate:g} Hz" for rate in rates)], rows)
 
 
+def by_sigma(cells: Cells, name: str) -> tuple[list[str], list[list[str]]]:
+    """Head and rows of the benchmark's table for one filter: accuracy and RMSE by sigma and arm over the rate."""
+    rates = list(dict.fromkeys(cell["rate_hz"] for cell in cells if cell["filter"] == name))
+    rows = []
+    for arm in ARMS:
+        for sigma in dict.fromkeys(cell["sigma_m"] for cell in cells if cell["filter"] == name):
+            chosen = [_one(cells, arm=arm, filter=name, rate_hz=rate, sigma_m=sigma) for rate in rates]
+            rows.append([f"{sigma:g}", arm, *(f"{_mean(c, 'accuracy')} / {_mean(c, 'rmse')}" for c in chosen)])
+    for arm in ARMS:
+        alone = _one(cells, arm=arm, filter="imu")
+        rows.append(["-", f"{arm}, {NAMES['imu']}", f"{_mean(alone, 'accuracy')} / {_mean(alone, 'rmse')}"])
+        rows[-1] += [""] * (len(rates) - 1)
+    rows.sort(key=lambda row: float(row[0]) if row[0] != "-" else float("inf"))
+    return ["sigma, m", f"{NAMES[name]}", *(f"{rate:g} Hz" for rate in rates)], rows
+
+
 def rmse_by_sigma(cells: Cells) -> str:
     """Accuracy and RMSE over sigma and rate, calibrated ES-EKF."""
     rates, rows = _values(cells, "rate_hz"), []

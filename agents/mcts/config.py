@@ -47,7 +47,8 @@ class Settings(Config):
             text), or "best", the first action of the best rollout (ours).
         early_stop: End the search if the very first rollout is perfect (the thesis's code).
         reuse: Search first along the plan of the tick before (ours).
-        emergency: Brake hard where the plan meets somebody soon (ours; PDM's idea).
+        emergency: Brake hard where the plan fails soon (ours; PDM's idea).
+        caution: Who is ahead in the lane is not believed to clear it sooner than it has to, see `caution` (ours).
     """
 
     predictor: str = "learned"
@@ -65,6 +66,7 @@ class Settings(Config):
     early_stop: bool = False
     reuse: bool = True
     emergency: bool = True
+    caution: bool = True
 
 
 class Rules(NamedTuple):
@@ -88,6 +90,8 @@ class Rules(NamedTuple):
         penalty_vehicle: With a vehicle (thesis).
         penalty_object: With an object (thesis).
         penalty_margin: Somebody within the margins (the thesis's code).
+        penalty_gap: Per second, times the share of the safe distance to the leader that is missing (ours).
+        forfeit: Per second left to the horizon after a failure (ours: the thesis goes on, and charges every second).
         penalty_route: Not on the route's roads (thesis).
         penalty_road: Off the drivable area (thesis).
         penalty_line: Over a closed line: off the route and off the road, since lanes behind a red light are closed
@@ -100,7 +104,11 @@ class Rules(NamedTuple):
             |a|/10 and |change|/5 in the selection).
         margin_along: Beyond the ends of the ego's box, m (the thesis's code: 0.7).
         margin_across: Beside it, m (the thesis's code: 0.3).
+        margin_people: Beside it to people on foot or bicycle, m (ours).
         headway: The margin ahead grows by this times the speed, s (the thesis's code: 1/2 on the length, so 1/4).
+        time_gap: Part of the safe distance that is driven in that time, s (the thesis's code: v/2 on the length).
+        braking: The rest of it: what the ego needs more than its leader to stop, both braking so, m/s^2 (ours, after
+            RSS; the hardest braking that comfort allows).
         skin: What counts as a collision beyond the boxes themselves, m (ours: forecasts are not exact).
         line_gap: The front stops this far before a closed line, m (ours).
     """
@@ -122,6 +130,8 @@ class Rules(NamedTuple):
     penalty_vehicle: float
     penalty_object: float
     penalty_margin: float
+    penalty_gap: float
+    forfeit: float
     penalty_route: float
     penalty_road: float
     penalty_line: float
@@ -132,7 +142,10 @@ class Rules(NamedTuple):
     comfort: float
     margin_along: float
     margin_across: float
+    margin_people: float
     headway: float
+    time_gap: float
+    braking: float
     skin: float
     line_gap: float
 
@@ -146,8 +159,8 @@ CURVE_BRAKING = 2.0
 LATERAL_LIMIT = 4.4
 """Lateral acceleration beyond which the inner vehicle runs wide, m/s^2 (the thesis's code masks above 10; tyres end at
 8.8 here, comfort at 4.89)."""
-EMERGENCY_S, EMERGENCY_BRAKING = 1.5, 8.0
-"""A plan that meets somebody within that time is answered by that deceleration, m/s^2 (ours; PDM: 2 s)."""
+EMERGENCY_S, EMERGENCY_BRAKING = 2.0, 8.0
+"""A plan that fails within that time is answered by that deceleration, m/s^2 (ours; the time is PDM's)."""
 PERFECT_BONUS = 10
 """Visits a perfect rollout is worth in the final choice (the thesis's code)."""
 
@@ -165,7 +178,7 @@ def rules(settings: Settings) -> Rules:
         acceleration_step=0.5,
         steering_step=0.5 if lane else 0.1308996938995747,
         lane_steering=int(lane),
-        jerk=4.0,
+        jerk=3.5,
         exploration=2.0,
         root_window=5 if settings.constraints in ("tree", "both") else FREE,
         node_window=3 if settings.constraints in ("node", "both") else FREE,
@@ -177,6 +190,8 @@ def rules(settings: Settings) -> Rules:
         penalty_vehicle=-5.0,
         penalty_object=-2.0,
         penalty_margin=-0.5,
+        penalty_gap=-3.0,
+        forfeit=-1.0,
         penalty_route=-0.5,
         penalty_road=-1.0,
         penalty_line=-1.5,
@@ -187,7 +202,10 @@ def rules(settings: Settings) -> Rules:
         comfort=0.02,
         margin_along=0.7,
         margin_across=0.3,
+        margin_people=1.0,
         headway=0.25,
+        time_gap=0.5,
+        braking=4.0,
         skin=0.1,
         line_gap=0.3,
     )

@@ -6,12 +6,14 @@ Explicitly", 2023, and the thesis of R. Chekroun, chapter 5.
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
+from agents.mcts.caution import cautious
 from agents.mcts.config import (
     ACTIONS,
     CURVE_BRAKING,
@@ -29,7 +31,7 @@ from agents.mcts.config import (
 from agents.mcts.explanation import explain_search
 from agents.mcts.predicting import make_predictor
 from agents.mcts.prior import kernel, learned_actions
-from agents.mcts.simulator import COLLISION, FAILED, LINE, STANDING, STATE, controls
+from agents.mcts.simulator import FAILED, STANDING, STATE, controls
 from agents.mcts.tree import BEST_LEAF, PAIRS, Beliefs, best_child, make_tree, search, start
 from agents.planning.motion import Idm, body, limited_steering, pursuit
 from agents.planning.prediction import Forecast
@@ -92,9 +94,8 @@ class Mbappe(Agent):
         """The first 0.1 s of the best plan: acceleration, and steering as a share of full lock."""
         scene = self.builder.update(observation)
         forecast = self.predictor.predict(scene)
-        road = situation(
-            scene, forecast.actors, max_speed=MAX_SPEED, curve=CURVE_LATERAL, braking=CURVE_BRAKING
-        )  # fmt: skip
+        others = cautious(scene, forecast.actors) if self.settings.caution else forecast.actors
+        road = situation(scene, others, max_speed=MAX_SPEED, curve=CURVE_LATERAL, braking=CURVE_BRAKING)
         self.scene, self.road = scene, road
         state = self._root(scene, road)
         decision = self.decide(road, state, forecast)
@@ -121,9 +122,13 @@ class Mbappe(Agent):
             last=self._last,
             draws=self._draws(),
         )
-        start(self.tree, road, self.car, self.rules, CRAFTED_IDM, beliefs, state)
-        ran = self._search(road, beliefs)
-        chain = self._chain()
+        until = math.inf if s.budget_ms is None else time.perf_counter() + s.budget_ms / 1000.0
+        ran, chain = self._plan_from(road, beliefs, state, until)
+        if self._danger(chain) and s.constraints in ("tree", "both"):
+            # Continuity leaves nothing safe: once more, as if the ego had been braking.
+            self._last[0], self._plan[:] = 0, -1
+            more, chain = self._plan_from(road, beliefs, state, until)
+            ran += more
         self._why = {"simulations": ran, "nodes_made": int(self.tree.numbers[0]), "plan": [int(node) for node in chain]}
         if s.reuse:
             self._plan[:] = -1
@@ -133,18 +138,25 @@ class Mbappe(Agent):
         danger = self._danger(chain)
         self._why |= {"emergency": danger, "action": [int(i) for i in self._last]}
         if s.emergency and danger:
+            self._last[:] = 0, MIDDLE
             return None
         return int(self._last[0]), int(self._last[1])
+
+    def _plan_from(self, road: Situation, beliefs: Beliefs, state: FloatArray, until: float) -> tuple[int, list[int]]:
+        """Searches from a state until a time: how many simulations ran, and the nodes of the plan."""
+        start(self.tree, road, self.car, self.rules, CRAFTED_IDM, beliefs, state)
+        ran = self._search(road, beliefs, until)
+        return ran, self._chain()
 
     def _draws(self) -> FloatArray:
         return np.zeros(0)
 
-    def _search(self, road: Situation, beliefs: Beliefs) -> int:
+    def _search(self, road: Situation, beliefs: Beliefs, until: float) -> int:
         s, arguments = self.settings, (self.tree, road, self.car, self.rules, CRAFTED_IDM, beliefs)
-        if s.budget_ms is None:
+        if until == math.inf:
             return int(search(*arguments, s.simulations, s.early_stop))
-        until, ran = time.perf_counter() + s.budget_ms / 1000.0, 0
-        while ran < s.simulations and time.perf_counter() < until:
+        ran = 0
+        while ran < s.simulations and (ran == 0 or time.perf_counter() < until):
             ran += int(search(*arguments, min(_CHUNK, s.simulations - ran), s.early_stop))
             if self.tree.numbers[1]:
                 break
@@ -164,11 +176,10 @@ class Mbappe(Agent):
         return chain
 
     def _danger(self, chain: list[int]) -> bool:
-        """Whether the plan meets somebody, or a closed line, too soon to hope for better."""
+        """Whether the plan fails, by whatever, too soon to hope for better."""
         last = chain[-1]
-        met = self.tree.terms[last, COLLISION] < 0.0 or self.tree.terms[last, LINE] < 0.0
         within = int(self.tree.depth[last]) * self.settings.hold_s <= max(EMERGENCY_S, self.settings.hold_s)
-        return bool(self.tree.outcome[last] == FAILED and met and within)
+        return bool(self.tree.outcome[last] == FAILED and within)
 
     def _root(self, scene: Scene, road: Situation) -> FloatArray:
         ego, state = scene.ego, np.zeros(STATE)

@@ -36,11 +36,12 @@ STATE = 10
 """Rear axle x, y [m], heading [rad], speed [m/s], acceleration [m/s^2], wheel angle [rad], demanded acceleration
 [m/s^2], arc length and lateral distance of the box centre on the path [m], 1 while it began off the road and is still
 there."""
-PROGRESS, COLLISION, MARGIN, ROUTE, ROAD, LINE, HEADING_TERM, CENTRING, COMFORT = range(9)
-TERMS = 9
-TERM_NAMES = ("progress", "collision", "margin", "route", "road", "line", "heading", "centring", "comfort")
+PROGRESS, COLLISION, MARGIN, ROUTE, ROAD, LINE, HEADING_TERM, CENTRING, COMFORT, GAP = range(10)
+TERMS = 10
+TERM_NAMES = ("progress", "collision", "margin", "route", "road", "line", "heading", "centring", "comfort", "gap")
 ALIVE, FAILED = 0, 1
 STANDING, MOVING = 0.1, 2.0
+HALTING, STOPPING_S = -0.5, 0.8
 BEHIND = -0.5
 REACH_M = 4.0
 
@@ -66,9 +67,11 @@ def controls(
     row = at_row(road, state[S])
     # Never beyond the limit; what is above it already is given back gently.
     target = min(target, max((road.limit[row] - speed) / 0.5, -1.5))
+    # The last metres gently: a stop at full braking is a jolt.
+    target = max(target, -max(speed / STOPPING_S, -HALTING))
     demand = min(max(target, state[DEMAND] - most), state[DEMAND] + most)
-    if speed < STANDING and target <= 0.0:
-        demand = min(demand, target)
+    if speed < STANDING and target <= 0.0:  # no creeping: what hardly moves, and is not to, comes to rest
+        demand = min(demand, target, HALTING if speed > 0.0 else 0.0)
     if rules.lane_steering:
         x, y = state[X], state[Y]
         wheel = pursuit(car, road.path, road.first_s, road.spacing, x, y, state[HEADING], speed, state[S], lateral)
@@ -93,7 +96,7 @@ def advance(
         accelerate: Index of the acceleration.
         steer: Index of the steering.
         before: Index of the acceleration before it.
-        terms: (9,) where the terms of the reward are written.
+        terms: (10,) where the terms of the reward are written.
 
     Returns:
         FAILED where it ends in a collision, off the road or beyond a closed line; else ALIVE.
@@ -116,16 +119,18 @@ def advance(
         behind_line = state[S] + front <= road.line
         s, side, row = project(road.path, road.first_s, road.spacing, x, y, state[S] + 0.1 * state[SPEED], REACH_M)
         state[S], state[LATERAL] = s, side
+        time = (first + step + 1) * DT
+        lost = rules.forfeit * (rules.depth * hold - time)
         hit = _touched(road, car, rules, x, y, cos, sin, state[SPEED], min(first + step + 1, road.boxes.shape[0] - 1))
         if hit >= 0:
             if state[SPEED] > STANDING:
-                terms[COLLISION] = _collision(rules, road.kind[hit])
+                terms[COLLISION] = _collision(rules, road.kind[hit]) + lost
                 return FAILED
             near = True
         elif hit == -2:
             near = True
         if behind_line and s + front > road.line:
-            terms[LINE] = rules.penalty_line
+            terms[LINE] = rules.penalty_line + lost
             return FAILED
         # Corners are looked up every half second and at the end: a lane's edge is not left and regained in between.
         if (step + 1) % 5 == 0 or step + 1 == rules.hold_steps:
@@ -133,10 +138,12 @@ def advance(
             if flags & ROAD_BIT:
                 state[OFF_ROAD] = 0.0
             elif state[OFF_ROAD] == 0.0:
-                terms[ROAD] = rules.penalty_road
+                terms[ROAD] = rules.penalty_road + lost
                 return FAILED
             if step + 1 == rules.hold_steps:
                 _settle(road, rules, state, terms, began, hold, x, y, row, near, accelerate, before)
+                if state[SPEED] > STANDING:
+                    terms[GAP] = rules.penalty_gap * hold * _gap_missing(road, car, rules, state, time)
     return ALIVE
 
 
@@ -178,6 +185,20 @@ def _settle(
 
 
 @njit(cache=True, error_model="numpy")
+def _gap_missing(road: Situation, car: Body, rules: Rules, state: FloatArray, time: float) -> float:
+    """Share of the safe distance that is missing: the leader may brake at any moment, whatever is predicted of it.
+
+    Source: after Shalev-Shwartz et al. 2017, Responsibility-Sensitive Safety.
+    """
+    speed = state[SPEED]
+    gap, leading = leader(
+        road, 0.5 * car.length, 0.5 * car.width + rules.margin_across, state[S], time, state[LATERAL]
+    )  # fmt: skip
+    safe = rules.time_gap * speed + max(speed * speed - leading * leading, 0.0) / (2.0 * rules.braking)
+    return 0.0 if gap >= safe else min((safe - gap) / safe, 1.0)
+
+
+@njit(cache=True, error_model="numpy")
 def _collision(rules: Rules, kind: int) -> float:
     if kind == CLASS_PEDESTRIAN:
         return rules.penalty_pedestrian
@@ -194,7 +215,7 @@ def _touched(
     """
     half_length, half_width = 0.5 * car.length, 0.5 * car.width
     ahead = rules.margin_along + rules.headway * speed
-    reach = math.hypot(half_length, half_width) + ahead + rules.skin
+    reach = math.hypot(half_length, half_width) + ahead + rules.margin_people
     near = False
     for n in range(road.boxes.shape[1]):
         ox, oy = road.boxes[step, n, 0], road.boxes[step, n, 1]
@@ -208,8 +229,9 @@ def _touched(
         if boxes_meet(x, y, cos, sin, half_length + rules.skin, half_width + rules.skin, ox, oy, oc, os, ol, ow):
             return n
         shift = 0.5 * ahead
+        across = rules.margin_people if road.kind[n] == CLASS_PEDESTRIAN else rules.margin_across
         if not near and boxes_meet(
-            x + shift * cos, y + shift * sin, cos, sin, half_length + shift, half_width + rules.margin_across,
+            x + shift * cos, y + shift * sin, cos, sin, half_length + shift, half_width + across,
             ox, oy, oc, os, ol, ow,
         ):  # fmt: skip
             near = True

@@ -1,13 +1,19 @@
 """The ablations and rivals on one benchmark, paired: `python -m agents.mcts.study --benchmark val14 --out out/mbappe`.
 
-Every arm drives the same scenarios and seeds; run again, it goes on where it stopped. The autopilot drives them too, as
-the reference of progress. Results go to OUT/study.json, and with --readme into the tables of this folder's README.
+Every arm drives the same scenarios and seeds; run again, it goes on where it stopped, drive by drive. The autopilot
+drives them too: it is the reference of progress where a scenario names none. Results go to OUT/study.json, and with
+--readme into the tables of this folder's README.
+
+A benchmark of excerpts is split in two by the number of a mission: who mends the planner looks at the drives of the odd
+ones (`--part look`), and the tables are made of the even ones (`--part held-out`). `--per-type` takes only so many of
+each type, by the hash of their names.
 """
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import hashlib
 import json
 import math
 import os
@@ -15,9 +21,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal, get_args
 
 from agents.registry import resolve
+from evaluation.benchmark import Benchmark, load_benchmark
+from evaluation.closed_loop import TERMS
 from evaluation.evaluation import Result, run_benchmark
 from evaluation.executors import ProcessPool
 from evaluation.scores.closed_loop import closed_loop
@@ -29,6 +37,7 @@ from sumo_networks.errors import InvalidInputError
 
 REFERENCE = "autopilot"
 METRICS = ("score", "collisions", "off_road", "progress", "driving_score", "nocrash_success")
+Part = Literal["all", "look", "held-out"]
 Key = tuple[str, int, str]
 Drives = dict[Key, dict[str, float]]
 
@@ -101,12 +110,48 @@ CLAIMS: tuple[tuple[str, str, str], ...] = (
 """Whose metric the thesis, or the reason for an arm, expects to be above whose."""
 
 
+def part_of(benchmark: Benchmark, part: Part, per_type: int | None = None) -> Benchmark:
+    """One half of a benchmark's missions: "look" has the odd ones of every set, "held-out" the even ones.
+
+    Args:
+        benchmark: Whole.
+        part: Which half, or both.
+        per_type: At most so many of each type of scenario, those whose names have the smallest hashes.
+
+    Raises:
+        InvalidInputError: It is no benchmark of excerpts, whose missions alone are many and numbered.
+    """
+    if part == "all" and per_type is None:
+        return benchmark
+    if not benchmark.excerpts:
+        raise InvalidInputError(f"benchmark '{benchmark.name}' has no excerpts; only such a one has parts ('{part}')")
+    parities = {"all": (0, 1), "look": (1,), "held-out": (0,)}[part]
+    types: dict[str, list[str]] = {}
+    for cell in benchmark.cells:
+        for one in benchmark.missions[cell.missions]:
+            if int(one.name.lstrip("m")) % 2 in parities:
+                types.setdefault(cell.name.partition(".")[0], []).append(f"{cell.name}.{one.name}")
+    kept = {name for names in types.values() for name in sorted(names, key=_hash)[:per_type]}
+    missions = {
+        cell.missions: some
+        for cell in benchmark.cells
+        if (some := tuple(m for m in benchmark.missions[cell.missions] if f"{cell.name}.{m.name}" in kept))
+    }
+    cells = tuple(cell for cell in benchmark.cells if cell.missions in missions)
+    fields = {name: getattr(benchmark, name) for name in Benchmark.model_fields}
+    return Benchmark(**fields | {"name": f"{benchmark.name}-{part}", "cells": cells, "missions": missions})
+
+
+def _hash(name: str) -> bytes:
+    return hashlib.sha256(name.encode()).digest()
+
+
 def measure(result: Result, reference: Mapping[Key, float]) -> Drives:
     """The metrics of every drive that was not lost.
 
     Args:
         result: Of one arm.
-        reference: Progress of the reference by drive, m.
+        reference: Progress of the autopilot by drive, m; for scenarios that name no reference of their own.
     """
     out: Drives = {}
     for record, path in zip(result.records, result.paths, strict=True):
@@ -115,9 +160,11 @@ def measure(result: Result, reference: Mapping[Key, float]) -> Drives:
         trajectory, network = read_trajectory(path), load_network(record.scenario.network)
         for index, ego in enumerate(record.egos):
             key = (record.scenario.name, record.scenario.seed, ego.name)
-            if key not in reference:
+            named = record.scenario.reference_m
+            if named is None and key not in reference:
                 continue
-            terms, scores = closed_loop(record, trajectory, network, reference[key], index), score_drive(ego)
+            metres = reference[key] if named is None else named
+            terms, scores = closed_loop(record, trajectory, network, metres, index), score_drive(ego)
             out[key] = {
                 "score": terms.score,
                 "collisions": 100.0 * (terms.no_collision < 1.0),
@@ -125,6 +172,8 @@ def measure(result: Result, reference: Mapping[Key, float]) -> Drives:
                 "progress": 100.0 * terms.progress,
                 "driving_score": scores["driving_score"],
                 "nocrash_success": scores["nocrash_success"],
+                "red_lights": float(terms.red_lights),
+                **{f"term_{name}": getattr(terms, name) for name in TERMS},
             }
     return out
 
@@ -143,21 +192,31 @@ def verdict(above: Drives, below: Drives, metric: str) -> tuple[str, Comparison 
     return {">": "reproduced", "=": "not resolved", "<": "contradicted"}[compared.verdict], compared
 
 
-def run(benchmark: str, arms: Sequence[str], seeds: Sequence[int] | None, out: Path, workers: int) -> dict[str, Any]:
-    """Drives the arms and writes OUT/study.json.
+def run(
+    benchmark: str,
+    arms: Sequence[str],
+    seeds: Sequence[int] | None,
+    out: Path,
+    workers: int,
+    part: Part = "all",
+    per_type: int | None = None,
+) -> dict[str, Any]:
+    """Drives the arms and writes OUT/study.json, anew after each arm.
 
     Raises:
-        InvalidInputError: An arm is unknown, or the benchmark or OUT cannot be used.
+        InvalidInputError: An arm is unknown, or the benchmark, its part or OUT cannot be used.
     """
     unknown = sorted(set(arms) - set(ARMS))
     if unknown:
         raise InvalidInputError(f"no arm named {', '.join(unknown)} (there is {', '.join(ARMS)})")
+    driven = part_of(load_benchmark(benchmark), part, per_type)
     drives: dict[str, Drives] = {}
     reference: dict[Key, float] = {}
+    document: dict[str, Any] = {}
     for name in [REFERENCE, *(arm for arm in arms if arm != REFERENCE)]:
         arm = ARMS[name]
         result = run_benchmark(
-            benchmark, resolve(arm.agent), settings=dict(arm.settings), seeds=seeds, out=out / name,
+            driven, resolve(arm.agent), settings=dict(arm.settings), seeds=seeds, out=out / name,
             executor=ProcessPool(workers),
         )  # fmt: skip
         if name == REFERENCE:
@@ -168,12 +227,14 @@ def run(benchmark: str, arms: Sequence[str], seeds: Sequence[int] | None, out: P
             }
         drives[name] = measure(result, reference)
         print(f"{name}: {_shown(estimates(drives[name])['score'])}", flush=True)
-    document = as_document(benchmark, drives)
-    write_atomically(out / "study.json", json.dumps(document, indent=1).encode())
+        document = as_document(benchmark, drives, part, per_type)
+        write_atomically(out / "study.json", json.dumps(document, indent=1).encode())
     return document
 
 
-def as_document(benchmark: str, drives: Mapping[str, Drives]) -> dict[str, Any]:
+def as_document(
+    benchmark: str, drives: Mapping[str, Drives], part: Part = "all", per_type: int | None = None
+) -> dict[str, Any]:
     """The study as plain JSON."""
     arms = {
         name: {
@@ -190,7 +251,7 @@ def as_document(benchmark: str, drives: Mapping[str, Drives]) -> dict[str, Any]:
             word, compared = verdict(drives[above], drives[below], metric)
             difference = dataclasses.asdict(compared.difference) if compared else None
             claims.append({"above": above, "below": below, "metric": metric, "verdict": word, "difference": difference})
-    return {"benchmark": benchmark, "arms": arms, "claims": claims}
+    return {"benchmark": benchmark, "part": part, "per_type": per_type, "arms": arms, "claims": claims}
 
 
 def tables(document: Mapping[str, Any]) -> str:
@@ -207,7 +268,9 @@ def tables(document: Mapping[str, Any]) -> str:
         f"{_shown(Estimate(**claim['difference'])) if claim['difference'] else ''} | {claim['verdict']} |"
         for claim in document["claims"]
     ]
-    lines = [f"On `{document['benchmark']}`:", "", head, *rows]
+    half = "" if document["part"] == "all" else f", part `{document['part']}`"
+    half += f", {document['per_type']} of each type" if document["per_type"] else ""
+    lines = [f"On `{document['benchmark']}`{half}:", "", head, *rows]
     if claims:
         lines += ["", "| claim | metric | paired difference | verdict |\n|---|---|---|---|", *claims]
     return "\n".join(lines)
@@ -243,9 +306,13 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="*", help="by default the benchmark's own")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--part", choices=get_args(Part), default="all", help="of a benchmark of excerpts")
+    parser.add_argument("--per-type", type=int, help="at most so many scenarios of each type")
     parser.add_argument("--readme", action="store_true", help="write the tables into the README beside this file")
     given = parser.parse_args()
-    document = run(given.benchmark, given.arms, given.seeds, given.out, given.workers)
+    document = run(
+        given.benchmark, given.arms, given.seeds, given.out, given.workers, given.part, given.per_type
+    )  # fmt: skip
     print(tables(document))
     if given.readme:
         write_tables(Path(__file__).with_name("README.md"), document)

@@ -33,7 +33,7 @@ class Tree(NamedTuple):
         action: (M,) the action that led here, acceleration index times 13 plus steering index.
         depth: (M,) actions since the root.
         state: (M, 10) see `simulator.STATE`.
-        terms: (M, 9) terms of the reward of the action that led here.
+        terms: (M, 10) terms of the reward of the action that led here.
         reward: (M,) their sum.
         outcome: (M,) `simulator.ALIVE` or FAILED.
         visits: (M,) N.

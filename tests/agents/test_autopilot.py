@@ -201,7 +201,7 @@ def test_it_says_which_rule_decided(scene: Scene, rule: str | tuple[str, ...]) -
     reason = agent.explain()
     assert reason is not None
     assert reason["rule"] in rule
-    rules = {"free road", "leader", "light", "conflict", "passing", "oncoming", "emergency"}
+    rules = {"free road", "leader", "light", "conflict", "passing", "oncoming", "emergency", "impact"}
     assert set(reason["acceleration"]) == rules
     assert action[0] == pytest.approx(max(min(min(reason["acceleration"].values()), 2.0), -8.0), abs=0.01)
 

@@ -2,7 +2,7 @@
 
 All are rolled out together, so that leaders brake for their own leaders. Nobody changes lanes; where a lane forks, the
 straightest branch is taken, but by the ego, which keeps to its route. People on foot, objects, and whoever is on no
-lane go on at constant velocity.
+lane go on at constant velocity; who has stood beside the middle of its lane is parked, and stays.
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ STOPPABLE = 4.0
 BICYCLE_SPEED = 5.0
 FAR = 1e9
 ROUTE_BONUS = 10.0
+PARKED_ASIDE_M, PARKED_MOVED_M = 0.9, 0.2
+"""Who stands so far beside the middle of its lane, and has moved less in the last 1.5 s, is parked."""
 _ON_FOOT = (int(ActorKind.PEDESTRIAN), int(ActorKind.STATIC))
 
 
@@ -89,7 +91,10 @@ class IdmRollout:
     def predict(self, scene: Scene) -> Forecast:
         """See the module."""
         agents = _agents(scene)
-        poses = roll_out(self.model, agents, paths(scene, agents))
+        way = paths(scene, agents)
+        moved = np.hypot(*(scene.actors.history[:, 0, :2] - scene.actors.position).T)
+        way.found[1:] &= (moved > PARKED_MOVED_M) | (np.abs(way.lateral[1:]) < PARKED_ASIDE_M)
+        poses = roll_out(self.model, agents, way)
         poses[1:, 0] = agents.pose[1:]
         return Forecast(actors=poses[1:], ego=poses[0])
 

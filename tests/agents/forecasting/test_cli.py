@@ -26,7 +26,7 @@ def test_a_table_of_200_sensors_with_gaps_is_learned_and_evaluated(tmp_path: Pat
     speeds = np.concatenate([road_speeds(2000, 50, seed) for seed in range(4)], axis=1)
     speeds[np.random.default_rng(0).random(speeds.shape) < 0.05] = np.nan
     table = write_csv(tmp_path / "sensors.csv", speeds, 3.6)
-    fit = ("forecast", "fit", "--data", table, "--unit", "km/h", "--model", "tsmixer", "--steps", 150, "--depth", -1)
+    fit = ("forecast", "fit", "--data", table, "--unit", "km/h", "--model", "tsmixer", "--steps", 250, "--depth", -1)
     document = json.loads(dohyo(*fit, "--out", tmp_path / "f.safetensors", "--json"))
     assert document["segments"] == 200
     test = document["sets"]["test"]

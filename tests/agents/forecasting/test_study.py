@@ -60,5 +60,8 @@ def test_every_arm_of_the_tables_is_run() -> None:
 def test_a_direction_is_judged_by_its_interval(shift: float, said: str) -> None:
     noise = np.array([[0.3, -0.3, 0.2, -0.2]])
     arms = {"a": (5.0 + shift + noise).tolist(), "b": np.full((1, 4), 5.0).tolist()}
-    runs = {arm: [{"sets": {"hard": {"mse": [[one] for one in row]}}} for row in rows] for arm, rows in arms.items()}
+    runs = {
+        arm: [{"seed": i, "sets": {"hard": {"mse": [[one] for one in row]}}} for i, row in enumerate(rows)]
+        for arm, rows in arms.items()
+    }
     assert tables.verdict({"arms": runs}, "a", "b", "hard", 0)[1] == said

@@ -33,7 +33,7 @@ def moment(scene: Scene, seconds: float = 0.0, dangers: tuple[Danger, ...] = (),
     for world in scene.worlds(seconds):
         observation = seen(world)
         around = Surroundings(observation)
-        memory.watch(float(observation["speedometer"][0]), observation["lights"], around.neighbours)
+        memory.watch(observation, around.neighbours)
         out = builder.moment(observation, around, memory, aside, dangers, advised=12.0)
     return out
 
@@ -167,6 +167,16 @@ def test_the_right_of_way_is_that_of_the_lights() -> None:
     ours = scene.with_lights(LightState.RED)
     (said_of,) = said(ours, "right_of_way")
     assert said_of.startswith("-")
+
+
+def test_who_is_much_too_fast_races() -> None:
+    scene = lit_crossing().with_ego(x=-40.0, speed=8.0)
+    assert len(said(scene.with_actor(30.0, 17.0, left=6.4, heading=WEST), "races")) == 1
+    assert said(scene.with_actor(30.0, 16.0, left=6.4, heading=WEST), "races") == []
+    assert said(scene.with_actor(10.0, 17.0), "races") == []
+    slowing = scene.with_actor(80.0, lambda t: 17.0 if t < 0.05 else 5.0, left=6.4, heading=WEST)
+    assert [len(said(slowing, "races", seconds)) for seconds in (2.8, 3.4)] == [1, 0]
+    assert said(scene.with_actor(-60.0, 17.0, left=6.4, heading=WEST), "races") == []
 
 
 def test_who_walks_over_the_road_meets_the_ego() -> None:

@@ -231,16 +231,23 @@ def test_an_empty_road_is_never_critical() -> None:
 def test_the_response_brakes_for_who_is_ahead() -> None:
     (world,) = straight_road().with_ego(x=50.0, speed=10.0).with_actor(62.0, 5.0).worlds(0.0)
     (danger,) = Watch().update(seen(world))
-    assert danger.gap == pytest.approx(7.5, abs=0.6)
+    assert danger.gap == pytest.approx(7.5, abs=0.01)
     assert danger.braking == EGO.braking
     assert danger.side == 0
+
+
+@pytest.mark.parametrize("x", [50.0, 50.25, 50.5, 50.75])
+def test_gaps_are_exact_wherever_the_ego_is_between_two_points_of_the_path(x: float) -> None:
+    (world,) = straight_road().with_ego(x=x, speed=10.0).with_actor(x + 12.0, 5.0).worlds(0.0)
+    (danger,) = Watch().update(seen(world))
+    assert danger.gap == pytest.approx(7.5, abs=0.01)
 
 
 def test_the_response_brakes_harder_where_the_least_is_not_enough() -> None:
     (world,) = straight_road().with_ego(x=50.0, speed=10.0).with_actor(62.0, 0.0).worlds(0.0)
     (danger,) = Watch().update(seen(world))
     # 10^2 / (2 x 7.2) = 6.9
-    assert danger.braking == pytest.approx(6.9, abs=0.7)
+    assert danger.braking == pytest.approx(6.94, abs=0.01)
 
 
 def test_the_response_to_who_comes_too_near_beside_is_not_to_go_nearer() -> None:

@@ -159,6 +159,9 @@ CROSSING = [
         crosses(MUST, n=200) + "junction(1,120,300). standing(120).",
     ),
     Case("stop(145)", crosses(MUST), crosses(MUST) + "junction(1,120,300)."),
+    Case("stop(120)", "races(7). junction(1,120,300).", "races(7). junction(1,120,300). standing(120)."),
+    Case("stop(72)", "races(7). junction(1,72,300).", "junction(1,72,300)."),
+    Case("stop(72)", "races(7). junction(1,72,300).", "races(7). junction(1,71,300)."),
 ]
 WALKS = {"kind": "pedestrian", "pace": 14, "enter": 20, "leave": 50}
 PEDESTRIANS = [
@@ -203,7 +206,7 @@ OVERTAKING = [
     Case("better(left)", SITE + LEFT, SITE + AGAINST),
     Case("better(right)", SITE + RIGHT, SITE + RIGHT + "in_lane(right,8,5,100,80)."),
     Case("out", OUT, ""),
-    Case("near(7)", SITE, SITE.replace("300", "100")),
+    Case("near(7)", SITE, SITE.replace("300", "40")),
     Case("change(left)", SITE + LEFT, SITE + LEFT + OUT),
     Case("change(right)", SITE + RIGHT, SITE + RIGHT + LEFT),
     Case("change(left)", SITE + AGAINST, SITE + AGAINST + RIGHT),
@@ -213,6 +216,10 @@ OVERTAKING = [
     Case("-occupied(own)", OUT, OUT + "in_lane(own,8,-60,30,80)."),
     Case("change(own)", OUT, OUT + "in_lane(own,8,-60,30,80)."),
     Case("stop(220)", SITE, SITE + LEFT),
+    Case("stop(220)", AHEAD + "stood(7,10).", AHEAD + "stood(7,10). driven(7)."),
+    Case("parked(7)", AHEAD + "stood(7,10).", AHEAD + "stood(7,10). driven(7)."),
+    Case("aloof(7)", AHEAD + "stood(7,10).", AHEAD + "stood(7,10). junction(1,400,600)."),
+    Case("aloof(7)", AHEAD + "stood(7,700). driven(7).", AHEAD + "stood(7,500). driven(7)."),
     Case("pace(100)", OUT, ""),
     Case("at_junction", "junction(1,40,200).", "junction(1,50,200)."),
     Case("keep_right", "squeezed.", "squeezed. junction(1,40,200)."),

@@ -93,6 +93,13 @@ def test_it_goes_round_a_building_site_and_comes_back(agent: RulesOnly) -> None:
     assert fronts(worlds)[-1] > 190.0
 
 
+def test_it_stands_with_room_to_turn_out_and_goes_round_who_has_stood_for_long(agent: RulesOnly) -> None:
+    worlds = drive(agent, ego().with_actor(140.0, 0.0), 58.0)
+    assert not touched(worlds)
+    assert fronts(worlds)[400] == pytest.approx(140.0 - 2.25 - 9.0, abs=1.5)
+    assert fronts(worlds)[-1] > 150.0
+
+
 def test_it_waits_where_the_way_round_is_not_free(agent: RulesOnly) -> None:
     scene = ego().with_actor(160.0, kind=ActorKind.STATIC, length=6.0, width=2.4)
     for x in range(60, 260, 20):
@@ -101,6 +108,17 @@ def test_it_waits_where_the_way_round_is_not_free(agent: RulesOnly) -> None:
     assert not touched(worlds)
     assert np.abs(lefts(worlds)).max() < 0.3
     assert fronts(worlds)[-1] < 157.0
+
+
+def test_it_keeps_right_for_who_comes_over_the_middle_until_he_is_past(agent: RulesOnly) -> None:
+    # In the left lane of the ego's side, its right side 0.7 m left of the middle of the ego's lane.
+    scene = ego().with_actor(180.0, 8.0, left=1.6, heading=WEST)
+    worlds = drive(agent, scene, 9.0)
+    meets = next(i for i, world in enumerate(worlds) if world.actors.position[0, 0] < fronts(worlds)[i])
+    assert not touched(worlds)
+    assert lefts(worlds)[meets] < -0.3
+    assert np.diff(lefts(worlds)[: meets - 5]).max() < 0.02
+    assert abs(lefts(worlds)[-1]) < 0.2
 
 
 def test_it_lets_somebody_on_foot_walk_across(agent: RulesOnly) -> None:
@@ -163,6 +181,22 @@ def test_a_broken_rulebook_is_refused_before_any_drive(tmp_path: Path) -> None:
         RulesOnly(rules=tmp_path)
     with pytest.raises(InvalidInputError, match=r"broken\.lp:1: unknown predicate"):
         make_agent(ENTRY, {"rules": str(tmp_path)})
+
+
+@pytest.mark.parametrize(
+    ("rule", "message"),
+    [
+        ("#show honk/0.\nhonk :- speed(_).\n", r"^more\.lp:1: the control knows no order 'honk/0'"),
+        ("follow(99) :- speed(_).\n", r"order 'follow\(99\)': expected somebody ahead"),
+        ("change(up) :- speed(_).\n", r"order 'change\(up\)': expected own, or a lane beside"),
+    ],
+)
+def test_an_order_that_cannot_be_carried_out_is_told(tmp_path: Path, rule: str, message: str) -> None:
+    for file in RULES.glob("*.lp"):
+        (tmp_path / file.name).write_text(file.read_text())
+    (tmp_path / "more.lp").write_text(rule)
+    with pytest.raises(RuleError, match=message):
+        acted(RulesOnly(rules=tmp_path), ego())
 
 
 def test_unknown_constants_are_refused() -> None:

@@ -123,7 +123,7 @@ def test_reckless_hits_a_braking_leader_and_with_the_shield_does_not() -> None:
     assert touched(drive(bare, braking_leader(), 6.0))
     worlds = drive(shielded, braking_leader(), 6.0)
     assert not touched(worlds)
-    assert speeds(worlds)[-1] == pytest.approx(0.0, abs=0.1)
+    assert speeds(worlds)[-1] < 0.5
 
 
 def test_reckless_with_the_shield_stops_for_who_walks_across() -> None:

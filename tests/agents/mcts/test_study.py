@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 
 from agents.mcts.config import Settings
-from agents.mcts.study import ARMS, CLAIMS, as_document, run, tables, verdict, write_tables
+from agents.mcts.study import ARMS, CLAIMS, as_document, part_of, run, tables, verdict, write_tables
+from evaluation.benchmark import load_benchmark
+from evaluation.scenario_types import TYPES
 from sumo_networks.errors import InvalidInputError
 
 
@@ -49,6 +51,28 @@ def test_tables_go_between_their_marks(tmp_path: Path) -> None:
     assert tables(document) in text
     with pytest.raises(InvalidInputError, match="marks"):
         write_tables(readme, {**document, "benchmark": "other"})
+
+
+def test_what_is_looked_at_and_what_is_held_out_are_apart_and_whole() -> None:
+    val14 = load_benchmark("val14")
+    names = {part: [one.name for one in part_of(val14, part).scenarios([0])] for part in ("all", "look", "held-out")}
+    assert not set(names["look"]) & set(names["held-out"])
+    assert set(names["look"]) | set(names["held-out"]) == set(names["all"])
+    for part in ("look", "held-out"):
+        assert {name.partition(".")[0] for name in names[part]} == set(TYPES)
+        assert part_of(val14, part).sha256 != val14.sha256
+
+
+def test_so_many_of_each_type_are_a_part_of_more() -> None:
+    val14 = load_benchmark("val14")
+    few, more = ({one.name for one in part_of(val14, "held-out", n).scenarios([0])} for n in (2, 3))
+    assert len(few) == 2 * len(TYPES)
+    assert few < more
+
+
+def test_a_benchmark_without_excerpts_has_no_parts() -> None:
+    with pytest.raises(InvalidInputError, match="held-out"):
+        part_of(load_benchmark("quickstart"), "held-out")
 
 
 def test_an_unknown_arm_is_refused(tmp_path: Path) -> None:

@@ -136,3 +136,9 @@ def test_an_offset_from_the_lane_dies_away():
 
 def test_an_empty_scene_is_forecast():
     assert rolled(scene()).shape == (0, 81, 3)
+
+
+def test_who_has_stood_beside_the_middle_of_its_lane_is_parked():
+    parked, waiting = Body(0.0, ASIDE - 1.2), Body(0.0, ASIDE)
+    assert np.hypot(*(rolled(scene([parked], road()))[0, :, :2] - (parked.x, parked.y)).T).max() < 1e-6
+    assert rolled(scene([waiting], road()))[0, 80, 0] > 20.0

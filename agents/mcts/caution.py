@@ -1,0 +1,76 @@
+"""Caution: whoever is ahead in the ego's lane is not believed to clear it sooner than it has to, whatever is predicted.
+
+A leader that has just braked is predicted to speed up again, as drivers on the whole do; the one that does not is hit.
+So leaders keep their speed at most, and who brakes goes on braking for a second. People on foot in the lane may stop:
+they are believed to go on a second later. A forecast keeps its shape: it is only driven more slowly. Ours; the thesis
+takes predictions for facts.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from agents.planning.motion import DT, project
+from agents.planning.scene import HISTORY_STEP_S, Scene
+from sumo_networks.arrays import FloatArray
+from sumo_networks.world import ActorKind
+
+LANE_SHARE = 0.5
+"""Share of a lane's width from its middle within which somebody is ahead in it."""
+SAME_WAY = 0.7
+BRAKING_S, HARDEST, HESITATION_S = 1.0, 8.0, 1.0
+
+
+def cautious(scene: Scene, forecast: FloatArray) -> FloatArray:
+    """A forecast with its leaders held back.
+
+    Args:
+        scene: Of which it is.
+        forecast: (N, 81, 3) x, y [m], heading [rad] of its actors.
+
+    Returns:
+        The same for everybody else; a copy where there is a leader.
+    """
+    actors, p = scene.actors, scene.path
+    path = np.column_stack([p.position, np.cos(p.heading), np.sin(p.heading)])
+    spacing = float(p.s[-1] - p.s[0]) / (len(p.s) - 1)
+    on_foot = actors.kind == ActorKind.PEDESTRIAN
+    # Half a second is the history's step: what it lost since the middle of that tells how it brakes.
+    back = actors.history[:, -1, :2] - actors.history[:, -2, :2]
+    earlier = np.hypot(back[:, 0], back[:, 1]) / HISTORY_STEP_S
+    braking = np.clip((actors.speed - earlier) / (0.5 * HISTORY_STEP_S), -HARDEST, 0.0)
+    braking[~actors.history_valid[:, -2]] = 0.0
+    out = None
+    for n in np.flatnonzero((actors.kind != ActorKind.STATIC) & (actors.position[:, 0] > 0.0)).tolist():
+        x, y = (float(v) for v in actors.position[n])
+        s, side, row = project(path, float(p.s[0]), spacing, x, y, 0.0, 1e6)
+        turn = actors.heading[n] - p.heading[row]
+        leads = on_foot[n] or math.cos(turn) > SAME_WAY
+        if s > 0.0 and abs(side) < LANE_SHARE * p.width[row] and leads:
+            out = forecast.copy() if out is None else out
+            _hold_back(out[n], float(actors.speed[n]), float(braking[n]), HESITATION_S if on_foot[n] else 0.0)
+    return forecast if out is None else out
+
+
+@njit(cache=True, error_model="numpy")
+def _hold_back(poses: FloatArray, speed: float, braking: float, wait: float) -> None:
+    """Takes (81, 3) poses no faster than a speed [m/s], braked [m/s^2, negative] for a second, after a wait [s]."""
+    before = poses.copy()
+    travelled, allowed, k, passed = 0.0, 0.0, 0, 0.0
+    length = math.hypot(before[1, 0] - before[0, 0], before[1, 1] - before[0, 1])
+    for i in range(1, before.shape[0]):
+        travelled += math.hypot(before[i, 0] - before[i - 1, 0], before[i, 1] - before[i - 1, 1])
+        if (i - 1) * DT < BRAKING_S:
+            speed = max(speed + braking * DT, 0.0)
+        if (i - 1) * DT >= wait:
+            allowed = min(allowed + speed * DT, travelled)
+        while passed + length < allowed and k < before.shape[0] - 2:
+            k, passed = k + 1, passed + length
+            length = math.hypot(before[k + 1, 0] - before[k, 0], before[k + 1, 1] - before[k, 1])
+        share = min((allowed - passed) / length, 1.0) if length > 0.0 else 0.0
+        poses[i, 0] = before[k, 0] + share * (before[k + 1, 0] - before[k, 0])
+        poses[i, 1] = before[k, 1] + share * (before[k + 1, 1] - before[k, 1])
+        poses[i, 2] = before[k + 1, 2] if share > 0.5 else before[k, 2]

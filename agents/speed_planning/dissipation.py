@@ -1,0 +1,208 @@
+"""One run of the benchmark `dissipation`: a morning's congestion under one design of the plan and one forecast.
+
+The chain is the field's, delays included: segment speeds reach the planner up to three minutes late, connected vehicles
+tell their state once a second, a plan is published once a minute, and vehicles read it as it ages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from agents.forecasting.base import Forecaster
+from agents.forecasting.registry import load_forecaster
+from agents.speed_planning.acc import SetPointPolicy
+from agents.speed_planning.buffer import BufferPolicy, LearnedBuffer, RuleBuffer
+from agents.speed_planning.fleet import ACCELERATION_BASED, AccBased, Fleet
+from agents.speed_planning.outcome import OBSERVED_EVERY_S, Outcome, OutcomeWatch
+from agents.speed_planning.planner import PUBLISHED_EVERY_S, PlannerConfig, SpeedPlan, SpeedPlanner
+from sumo_networks.arrays import FloatArray
+from sumo_networks.errors import InvalidInputError
+from sumo_networks.freeway.measure import LAG_MINUTES, MINUTE_S, PingLog, SegmentFeed
+from sumo_networks.freeway.scenario import FreewayScenario
+from sumo_networks.freeway.simulation import FreewaySimulation
+from sumo_networks.freeway.world import FreewayWorld
+
+Design = Literal["none", "limit", "rule", "learned"]
+Forecast = Literal["none", "persistence", "sa-lstm", "oracle"]
+DESIGNS: tuple[str, ...] = get_args(Design)
+FORECASTS: tuple[str, ...] = get_args(Forecast)
+OBSERVED_BEFORE_S = 720.0
+"""So long the feed runs before anything is controlled: eight minutes of history and the lag."""
+
+
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """What is tried.
+
+    Attributes:
+        design: Nothing is controlled; the smoothed state is a speed limit; or a buffer besides, by rule or learned.
+        forecast: Of the segments: only pings are used; the last report is taken for now; a network brings it up to now;
+            or the planner is told the truth.
+    """
+
+    design: Design = "none"
+    forecast: Forecast = "none"
+
+    @property
+    def name(self) -> str:
+        """Such as "rule+oracle"; "none" where nothing is controlled."""
+        return "none" if self.design == "none" else f"{self.design}+{self.forecast}"
+
+
+@dataclass(frozen=True, slots=True)
+class Morning:
+    """When, and for how long.
+
+    Attributes:
+        start_s: Time of day at which control and measurement begin.
+        duration_s: Of both.
+        warm_up_s: Before the feed begins.
+        penetration: Share of connected cars.
+        acceleration_based: Share of the fleet with FollowerStopper.
+        set_points: Who sets the cruise controls of the rest: the plan itself, or the learned policy that reads it.
+        planner: Its settings.
+    """
+
+    start_s: float = 6.9 * 3600
+    duration_s: float = 1500.0
+    warm_up_s: float = 300.0
+    penetration: float = 0.05
+    acceleration_based: float = ACCELERATION_BASED
+    set_points: Literal["plan", "learned"] = "plan"
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
+
+    def scenario(self, seed: int) -> FreewayScenario:
+        """With the lead-in during which the feed runs."""
+        return FreewayScenario(
+            seed=seed,
+            start_s=self.start_s - OBSERVED_BEFORE_S,
+            duration_s=self.duration_s + OBSERVED_BEFORE_S,
+            warm_up_s=self.warm_up_s,
+            penetration=self.penetration,
+        )
+
+
+def run(arm: Arm, seed: int, morning: Morning | None = None, forecaster: str | Path = "sa-lstm") -> Outcome:
+    """One run; the same arm, seed and morning give the same outcome.
+
+    Args:
+        arm: What is tried.
+        seed: Of the traffic, the feed's errors and the fleet.
+        morning: When.
+        forecaster: Which one the forecast "sa-lstm" is: shipped, or a file.
+
+    Raises:
+        InvalidInputError: The arm needs a trained network that is not there.
+        SimulationError: SUMO failed.
+    """
+    morning = Morning() if morning is None else morning
+    watch = OutcomeWatch()
+    for world in worlds(arm, seed, morning, forecaster):
+        if world.time_s % OBSERVED_EVERY_S < 1e-6:
+            watch.observe(world)
+    return watch.outcome()
+
+
+def worlds(arm: Arm, seed: int, morning: Morning, forecaster: str | Path = "sa-lstm") -> Iterator[FreewayWorld]:
+    """The worlds of one run, from the beginning of control, tick by tick; see `run`."""
+    speeds_now = segment_speeds(arm.forecast, forecaster) if arm.design != "none" else None
+    policy = buffer_policy(arm.design)
+    acc = AccBased(SetPointPolicy.shipped() if morning.set_points == "learned" else None)
+    fleet = Fleet(seed, acc, morning.acceleration_based)
+    with FreewaySimulation(morning.scenario(seed)) as simulation:
+        world = simulation.world
+        feed, pings, truth = SegmentFeed(world.road, seed), PingLog(), Truth()
+        planner = SpeedPlanner(world.road, policy, morning.planner)
+        plan: SpeedPlan | None = None
+        end = morning.start_s + morning.duration_s
+        due = morning.start_s
+        while world.time_s < end:
+            feed.observe(world)
+            pings.observe(world)
+            truth.observe(world)
+            if speeds_now is not None and world.time_s >= due:
+                plan = planner.publish(world.time_s, speeds_now(feed, truth, world.time_s), pings.pings())
+                due += PUBLISHED_EVERY_S
+            commands = fleet.commands(world, plan) if plan is not None else {}
+            world = simulation.tick(commands)
+            if world.time_s > morning.start_s:
+                yield world
+
+
+class Truth:
+    """What the oracle knows: the mean speed of all vehicles on each segment now."""
+
+    def __init__(self) -> None:
+        self._world: FreewayWorld | None = None
+
+    def observe(self, world: FreewayWorld) -> None:
+        """Takes in one world."""
+        self._world = world
+
+    def speeds(self) -> FloatArray:
+        """(S,) m/s; NaN on an empty segment."""
+        world = self._world
+        if world is None:
+            raise InvalidInputError("the truth has observed no world yet")
+        on = world.segment >= 0
+        size = world.road.segments
+        count = np.bincount(world.segment[on], minlength=size)
+        total = np.bincount(world.segment[on], weights=world.speed_mps[on], minlength=size)
+        return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+
+
+SegmentSpeeds = Callable[[SegmentFeed, Truth, float], "FloatArray | None"]
+
+
+def segment_speeds(forecast: Forecast, forecaster: str | Path = "sa-lstm") -> SegmentSpeeds:
+    """How a kind of forecast gets the segments' speeds of now.
+
+    Raises:
+        InvalidInputError: Its network is not there.
+    """
+    if forecast == "none":
+        return lambda feed, truth, time_s: None
+    if forecast == "oracle":
+        return lambda feed, truth, time_s: truth.speeds()
+    if forecast == "persistence":
+        return lambda feed, truth, time_s: _last_report(feed, time_s)
+    return _Nowcast(load_forecaster(forecaster, exported=True))
+
+
+def _last_report(feed: SegmentFeed, time_s: float) -> FloatArray:
+    """The last reported speed of each segment, however old."""
+    _, rows = feed.reported(time_s)
+    last = np.full(feed.road.segments, np.nan)
+    for row in rows:
+        last = np.where(np.isnan(row), last, row)
+    return last
+
+
+@dataclass(frozen=True)
+class _Nowcast:
+    """A network's forecast, from the last eight reports to now; persistence until there are eight."""
+
+    forecaster: Forecaster
+
+    def __call__(self, feed: SegmentFeed, truth: Truth, time_s: float) -> FloatArray:
+        minutes, rows = feed.reported(time_s)
+        if len(rows) < 8 or np.isnan(rows[-8:]).all():
+            return _last_report(feed, time_s)
+        late = min((time_s - (minutes[-1] + 1) * MINUTE_S) / MINUTE_S, float(LAG_MINUTES))
+        return self.forecaster.nowcast(rows, max(late, 0.0), float(minutes[-1] * MINUTE_S))
+
+
+def buffer_policy(design: Design) -> BufferPolicy | None:
+    """Of a design; None without a buffer.
+
+    Raises:
+        InvalidInputError: The learned one's checkpoint is not there.
+    """
+    if design == "rule":
+        return RuleBuffer()
+    return LearnedBuffer.shipped() if design == "learned" else None

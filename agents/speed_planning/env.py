@@ -1,0 +1,204 @@
+"""The freeway as an environment of agents: a forecaster, a planner, and every connected vehicle (PettingZoo, parallel).
+
+Any of them may be a policy of one's own; the others can be played by this folder's parts. One step is a tick of the
+freeway. What the forecaster and the planner answer counts once a minute, when a plan is published; in between it is
+ignored. A vehicle is an agent from its departure until it leaves the road.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium import spaces
+from pettingzoo import ParallelEnv
+
+from agents.speed_planning.acc import SEEN_M
+from agents.speed_planning.dissipation import Morning
+from agents.speed_planning.fleet import Cars
+from agents.speed_planning.planner import LOOK_AHEAD_M, PUBLISHED_EVERY_S, SpeedPlan, open_gap
+from agents.speed_planning.traffic_state import LaneGrid, fuse
+from sumo_networks.arrays import Float32Array, FloatArray
+from sumo_networks.errors import InvalidInputError
+from sumo_networks.freeway.demand import draw_demand
+from sumo_networks.freeway.drivers import CONNECTED, KINDS
+from sumo_networks.freeway.measure import PingLog, SegmentFeed
+from sumo_networks.freeway.road import load_freeway
+from sumo_networks.freeway.simulation import FreewaySimulation
+from sumo_networks.freeway.world import FreewayWorld
+
+FORECASTER, PLANNER = "forecaster", "planner"
+HISTORY_MINUTES = 8
+FASTEST_MPS = 45.0
+UNKNOWN_MPS = -1.0
+"""In observations: nothing was reported."""
+Observations = dict[str, Float32Array]
+
+
+class DissipationEnv(ParallelEnv):  # type: ignore[misc]
+    """A morning on the freeway.
+
+    Agents, their observations and actions, speeds in m/s:
+
+    * `forecaster`: (8, S) the last reports of the segments, -1 where there is none -> (S,) their speeds now.
+    * `planner`: (L, X) the forecaster's answer fused with the pings -> (L, X) target speeds.
+    * a vehicle, by its name: (7,) own speed, gap up to 80 m, leader's speed, the plan at 0, 200, 500 and 1000 m; then
+      whether to open a gap -> (1,) speed it wants; SUMO's driver keeps it from driving into others.
+
+    Everybody's reward is the vehicles that passed into the bottleneck in the tick; a shared one, as the aim is.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"name": "dissipation_v0", "render_modes": []}
+
+    def __init__(self, morning: Morning | None = None, seed: int = 0) -> None:
+        """An environment; `reset` starts SUMO.
+
+        Args:
+            morning: When, and how many are connected.
+            seed: Of the traffic, unless `reset` is given one.
+        """
+        self.morning = Morning() if morning is None else morning
+        self._seed = seed
+        self._road = load_freeway("freeway")
+        self._grid = LaneGrid.of(self._road)
+        self._simulation: FreewaySimulation | None = None
+        self.agents: list[str] = []
+        self.possible_agents = self._everybody()
+
+    @cache  # noqa: B019 - PettingZoo asks for the same object each time; an env lives as long as its spaces
+    def observation_space(self, agent: str) -> spaces.Box:
+        """See the class."""
+        shapes = {FORECASTER: (HISTORY_MINUTES, self._road.segments), PLANNER: (self._grid.lanes, self._grid.cells)}
+        if agent in shapes:
+            return spaces.Box(UNKNOWN_MPS, FASTEST_MPS, shapes[agent], np.float32)
+        high = np.array([FASTEST_MPS, SEEN_M, FASTEST_MPS, *[FASTEST_MPS] * len(LOOK_AHEAD_M), 1.0], dtype=np.float32)
+        return spaces.Box(np.zeros_like(high), high, dtype=np.float32)
+
+    @cache  # noqa: B019 - as above
+    def action_space(self, agent: str) -> spaces.Box:
+        """See the class."""
+        shapes = {FORECASTER: (self._road.segments,), PLANNER: (self._grid.lanes, self._grid.cells)}
+        return spaces.Box(0.0, FASTEST_MPS, shapes.get(agent, (1,)), np.float32)
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observations, dict[str, dict[str, Any]]]:
+        """Starts the morning, and lets the feed run until control begins."""
+        self.close()
+        self._seed = self._seed if seed is None else seed
+        self.possible_agents = self._everybody()
+        self._simulation = FreewaySimulation(self.morning.scenario(self._seed), fuel=False)
+        world = self._simulation.start()
+        self._feed, self._pings = SegmentFeed(self._road, self._seed), PingLog()
+        self._plan: SpeedPlan | None = None
+        self._forecast = np.full(self._road.segments, FASTEST_MPS)
+        self._gone: set[str] = set()
+        while world.time_s < self.morning.start_s:
+            self._notice(world)
+            world = self._simulation.tick()
+        self._notice(world)
+        self._due_s, self._world = world.time_s, world
+        self.agents = [FORECASTER, PLANNER, *self._driving(world)]
+        return self._observations(), {agent: {} for agent in self.agents}
+
+    def step(
+        self, actions: dict[str, Float32Array]
+    ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
+        """One tick.
+
+        Raises:
+            InvalidInputError: Without `reset`, or for an action of another shape or that is not finite.
+        """
+        if self._simulation is None or not self.agents:
+            raise InvalidInputError("the environment is over: expected reset before step")
+        told = {agent: self._checked(agent, action) for agent, action in actions.items() if agent in self.agents}
+        self._publish(told)
+        now, before = self._world, self._driving(self._world)
+        world = self._simulation.tick({name: float(told[name][0]) for name in before if name in told})
+        self._notice(world)
+        self._world = world
+        there, over = set(self._driving(world)), world.time_s >= self.morning.start_s + self.morning.duration_s
+        terminated = {agent: agent not in there and agent not in (FORECASTER, PLANNER) for agent in self.agents}
+        self._gone |= {agent for agent, ended in terminated.items() if ended}
+        new = [name for name in self._driving(world) if name not in terminated]
+        everybody = [*self.agents, *new]
+        reward = float(_passed(now, world))
+        observations = self._observations()
+        # An agent that left still gets a last observation, of nothing.
+        gone = [agent for agent in everybody if agent not in observations]
+        nothing = {agent: np.asarray(self.observation_space(agent).low, dtype=np.float32) for agent in gone}
+        self.agents = [] if over else [agent for agent in everybody if not terminated.get(agent, False)]
+        return (
+            {**observations, **nothing},
+            dict.fromkeys(everybody, reward),
+            {agent: terminated.get(agent, False) for agent in everybody},
+            dict.fromkeys(everybody, over),
+            {agent: {} for agent in everybody},
+        )
+
+    def close(self) -> None:
+        """Ends SUMO."""
+        if self._simulation is not None:
+            self._simulation.close()
+            self._simulation = None
+
+    def _everybody(self) -> list[str]:
+        """The forecaster, the planner, and all connected vehicles that this seed's demand will bring."""
+        demand = draw_demand(self._road, self.morning.scenario(self._seed))
+        linked = np.flatnonzero(demand.kind == KINDS.index(CONNECTED))
+        return [FORECASTER, PLANNER, *(f"v{row}" for row in linked.tolist())]
+
+    def _driving(self, world: FreewayWorld) -> list[str]:
+        """Connected vehicles that are agents: from their first moment on the mainline to their last."""
+        rows = np.flatnonzero(world.connected & (world.lane >= 0))
+        return [world.names[row] for row in rows.tolist() if world.names[row] not in self._gone]
+
+    def _notice(self, world: FreewayWorld) -> None:
+        self._feed.observe(world)
+        self._pings.observe(world)
+
+    def _checked(self, agent: str, action: Float32Array) -> Float32Array:
+        expected = self.action_space(agent).shape
+        given = np.asarray(action, dtype=np.float32)
+        if given.shape != expected or not np.isfinite(given).all():
+            raise InvalidInputError(f"action of '{agent}': expected {expected} finite speeds, got shape {given.shape}")
+        return np.clip(given, 0.0, FASTEST_MPS)
+
+    def _publish(self, told: dict[str, Float32Array]) -> None:
+        """Takes the forecaster's and the planner's answers when a plan is due."""
+        if self._world.time_s < self._due_s:
+            return
+        self._due_s += PUBLISHED_EVERY_S
+        if FORECASTER in told:
+            self._forecast = told[FORECASTER].astype(np.float64)
+        if PLANNER in told:
+            target = told[PLANNER].astype(np.float64)
+            self._plan = SpeedPlan(self._world.time_s, target, self._state(), self._grid.cell_m)
+
+    def _state(self) -> FloatArray:
+        return fuse(self._grid, self._grid.spread(self._forecast), self._pings.pings(), self._world.time_s)
+
+    def _observations(self) -> Observations:
+        _, rows = self._feed.reported(self._world.time_s)
+        history = np.full((HISTORY_MINUTES, self._road.segments), UNKNOWN_MPS)
+        kept = rows[-HISTORY_MINUTES:]
+        if len(kept):
+            history[-len(kept) :] = np.nan_to_num(kept, nan=UNKNOWN_MPS)
+        seen: Observations = {FORECASTER: history.astype(np.float32), PLANNER: self._state().astype(np.float32)}
+        cars = Cars.seen(self._world, self._plan)
+        gap = np.minimum(np.maximum(cars.gap, 0.0), SEEN_M)
+        leader = np.where(np.isfinite(cars.gap), np.nan_to_num(cars.leader), 0.0)
+        columns = np.column_stack([cars.speed, gap, leader, cars.target, open_gap(cars.target)]).astype(np.float32)
+        for name, row in zip(cars.names, np.clip(columns, 0.0, None), strict=True):
+            if name not in self._gone:
+                seen[name] = np.minimum(row, self.observation_space(name).high)
+        return {agent: np.clip(one, UNKNOWN_MPS, None) for agent, one in seen.items()}
+
+
+def _passed(before: FreewayWorld, after: FreewayWorld) -> int:
+    """Vehicles that crossed the start of the bottleneck between two worlds."""
+    at = before.road.bottleneck_m
+    short = {before.names[row] for row in np.flatnonzero((before.position_m < at) & (before.position_m > at - 100))}
+    beyond = np.flatnonzero((after.position_m >= at) & (after.position_m < at + 100))
+    return sum(after.names[row] in short for row in beyond)

@@ -1,0 +1,183 @@
+"""The connected vehicles: each reads the plan where it is, sees its own leader, and is told a speed for the next tick.
+
+A mixed fleet, as in the field: of 100 cars 97 set their own cruise control, 3 are told speeds by FollowerStopper. Both
+speeds are bounded by the safe one. And where a leader comes near, nothing is commanded: SUMO lets a commanded vehicle
+brake no harder than is comfortable, its own driver as hard as he must.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from agents.speed_planning.acc import STANDING_GAP_M, TIME_GAPS_S, Memory, SetPointPolicy, Settings, stock_acc
+from agents.speed_planning.follower_stopper import LaneChangeRecovery, envelope, follower_stopper, safe_speed
+from agents.speed_planning.planner import SpeedPlan, open_gap, targets
+from sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from sumo_networks.errors import InvalidInputError
+from sumo_networks.freeway.process import TICK_S
+from sumo_networks.freeway.world import FreewayWorld
+
+ACCELERATION_BASED = 0.03
+"""Share of the fleet, as in the field test."""
+NEAR_M, NEAR_S, COMFORT_MPS2 = 3.0, 0.6, 0.8
+"""A gap below 3 m + 0.6 s is too near; and no command may need more braking than this."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cars:
+    """What N connected vehicles on the mainline see.
+
+    Attributes:
+        names: Of them.
+        speed: (N,) m/s.
+        acceleration: (N,) m/s^2.
+        gap: (N,) m, infinite without a leader.
+        leader: (N,) its speed, m/s.
+        leader_names: Of the leaders, None without one.
+        target: (N, 4) the plan at 0, 200, 500 and 1000 m, m/s.
+    """
+
+    names: tuple[str, ...]
+    speed: FloatArray
+    acceleration: FloatArray
+    gap: FloatArray
+    leader: FloatArray
+    leader_names: tuple[str | None, ...]
+    target: FloatArray
+
+    @classmethod
+    def seen(cls, world: FreewayWorld, plan: SpeedPlan | None) -> Cars:
+        """The connected vehicles of a world that are on the mainline; those on ramps drive as people do."""
+        rows = np.flatnonzero(world.connected & (world.lane >= 0))
+        ahead = world.leader[rows]
+        return cls(
+            tuple(world.names[row] for row in rows),
+            world.speed_mps[rows],
+            world.acceleration_mps2[rows],
+            world.gap_m[rows],
+            world.leader_speed_mps[rows],
+            tuple(world.names[row] if row >= 0 else None for row in ahead.tolist()),
+            targets(plan, world.position_m[rows], world.lane[rows], world.time_s),
+        )
+
+    def of(self, rows: IntArray) -> Cars:
+        """Some of them."""
+        return Cars(
+            names=tuple(self.names[row] for row in rows),
+            speed=self.speed[rows],
+            acceleration=self.acceleration[rows],
+            gap=self.gap[rows],
+            leader=self.leader[rows],
+            leader_names=tuple(self.leader_names[row] for row in rows),
+            target=self.target[rows],
+        )
+
+
+@dataclass
+class AccelerationBased:
+    """FollowerStopper with lane-change recovery, for any number of vehicles."""
+
+    _recovery: dict[str, LaneChangeRecovery] = field(default_factory=dict, init=False)
+
+    def speeds(self, cars: Cars) -> FloatArray:
+        """(N,) commanded speeds, m/s."""
+        known = self._recovery
+        self._recovery = {name: known.get(name) or LaneChangeRecovery() for name in cars.names}
+        far = envelope(cars.gap, cars.leader, cars.speed)
+        each = list(zip(self._recovery.values(), cars.leader_names, cars.gap.tolist(), far.tolist(), strict=True))
+        ease = np.array([one.ease(leader, gap, least, TICK_S) for one, leader, gap, least in each])
+        command = follower_stopper(cars.target[:, 0], cars.gap, cars.leader, cars.speed, ease)
+        closing = np.where(np.isfinite(cars.gap), cars.leader, np.inf)
+        facts = zip(each, command.tolist(), cars.speed.tolist(), closing.tolist(), strict=True)
+        return np.array([one.softened(wish, own, gap, ahead, TICK_S) for (one, _, gap, _), wish, own, ahead in facts])
+
+
+@dataclass
+class AccBased:
+    """A cruise control whose settings a policy chooses, for any number of vehicles.
+
+    Attributes:
+        policy: Trained; without one the set speed is the plan's, and the gap the least, or the widest where the plan
+            asks for one to be opened.
+    """
+
+    policy: SetPointPolicy | None = None
+    _memory: dict[str, int] = field(default_factory=dict, init=False)
+    _rows: Memory = field(default_factory=lambda: Memory.of(np.empty(0)), init=False)
+
+    def speeds(self, cars: Cars) -> FloatArray:
+        """(N,) commanded speeds, m/s."""
+        memory = self._kept(cars)
+        if self.policy is None:
+            settings = Settings(cars.target[:, 0], np.where(open_gap(cars.target), 2.0, 0.0))
+        else:
+            seen = memory.observation(cars.speed, cars.gap, cars.target, open_gap(cars.target))
+            settings = self.policy.settings(seen)
+        memory.remember(cars.acceleration, cars.speed, settings)
+        gaps = np.array(TIME_GAPS_S)[settings.gap.astype(np.int64)]
+        rows = zip(cars.speed, cars.gap, np.nan_to_num(cars.leader), settings.speed, gaps, strict=True)
+        wanted = np.array([stock_acc(*row) for row in rows], dtype=np.float64)
+        return np.maximum(cars.speed + wanted * TICK_S, 0.0)
+
+    def _kept(self, cars: Cars) -> Memory:
+        """The memory, with the rows of these vehicles in their order; who is new begins with what he drives now."""
+        fresh = Memory.of(cars.speed)
+        known = np.array([self._memory.get(name, -1) for name in cars.names], dtype=np.int64)
+        old = known >= 0
+        for column in ("accelerations", "speeds", "requests", "gap"):
+            getattr(fresh, column)[old] = getattr(self._rows, column)[known[old]]
+        self._memory, self._rows = {name: row for row, name in enumerate(cars.names)}, fresh
+        return fresh
+
+
+@dataclass
+class Fleet:
+    """Commands every connected vehicle on the mainline.
+
+    Attributes:
+        seed: Decides which vehicle has which controller.
+        acc: Of the cruise controls.
+        acceleration_based: Share with FollowerStopper.
+
+    Raises:
+        InvalidInputError: The share is outside [0, 1].
+    """
+
+    seed: int
+    acc: AccBased = field(default_factory=AccBased)
+    acceleration_based: float = ACCELERATION_BASED
+    _stoppers: AccelerationBased = field(default_factory=AccelerationBased, init=False)
+    _kind: dict[str, bool] = field(default_factory=dict, init=False)
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.acceleration_based <= 1:
+            raise InvalidInputError(f"expected a share in [0, 1], got {self.acceleration_based}")
+        self._rng = np.random.default_rng(self.seed)
+
+    def commands(self, world: FreewayWorld, plan: SpeedPlan | None) -> Mapping[str, float]:
+        """The speed of every connected vehicle on the mainline for the next tick, m/s."""
+        cars = Cars.seen(world, plan)
+        if not cars.names:
+            return {}
+        for name in cars.names:
+            if name not in self._kind:
+                self._kind[name] = bool(self._rng.random() < self.acceleration_based)
+        stops = np.array([self._kind[name] for name in cars.names])
+        speed = np.empty(len(stops))
+        for rows, controller in ((np.flatnonzero(stops), self._stoppers), (np.flatnonzero(~stops), self.acc)):
+            speed[rows] = controller.speeds(cars.of(rows)) if len(rows) else 0.0
+        speed = np.minimum(speed, safe_speed(cars.gap, cars.leader, delay_s=TICK_S, keep_m=STANDING_GAP_M / 2))
+        near = handed_back(cars)
+        return {name: told for name, told, back in zip(cars.names, speed.tolist(), near, strict=True) if not back}
+
+
+def handed_back(cars: Cars) -> BoolArray:
+    """(N,) who is left to his own driver: too near to his leader, or closing in so fast that comfort will not do."""
+    there = np.isfinite(cars.gap)
+    gap, leader = np.where(there, cars.gap, 1e9), np.where(there, cars.leader, np.inf)
+    closing = np.maximum(cars.speed - leader, 0.0)
+    needed = closing**2 / (2 * np.maximum(gap - NEAR_M, 0.1))
+    return np.asarray((gap < NEAR_M + NEAR_S * cars.speed) | (needed > COMFORT_MPS2))

@@ -1,0 +1,159 @@
+"""The speed planner: once a minute, from late segment speeds and fresh pings, a target speed for each lane and place.
+
+One publication: (1) the segments' speeds, brought up to now by a forecaster, (2) overwritten lane by lane by what the
+connected vehicles met in the last minute, (3) smoothed by a kernel that looks ahead, (4) searched for a standing
+bottleneck, (5) before which a buffer is prescribed; the target is the lower of the two at each position. Until the next
+publication the plan is read as if it travelled upstream with the congestion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from agents.speed_planning import buffer
+from agents.speed_planning.bottleneck import BottleneckWatch, heads
+from agents.speed_planning.buffer import BufferPolicy, Squeeze
+from agents.speed_planning.fundamental_diagram import Triangle
+from agents.speed_planning.traffic_state import LaneGrid, forward_kernel, fuse
+from sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from sumo_networks.freeway.measure import Pings
+from sumo_networks.freeway.road import FreewayRoad
+
+PUBLISHED_EVERY_S = 60.0
+ADVECTION_MPS = 4.2
+"""Speed at which a plan travels upstream between publications."""
+NO_PLAN_MPS, OFF_MAINLINE_MPS = 30.0, 15.0
+"""What is read before the first publication, and on ramps."""
+LOOK_AHEAD_M = (0.0, 200.0, 500.0, 1000.0)
+OPEN_GAP_MPS = 3.0
+"""Where the target falls by more than this over the next 500 m vehicles are asked to open a gap; ours."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpeedPlan:
+    """One publication.
+
+    Attributes:
+        published_s: Time of day.
+        target_mps: (L, X) by lane from the left and sub-segment.
+        state_mps: (L, X) the traffic state it was made of, before smoothing.
+        cell_m: Length of a sub-segment.
+        bottleneck_m: The standing bottleneck, if there is one.
+        buffer_mps: The speed asked for in its buffer.
+    """
+
+    published_s: float
+    target_mps: FloatArray
+    state_mps: FloatArray
+    cell_m: float
+    bottleneck_m: float | None = None
+    buffer_mps: float | None = None
+
+    def at(self, position_m: FloatArray, lane: IntArray, time_s: float) -> FloatArray:
+        """(N, 4) target where each vehicle is and 200, 500 and 1000 m ahead, m/s.
+
+        Args:
+            position_m: (N,) along the mainline, NaN on ramps.
+            lane: (N,) from the left, -1 on ramps.
+            time_s: Now.
+        """
+        shifted = position_m + ADVECTION_MPS * max(time_s - self.published_s, 0.0)
+        off = ~np.isfinite(shifted) | (lane < 0)
+        places = np.where(off, 0.0, shifted)[:, None] + np.array(LOOK_AHEAD_M)
+        cells = np.clip(places / self.cell_m, 0, self.target_mps.shape[1] - 1).astype(np.int64)
+        rows = np.clip(lane, 0, len(self.target_mps) - 1)[:, None]
+        return np.where(off[:, None], OFF_MAINLINE_MPS, self.target_mps[rows, cells])
+
+
+def targets(plan: SpeedPlan | None, position_m: FloatArray, lane: IntArray, time_s: float) -> FloatArray:
+    """(N, 4) what vehicles read from the plan of now, if there is one, m/s."""
+    if plan is not None:
+        return plan.at(position_m, lane, time_s)
+    speed = np.where(lane < 0, OFF_MAINLINE_MPS, NO_PLAN_MPS)
+    return np.repeat(speed[:, None], len(LOOK_AHEAD_M), axis=1)
+
+
+def open_gap(target: FloatArray) -> BoolArray:
+    """(N, 4) targets -> (N,) whether to open a gap ahead."""
+    return np.asarray(target[:, 0] - target[:, 2] > OPEN_GAP_MPS)
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerConfig:
+    """Settings.
+
+    Attributes:
+        kernel_m: Width of the forward kernel.
+        headroom: Factor on the smoothed state. The fleet's own speeds are in that state, and they are never above the
+            target: without headroom each plan would be slower than the last. Ours.
+        diagram: Calibrated on the freeway.
+    """
+
+    kernel_m: float = 1000.0
+    headroom: float = 1.15
+    diagram: Triangle = field(default_factory=Triangle)
+
+
+class SpeedPlanner:
+    """Publishes plans; remembers the last ones' ends of congestion."""
+
+    def __init__(self, road: FreewayRoad, policy: BufferPolicy | None, config: PlannerConfig | None = None) -> None:
+        """A planner for one road and one day.
+
+        Args:
+            road: The freeway.
+            policy: Chooses the buffer's density; without one the smoothed state is the target.
+            config: Settings.
+        """
+        self.road, self.policy = road, policy
+        self.config = PlannerConfig() if config is None else config
+        self.grid = LaneGrid.of(road)
+        self._watch = BottleneckWatch()
+
+    def publish(self, time_s: float, segment_mps: FloatArray | None, pings: Pings) -> SpeedPlan:
+        """One publication.
+
+        Args:
+            time_s: Time of day.
+            segment_mps: (S,) speed of the segments as of now, NaN where unknown; None where no feed is used. What is
+                unknown is taken for free.
+            pings: Those of the last minute.
+        """
+        free = self.config.diagram.free_speed_mps
+        known = (
+            np.full(self.road.segments, free)
+            if segment_mps is None
+            else np.where(np.isnan(segment_mps), free, segment_mps)
+        )
+        state = fuse(self.grid, self.grid.spread(np.clip(known, 0.0, free)), pings, time_s)
+        smooth = forward_kernel(state, self.config.kernel_m, self.grid.cell_m)
+        ends = heads(smooth.mean(axis=0), free, self.grid.cell_m, self.config.kernel_m / 2)
+        standing = self._watch.update(ends)
+        smooth_target = np.minimum(self.config.headroom * smooth, free)
+        target, asked = smooth_target, None
+        if standing is not None and self.policy is not None:
+            asked = self._buffer_speed(self.policy, state.mean(axis=0), standing)
+            inside = buffer.in_buffer(self.grid.centres_m, standing)
+            target = np.where(inside, np.minimum(smooth_target, asked), smooth_target)
+        return SpeedPlan(time_s, target, state, self.grid.cell_m, standing, asked)
+
+    def _buffer_speed(self, policy: BufferPolicy, state: FloatArray, standing: float) -> float:
+        """The speed that belongs to the density the policy asks for, m/s."""
+        diagram = self.config.diagram
+        places = standing - buffer.UPSTREAM_M + (np.arange(buffer.CELLS) + 0.5) * buffer.CELL_M
+        speed = np.interp(places, self.grid.centres_m, state)
+        density = policy.density(diagram.density(speed), self._squeeze(standing), diagram)
+        return float(diagram.speed(np.asarray(density)))
+
+    def _squeeze(self, standing: float) -> Squeeze:
+        """Lanes before the bottleneck, and the fewest within 1 km after it begins."""
+        bounds, lanes = self.road.bounds_m, np.array(self.road.lanes)
+        first, before, last = np.clip(
+            np.searchsorted(bounds, (standing, standing - 1500.0, standing + 1000.0), side="right") - 1,
+            0,
+            len(lanes) - 1,
+        )
+        inside = lanes[min(first, before + 1) : last + 1]
+        return Squeeze(int(lanes[before]), int(inside.min() if len(inside) else lanes[first]))

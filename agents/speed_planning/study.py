@@ -1,0 +1,215 @@
+"""The benchmark `dissipation`, paired: `python -m agents.speed_planning.study --seeds 0 1 2 --out out/dissipation`.
+
+Every arm drives the same mornings; a run that is done is not driven again. Seeds come one after the other, so that a
+study that is cut off has whole ones. Results go to OUT/study.json, and with --readme into this folder's README.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from itertools import product
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from agents.speed_planning.dissipation import DESIGNS, FORECASTS, Arm, Morning, buffer_policy, run, segment_speeds
+from evaluation.statistics import Comparison, Estimate, mean_estimate, paired
+from evaluation.store import write_atomically
+from sumo_networks.errors import InvalidInputError
+
+SHOWN = {
+    "throughput_vph": ("throughput, veh/h", 0),
+    "speed_mps": ("speed, m/s", 2),
+    "speed_std_mps": ("its deviation, m/s", 2),
+    "speed_std_within_mps": ("within a minute, m/s", 2),
+    "fuel_circles_g_km": ("fuel CIRCLES, g/km", 1),
+    "fuel_sumo_g_km": ("fuel SUMO, g/km", 1),
+    "least_headway_s": ("least headway, s", 2),
+    "least_ttc_s": ("least TTC, s", 2),
+    "collisions": ("collisions", 1),
+}
+"""Metrics of the tables: head and decimals."""
+COMPARED = ("throughput_vph", "speed_std_mps", "speed_std_within_mps", "fuel_circles_g_km")
+Runs = dict[str, dict[int, dict[str, float]]]
+"""Outcomes by arm and seed."""
+
+ARMS: Mapping[str, Arm] = {
+    arm.name: arm
+    for arm in (Arm(), *(Arm(design, forecast) for design, forecast in product(DESIGNS[1:], FORECASTS)))  # type: ignore[arg-type]
+}
+
+
+def run_path(out: Path, arm: str, seed: int) -> Path:
+    """Where the outcome of one run is."""
+    return out / arm / f"seed-{seed:03}.json"
+
+
+def drive(out: Path, name: str, seed: int, morning: Morning, forecaster: str) -> str:
+    """One run, unless it is there already; says what became of it.
+
+    Raises:
+        InvalidInputError: It is there, but of another morning or network.
+    """
+    path, settings = run_path(out, name, seed), settings_of(morning, forecaster)
+    if path.exists():
+        if json.loads(path.read_text())["settings"] != settings:
+            raise InvalidInputError(
+                f"'{path}' was driven with other settings: expected {settings}; choose another --out"
+            )
+        return f"{name}, seed {seed}: done before"
+    outcome = run(ARMS[name], seed, morning, forecaster)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    document = {"arm": name, "seed": seed, "settings": settings, "outcome": outcome.as_dict()}
+    write_atomically(path, json.dumps(document, indent=1).encode())
+    return f"{name}, seed {seed}: {outcome.throughput_vph:.0f} veh/h, deviation {outcome.speed_std_mps:.2f} m/s"
+
+
+def settings_of(morning: Morning, forecaster: str) -> dict[str, Any]:
+    """What a run depends on besides arm and seed, as plain JSON."""
+    settings: dict[str, Any] = json.loads(json.dumps({**dataclasses.asdict(morning), "forecaster": forecaster}))
+    return settings
+
+
+def drive_all(
+    out: Path, arms: Sequence[str], seeds: Sequence[int], morning: Morning, forecaster: str, workers: int
+) -> None:
+    """All runs, seed by seed.
+
+    Raises:
+        InvalidInputError: An arm needs a trained network that is not there; before anything is driven.
+    """
+    for name in arms:
+        segment_speeds(ARMS[name].forecast, forecaster)
+        buffer_policy(ARMS[name].design)
+    jobs = [(out, name, seed, morning, forecaster) for seed in seeds for name in arms]
+    # SUMO is global in a process, and what it leaves behind must not reach the next run: one process each.
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
+        for done in [pool.submit(drive, *job) for job in jobs]:
+            print(done.result(), flush=True)
+
+
+def collect(out: Path, arms: Iterable[str] = ARMS) -> Runs:
+    """The outcomes that are there."""
+    found: Runs = {}
+    for name in arms:
+        for path in sorted((out / name).glob("seed-*.json")):
+            document = json.loads(path.read_text())
+            found.setdefault(name, {})[document["seed"]] = document["outcome"]
+    return found
+
+
+def compared(runs: Runs, arm: str, other: str, metric: str) -> tuple[Comparison, float] | None:
+    """An arm against another on the seeds of both, and the other's mean; None without two such seeds."""
+    seeds = sorted(runs.get(arm, {}).keys() & runs.get(other, {}).keys())
+    if len(seeds) < 2:
+        return None
+    base = [runs[other][seed][metric] for seed in seeds]
+    return paired([runs[arm][seed][metric] for seed in seeds], base), sum(base) / len(base)
+
+
+def tables(runs: Runs) -> str:
+    """The study as Markdown: every arm, every arm against none, and what a better forecast brings."""
+    heads = [head for head, _ in SHOWN.values()]
+    lines = ["| arm | n | " + " | ".join(heads) + " |", "|---" * (len(heads) + 2) + "|"]
+    for name, by_seed in runs.items():
+        cells = [
+            _shown(mean_estimate([one[key] for one in by_seed.values()]), digits) for key, (_, digits) in SHOWN.items()
+        ]
+        lines.append(f"| {name} | {len(by_seed)} | " + " | ".join(cells) + " |")
+    lines += [
+        "",
+        "Against `none`, same seeds, %:",
+        "",
+        *_differences(runs, [(name, "none") for name in runs if name != "none"]),
+    ]
+    better = [
+        (f"{design}+{forecast}", f"{design}+persistence")
+        for design in DESIGNS[1:]
+        for forecast in ("sa-lstm", "oracle", "none")
+    ]
+    lines += ["", "Another forecast against persistence, same seeds, %:", "", *_differences(runs, better)]
+    return "\n".join(lines)
+
+
+def _differences(runs: Runs, pairs: Iterable[tuple[str, str]]) -> list[str]:
+    heads = [SHOWN[metric][0].split(",")[0] for metric in COMPARED]
+    lines = ["| arm | against | n | " + " | ".join(heads) + " |", "|---" * (len(heads) + 3) + "|"]
+    for arm, other in pairs:
+        found = [compared(runs, arm, other, metric) for metric in COMPARED]
+        if found[0] is not None:
+            cells = [_percent(*one) for one in found if one is not None]
+            lines.append(f"| {arm} | {other} | {found[0][0].difference.n} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def _percent(comparison: Comparison, base: float) -> str:
+    """A difference as a share of the base's mean, %, with its interval and verdict."""
+    difference = comparison.difference
+    if difference.mean is None or difference.low is None or difference.high is None:
+        return ""
+    mean, low, high = (100 * value / base for value in (difference.mean, difference.low, difference.high))
+    return f"{mean:+.1f} [{low:+.1f}, {high:+.1f}] {comparison.verdict}"
+
+
+def _shown(estimate: Estimate, digits: int) -> str:
+    if estimate.mean is None:
+        return ""
+    if estimate.low is None or estimate.high is None:
+        return f"{estimate.mean:.{digits}f}"
+    return f"{estimate.mean:.{digits}f} [{estimate.low:.{digits}f}, {estimate.high:.{digits}f}]"
+
+
+def write_tables(readme: Path, text: str) -> None:
+    """Puts the tables between a README's marks.
+
+    Raises:
+        InvalidInputError: The marks are not there.
+    """
+    begin, end = "<!-- study dissipation -->", "<!-- end dissipation -->"
+    before = readme.read_text()
+    if begin not in before or end not in before:
+        raise InvalidInputError(f"'{readme}': expected the marks {begin} and {end}")
+    head, tail = before[: before.index(begin)], before[before.index(end) + len(end) :]
+    write_atomically(readme, f"{head}{begin}\n{text}\n{end}{tail}".encode())
+
+
+def main() -> None:
+    """The command."""
+    default = Morning()
+    parser = argparse.ArgumentParser(prog="python -m agents.speed_planning.study", description=__doc__)
+    parser.add_argument("--seeds", type=int, nargs="*", default=list(range(10)))
+    parser.add_argument("--arms", nargs="*", default=list(ARMS), choices=list(ARMS), metavar="ARM")
+    parser.add_argument("--penetration", type=float, default=default.penetration)
+    parser.add_argument("--minutes", type=float, default=default.duration_s / 60, help="of control and measurement")
+    parser.add_argument("--set-points", choices=("plan", "learned"), default=default.set_points)
+    parser.add_argument("--kernel", type=float, default=default.planner.kernel_m, help="width of the forward kernel, m")
+    parser.add_argument("--forecaster", default="sa-lstm", help="shipped name or file behind the forecast sa-lstm")
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--readme", action="store_true", help="write the tables into the README beside this file")
+    given = parser.parse_args()
+    morning = dataclasses.replace(
+        default,
+        penetration=given.penetration,
+        set_points=given.set_points,
+        duration_s=60 * given.minutes,
+        planner=dataclasses.replace(default.planner, kernel_m=given.kernel),
+    )
+    drive_all(given.out, given.arms, given.seeds, morning, given.forecaster, given.workers)
+    runs = collect(given.out)
+    write_atomically(
+        given.out / "study.json",
+        json.dumps({"settings": settings_of(morning, given.forecaster), "runs": runs}, indent=1).encode(),
+    )
+    text = tables(runs)
+    print(text)
+    if given.readme:
+        write_tables(Path(__file__).with_name("README.md"), text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,56 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from pettingzoo.test import parallel_api_test
+
+from agents.speed_planning.dissipation import Morning
+from agents.speed_planning.env import FORECASTER, PLANNER, DissipationEnv
+from sumo_networks.errors import InvalidInputError
+
+EARLY = Morning(start_s=5.3 * 3600, duration_s=70, warm_up_s=60, penetration=0.3)
+"""Before the peak, so that a test has little traffic."""
+
+
+@pytest.fixture
+def env() -> Iterator[DissipationEnv]:
+    env = DissipationEnv(EARLY, seed=1)
+    yield env
+    env.close()
+
+
+@pytest.mark.slow
+def test_it_is_a_pettingzoo_environment(env: DissipationEnv) -> None:
+    parallel_api_test(env, num_cycles=30)
+
+
+@pytest.mark.slow
+def test_a_slow_plan_slows_the_vehicles_that_keep_to_it(env: DissipationEnv) -> None:
+    seen, _ = env.reset()
+    vehicles = [agent for agent in env.agents if agent not in (FORECASTER, PLANNER)]
+    assert vehicles
+    assert all(env.observation_space(agent).contains(one) for agent, one in seen.items())
+    target = np.full(env.action_space(PLANNER).shape, 12.0, dtype=np.float32)
+    steps = 0
+    while env.agents:
+        actions = {agent: seen[agent][3:4] for agent in env.agents if agent not in (FORECASTER, PLANNER)}
+        seen, reward, ended, over, _ = env.step({**actions, PLANNER: target, FORECASTER: np.full(21, 30, np.float32)})
+        steps += 1
+    assert steps == 140
+    there = [agent for agent in vehicles if agent in seen and not ended[agent]]
+    assert np.mean([seen[agent][0] for agent in there]) < 15.0
+    assert len({*reward.values()}) == 1
+    assert all(over.values())
+
+
+@pytest.mark.slow
+def test_bad_actions_and_steps_without_reset_are_refused(env: DissipationEnv) -> None:
+    with pytest.raises(InvalidInputError, match="reset before step"):
+        env.step({})
+    env.reset()
+    with pytest.raises(InvalidInputError, match="action of 'planner'"):
+        env.step({PLANNER: np.zeros(3, dtype=np.float32)})
+    with pytest.raises(InvalidInputError, match="finite"):
+        env.step({FORECASTER: np.full(21, np.nan, dtype=np.float32)})

@@ -1,0 +1,126 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.speed_planning.fleet import AccBased, Fleet
+from agents.speed_planning.outcome import OutcomeWatch
+from agents.speed_planning.planner import SpeedPlan
+from sumo_networks.errors import InvalidInputError
+from sumo_networks.freeway.road import load_freeway
+from sumo_networks.freeway.world import FreewayWorld
+
+ROAD = load_freeway("freeway")
+
+
+def world(time_s: float = 100.0, **columns: Any) -> FreewayWorld:
+    """Cars v0, v1, ... with these columns; the last is ahead."""
+    position = np.asarray(columns["position_m"], dtype=np.float64)
+    n = len(position)
+    given: dict[str, Any] = {
+        "names": tuple(f"v{k}" for k in range(n)),
+        "lane": np.zeros(n, dtype=np.int64),
+        "speed_mps": np.full(n, 20.0),
+        "acceleration_mps2": np.zeros(n),
+        "connected": np.ones(n, dtype=np.bool_),
+        "fuel_mg_s": np.full(n, 1000.0),
+    } | columns
+    return FreewayWorld(
+        road=ROAD, time_s=time_s, length_m=np.full(n, 5.0), probe=np.zeros(n, dtype=np.bool_),
+        vtype=np.zeros(n, dtype=np.int64), **(given | {"position_m": position}),
+    )  # fmt: skip
+
+
+def plan(speed: float) -> SpeedPlan:
+    state = np.full((5, 114), speed)
+    return SpeedPlan(0.0, state, state, 100.0)
+
+
+@pytest.mark.parametrize("acceleration_based", [0.0, 1.0])
+def test_alone_on_the_road_a_car_goes_to_the_plans_speed(acceleration_based: float) -> None:
+    fleet, speed = Fleet(0, AccBased(), acceleration_based), 20.0
+    for step in range(120):
+        told = fleet.commands(world(100 + step / 2, position_m=[2000.0], speed_mps=np.array([speed])), plan(14.0))
+        speed = float(np.clip(told["v0"], speed - 1.0, speed + 0.7))
+    assert speed == pytest.approx(14.0, abs=0.2)
+
+
+@pytest.mark.parametrize("acceleration_based", [0.0, 1.0])
+def test_near_a_leader_or_closing_in_fast_a_car_is_left_to_its_driver(acceleration_based: float) -> None:
+    """SUMO would let a commanded car brake no harder than comfortably: it crashed into standing ones."""
+    fleet, linked = Fleet(0, AccBased(), acceleration_based), np.array([True, False])
+    near = world(position_m=[2000.0, 2013.0], speed_mps=np.array([10.0, 10.0]), connected=linked)
+    closing = world(position_m=[2000.0, 2050.0], speed_mps=np.array([20.0, 0.0]), connected=linked)
+    apart = world(position_m=[2000.0, 2050.0], speed_mps=np.array([20.0, 20.0]), connected=linked)
+    assert fleet.commands(near, plan(30.0)) == {}
+    assert fleet.commands(closing, plan(30.0)) == {}
+    assert set(fleet.commands(apart, plan(30.0))) == {"v0"}
+
+
+def test_only_connected_cars_on_the_mainline_are_commanded() -> None:
+    now = world(position_m=[2000.0, np.nan, 2500.0], lane=np.array([0, -1, 1]), connected=np.array([True, True, False]))
+    assert set(Fleet(0).commands(now, plan(20.0))) == {"v0"}
+
+
+def test_nobody_connected_is_nobody_commanded() -> None:
+    assert Fleet(0).commands(world(position_m=[2000.0], connected=np.array([False])), plan(20.0)) == {}
+
+
+def test_three_of_a_hundred_have_the_other_controller_and_keep_it() -> None:
+    fleet = Fleet(1)
+    n = 2000
+    crowd = world(position_m=np.arange(n) * 5.0, lane=np.arange(n) % 4)
+    fleet.commands(crowd, plan(20.0))
+    kinds = dict(fleet._kind)
+    fleet.commands(crowd, plan(10.0))
+    assert fleet._kind == kinds
+    assert np.mean(list(kinds.values())) == pytest.approx(0.03, abs=0.012)
+
+
+def test_memory_follows_the_car_when_others_come_and_go() -> None:
+    acc = AccBased()
+    fleet = Fleet(0, acc, acceleration_based=0.0)
+    fleet.commands(world(100.0, position_m=[1000.0, 2000.0], speed_mps=np.array([11.0, 22.0])), plan(20.0))
+    fleet.commands(
+        world(100.5, names=("v1", "v9"), position_m=[2011.0, 3000.0], speed_mps=np.array([23.0, 9.0])), plan(20.0)
+    )
+    assert acc._rows.speeds[0, :3].tolist() == [23.0, 22.0, 22.0]
+    assert acc._rows.speeds[1, :3].tolist() == [9.0, 9.0, 9.0]
+
+
+def test_a_share_that_is_none_is_refused() -> None:
+    with pytest.raises(InvalidInputError, match=r"share in \[0, 1\], got 3"):
+        Fleet(0, acceleration_based=3.0)
+
+
+def test_the_outcome_of_a_hand_made_second() -> None:
+    watch = OutcomeWatch()
+    at = ROAD.bottleneck_m
+    watch.observe(world(100.0, position_m=[at - 50, at - 10], speed_mps=np.array([10.0, 20.0])))
+    watch.observe(world(101.0, position_m=[at - 40, at + 10], speed_mps=np.array([10.0, 20.0])))
+    found = watch.outcome()
+    assert found.throughput_vph == pytest.approx(1800)  # one in two seconds
+    assert found.speed_mps == pytest.approx(15.0)
+    assert found.speed_std_mps == pytest.approx(5.0)
+    assert found.travelled_km == pytest.approx(0.06)
+    assert found.fuel_sumo_g_km == pytest.approx(4.0 / 0.06)
+    assert found.least_headway_s == pytest.approx(3.5)
+    assert found.least_ttc_s == np.inf
+
+
+def test_closing_in_shows_in_time_to_collision() -> None:
+    watch = OutcomeWatch()
+    watch.observe(world(position_m=[1000.0, 1020.0], speed_mps=np.array([20.0, 10.0])))
+    found = watch.outcome()
+    assert found.least_ttc_s == pytest.approx(1.5)
+    assert found.close_share == pytest.approx(0.5)
+    assert found.collisions == 0
+
+
+def test_vehicles_inside_one_another_are_a_collision_counted_once() -> None:
+    watch = OutcomeWatch()
+    for time_s in (100.0, 101.0):
+        watch.observe(world(time_s, position_m=[1000.0, 1004.0]))
+    assert watch.outcome().collisions == 1
