@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import importlib
-import inspect
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -13,6 +12,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from evaluation.record import AgentInfo
+from evaluation.sources import source_files
 from sumo_networks.control import CONTROLS
 from sumo_networks.env import Observation
 from sumo_networks.errors import InvalidInputError, UnknownNameError
@@ -91,12 +91,12 @@ def make_agent(entry: str, settings: Mapping[str, Any] | None = None) -> Agent:
 
 def agent_info(agent: Agent, entry: str, settings: Mapping[str, Any] | None = None) -> AgentInfo:
     """What a record says of an agent."""
-    # An agent that wraps others is made of all their files, and of the files that any of them calls its own.
+    # An agent that wraps others is made of all their sources, and of the files that any of them calls its own.
     parts = [agent]
     while (inner := getattr(parts[-1], "inner", None)) is not None:
         parts.append(inner)
     try:
-        files = [file for part in parts for file in (inspect.getfile(type(part)), *getattr(part, "files", ()))]
+        files = [file for part in parts for file in (*source_files(type(part)), *getattr(part, "files", ()))]
         source = b"".join(Path(file).read_bytes() for file in files)
     except (TypeError, OSError):
         source = b""

@@ -100,7 +100,7 @@ class AgentInfo(Config):
     Attributes:
         name: For people.
         entry: "module:Class" that makes it.
-        source_sha256: Of the file that defines it, so that a changed agent is not mistaken for the old one.
+        source_sha256: Of the files it is made of, so that a changed agent is not mistaken for the old one.
         track: Which sensors it may use.
         sensors: What it sees.
         control: How it acts.

@@ -15,6 +15,7 @@ LONGEST_S = 15.0
 BEHIND_M = 1.0
 REACTION_S = 1.2
 DISTANCE_M = 6.5
+"""That others keep: the traffic takes an ego that faces it to begin its own length before its front."""
 
 
 @dataclass(frozen=True, slots=True)

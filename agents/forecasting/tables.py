@@ -17,6 +17,7 @@ from sumo_networks.errors import InvalidInputError
 
 README = Path(__file__).with_name("README.md")
 RESULTS = Path(__file__).with_name("results") / "study.json"
+ENOUGH_SEEDS = 3
 BEGIN, END = "<!-- study -->", "<!-- /study -->"
 Result = Mapping[str, Any]
 
@@ -166,9 +167,9 @@ def claims(result: Result) -> str:
     for what, *arms in _directions():
         difference, said = verdict(result, *arms)
         if " = " in what[0]:
-            said = "not told apart" if said == "not resolved" else "contradicted"
+            said = "not told apart" if said == "not resolved" else said.replace("reproduced", "contradicted")
         elif what[0].startswith("not the thesis's"):
-            said = {"reproduced": "yes", "contradicted": "no"}.get(said, "not told apart")
+            said = {"reproduced": "yes", "contradicted": "no"}.get(said.split(",")[0], "not told apart")
         rows.append([*what, difference, said])
     return _table(["direction in the thesis", "set", "ours: difference, x 10^3", "verdict"], rows)
 
@@ -217,6 +218,8 @@ def verdict(result: Result, better: str, worse: str, kind: str, row: int) -> tup
     difference = left - right
     mean, low, high = crossed(difference)
     said = "reproduced" if high < 0.0 else "contradicted" if low > 0.0 else "not resolved"
+    if len(difference) < ENOUGH_SEEDS and said != "not resolved":
+        said += ", too few seeds"
     relative, n = 100.0 * mean / right.mean(), len(difference)
     return f"{_signed(mean)} [{_signed(low)}, {_signed(high)}] ({relative:+.0f} %, {n} seed{'s' * (n > 1)})", said
 

@@ -86,13 +86,13 @@ class PlannerConfig:
 
     Attributes:
         kernel_m: Width of the forward kernel.
-        headroom: Factor on the smoothed state. The fleet's own speeds are in that state, and they are never above the
-            target: without headroom each plan would be slower than the last. Ours.
-        diagram: Calibrated on the freeway.
+        headroom: Factor on the smoothed state, ours. The fleet's own speeds are in that state and never above the
+            target, so that plans may grow slower and slower; above 1 there is room to rise, and less is evened out.
+        diagram: Of the freeway; by default a textbook's, see `fundamental_diagram.calibrated` for one's own.
     """
 
-    kernel_m: float = 1000.0
-    headroom: float = 1.15
+    kernel_m: float = 3000.0
+    headroom: float = 1.0
     diagram: Triangle = field(default_factory=Triangle)
 
 

@@ -58,10 +58,13 @@ def test_every_arm_of_the_tables_is_run() -> None:
     ("shift", "said"), [(-1.0, "reproduced"), (1.0, "contradicted"), (0.0, "not resolved")], ids=str
 )
 def test_a_direction_is_judged_by_its_interval(shift: float, said: str) -> None:
-    noise = np.array([[0.3, -0.3, 0.2, -0.2]])
-    arms = {"a": (5.0 + shift + noise).tolist(), "b": np.full((1, 4), 5.0).tolist()}
+    noise = np.array([[0.3, -0.3, 0.2, -0.2]] * 3)
+    arms = {"a": (5.0 + shift + noise).tolist(), "b": np.full((3, 4), 5.0).tolist()}
     runs = {
         arm: [{"seed": i, "sets": {"hard": {"mse": [[one] for one in row]}}} for i, row in enumerate(rows)]
         for arm, rows in arms.items()
     }
     assert tables.verdict({"arms": runs}, "a", "b", "hard", 0)[1] == said
+    fewer = {arm: some[:2] for arm, some in runs.items()}
+    few = tables.verdict({"arms": fewer}, "a", "b", "hard", 0)[1]
+    assert few == (said if shift == 0.0 else f"{said}, too few seeds")

@@ -11,6 +11,7 @@ from agents.speed_planning.planner import (
     ADVECTION_MPS,
     NO_PLAN_MPS,
     OFF_MAINLINE_MPS,
+    PlannerConfig,
     SpeedPlan,
     SpeedPlanner,
     open_gap,
@@ -72,8 +73,12 @@ def test_without_a_feed_the_road_is_taken_for_free() -> None:
 def test_unknown_segments_are_taken_for_free_and_known_ones_smoothed() -> None:
     speed = np.full(21, np.nan)
     speed[10] = 5.0
-    plan = SpeedPlanner(ROAD, None).publish(0.0, speed, NOBODY)
-    assert plan.target_mps.min() == pytest.approx(1.15 * (5 * 5.5 + 30 * 4.5) / 10, abs=2.5)
+    plain, roomy = (
+        SpeedPlanner(ROAD, None, PlannerConfig(kernel_m=1000.0, headroom=headroom)) for headroom in (1.0, 1.15)
+    )
+    plan = plain.publish(0.0, speed, NOBODY)
+    assert plan.target_mps.min() == pytest.approx((5 * 5.5 + 30 * 4.5) / 10, abs=2.5)
+    assert roomy.publish(0.0, speed, NOBODY).target_mps.min() == pytest.approx(1.15 * plan.target_mps.min())
     assert (plan.target_mps[:, :30] == 30.0).all()
 
 
