@@ -36,6 +36,7 @@ bench: $(INSTALLED)  ## Measure the world, the senses, the planners and the wire
 	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.bench
 	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.senses
 	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.planners
+	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.forecasting --quick
 	@$(BIN)/python -m tests.performance.wire --quick
 
 picture: $(INSTALLED)  ## Draw the README's picture from a drive of each demo agent
