@@ -175,10 +175,11 @@ def test_every_event_of_a_scenario_can_be_placed_again() -> None:
 def test_the_page_on_events_names_every_kind_and_its_examples_can_be_driven() -> None:
     page = (Path(__file__).parents[2] / "docs" / "events.md").read_text()
     assert set(KINDS) <= set(re.findall(r"`([a-z_]+)`", page))
-    by_hand, auto = (tomllib.loads(text) for text in re.findall(r"```toml\n(.*?)```", page, re.DOTALL))
-    for given in (auto, {**auto, "events": None, "missions": by_hand["missions"]}):
+    by_hand, auto, busy = (tomllib.loads(text) for text in re.findall(r"```toml\n(.*?)```", page, re.DOTALL))
+    for given in (auto, {**auto, "events": None, "missions": by_hand["missions"]}, {**auto, **busy}):
         (scenario,) = Benchmark.model_validate(given).scenarios([0])
         assert scenario.events
+    assert scenario.traffic.flows
 
 
 @pytest.mark.parametrize("kind", ["dynamic_object_crossing", "opposite_runs_red_light", "parking_cut_in"])
