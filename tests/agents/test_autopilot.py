@@ -116,6 +116,11 @@ def test_it_passes_an_obstacle_beside_its_lane() -> None:
     assert speeds(worlds).min() > 9.0
 
 
+def test_somebody_who_has_run_into_it_from_behind_is_no_leader() -> None:
+    worlds = drive(made("Autopilot"), straight_road().with_ego(x=100.0, speed=0.0).with_actor(97.6, 0.0), 10.0)
+    assert fronts(worlds)[-1] > 130.0
+
+
 def test_it_follows_a_leader_that_brakes_hard() -> None:
     scene = straight_road().with_ego(x=100.0, speed=13.0)
 
