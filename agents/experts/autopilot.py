@@ -29,7 +29,7 @@ from agents.experts.gaps import PASSING_ACCELERATION
 from agents.experts.impact import Impact
 from agents.experts.passing import PASSING_M_S, Passing
 from agents.experts.sidestep import Sidestep
-from agents.experts.surroundings import Surroundings
+from agents.experts.surroundings import Surroundings, ran_into_from_behind
 from evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from sumo_networks.arrays import Float32Array
 from sumo_networks.control import pure_pursuit, pursuit_distance
@@ -358,8 +358,8 @@ def _leader(objects: Float32Array, route: Float32Array, reach: float, half_lengt
         if objects[k, 0] < 0:
             break
         x, y, heading, speed, length, width = objects[k, 1:7]
-        if -half_length - 0.5 * length < x < 0.0 and abs(y) < 1.0 and abs(heading) < 0.5:
-            continue  # it has run into the ego from behind: waiting for it, both would wait for ever
+        if ran_into_from_behind(x, y, heading, length, half_length):
+            continue
         cos, sin = math.cos(heading), math.sin(heading)
         nearest, low, high = 1_000_000, math.inf, -math.inf
         for a in (-0.5, 0.0, 0.5):

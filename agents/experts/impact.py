@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
+from agents.experts.surroundings import ran_into_from_behind
 from agents.planning.motion import boxes_meet
 from sumo_networks.arrays import Float32Array, FloatArray
 from sumo_networks.geometry import wrap
@@ -64,7 +65,8 @@ class Impact:
                 rate = 0.5 * (rate_before + (wrap(heading - before) + turned) / TICK_S)
                 rate = min(max(rate, -FASTEST_TURN), FASTEST_TURN)
             seen[int(key)] = heading, rate
-            if x + 0.5 * length > -self._half_length:
+            behind = x + 0.5 * length <= -self._half_length
+            if not behind and not ran_into_from_behind(x, y, heading, length, self._half_length):
                 rows.append((x, y, heading, pace, rate, length, width))
         self._seen = seen
         return np.array(rows, dtype=np.float64).reshape(-1, 7)

@@ -135,6 +135,12 @@ def warm_up() -> None:
 
 
 @njit(cache=True)
+def ran_into_from_behind(x: float, y: float, heading: float, length: float, half_length: float) -> bool:
+    """Whether somebody touches the ego's back, his pose in the ego's frame: waiting for him, both would for ever."""
+    return -half_length - 0.5 * length < x < 0.0 and abs(y) < 1.0 and abs(heading) < 0.5
+
+
+@njit(cache=True)
 def _project(x: float, y: float, path: FloatArray) -> tuple[int, float, float]:
     """Row of the path nearest to a point, metres along it from the ego's projection, and to the left of it."""
     i, least = 0, math.inf
