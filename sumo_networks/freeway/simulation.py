@@ -1,7 +1,8 @@
 """FreewaySimulation: one scenario of the freeway, tick by tick; connected vehicles may be commanded.
 
 What is commanded is a wish: SUMO's car-following model keeps every vehicle from following closer or braking later than
-its driver would, whatever the command. Safety is never handed over, so no command can make a vehicle crash.
+its driver would, whatever the command. But a commanded vehicle seems to brake only as hard as is comfortable: who
+commands must let go of one that comes near its leader.
 """
 
 from __future__ import annotations
