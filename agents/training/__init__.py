@@ -1,0 +1,1 @@
+"""The training ground: what every learner here shares, and PPO on it."""

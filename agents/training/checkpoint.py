@@ -1,0 +1,92 @@
+"""Checkpoints: all that the rest of a run follows from, whole or not at all."""
+
+from __future__ import annotations
+
+import io
+import logging
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from evaluation.store import write_atomically
+from sumo_networks.errors import InvalidInputError
+
+logger = logging.getLogger(__name__)
+
+KEPT = 2
+_NAME = re.compile(r"checkpoint-(\d{12})\.pt")
+
+
+def save_checkpoint(folder: Path, steps: int, state: dict[str, Any]) -> Path:
+    """Writes a checkpoint, and removes all but the newest two.
+
+    Args:
+        folder: Of the run.
+        steps: Environment steps so far.
+        state: Tensors and plain values, nested as one likes.
+
+    Raises:
+        OSError: The disk refuses; the checkpoints before are untouched then.
+    """
+    buffer = io.BytesIO()
+    torch.save(state, buffer)
+    path = folder / f"checkpoint-{steps:012d}.pt"
+    write_atomically(path, buffer.getvalue())
+    for old in _checkpoints(folder)[KEPT:]:
+        old.unlink(missing_ok=True)
+    return path
+
+
+def load_checkpoint(folder: Path) -> dict[str, Any] | None:
+    """The newest whole checkpoint of a run; None where there is none yet.
+
+    Raises:
+        InvalidInputError: There are checkpoints, and all are damaged.
+    """
+    paths = _checkpoints(folder)
+    for path in paths:
+        try:
+            # weights_only: a checkpoint is data, and must not be able to run code.
+            state = torch.load(path, map_location="cpu", weights_only=True)
+        except Exception as error:  # whatever a damaged archive makes of itself
+            logger.warning("checkpoint '%s' is damaged (%s); going back to the one before", path, type(error).__name__)
+        else:
+            return dict(state)
+    if paths:
+        raise InvalidInputError(f"every checkpoint in '{folder}' is damaged ({', '.join(path.name for path in paths)})")
+    return None
+
+
+def random_state() -> dict[str, Any]:
+    """State of torch's generators; numpy's global one is used by nothing here."""
+    state: dict[str, Any] = {"torch": torch.get_rng_state()}
+    if torch.cuda.is_available():
+        state["cuda"] = torch.cuda.get_rng_state_all()
+    return state
+
+
+def restore_random_state(state: dict[str, Any]) -> None:
+    """Goes on with torch's generators where they were."""
+    torch.set_rng_state(state["torch"])
+    if torch.cuda.is_available() and "cuda" in state:
+        torch.cuda.set_rng_state_all(state["cuda"])
+
+
+def generator_state(generator: np.random.Generator) -> dict[str, Any]:
+    """State of a numpy generator, for learners that use one."""
+    return dict(generator.bit_generator.state)
+
+
+def generator_of(state: dict[str, Any]) -> np.random.Generator:
+    """A numpy generator that goes on where another one was."""
+    generator = np.random.default_rng()
+    generator.bit_generator.state = state
+    return generator
+
+
+def _checkpoints(folder: Path) -> list[Path]:
+    """Newest first."""
+    return sorted((path for path in folder.iterdir() if _NAME.fullmatch(path.name)), reverse=True)

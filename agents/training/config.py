@@ -1,0 +1,91 @@
+"""Every setting of a training run, with its unit and where its default comes from."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from sumo_networks.config import Config
+
+Positive = Annotated[int, Field(gt=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class RunConfig(Config):
+    """What every training run has.
+
+    Attributes:
+        seed: Decides weights, exploration, batches and the training episodes.
+        steps: Environment steps; the run ends with the round that reaches them.
+        processes: Environments, one process each; 0: one environment in this process, for tasks without SUMO.
+        evaluate_every: Environment steps between two evaluations on the held-out episodes.
+        checkpoint_s: Wall-clock time between two checkpoints, s.
+        device: Of torch, such as "cpu" or "cuda"; "auto" takes cuda where there is one.
+        tier: Scale of the result: 1 as large as its source's, 2 reduced, 3 a trial.
+        tensorboard: Write TensorBoard events beside metrics.csv.
+    """
+
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    steps: Positive = 100_000
+    processes: Annotated[int, Field(ge=0, le=64)] = 1
+    evaluate_every: Positive = 20_000
+    checkpoint_s: Annotated[float, Field(gt=0)] = 300.0
+    device: str = "auto"
+    tier: Literal[1, 2, 3] = 3
+    tensorboard: bool = True
+
+
+class PpoConfig(Config):
+    """Proximal policy optimisation, and the share of it that an expert drives.
+
+    The defaults are those of Albilani 2023, table 6.1; where it says nothing, ours are marked.
+
+    Attributes:
+        horizon: Steps of every environment between two updates: a round.
+        learning_rate: Of Adam, at the start.
+        learning_rate_decay: Its factor per round.
+        epochs: Passes over a round.
+        batch: Transitions per gradient step.
+        clip: Of the probability ratio.
+        gamma: Discount per step.
+        gae_lambda: Of the generalised advantage.
+        entropy: Weight of the entropy bonus.
+        value_scale: Weight of the critic's loss.
+        initial_std: Standard deviation of the actions at the start, where the action space is [-1, 1].
+        gradient_norm: At most (ours).
+        hidden: Width of each hidden layer of actor and critic (ours).
+        guided_share: p, the probability that an episode is driven by the task's expert, and stored as if on-policy
+            (GPPO; the thesis tries up to 0.2).
+        guided_decay: Factor of p per round (ours; the thesis: p falls as the policy improves).
+    """
+
+    horizon: Positive = 128
+    learning_rate: Annotated[float, Field(gt=0)] = 1e-4
+    learning_rate_decay: Annotated[float, Field(gt=0, le=1)] = 0.9995
+    epochs: Positive = 3
+    batch: Positive = 32
+    clip: Annotated[float, Field(gt=0, lt=1)] = 0.2
+    gamma: Share = 0.99
+    gae_lambda: Share = 0.95
+    entropy: Annotated[float, Field(ge=0)] = 0.01
+    value_scale: Annotated[float, Field(ge=0)] = 1.0
+    initial_std: Annotated[float, Field(gt=0)] = 1.0
+    gradient_norm: Annotated[float, Field(gt=0)] = 0.5
+    hidden: Annotated[tuple[Positive, ...], Field(min_length=1)] = (256, 256)
+    guided_share: Share = 0.0
+    guided_decay: Annotated[float, Field(gt=0, le=1)] = 0.9995
+
+    def guided_share_at(self, round_: int) -> float:
+        """The guided share p in one round, counted from 0."""
+        return self.guided_share * self.guided_decay**round_
+
+
+class PpoRunConfig(RunConfig):
+    """A run of PPO; a trainer derives from it and adds what its task can be told.
+
+    Attributes:
+        ppo: The algorithm's settings, the table [ppo].
+    """
+
+    ppo: PpoConfig = PpoConfig()

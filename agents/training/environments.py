@@ -1,0 +1,210 @@
+"""Environments: the training episodes of a run, which can be put back to where they were."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+
+from agents.training.task import HELD_OUT_FROM, Array, Task
+from agents.training.worker import Seat, View
+from sumo_networks.arrays import BoolArray, Float32Array
+from sumo_networks.errors import SimulationError
+
+_GUIDED = 1  # keeps this stream of random numbers apart from that of the seeds
+
+
+@dataclass(slots=True)
+class Episode:
+    """An episode that is being driven.
+
+    Attributes:
+        number: Counted over all environments of the run.
+        seed: Of its reset.
+        guided: Whether the expert drives it.
+        total: Rewards so far.
+        actions: Since its reset, in the action space.
+    """
+
+    number: int
+    seed: int
+    guided: bool
+    total: float = 0.0
+    actions: list[Array] = field(default_factory=list)
+
+
+class Finished(NamedTuple):
+    """An episode that has ended.
+
+    Attributes:
+        guided: Whether the expert drove it.
+        total: Sum of its rewards.
+        length: Its steps.
+        success: Whether it was one.
+        measures: The task's.
+    """
+
+    guided: bool
+    total: float
+    length: int
+    success: bool
+    measures: Mapping[str, float]
+
+
+class Transition(NamedTuple):
+    """One step of all N environments.
+
+    Attributes:
+        observation: (N, ...) what came of it; the next episode's first is in `Environments.observation`.
+        reward: (N,).
+        terminated: (N,).
+        truncated: (N,).
+        finished: The episodes that ended with it.
+    """
+
+    observation: Array
+    reward: Float32Array
+    terminated: BoolArray
+    truncated: BoolArray
+    finished: list[Finished]
+
+
+class Environments:
+    """N environments that step together; who ends an episode begins the run's next one.
+
+    SUMO's state cannot be saved exactly, but it follows from the episode's seed and actions: those are kept, and
+    replayed to go on.
+
+    Attributes:
+        guided_share: Probability that an episode that begins is driven by the expert.
+        observation: (N, ...) to act on now.
+        expert: What the expert would do now, or None, for each environment.
+        steps: Taken so far, of all environments together.
+        finished_count: Episodes that have ended.
+    """
+
+    def __init__(self, task: Task, seats: Sequence[Seat], seed: int) -> None:
+        """Begins nothing yet: that does `begin` or `restore`.
+
+        Args:
+            task: What the seats hold.
+            seats: One per environment.
+            seed: Of the run.
+        """
+        self._task, self._seats, self._seed = task, seats, seed
+        self._episodes: list[Episode] = []
+        self._next, self.steps, self.finished_count, self.guided_share = 0, 0, 0, 0.0
+        self.observation: Array = np.zeros((len(seats), *task.observation_space.shape), task.observation_space.dtype)
+        self.expert: list[Array | None] = [None] * len(seats)
+
+    def __len__(self) -> int:
+        return len(self._seats)
+
+    def begin(self) -> None:
+        """Begins the first episodes."""
+        self._episodes = [self._next_episode() for _ in self._seats]
+        for seat, episode in zip(self._seats, self._episodes, strict=True):
+            seat.send("reset", episode.seed, episode.guided)
+        for rank, seat in enumerate(self._seats):
+            self._look(rank, seat.receive())
+
+    def step(self, actions: Array) -> Transition:
+        """Takes one step everywhere.
+
+        Args:
+            actions: (N, ...) in the action space.
+        """
+        for seat, episode, action in zip(self._seats, self._episodes, actions, strict=True):
+            episode.actions.append(np.array(action))
+            seat.send("step", episode.actions[-1])
+        views = [seat.receive() for seat in self._seats]
+        finished: list[Finished] = []
+        for rank, view in enumerate(views):
+            self._episodes[rank].total += view.reward
+            self._look(rank, view)
+        transition = Transition(
+            self.observation.copy(),
+            np.array([view.reward for view in views], np.float32),
+            np.array([view.terminated for view in views]),
+            np.array([view.truncated for view in views]),
+            finished,
+        )
+        ended = [rank for rank, view in enumerate(views) if view.ended]
+        for rank in ended:
+            old, view = self._episodes[rank], views[rank]
+            finished.append(Finished(old.guided, old.total, len(old.actions), view.success, view.measures or {}))
+            self._episodes[rank] = episode = self._next_episode()
+            self._seats[rank].send("reset", episode.seed, episode.guided)
+        for rank in ended:
+            self._look(rank, self._seats[rank].receive())
+        self.finished_count += len(ended)
+        self.steps += len(self)
+        return transition
+
+    def state(self) -> dict[str, Any]:
+        """All that `restore` needs, as tensors and plain values."""
+        return {
+            "next": self._next,
+            "steps": self.steps,
+            "finished": self.finished_count,
+            "episodes": [
+                {
+                    "number": episode.number,
+                    "seed": episode.seed,
+                    "guided": episode.guided,
+                    "total": episode.total,
+                    "actions": torch.from_numpy(self._stacked(episode.actions)),
+                    "digest": _digest(self.observation[rank], episode.total),
+                }
+                for rank, episode in enumerate(self._episodes)
+            ],
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Puts every episode back to where it was, by driving it again.
+
+        Raises:
+            SimulationError: An episode came out otherwise: the task is not deterministic, or its code has changed.
+        """
+        self._next, self.steps, self.finished_count = state["next"], state["steps"], state["finished"]
+        self._episodes = [
+            Episode(kept["number"], kept["seed"], kept["guided"], 0.0, list(kept["actions"].numpy()))
+            for kept in state["episodes"]
+        ]
+        for seat, episode in zip(self._seats, self._episodes, strict=True):
+            seat.send("replay", episode.seed, episode.guided, episode.actions)
+        for rank, (seat, kept) in enumerate(zip(self._seats, state["episodes"], strict=True)):
+            view, episode = seat.receive(), self._episodes[rank]
+            episode.total = view.reward
+            self._look(rank, view)
+            if _digest(view.observation, view.reward) != kept["digest"]:
+                raise SimulationError(
+                    f"task '{self._task.name}': episode {episode.number} (seed {episode.seed}), driven again for "
+                    f"{len(episode.actions)} steps, comes out otherwise (return {view.reward}, not {kept['total']}): "
+                    "the task is not deterministic, or its code has changed since the checkpoint"
+                )
+
+    def _next_episode(self) -> Episode:
+        number, self._next = self._next, self._next + 1
+        draw = np.random.default_rng([_GUIDED, self._seed, number]).random()
+        return Episode(number, training_seed(self._seed, number), bool(draw < self.guided_share))
+
+    def _look(self, rank: int, view: View) -> None:
+        self.observation[rank], self.expert[rank] = view.observation, view.expert
+
+    def _stacked(self, actions: list[Array]) -> Array:
+        space = self._task.action_space
+        return np.stack(actions) if actions else np.zeros((0, *space.shape), np.float32)
+
+
+def training_seed(seed: int, episode: int) -> int:
+    """Seed of one training episode of a run, below `HELD_OUT_FROM`."""
+    return int(np.random.SeedSequence(seed, spawn_key=(episode,)).generate_state(1)[0] % HELD_OUT_FROM)
+
+
+def _digest(observation: Array, total: float) -> str:
+    return hashlib.sha256(np.ascontiguousarray(observation).tobytes() + np.float64(total).tobytes()).hexdigest()

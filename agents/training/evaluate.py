@@ -1,0 +1,96 @@
+"""Evaluation of a policy on a task's held-out episodes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from agents.training.metrics import Number
+from agents.training.run import RunStoppedError
+from agents.training.task import Array, Task
+from agents.training.worker import Seat
+from evaluation.statistics import Estimate, mean_estimate, share_estimate
+
+COLUMNS = ("updates", "episodes", "return", "return_low", "return_high", "success", "success_low", "success_high")
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """What a policy did on the held-out episodes.
+
+    Attributes:
+        returns: One per episode.
+        successes: One per episode.
+        lengths: Steps, one per episode.
+        measures: Mean of each of the task's measures.
+    """
+
+    returns: Sequence[float]
+    successes: Sequence[bool]
+    lengths: Sequence[int]
+    measures: dict[str, float]
+
+    @property
+    def mean_return(self) -> Estimate:
+        """Of an episode, without discount; 95 % interval."""
+        return mean_estimate(self.returns)
+
+    @property
+    def success(self) -> Estimate:
+        """Share of successes, in %; 95 % interval."""
+        return share_estimate(self.successes)
+
+    def higher_than(self, other: Mapping[str, Number]) -> bool:
+        """Whether its mean return is above that of a row of evaluations.csv."""
+        mean, before = self.mean_return.mean, other["return"]
+        return mean is not None and (before is None or mean > before)
+
+    def values(self) -> dict[str, Number]:
+        """For evaluations.csv."""
+        value, success = self.mean_return, self.success
+        return {
+            "episodes": len(self.returns),
+            "return": value.mean,
+            "return_low": value.low,
+            "return_high": value.high,
+            "success": success.mean,
+            "success_low": success.low,
+            "success_high": success.high,
+            "length": math.fsum(self.lengths) / len(self.lengths),
+            **self.measures,
+        }
+
+
+def evaluate(
+    task: Task, seat: Seat, act: Callable[[Array], Array], stopping: Callable[[], bool] = lambda: False
+) -> Evaluation:
+    """Drives every held-out episode.
+
+    Args:
+        task: Gives the seeds.
+        seat: Of the environment for it.
+        act: From one observation to an action in the action space, without exploration.
+        stopping: Asked at every step.
+
+    Raises:
+        RunStoppedError: `stopping` said so.
+    """
+    returns, successes, lengths = [], [], []
+    measures: dict[str, list[float]] = {name: [] for name in task.measures}
+    for seed in task.held_out:
+        seat.send("reset", seed, False)
+        view, total, length = seat.receive(), 0.0, 0
+        while not view.ended:
+            if stopping():
+                raise RunStoppedError("stopped in an evaluation")
+            seat.send("step", act(view.observation))
+            view = seat.receive()
+            total, length = total + view.reward, length + 1
+        returns.append(total)
+        successes.append(view.success)
+        lengths.append(length)
+        for name, value in (view.measures or {}).items():
+            measures[name].append(value)
+    means = {name: math.fsum(values) / len(values) for name, values in measures.items()}
+    return Evaluation(returns, successes, lengths, means)

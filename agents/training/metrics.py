@@ -1,0 +1,88 @@
+"""Metrics: rows in a CSV file and events for TensorBoard, which go on where a checkpoint was."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from evaluation.store import write_atomically
+from sumo_networks.errors import InvalidInputError
+
+Number = int | float | None
+
+
+class Table:
+    """A CSV file whose first column, "steps", grows. Floats are written so that they can be read back exactly."""
+
+    def __init__(self, path: Path, columns: Sequence[str], keep: int | None) -> None:
+        """Opens it.
+
+        Args:
+            path: Where.
+            columns: Beside "steps".
+            keep: Rows of at most so many steps stay, later ones are dropped: they come again. None: none stays.
+        """
+        self._path, self.columns = path, ("steps", *columns)
+        rows = self._kept(keep) if keep is not None and path.exists() else []
+        lines = [",".join(self.columns), *(",".join(row) for row in rows)]
+        write_atomically(path, ("\n".join(lines) + "\n").encode())
+        self._file = path.open("a", newline="")
+        self._writer = csv.writer(self._file, lineterminator="\n")
+
+    def add(self, steps: int, values: Mapping[str, Number]) -> None:
+        """Writes one row; what has no value stays empty."""
+        if unknown := values.keys() - set(self.columns):
+            raise KeyError(f"{self._path.name} has no column {', '.join(sorted(unknown))}")
+        shown = ["" if (value := values.get(name)) is None else repr(value) for name in self.columns[1:]]
+        self._writer.writerow([str(steps), *shown])
+        self._file.flush()
+
+    def sync(self) -> None:
+        """Makes sure that the rows so far are on the disk."""
+        os.fsync(self._file.fileno())
+
+    def close(self) -> None:
+        """Closes it."""
+        self._file.close()
+
+    def _kept(self, keep: int) -> list[list[str]]:
+        """Whole rows up to `keep` steps; a torn last row is none."""
+        text = self._path.read_text()
+        header, *rows = csv.reader(text[: text.rfind("\n") + 1].splitlines()) or [[]]
+        if tuple(header) != self.columns:
+            raise InvalidInputError(
+                f"'{self._path}': expected columns {', '.join(self.columns)}, got {', '.join(header)}"
+            )
+        return [row for row in rows if int(row[0]) <= keep]
+
+
+class Board:
+    """TensorBoard's events; nothing where they are not wanted."""
+
+    def __init__(self, folder: Path | None, steps: int) -> None:
+        """Opens a file of events.
+
+        Args:
+            folder: Where; None: no events.
+            steps: Events beyond are those of a run that was cut off, and are hidden.
+        """
+        self._writer: Any = None
+        if folder is not None:
+            from torch.utils.tensorboard import SummaryWriter
+
+            self._writer = SummaryWriter(str(folder), purge_step=steps + 1)
+
+    def add(self, group: str, steps: int, values: Mapping[str, Number]) -> None:
+        """Adds one event per value that there is."""
+        if self._writer is not None:
+            for name, value in values.items():
+                if value is not None:
+                    self._writer.add_scalar(f"{group}/{name}", value, steps)
+
+    def close(self) -> None:
+        """Closes it."""
+        if self._writer is not None:
+            self._writer.close()

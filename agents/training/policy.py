@@ -1,0 +1,124 @@
+"""Policies of continuous actions: a Gaussian actor, which is also what is shipped."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import torch
+from gymnasium.spaces import Box
+from safetensors import SafetensorError, safe_open
+from torch import Tensor, nn
+
+from agents.training.task import Array
+from sumo_networks.errors import InvalidInputError
+
+SIZES = "sizes"
+
+
+class Actor(nn.Module):
+    """Observation -> action. It acts in [-1, 1]^A, and what leaves it is scaled to the action space.
+
+    Attributes:
+        body: To the mean of the Gaussian, in [-1, 1]^A and beyond.
+        log_std: (A,) of its standard deviation, whatever the observation.
+        low: (A,) of the action space.
+        high: (A,) of the action space.
+    """
+
+    low: Tensor
+    high: Tensor
+
+    def __init__(self, observations: int, low: Tensor, high: Tensor, hidden: Sequence[int], std: float = 1.0) -> None:
+        """Draws weights from torch's generator.
+
+        Args:
+            observations: Numbers in one observation, O.
+            low: (A,).
+            high: (A,).
+            hidden: Width of each hidden layer.
+            std: Standard deviation at the start, in [-1, 1]^A.
+        """
+        super().__init__()
+        self.sizes = (observations, *hidden, len(low))
+        self.body = layers(self.sizes, last_gain=0.01)
+        self.log_std = nn.Parameter(torch.full((len(low),), math.log(std)))
+        self.register_buffer("low", low.float())
+        self.register_buffer("high", high.float())
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """(..., O) -> (..., A) the mean action, in the action space."""
+        return self.scaled(self.body(observation))
+
+    def gaussian(self, observation: Tensor) -> tuple[Tensor, Tensor]:
+        """(..., O) -> mean and standard deviation (..., A), in [-1, 1]^A and beyond."""
+        mean = self.body(observation)
+        return mean, self.log_std.exp().expand_as(mean)
+
+    def scaled(self, unit: Tensor) -> Tensor:
+        """(..., A) from [-1, 1]^A to the action space; what is beyond is cut off."""
+        return self.low + (unit.clamp(-1.0, 1.0) + 1.0) / 2.0 * (self.high - self.low)
+
+    def unscaled(self, action: Tensor) -> Tensor:
+        """(..., A) from the action space to [-1, 1]^A; what is beyond is cut off."""
+        return ((action - self.low) / (self.high - self.low) * 2.0 - 1.0).clamp(-1.0, 1.0)
+
+    def act(self, observation: Array) -> Array:
+        """One observation (O,) -> (A,) the mean action, in the action space."""
+        with torch.no_grad():
+            batch = torch.as_tensor(observation, dtype=torch.float32, device=self.low.device)[None]
+            return np.asarray(self(batch)[0].cpu().numpy())
+
+    @classmethod
+    def load(cls, path: Path) -> Actor:
+        """Reads an actor from safetensors, onto the CPU.
+
+        Raises:
+            InvalidInputError: There is no such file, or it holds something else.
+        """
+        try:
+            with safe_open(path, framework="pt") as file:
+                sizes = json.loads((file.metadata() or {})[SIZES])
+                weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - no mapping
+            actor = cls(sizes[0], weights["low"], weights["high"], sizes[1:-1])
+            actor.load_state_dict(weights)
+        except FileNotFoundError as error:
+            raise InvalidInputError(f"no actor '{path}'") from error
+        except (OSError, SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as error:
+            raise InvalidInputError(f"'{path}' is no actor: {str(error).splitlines()[0]}") from error
+        return actor.eval()
+
+    def facts(self) -> Mapping[str, str]:
+        """What `load` needs beside the weights."""
+        return {SIZES: json.dumps(self.sizes)}
+
+
+def actor_for(observations: Box, actions: Box, hidden: Sequence[int], std: float) -> Actor:
+    """An untrained actor for two spaces.
+
+    Raises:
+        InvalidInputError: One of them is no vector of floats.
+    """
+    for what, space in (("observations", observations), ("actions", actions)):
+        if len(space.shape) != 1 or space.dtype != np.float32:
+            raise InvalidInputError(f"expected {what} to be vectors of float32, got {space.dtype} {space.shape}")
+    low, high = torch.as_tensor(actions.low), torch.as_tensor(actions.high)
+    return Actor(observations.shape[0], low, high, hidden, std)
+
+
+def layers(sizes: Sequence[int], last_gain: float) -> nn.Sequential:
+    """Linear layers with tanh between them, orthogonal at the start."""
+    parts: list[nn.Module] = []
+    for before, after in pairwise(sizes):
+        linear = nn.Linear(before, after)
+        nn.init.orthogonal_(linear.weight, math.sqrt(2.0))
+        nn.init.zeros_(linear.bias)
+        parts += [linear, nn.Tanh()]
+    last = parts[-2]
+    assert isinstance(last, nn.Linear)
+    nn.init.orthogonal_(last.weight, last_gain)
+    return nn.Sequential(*parts[:-1])

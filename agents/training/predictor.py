@@ -1,0 +1,23 @@
+"""The motion predictor as a trainer: it learns from a data set, by a loop of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from agents.mcts.predictors import export, train
+from agents.mcts.predictors.train import TrainConfig
+from agents.training.registry import Order, Trainer
+from agents.training.report import Report
+
+
+def train_predictor(config: TrainConfig, order: Order) -> Path:
+    """Trains the motion predictor, and exports it to ONNX beside."""
+    config = config.model_copy(update={"out": order.out})
+    trained = train.train(
+        config, order.resume, lambda step, loss: order.report(Report(step, config.steps, loss, "loss [m]"))
+    )
+    export.export(export.load_network(trained), trained.with_suffix(".onnx"))
+    return trained.with_suffix(".onnx")
+
+
+PREDICTOR = Trainer("motion predictor of MBAPPE, from a motion data set", TrainConfig, train_predictor)

@@ -1,0 +1,73 @@
+"""Trainers by name: what `dohyo train` can train."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from agents.training.report import Reporter
+from sumo_networks.config import Config
+from sumo_networks.errors import InvalidInputError, UnknownNameError
+
+C = TypeVar("C", bound=Config)
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What somebody wants trained.
+
+    Attributes:
+        name: Of the trainer.
+        out: Folder of the run.
+        resume: Go on with the run that is there.
+        report: Told how far it is.
+    """
+
+    name: str
+    out: Path
+    resume: bool
+    report: Reporter
+
+
+@dataclass(frozen=True, slots=True)
+class Trainer(Generic[C]):
+    """Something that can be trained.
+
+    Attributes:
+        summary: What it is, in a few words.
+        config: Its settings; those with an `out` choose the folder, unless the command does.
+        train: Trains, and returns the file that is the outcome.
+    """
+
+    summary: str
+    config: type[C]
+    train: Callable[[C, Order], Path]
+
+
+# As "module:attribute", since what trains takes seconds to import.
+TRAINERS: dict[str, str] = {
+    "predictor": "agents.training.predictor:PREDICTOR",
+}
+
+
+def trainer_named(name: str) -> Trainer[Any]:
+    """The trainer of that name, or of that "module:attribute".
+
+    Raises:
+        UnknownNameError: There is none of that name.
+        InvalidInputError: There is no such module, or no trainer in it.
+    """
+    entry = TRAINERS.get(name, name)
+    module, colon, attribute = entry.partition(":")
+    if not colon:
+        raise UnknownNameError("trainer", name, TRAINERS)
+    try:
+        trainer = getattr(import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise InvalidInputError(f"trainer '{name}': {error}") from error
+    if not isinstance(trainer, Trainer):
+        raise InvalidInputError(f"'{entry}': expected a Trainer, got {type(trainer).__name__}")
+    return trainer

@@ -1,0 +1,216 @@
+"""Run: the folder of one training, from the first step to the last, over any number of sessions.
+
+config.toml        the resolved configuration
+run.json           every session: commit, versions, host, device
+metrics.csv        one row per round; evaluations.csv: one per evaluation; timing.csv: what depends on the clock
+tensorboard/       the same as events
+checkpoint-*.pt    the newest two
+best.*, policy.*   the actor of the best and of the last evaluation: .safetensors and .onnx
+result.json        what came out
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import platform
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import torch
+
+from agents.training.checkpoint import load_checkpoint, save_checkpoint
+from agents.training.config import RunConfig
+from agents.training.metrics import Board, Number, Table
+from agents.training.settings import as_toml, differences, read_settings
+from evaluation.store import write_atomically
+from sumo_networks.errors import DohyoError, InvalidInputError
+
+FREE = frozenset({"steps", "checkpoint_s", "tensorboard"})
+"""What may change when a run goes on: nothing of it decides what the steps so far were."""
+PACKAGES = ("dohyo", "torch", "torchrl", "tensordict", "numpy", "gymnasium", "libsumo")
+
+
+class RunStoppedError(DohyoError):
+    """A run was told to stop, and has written its checkpoint."""
+
+
+class Run:
+    """A run's folder, held by one process at a time."""
+
+    def __init__(self, trainer: str, folder: Path, config: RunConfig, resume: bool = False) -> None:
+        """Makes the folder, or takes it up again.
+
+        Args:
+            trainer: Name in the registry.
+            folder: Its own.
+            config: Resolved.
+            resume: Go on from the newest checkpoint, or from the beginning where there is none yet.
+
+        Raises:
+            InvalidInputError: The folder holds a run and `resume` is False; or it holds none, or one of another
+                trainer or configuration, or another process trains in it.
+        """
+        self.trainer, self.folder, self.config, self.device = trainer, folder, config, device_of(config.device)
+        self._check(resume)
+        folder.mkdir(parents=True, exist_ok=True)
+        self._lock = _locked(folder)
+        self.state = load_checkpoint(folder) if resume else None
+        self.steps_before: int = self.state["environments"]["steps"] if self.state else 0
+        self._earlier_s: float = self.state["wall_s"] if self.state else 0.0
+        self._began = self._saved = time.monotonic()
+        sessions = json.loads((folder / "run.json").read_text())["sessions"] if resume else []
+        session = {"from_steps": self.steps_before, "device": str(self.device), **surroundings()}
+        self.write_json("run.json", {"trainer": trainer, "seed": config.seed, "sessions": [*sessions, session]})
+        write_atomically(folder / "config.toml", as_toml(config).encode())  # last: it makes the run exist
+        self._tables: dict[str, Table] = {}
+        self._board = Board(folder / "tensorboard" if config.tensorboard else None, self.steps_before)
+
+    @property
+    def wall_s(self) -> float:
+        """Time spent so far, over all sessions, s."""
+        return self._earlier_s + time.monotonic() - self._began
+
+    def add_table(self, name: str, columns: Sequence[str]) -> None:
+        """Opens NAME.csv."""
+        keep = self.steps_before if self.state is not None else None
+        self._tables[name] = Table(self.folder / f"{name}.csv", columns, keep)
+
+    def log(self, name: str, steps: int, values: Mapping[str, Number]) -> None:
+        """Adds a row to a table, and events of the same."""
+        self._tables[name].add(steps, values)
+        self._board.add(name, steps, values)
+
+    @property
+    def checkpoint_due(self) -> bool:
+        """Whether the last checkpoint is too old."""
+        return time.monotonic() - self._saved >= self.config.checkpoint_s
+
+    def save(self, state: dict[str, Any]) -> None:
+        """Writes a checkpoint; the rows before it are on the disk first."""
+        for table in self._tables.values():
+            table.sync()
+        save_checkpoint(self.folder, state["environments"]["steps"], state | {"wall_s": self.wall_s})
+        self._saved = time.monotonic()
+
+    def write_json(self, name: str, document: object) -> None:
+        """Writes a JSON file, whole or not at all."""
+        write_atomically(self.folder / name, (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
+
+    def close(self) -> None:
+        """Lets the folder go."""
+        for table in self._tables.values():
+            table.close()
+        self._board.close()
+        os.close(self._lock)
+
+    def _check(self, resume: bool) -> None:
+        stored = self.folder / "config.toml"
+        if not resume:
+            if stored.exists():
+                raise InvalidInputError(f"'{self.folder}' holds a run; go on with --resume, or choose another --out")
+            return
+        if not stored.exists():
+            raise InvalidInputError(f"no run in '{self.folder}' to go on with")
+        if (trainer := json.loads((self.folder / "run.json").read_text())["trainer"]) != self.trainer:
+            raise InvalidInputError(f"the run in '{self.folder}' is of '{trainer}', not of '{self.trainer}'")
+        if changed := differences(read_settings(type(self.config), stored), self.config, FREE):
+            raise InvalidInputError(f"the run in '{self.folder}' was begun with {'; '.join(changed)}")
+
+
+class Stop:
+    """Whether somebody asked the process to end.
+
+    Attributes:
+        requested: Set by the first SIGINT or SIGTERM; the second one ends the process at once.
+    """
+
+    def __init__(self) -> None:
+        self.requested = False
+
+    @contextmanager
+    def listening(self) -> Iterator[Stop]:
+        """Listens, where this is the main thread; elsewhere nobody can."""
+        try:
+            before = {name: signal.signal(name, self._hear) for name in (signal.SIGINT, signal.SIGTERM)}
+        except ValueError:
+            before = {}
+        try:
+            yield self
+        finally:
+            for name, handler in before.items():
+                signal.signal(name, handler)
+
+    def _hear(self, number: int, frame: FrameType | None) -> None:
+        if self.requested:
+            signal.signal(number, signal.SIG_DFL)
+            signal.raise_signal(number)
+        self.requested = True
+
+
+def device_of(name: str) -> torch.device:
+    """A device that is there.
+
+    Raises:
+        InvalidInputError: It is not.
+    """
+    if name == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    try:
+        device = torch.device(name)
+        torch.zeros(1, device=device)
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
+        raise InvalidInputError(f"device '{name}' cannot be used: {str(error).splitlines()[0]}") from error
+    return device
+
+
+def surroundings() -> dict[str, Any]:
+    """Where and with what a session runs: commit, versions, host."""
+    return {
+        "command": sys.argv,
+        "commit": _git("rev-parse", "HEAD"),
+        "uncommitted": (status := _git("status", "--porcelain")) is not None and status != "",
+        "python": platform.python_version(),
+        "versions": {name: _version(name) for name in PACKAGES},
+        "host": platform.node(),
+        "system": platform.platform(),
+        "cores": os.cpu_count(),
+        "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+    }
+
+
+def _git(*arguments: str) -> str | None:
+    """What git says about the folder this code is in; None without git or repository."""
+    try:
+        command = ["git", "-C", str(Path(__file__).parent), *arguments]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def _locked(folder: Path) -> int:
+    """A lock on a folder that ends with this process."""
+    handle = os.open(folder / ".lock", os.O_CREAT | os.O_RDWR)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(handle)
+        raise InvalidInputError(f"another process is training in '{folder}'") from error
+    return handle

@@ -1,0 +1,84 @@
+"""Task: what there is to learn. A learner sees no more of a problem than this."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import gymnasium
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+
+from sumo_networks.errors import InvalidInputError
+
+Array = NDArray[Any]
+Env = gymnasium.Env[Array, Array]
+
+HELD_OUT_FROM = 2**30
+"""Episodes whose seed is below are for training; seeds from here to 2^31 are held out, and never trained on."""
+
+
+class Task(Protocol):
+    """What there is to learn; derive from it, as a frozen dataclass: it travels to other processes.
+
+    Two obligations follow from exact resumption. An episode follows from the seed given to `reset` and the actions
+    given to `step`, and from nothing else: no wall clock, nothing left over from the episode before. And `expert` is a
+    function of the episode so far.
+
+    At the end of an episode `info` may hold "success" (bool, default False), and must hold each of `measures`.
+    """
+
+    @property
+    def name(self) -> str:
+        """What results are filed under."""
+
+    @property
+    def observation_space(self) -> Box:
+        """Of one observation; PPO wants a float32 vector of about unit scale."""
+
+    @property
+    def action_space(self) -> Box:
+        """Of one action: finite bounds. Learners act in [-1, 1] and are scaled to them, and cut off at them."""
+
+    @property
+    def held_out(self) -> Sequence[int]:
+        """Seeds of the episodes that a policy is judged on; all in [HELD_OUT_FROM, 2^31)."""
+
+    @property
+    def measures(self) -> tuple[str, ...]:
+        """Names of what an episode's last `info` holds besides "success", floats; evaluations tell their means."""
+        return ()
+
+    def make_env(self, seed: int, rank: int) -> Env:
+        """An environment, not started yet; there may be one that uses SUMO per process.
+
+        Args:
+            seed: Of the run. An episode must not depend on it.
+            rank: Which environment of the run this is, from 0; the last is the one for held-out episodes.
+        """
+
+    def expert(self, env: Env) -> Array | None:
+        """What an expert would do now, in the action space; None: it has no opinion, and the policy acts.
+
+        Asked once after `reset` and once after every step of an episode that the expert drives, in the environment's
+        own process, where `env` may be narrowed to what `make_env` made.
+        """
+        return None
+
+
+def held_out_seeds(count: int) -> range:
+    """The first so many held-out seeds."""
+    return range(HELD_OUT_FROM, HELD_OUT_FROM + count)
+
+
+def check_task(task: Task) -> None:
+    """Raises InvalidInputError where a task's spaces or seeds cannot be used."""
+    low, high = task.action_space.low, task.action_space.high
+    if not task.action_space.is_bounded() or not (low < high).all():
+        raise InvalidInputError(f"task '{task.name}': expected actions with finite bounds, got {low} to {high}")
+    if trained_on := [seed for seed in task.held_out if not HELD_OUT_FROM <= seed < 2**31]:
+        raise InvalidInputError(
+            f"task '{task.name}': expected held-out seeds in [{HELD_OUT_FROM}, {2**31}), got {trained_on[0]}"
+        )
+    if not task.held_out:
+        raise InvalidInputError(f"task '{task.name}': expected at least one held-out seed")

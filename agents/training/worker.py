@@ -1,0 +1,280 @@
+"""Seats: where a task's environments are, in a process of their own or in this one.
+
+gymnasium's and TorchRL's vectors step all of their environments or none, and draw seeds by themselves. Here one can be
+put back to where it was alone, by its seed and its actions, which is what exact resumption needs.
+"""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+import pickle
+import traceback
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from agents.training.task import Array, Env, Task
+from sumo_networks.errors import DohyoError, InvalidInputError, SimulationError
+
+logger = logging.getLogger(__name__)
+
+JOIN_S = 5.0
+# The processes of a run fill the cores already; a second thread in each makes all of them slower.
+ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+class TaskError(DohyoError):
+    """A task's own code failed."""
+
+
+class View(NamedTuple):
+    """What an environment tells after a reset or a step.
+
+    Attributes:
+        observation: Of the task's observation space.
+        reward: Of the step; 0 after a reset.
+        terminated: The episode ended by itself.
+        truncated: It was cut off.
+        expert: What the expert would do now, in the action space; None where nobody asks or it has no opinion.
+        success: At the end of an episode: whether it was one.
+        measures: At the end of an episode: the task's measures.
+    """
+
+    observation: Array
+    reward: float = 0.0
+    terminated: bool = False
+    truncated: bool = False
+    expert: Array | None = None
+    success: bool = False
+    measures: Mapping[str, float] | None = None
+
+    @property
+    def ended(self) -> bool:
+        """Whether this is the last of its episode."""
+        return self.terminated or self.truncated
+
+
+class Seat(Protocol):
+    """One environment; one command at a time: what was sent has to be received."""
+
+    def send(self, command: str, *arguments: Any) -> None:
+        """Begins "reset" (seed, guided), "step" (action) or "replay" (seed, guided, actions)."""
+
+    def receive(self) -> View:
+        """Waits for its end.
+
+        Raises:
+            DohyoError: The environment refused; TaskError where its code failed, SimulationError where its process did.
+        """
+
+    def close(self) -> None:
+        """Ends the environment, and its process."""
+
+
+@dataclass(slots=True)
+class Host:
+    """Holds an environment, and does what it is told.
+
+    Attributes:
+        task: Makes the environment at the first reset.
+        seed: Of the run.
+        rank: Of the environment.
+    """
+
+    task: Task
+    seed: int
+    rank: int
+    _env: Env | None = field(default=None, init=False)
+    _guided: bool = field(default=False, init=False)
+
+    def reset(self, seed: int, guided: bool) -> View:
+        """Begins the episode of a seed; `guided`: the expert is asked at every step."""
+        if self._env is None:
+            self._env = self.task.make_env(self.seed, self.rank)
+        self._guided = guided
+        observation, _ = self._env.reset(seed=seed)
+        return View(self._checked(observation), expert=self._ask_expert())
+
+    def step(self, action: Array) -> View:
+        """Takes one step."""
+        if self._env is None:
+            raise SimulationError(f"environment {self.rank} of task '{self.task.name}' has not been reset")
+        observation, reward, terminated, truncated, info = self._env.step(action)
+        value = float(reward)
+        if not np.isfinite(value):
+            raise TaskError(f"task '{self.task.name}': expected a finite reward, got {value}")
+        if not (terminated or truncated):
+            return View(self._checked(observation), value, expert=self._ask_expert())
+        if missing := [name for name in self.task.measures if name not in info]:
+            raise TaskError(f"task '{self.task.name}': the last info of an episode lacks {', '.join(missing)}")
+        measures = {name: float(info[name]) for name in self.task.measures}
+        success = bool(info.get("success", False))
+        return View(self._checked(observation), value, bool(terminated), bool(truncated), None, success, measures)
+
+    def replay(self, seed: int, guided: bool, actions: Sequence[Array]) -> View:
+        """Puts an episode back to where it was; the reward is the sum of all rewards since its reset."""
+        view, total = self.reset(seed, guided), 0.0
+        for action in actions:
+            view = self.step(action)
+            total += view.reward
+        return view._replace(reward=total)
+
+    def close(self) -> None:
+        """Ends the environment."""
+        if self._env is not None:
+            self._env.close()
+            self._env = None
+
+    def _ask_expert(self) -> Array | None:
+        if not self._guided or self._env is None:
+            return None
+        action = self.task.expert(self._env)
+        if action is None:
+            return None
+        action, space = np.asarray(action, dtype=np.float32), self.task.action_space
+        if action.shape != space.shape or not np.isfinite(action).all():
+            raise TaskError(
+                f"task '{self.task.name}': expected of its expert {space.shape} finite numbers, got {action}"
+            )
+        return action
+
+    def _checked(self, observation: Array) -> Array:
+        space = self.task.observation_space
+        array = np.array(observation, dtype=space.dtype)  # a copy: the environment may write into its own
+        if array.shape != space.shape:
+            raise TaskError(f"task '{self.task.name}': expected an observation {space.shape}, got {array.shape}")
+        if not np.isfinite(array).all():
+            where = np.argwhere(~np.isfinite(array))[:4].tolist()
+            raise TaskError(f"task '{self.task.name}': expected finite observations, got others at {where}")
+        return array
+
+
+class HereSeat:
+    """An environment in this process."""
+
+    def __init__(self, task: Task, seed: int, rank: int) -> None:
+        self._host = Host(task, seed, rank)
+        self._pending: tuple[str, tuple[Any, ...]] = ("", ())
+
+    def send(self, command: str, *arguments: Any) -> None:
+        """See `Seat`; it is done when it is received."""
+        self._pending = command, arguments
+
+    def receive(self) -> View:
+        """See `Seat`."""
+        command, arguments = self._pending
+        view: View = getattr(self._host, command)(*arguments)
+        return view
+
+    def close(self) -> None:
+        """See `Seat`."""
+        self._host.close()
+
+
+class ProcessSeat:
+    """An environment in a process of its own; that one ends when this one does, however it does."""
+
+    def __init__(self, task: Task, seed: int, rank: int) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._name, self._rank = task.name, rank
+        self._process = context.Process(target=_serve, args=(theirs, task, seed, rank), daemon=True)
+        with _one_thread():
+            self._process.start()
+        theirs.close()
+
+    def send(self, command: str, *arguments: Any) -> None:
+        """See `Seat`."""
+        try:
+            self._pipe.send((command, arguments))
+        except OSError as error:
+            raise self._death() from error
+
+    def receive(self) -> View:
+        """See `Seat`."""
+        try:
+            answer = self._pipe.recv()
+        except (EOFError, OSError) as error:
+            raise self._death() from error
+        if isinstance(answer, View):
+            return answer
+        kind, message = answer
+        raised: DohyoError = kind.__new__(kind)  # its constructor may want other arguments
+        raised.args = (message,)
+        raise raised
+
+    def close(self) -> None:
+        """See `Seat`."""
+        self._pipe.close()
+        if self._process.is_alive():
+            self._process.join(JOIN_S)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+
+    def _death(self) -> SimulationError:
+        self._process.join(JOIN_S)
+        code = self._process.exitcode
+        return SimulationError(f"environment {self._rank} of task '{self._name}': its process ended with code {code}")
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Lets processes that are started inherit that they compute with one thread."""
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _serve(pipe: Connection, task: Task, seed: int, rank: int) -> None:
+    """A worker process: does what it is told until its parent closes the pipe or dies."""
+    os.setsid()  # Ctrl-C and signals to the group are the parent's business: it checkpoints, then closes the pipe
+    host = Host(task, seed, rank)
+    try:
+        while True:
+            command, arguments = pipe.recv()
+            try:
+                answer: Any = getattr(host, command)(*arguments)
+            except DohyoError as error:
+                answer = (type(error), str(error))
+            except Exception as error:
+                logger.error("environment %d of task '%s' failed:\n%s", rank, task.name, traceback.format_exc())
+                answer = (TaskError, f"task '{task.name}', environment {rank}: {type(error).__name__}: {error}")
+            pipe.send(answer)
+    except (EOFError, OSError):
+        host.close()
+
+
+def take_seats(task: Task, seed: int, processes: int) -> tuple[list[Seat], Seat]:
+    """The seats of a run: those for training, and the one for held-out episodes.
+
+    Args:
+        task: What is learned.
+        seed: Of the run.
+        processes: How many train, one process each; 0: one in this process, and the one for held-out episodes too.
+
+    Raises:
+        InvalidInputError: The task cannot travel to another process.
+    """
+    kind: type[HereSeat] | type[ProcessSeat] = ProcessSeat if processes else HereSeat
+    taken: list[Seat] = []
+    try:
+        taken.extend(kind(task, seed, rank) for rank in range(max(processes, 1) + 1))
+    except (AttributeError, TypeError, pickle.PicklingError) as error:  # what pickle raises
+        for seat in taken:
+            seat.close()
+        raise InvalidInputError(f"task '{task.name}' cannot be sent to another process: {error}") from error
+    return taken[:-1], taken[-1]
