@@ -64,7 +64,6 @@ _STAGED: Mapping[str, tuple[Mapping[str, str | float | int], ...]] = {
     ),
     "behind-long-vehicle": ({"kind": "hard_brake", "at_m": 3.0, "actor": "truck", "appear_m": 18.0, "wait_s": 8.0},),
     "stopping-with-lead": ({"kind": "hard_brake", "at_m": 3.0, "appear_m": 25.0, "wait_s": 3.0},),
-    "following-lane-with-lead": ({"kind": "hard_brake", "at_m": 3.0, "appear_m": 18.0, "wait_s": 12.0},),
 }
 
 
