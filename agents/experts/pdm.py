@@ -8,6 +8,9 @@ drives backwards.
 
 from __future__ import annotations
 
+from collections import deque
+from typing import Literal, get_args
+
 import numpy as np
 
 from agents.experts.proposals import (
@@ -18,9 +21,11 @@ from agents.experts.proposals import (
     FACTORS,
     MET_AT,
     NC,
+    OFF_AT,
     OFFSETS_M,
     PROPOSALS,
     SCORES,
+    STANDING,
     STATE,
     STEPS,
     TOTAL,
@@ -34,6 +39,7 @@ from agents.planning.scene import SENSORS, SceneBuilder
 from agents.planning.situation import situation
 from agents.planning.warm_up import empty_road
 from evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
+from sumo_networks.errors import InvalidInputError
 from sumo_networks.vehicle import VehicleParameters
 
 MODEL = Idm(gap=1.0, headway=1.5, acceleration=1.5, braking=3.0, exponent=10.0, least_gap=1.0, hardest=3.0)
@@ -41,27 +47,44 @@ MAX_SPEED = 15.0
 CURVE_LATERAL, CURVE_BRAKING, LATERAL_LIMIT = 2.5, 1.5, 6.0
 CORRIDOR_MARGIN_M = 0.2
 LINE_GAP_M = 0.5
-EMERGENCY_S, EMERGENCY_SPEED, EMERGENCY_BRAKING = 2.0, 5.0, 4.05
+EMERGENCY_S, EMERGENCY_BRAKING = 2.0, 8.0
+PUBLISHED_SPEED, PUBLISHED_BRAKING = 5.0, 4.05
+MOVING = 1.0
+MOST_CHANGE, EASED_TICKS = 3.7, 10
+"""Within a second the demanded acceleration changes by no more than that, m/s^2: comfort's 4.13 m/s^3, filtered."""
+Variant = Literal["careful", "published"]
 
 
 class PdmClosed(Agent):
-    """The planner. Steering is pure pursuit instead of LQR, actuator lags are those of the ego here (ours)."""
+    """The planner. Steering is pure pursuit instead of LQR, actuator lags are those of the ego here (ours).
+
+    Args:
+        variant: "published" brakes at 3 m/s^2 at most, and in an emergency at 4.05 m/s^2, but up to 5 m/s only: who
+            steps out or brakes hard in front of a faster ego is hit. "careful" (ours) has an emergency brake of 8 m/s^2
+            at any speed, also where the best proposal leaves the road; waits for people on foot who are about to cross;
+            and eases into brakes, out of them and to a stop.
+    """
 
     spec = AgentSpec(name="pdm-closed", track="privileged", sensors=SENSORS, control="acceleration_steering")
 
-    def __init__(self) -> None:
+    def __init__(self, variant: Variant = "careful") -> None:
+        if variant not in get_args(Variant):
+            raise InvalidInputError(f"agent 'pdm-closed': expected variant 'careful' or 'published', got '{variant}'")
+        self._careful = variant == "careful"
         self._vehicle = VehicleParameters()
         self._car = body(self._vehicle, LATERAL_LIMIT)
         self._builder = SceneBuilder()
         self._states = np.zeros((PROPOSALS, STEPS + 1, STATE))
         self._scores = np.zeros((PROPOSALS, SCORES))
         self._chosen, self._braking = -1, False
+        self._asked: deque[float] = deque(maxlen=EASED_TICKS)
         self.act(empty_road(self.spec.sensors))
 
     def reset(self, mission: Mission, seed: int) -> None:
         """Forgets the last episode."""
         self._builder.reset()
         self._chosen, self._braking = -1, False
+        self._asked.clear()
 
     def act(self, observation: Observation) -> np.ndarray:
         """The first step of the best proposal, or an emergency brake."""
@@ -71,21 +94,40 @@ class PdmClosed(Agent):
         )  # fmt: skip
         ego, start = scene.ego, np.zeros(STATE)
         start[:6] = -self._car.axle, 0.0, 0.0, ego.speed, ego.acceleration, ego.steering
-        roll_out(road, self._car, MODEL, LINE_GAP_M, CORRIDOR_MARGIN_M, start, self._states)
+        roll_out(road, self._car, MODEL, LINE_GAP_M, CORRIDOR_MARGIN_M, start, self._states, self._careful)
         score(road, self._car, self._states, self._scores)
         best = self._best()
         wheel, demand = self._states[best, 0, -2:]
-        self._braking = bool(self._scores[best, MET_AT] <= EMERGENCY_S and ego.speed <= EMERGENCY_SPEED)
-        self._chosen = best
+        self._chosen, self._braking = best, self._in_danger(best, ego.speed)
         if self._braking:
-            demand = -EMERGENCY_BRAKING
+            demand = -(EMERGENCY_BRAKING if self._careful else PUBLISHED_BRAKING)
+            self._asked.clear()
+            self._asked.append(-MODEL.hardest)
+        elif self._careful:
+            demand = self._eased(float(demand), ego.speed)
         return np.array([demand, wheel / self._vehicle.max_steering])
+
+    def _eased(self, demand: float, speed: float) -> float:
+        """A demanded acceleration that changes by no more than comfort allows within a second."""
+        if speed < STANDING:
+            self._asked.clear()
+        if self._asked:
+            demand = min(max(demand, max(self._asked) - MOST_CHANGE), min(self._asked) + MOST_CHANGE)
+        self._asked.append(demand)
+        return demand
+
+    def _in_danger(self, best: int, speed: float) -> bool:
+        """Whether even the best proposal meets somebody, or leaves the road, too soon."""
+        meets = bool(self._scores[best, MET_AT] <= EMERGENCY_S)
+        if not self._careful:
+            return meets and speed <= PUBLISHED_SPEED
+        return meets or bool(self._scores[best, OFF_AT] <= EMERGENCY_S and speed > MOVING)
 
     def _best(self) -> int:
         """The highest score; among equals the one on the centreline, then the slowest where all are bad."""
         totals = self._scores[:, TOTAL]
-        if totals.max() <= 0.0:  # whichever meets somebody last; the slower among equals
-            return int(np.argmax(np.minimum(self._scores[:, MET_AT], 1e3)))
+        if totals.max() <= 0.0:  # whichever fails last; the slower among equals
+            return int(np.argmax(np.minimum(self._scores[:, [MET_AT, OFF_AT]].min(axis=1), 1e3)))
         return int(np.argmax(totals.round(9)))
 
     def explain(self) -> Explanation | None:

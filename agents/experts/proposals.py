@@ -20,6 +20,8 @@ from agents.planning.motion import (
 )
 from agents.planning.situation import (
     CLASS_OBJECT,
+    CLASS_PEDESTRIAN,
+    COARSE_S,
     NO_LINE,
     ROAD_BIT,
     ROUTE_BIT,
@@ -40,9 +42,14 @@ X, Y, HEADING, SPEED, ACCELERATION, STEERING, S, CENTRE_X, CENTRE_Y, WHEEL, DEMA
 STATE = 11
 """Rear axle x, y [m], heading [rad], speed [m/s], acceleration [m/s^2], wheel angle [rad], arc length [m], box centre
 x, y [m], demanded wheel angle [rad] and acceleration [m/s^2]."""
-NC, DAC, DDC, EP, TTC, COMFORT, TOTAL, MET_AT = range(8)
-SCORES = 8
-"""Multipliers NC, DAC, DDC; shares EP, TTC, C; the score; when it meets somebody, s (infinite: never)."""
+NC, DAC, DDC, EP, TTC, COMFORT, TOTAL, MET_AT, OFF_AT = range(9)
+SCORES = 9
+"""Multipliers NC, DAC, DDC; shares EP, TTC, C; the score; when it meets somebody, and when it leaves the road, s
+(infinite: never)."""
+STOPPING_S, HALTING = 0.8, 0.5
+"""The last metres are braked by the speed over that time, at least so much, m/s^2: no jolt (ours)."""
+YIELD_S, PERSON_GAP_M = 4.0, 1.0
+"""Who is on foot and will step into the ego's way within that time is waited for, that far away (ours)."""
 STANDING = 0.05
 BEHIND_COS = -math.sqrt(3.0) / 2.0
 TTC_AHEAD_S = (0.0, 0.3, 0.6, 0.9)
@@ -52,8 +59,9 @@ JERK_STEPS = 7
 
 @njit(cache=True, error_model="numpy")
 def roll_out(
-    road: Situation, car: Body, idm: Idm, line_gap: float, margin: float, start: FloatArray, states: FloatArray
-) -> None:
+    road: Situation, car: Body, idm: Idm, line_gap: float, margin: float, start: FloatArray, states: FloatArray,
+    careful: bool,
+) -> None:  # fmt: skip
     """Simulates every proposal.
 
     Args:
@@ -64,7 +72,9 @@ def roll_out(
         margin: Beside the ego, within which somebody ahead is a leader, m.
         start: (11,) the ego now; every proposal begins with a copy of its own.
         states: (15, 41, 11) where the states are written.
+        careful: Whether to stop gently and to wait for people about to cross (ours).
     """
+    crossing = _crossing(road, car, margin, start[SPEED], idm.hardest) if careful else NO_LINE
     for number in range(states.shape[0]):
         offset, factor = OFFSETS_M[number // len(FACTORS)], FACTORS[number % len(FACTORS)]
         states[number, 0] = start
@@ -77,14 +87,16 @@ def roll_out(
             else:
                 gap += (leading - speed) * DT
             ahead, pace = gap, leading
-            if road.line < NO_LINE:
-                line = road.line - s - 0.5 * car.length - line_gap + idm.gap
+            if min(road.line, crossing) < NO_LINE:
+                line = min(road.line, crossing) - s - 0.5 * car.length - line_gap + idm.gap
                 if line > -2.0 and line < ahead:
                     ahead, pace = line, 0.0
             allowed = road.allowed[at_row(road, s)]
             demand = idm_acceleration(idm, speed, factor * allowed, ahead, pace)
             if speed > allowed:  # a curve is near: slow down whatever IDM's exponent says
                 demand = min(demand, max(allowed - speed, -idm.hardest))
+            if careful:
+                demand = max(demand, -max(speed / STOPPING_S, HALTING))
             x, y, heading = now[X], now[Y], now[HEADING]
             wheel = pursuit(car, road.path, road.first_s, road.spacing, x, y, heading, speed, s, offset)
             wheel = limited_steering(car, speed, wheel)
@@ -99,6 +111,26 @@ def roll_out(
 
 
 @njit(cache=True, error_model="numpy")
+def _crossing(road: Situation, car: Body, margin: float, speed: float, braking: float) -> float:
+    """Arc length [m] before which to wait for somebody on foot who is about to step into the ego's way."""
+    nearest, half = NO_LINE, 0.5 * car.width + margin
+    enough = 0.5 * car.length + speed * speed / (2.0 * braking)
+    for n in range(road.along.shape[1]):
+        if road.kind[n] != CLASS_PEDESTRIAN:
+            continue
+        was_in = True
+        for k in range(round(YIELD_S / COARSE_S) + 1):
+            inside = abs(road.along[k, n, 1]) <= half + road.along[k, n, 2]
+            if inside and not was_in:
+                before = road.along[k, n, 0] - road.along[k, n, 3] - PERSON_GAP_M
+                if before > enough:
+                    nearest = min(nearest, before)
+                break
+            was_in = inside
+    return nearest
+
+
+@njit(cache=True, error_model="numpy")
 def score(road: Situation, car: Body, states: FloatArray, scores: FloatArray) -> None:
     """Scores every proposal: NC x DAC x DDC x (5 EP + 5 TTC + 2 C) / 12, EP relative to the best.
 
@@ -106,7 +138,7 @@ def score(road: Situation, car: Body, states: FloatArray, scores: FloatArray) ->
         road: The situation.
         car: The vehicle.
         states: (15, 41, 11) from `roll_out`.
-        scores: (15, 8) where the terms are written.
+        scores: (15, 9) where the terms are written.
     """
     farthest = 0.0
     for number in range(states.shape[0]):
@@ -126,7 +158,7 @@ def score(road: Situation, car: Body, states: FloatArray, scores: FloatArray) ->
 @njit(cache=True, error_model="numpy")
 def _judge(road: Situation, car: Body, states: FloatArray, terms: FloatArray) -> None:
     terms[NC] = terms[DAC] = terms[DDC] = terms[TTC] = 1.0
-    terms[MET_AT] = math.inf
+    terms[MET_AT] = terms[OFF_AT] = math.inf
     half_length, half_width = 0.5 * car.length, 0.5 * car.width
     against, window = 0.0, np.zeros(10)
     was_off = True
@@ -140,6 +172,7 @@ def _judge(road: Situation, car: Body, states: FloatArray, terms: FloatArray) ->
         on_road = box_on_grid(road.grid, x, y, cos, sin, half_length, half_width) & ROAD_BIT
         if not on_road and not was_off:
             terms[DAC] = 0.0
+            terms[OFF_AT] = min(terms[OFF_AT], k * DT)
         was_off = was_off and not on_road
         step = speed * DT if not on_grid(road.grid, x, y) & ROUTE_BIT and on_grid(road.grid, x, y) & ROAD_BIT else 0.0
         against += step - window[k % 10]

@@ -93,7 +93,7 @@ class Surroundings:
 
     def __init__(self, observation: Observation) -> None:
         self._path, self._lanes = observation["path"].astype(np.float64), observation["lanes"]
-        rows = _boxes_on_path(observation["objects"], self._path)
+        rows = boxes_on_path(observation["objects"], self._path)
         self.lane_width = float(self._path[BEHIND, 5])
         self.neighbours = tuple(
             Neighbour(int(seen[0]), int(seen[7]), row[0], row[1], row[2], row[3], float(seen[4]), row[4], row[5])
@@ -141,7 +141,7 @@ def ran_into_from_behind(x: float, y: float, heading: float, length: float, half
 
 
 @njit(cache=True)
-def _project(x: float, y: float, path: FloatArray) -> tuple[int, float, float]:
+def project(x: float, y: float, path: FloatArray) -> tuple[int, float, float]:
     """Row of the path nearest to a point, metres along it from the ego's projection, and to the left of it."""
     i, least = 0, math.inf
     for j in range(path.shape[0]):
@@ -155,7 +155,7 @@ def _project(x: float, y: float, path: FloatArray) -> tuple[int, float, float]:
 
 
 @njit(cache=True)
-def _boxes_on_path(objects: Float32Array, path: FloatArray) -> FloatArray:
+def boxes_on_path(objects: Float32Array, path: FloatArray) -> FloatArray:
     """(48, 6) lowest and highest s, lowest and highest d [m] of each box, cosine and sine of its heading."""
     out = np.zeros((objects.shape[0], 6))
     for k in range(objects.shape[0]):
@@ -168,10 +168,10 @@ def _boxes_on_path(objects: Float32Array, path: FloatArray) -> FloatArray:
         for a in (-0.5, 0.0, 0.5):
             for b in (-0.5, 0.5):
                 px, py = x + a * length * cos - b * width * sin, y + a * length * sin + b * width * cos
-                _, s, d = _project(px, py, path)
+                _, s, d = project(px, py, path)
                 out[k, 0], out[k, 1] = min(out[k, 0], s), max(out[k, 1], s)
                 out[k, 2], out[k, 3] = min(out[k, 2], d), max(out[k, 3], d)
-        i, _, _ = _project(x, y, path)
+        i, _, _ = project(x, y, path)
         out[k, 4], out[k, 5] = math.cos(heading - path[i, 2]), math.sin(heading - path[i, 2])
     return out
 
@@ -183,7 +183,7 @@ def _points_on_path(lines: FloatArray, path: FloatArray) -> FloatArray:
     out = np.empty((lines.shape[0] * count, 3))
     for k in range(lines.shape[0]):
         for p in range(count):
-            i, s, d = _project(lines[k, p, 0], lines[k, p, 1], path)
+            i, s, d = project(lines[k, p, 0], lines[k, p, 1], path)
             a = min(p, count - 2)
             heading = math.atan2(lines[k, a + 1, 1] - lines[k, a, 1], lines[k, a + 1, 0] - lines[k, a, 0])
             out[k * count + p] = s, d, math.cos(heading - path[i, 2])

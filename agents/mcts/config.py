@@ -49,6 +49,8 @@ class Settings(Config):
         reuse: Search first along the plan of the tick before (ours).
         emergency: Brake hard where the plan fails soon (ours; PDM's idea).
         caution: Who is ahead in the lane is not believed to clear it sooner than it has to, see `caution` (ours).
+        value: "network" ends walks early, and asks the value network what comes after (ours).
+        value_depth_s: Where it is asked, s.
     """
 
     predictor: str = "learned"
@@ -67,6 +69,8 @@ class Settings(Config):
     reuse: bool = True
     emergency: bool = True
     caution: bool = True
+    value: Literal["none", "network"] = "none"
+    value_depth_s: Annotated[float, Field(ge=2.0, lt=HORIZON_S)] = 4.0
 
 
 class Rules(NamedTuple):
@@ -75,6 +79,7 @@ class Rules(NamedTuple):
     Attributes:
         hold_steps: Steps of 0.1 s an action is held.
         depth: Actions to the horizon.
+        bootstrap: Actions after which a walk ends and the value network is asked; 0: never.
         acceleration_step: Between two accelerations, m/s^2 (thesis: -3 to 3 in steps of 0.5).
         steering_step: Between two wheel angles, rad (thesis: pi/24); with `lane_steering`, between two lines, m (ours).
         lane_steering: 1 where steering values are lines beside the route.
@@ -115,6 +120,7 @@ class Rules(NamedTuple):
 
     hold_steps: int
     depth: int
+    bootstrap: int
     acceleration_step: float
     steering_step: float
     lane_steering: int
@@ -161,6 +167,9 @@ LATERAL_LIMIT = 4.4
 8.8 here, comfort at 4.89)."""
 EMERGENCY_S, EMERGENCY_BRAKING = 2.0, 8.0
 """A plan that fails within that time is answered by that deceleration, m/s^2 (ours; the time is PDM's)."""
+HARDEST, LET_GO = 3.0, 0.65
+"""The hardest action's deceleration, m/s^2, and by how much more than the bounded jerk an emergency's brakes are let go
+in a tick until they are down to it, m/s^2 (ours)."""
 PERFECT_BONUS = 10
 """Visits a perfect rollout is worth in the final choice (the thesis's code)."""
 
@@ -175,6 +184,7 @@ def rules(settings: Settings) -> Rules:
     return Rules(
         hold_steps=round(settings.hold_s / DT),
         depth=round(HORIZON_S / settings.hold_s),
+        bootstrap=round(settings.value_depth_s / settings.hold_s) if settings.value == "network" else 0,
         acceleration_step=0.5,
         steering_step=0.5 if lane else 0.1308996938995747,
         lane_steering=int(lane),

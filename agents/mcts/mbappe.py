@@ -20,8 +20,10 @@ from agents.mcts.config import (
     CURVE_LATERAL,
     EMERGENCY_BRAKING,
     EMERGENCY_S,
+    HARDEST,
     HORIZON_S,
     LATERAL_LIMIT,
+    LET_GO,
     MAX_SPEED,
     MIDDLE,
     PERFECT_BONUS,
@@ -33,6 +35,7 @@ from agents.mcts.predicting import make_predictor
 from agents.mcts.prior import kernel, learned_actions
 from agents.mcts.simulator import FAILED, STANDING, STATE, controls
 from agents.mcts.tree import BEST_LEAF, PAIRS, Beliefs, best_child, make_tree, search, start
+from agents.mcts.value.mlp import load_value, no_value
 from agents.planning.motion import Idm, body, limited_steering, pursuit
 from agents.planning.prediction import Forecast
 from agents.planning.scene import SENSORS, Scene, SceneBuilder
@@ -69,6 +72,7 @@ class Mbappe(Agent):
         self.car = body(self._vehicle, LATERAL_LIMIT)
         self.tree = make_tree(self.settings.simulations, self.rules.depth)
         self._kernel = kernel(self.settings.prior_variance)
+        self._value = load_value() if self.settings.value == "network" else no_value()
         self.builder = SceneBuilder()
         self._forget(seed=0)
         self.act(empty_road(self.spec.sensors))
@@ -79,6 +83,9 @@ class Mbappe(Agent):
         """Forgets the last episode."""
         self.builder.reset()
         self._forget(seed)
+
+    def close(self) -> None:
+        """Holds nothing."""
 
     def _forget(self, seed: int) -> None:
         order = np.random.default_rng(seed).permutation(PAIRS)
@@ -92,16 +99,20 @@ class Mbappe(Agent):
 
     def act(self, observation: Observation) -> np.ndarray:
         """The first 0.1 s of the best plan: acceleration, and steering as a share of full lock."""
-        scene = self.builder.update(observation)
+        road, state, forecast = self.look(self.builder.update(observation))
+        decision = self.decide(road, state, forecast)
+        demand, wheel = self._command(road, state, decision)
+        # An emergency's brakes are let go faster than comfort allows, down to the hardest action's.
+        self._demand = demand if demand >= -HARDEST else min(demand + LET_GO, -HARDEST)
+        return np.array([demand, wheel / self._vehicle.max_steering])
+
+    def look(self, scene: Scene) -> tuple[Situation, FloatArray, Forecast]:
+        """What a scene means: the situation, the ego's state in it, and the forecast."""
         forecast = self.predictor.predict(scene)
         others = cautious(scene, forecast.actors) if self.settings.caution else forecast.actors
         road = situation(scene, others, max_speed=MAX_SPEED, curve=CURVE_LATERAL, braking=CURVE_BRAKING)
         self.scene, self.road = scene, road
-        state = self._root(scene, road)
-        decision = self.decide(road, state, forecast)
-        demand, wheel = self._command(road, state, decision)
-        self._demand = demand
-        return np.array([demand, wheel / self._vehicle.max_steering])
+        return road, self._root(scene, road), forecast
 
     def explain(self) -> Explanation | None:
         """The tree: nodes with Q, N, P, the terms of the reward and the trajectory; see `explanation`."""
@@ -121,6 +132,7 @@ class Mbappe(Agent):
             plan=self._plan,
             last=self._last,
             draws=self._draws(),
+            value=self._value,
         )
         until = math.inf if s.budget_ms is None else time.perf_counter() + s.budget_ms / 1000.0
         ran, chain = self._plan_from(road, beliefs, state, until)

@@ -83,9 +83,11 @@ ARMS: Mapping[str, Arm] = MappingProxyType(
         "no-reuse": _mbappe(reuse=False),
         "choice-q": _mbappe(choice="q"),
         "choice-visits": _mbappe(choice="visits"),
+        "value-network": _mbappe(value="network"),
         "random-shooting": Arm("random-shooting"),
         "idm": Arm("idm", thesis=76),
-        "pdm-closed": Arm("pdm-closed", thesis=92),
+        "pdm-closed": Arm("pdm-closed"),
+        "pdm-published": Arm("pdm-closed", MappingProxyType({"variant": "published"}), 92),
     }
 )
 """The base is `mbappe`: both priors, both constraints, the learned predictor, 1 s hold."""
@@ -105,12 +107,28 @@ CLAIMS: tuple[tuple[str, str, str], ...] = (
     ("mbappe", "predictor-idm", "score"),
     ("mbappe", "predictor-constant_velocity", "score"),
     ("mbappe", "alone-learned", "score"),
+    ("predictor-idm", "alone-idm", "score"),
+    ("predictor-constant_velocity", "alone-constant_velocity", "score"),
     ("mbappe", "hold-0.1s", "score"),
     ("mbappe", "random-shooting", "score"),
     ("mbappe", "idm", "score"),
+    ("mbappe", "choice-q", "score"),
+    ("mbappe", "choice-visits", "score"),
+    ("mbappe", "autopilot", "score"),
     ("pdm-closed", "idm", "score"),
+    ("pdm-closed", "mbappe", "score"),
+    ("pdm-closed", "pdm-published", "score"),
 )
-"""Whose metric the thesis, or the reason for an arm, expects to be above whose."""
+"""Whose metric the thesis, or the reason for an arm, expects to be above whose, on excerpts."""
+
+ROUTE_CLAIMS: tuple[tuple[str, str, str], ...] = (
+    ("mbappe", "autopilot", "nocrash_success"),
+    ("mbappe", "autopilot", "driving_score"),
+    ("pdm-closed", "autopilot", "nocrash_success"),
+    ("pdm-closed", "autopilot", "driving_score"),
+    ("mbappe", "pdm-closed", "driving_score"),
+)
+"""The same on whole routes."""
 
 
 def part_of(benchmark: Benchmark, part: Part, per_type: int | None = None) -> Benchmark:
@@ -143,6 +161,21 @@ def part_of(benchmark: Benchmark, part: Part, per_type: int | None = None) -> Be
     cells = tuple(cell for cell in benchmark.cells if cell.missions in missions)
     fields = {name: getattr(benchmark, name) for name in Benchmark.model_fields}
     return Benchmark(**fields | {"name": f"{benchmark.name}-{part}", "cells": cells, "missions": missions})
+
+
+def cells_of(benchmark: Benchmark, prefix: str) -> Benchmark:
+    """The cells of a benchmark whose names begin so.
+
+    Raises:
+        InvalidInputError: No cell does.
+    """
+    cells = tuple(cell for cell in benchmark.cells if cell.name.startswith(prefix))
+    if not cells:
+        names = ", ".join(cell.name for cell in benchmark.cells)
+        raise InvalidInputError(f"benchmark '{benchmark.name}': no cell begins with '{prefix}' (there is {names})")
+    missions = {cell.missions: benchmark.missions[cell.missions] for cell in cells}
+    fields = {name: getattr(benchmark, name) for name in Benchmark.model_fields}
+    return Benchmark(**fields | {"name": f"{benchmark.name}-{prefix}", "cells": cells, "missions": missions})
 
 
 def _hash(name: str) -> bytes:
@@ -203,6 +236,7 @@ def run(
     workers: int,
     part: Part = "all",
     per_type: int | None = None,
+    cells: str = "",
 ) -> dict[str, Any]:
     """Drives the arms and writes OUT/study.json, anew after each arm.
 
@@ -213,6 +247,7 @@ def run(
     if unknown:
         raise InvalidInputError(f"no arm named {', '.join(unknown)} (there is {', '.join(ARMS)})")
     driven = part_of(load_benchmark(benchmark), part, per_type)
+    driven = cells_of(driven, cells) if cells else driven
     drives: dict[str, Drives] = {}
     reference: dict[Key, float] = {}
     document: dict[str, Any] = {}
@@ -230,13 +265,13 @@ def run(
             }
         drives[name] = measure(result, reference)
         print(f"{name}: {_shown(estimates(drives[name])['score'])}", flush=True)
-        document = as_document(benchmark, drives, part, per_type)
+        document = as_document(benchmark, drives, part, per_type, cells)
         write_atomically(out / "study.json", json.dumps(document, indent=1).encode())
     return document
 
 
 def as_document(
-    benchmark: str, drives: Mapping[str, Drives], part: Part = "all", per_type: int | None = None
+    benchmark: str, drives: Mapping[str, Drives], part: Part = "all", per_type: int | None = None, cells: str = ""
 ) -> dict[str, Any]:
     """The study as plain JSON."""
     arms = {
@@ -249,12 +284,13 @@ def as_document(
         for name, found in drives.items()
     }
     claims = []
-    for above, below, metric in CLAIMS:
+    for above, below, metric in CLAIMS if benchmark.startswith("val14") else ROUTE_CLAIMS:
         if above in drives and below in drives:
             word, compared = verdict(drives[above], drives[below], metric)
             difference = dataclasses.asdict(compared.difference) if compared else None
             claims.append({"above": above, "below": below, "metric": metric, "verdict": word, "difference": difference})
-    return {"benchmark": benchmark, "part": part, "per_type": per_type, "arms": arms, "claims": claims}
+    driven = {"benchmark": benchmark, "part": part, "per_type": per_type, "cells": cells}
+    return driven | {"arms": arms, "claims": claims}
 
 
 def tables(document: Mapping[str, Any]) -> str:
@@ -273,6 +309,7 @@ def tables(document: Mapping[str, Any]) -> str:
     ]
     half = "" if document["part"] == "all" else f", part `{document['part']}`"
     half += f", {document['per_type']} of each type" if document["per_type"] else ""
+    half += f", cells `{document['cells']}`" if document["cells"] else ""
     lines = [f"On `{document['benchmark']}`{half}:", "", head, *rows]
     if claims:
         lines += ["", "| claim | metric | paired difference | verdict |\n|---|---|---|---|", *claims]
@@ -311,10 +348,11 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--part", choices=get_args(Part), default="all", help="of a benchmark of excerpts")
     parser.add_argument("--per-type", type=int, help="at most so many scenarios of each type")
+    parser.add_argument("--cells", default="", help="only those whose names begin so")
     parser.add_argument("--readme", action="store_true", help="write the tables into the README beside this file")
     given = parser.parse_args()
     document = run(
-        given.benchmark, given.arms, given.seeds, given.out, given.workers, given.part, given.per_type
+        given.benchmark, given.arms, given.seeds, given.out, given.workers, given.part, given.per_type, given.cells
     )  # fmt: skip
     print(tables(document))
     if given.readme:

@@ -1,7 +1,7 @@
 """The tree: PUCT over flat preallocated arrays, in numba.
 
 A simulation walks from the root to the horizon, or to a failure, and makes every node on its way that is not there yet:
-there is no value network to ask at a leaf, so each walk ends where its return is known. Selection, expansion,
+without a value network to ask at a leaf, each walk ends where its return is known. Selection, expansion,
 evaluation and back-up are the thesis's; see README.md for what is ours.
 """
 
@@ -15,6 +15,7 @@ from numba import njit
 
 from agents.mcts.config import ACTIONS, DT, LARGEST, MIDDLE, Rules
 from agents.mcts.simulator import FAILED, SPEED, STATE, TERMS, advance, crafted_centre
+from agents.mcts.value.mlp import Mlp, no_value, value_of
 from agents.planning.motion import Body, Idm
 from agents.planning.situation import Situation
 from sumo_networks.arrays import FloatArray, IntArray
@@ -35,6 +36,7 @@ class Tree(NamedTuple):
         state: (M, 10) see `simulator.STATE`.
         terms: (M, 10) terms of the reward of the action that led here.
         reward: (M,) their sum.
+        beyond: (M,) what the value network says comes after a walk that ends here, else 0.
         outcome: (M,) `simulator.ALIVE` or FAILED.
         visits: (M,) N.
         value: (M,) Q, the mean return of the action that led here.
@@ -54,6 +56,7 @@ class Tree(NamedTuple):
     state: FloatArray
     terms: FloatArray
     reward: FloatArray
+    beyond: FloatArray
     outcome: np.ndarray
     visits: np.ndarray
     value: FloatArray
@@ -77,6 +80,7 @@ def make_tree(simulations: int, depth: int) -> Tree:
         state=np.zeros((nodes, STATE)),
         terms=np.zeros((nodes, TERMS)),
         reward=np.zeros(nodes),
+        beyond=np.zeros(nodes),
         outcome=np.zeros(nodes, dtype=np.int8),
         visits=np.zeros(nodes, dtype=np.int32),
         value=np.zeros(nodes),
@@ -99,6 +103,7 @@ class Beliefs(NamedTuple):
         plan: (D,) actions to try first, -1 for none.
         last: (2,) indices of the action executed before.
         draws: (K,) uniform in [0, 1), one per step of a random walk; empty for a search.
+        value: The value network; it is asked only where the rules say so.
     """
 
     kernel: FloatArray
@@ -107,6 +112,7 @@ class Beliefs(NamedTuple):
     plan: IntArray
     last: IntArray
     draws: FloatArray
+    value: Mlp = no_value()
 
 
 @njit(cache=True, error_model="numpy")
@@ -128,6 +134,7 @@ def start(tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, belief
         tree.state[0, i] = state[i]
     tree.terms[0, :] = 0.0
     tree.reward[0], tree.visits[0], tree.value[0], tree.prior[0], tree.perfect[0] = 0.0, 0, 0.0, 1.0, 0
+    tree.beyond[0] = 0.0
     tree.best[0] = -math.inf
     _open(tree, road, car, rules, idm, beliefs, 0)
 
@@ -152,13 +159,13 @@ def search(
     Returns:
         How many simulations ran.
     """
-    by_prior = 1 if beliefs.plan[0] >= 0 else 0
+    by_prior, end = 1 if beliefs.plan[0] >= 0 else 0, walk_end(rules)
     for simulation in range(simulations):
         node, steps = 0, 0
         tree.path[0] = 0
         following = beliefs.plan[0] >= 0 and tree.visits[0] == 0
         prior_only = tree.visits[0] == by_prior
-        while tree.depth[node] < rules.depth and tree.outcome[node] != FAILED:
+        while tree.depth[node] < end and tree.outcome[node] != FAILED:
             action = -1
             if following:
                 action = _planned(tree, beliefs, node)
@@ -179,6 +186,12 @@ def search(
             tree.numbers[PERFECT_FIRST] = 1
             return simulation + 1
     return simulations
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def walk_end(rules: Rules) -> int:
+    """Actions after which a walk ends."""
+    return min(rules.bootstrap, rules.depth) if rules.bootstrap > 0 else rules.depth
 
 
 @njit(cache=True, error_model="numpy")
@@ -290,9 +303,13 @@ def _expand(
     reward = 0.0
     for i in range(TERMS):
         reward += tree.terms[child, i]
-    tree.reward[child] = reward
-    if tree.outcome[child] != FAILED and tree.depth[child] < rules.depth:
-        _open(tree, road, car, rules, idm, beliefs, child)
+    tree.reward[child], tree.beyond[child] = reward, 0.0
+    if tree.outcome[child] != FAILED:
+        if tree.depth[child] < walk_end(rules):
+            _open(tree, road, car, rules, idm, beliefs, child)
+        elif tree.depth[child] < rules.depth:
+            time = tree.depth[child] * rules.hold_steps * DT
+            tree.beyond[child] = value_of(beliefs.value, road, car, rules, tree.state[child], time)
     return int(child)
 
 
@@ -328,12 +345,13 @@ def _mass(kernel: FloatArray, first: int, last: int, centre: int) -> float:
 @njit(cache=True, error_model="numpy")
 def back_up(tree: Tree, steps: int) -> None:
     """Q <- (N Q + G) / (N + 1), N <- N + 1 along the walk, G being the undiscounted return from each action on."""
-    total, perfect = 0.0, tree.outcome[tree.path[steps]] != FAILED
+    beyond, perfect = tree.beyond[tree.path[steps]], tree.outcome[tree.path[steps]] != FAILED
+    total = beyond
     for k in range(1, steps + 1):
         total += tree.reward[tree.path[k]]
     if total > tree.best[0]:
         tree.numbers[BEST_LEAF] = tree.path[steps]
-    ahead = 0.0
+    ahead = beyond
     for k in range(steps, -1, -1):
         node = tree.path[k]
         ahead += tree.reward[node]

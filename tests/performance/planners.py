@@ -1,7 +1,11 @@
 """How long a decision takes: MBAPPE and PDM-Closed on one core, against simulations and actors.
 
-Each decision is the whole of `act` on an observation with that many moving actors around: scene, forecast at constant
-velocity, search. Observations differ from decision to decision. `python tests/performance/planners.py [FILE.json]`
+Each decision is the whole of `act` on an observation with that many moving actors around, of which the sensor shows the
+nearest 48: scene, forecast, search. MBAPPE is as it is by default, with its learned predictor; beside it at constant
+velocity, and with the value network. Observations differ from decision to decision.
+
+    python tests/performance/planners.py [FILE.json]
+    python -m agents.mcts.speed                          # draws agents/mcts/results/speed.json
 """
 
 from __future__ import annotations
@@ -12,6 +16,7 @@ import platform
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
@@ -27,8 +32,14 @@ from sumo_networks.scenario import Place
 from sumo_networks.sensors.lanes import ATTRIBUTES, POINTS
 
 SIMULATIONS = (64, 128, 256, 512, 1024, 2048, 4096)
-ACTORS = (0, 10, 20, 30, 40, 48)
+ACTORS = (0, 10, 20, 30, 40, 60, 80, 100)
 DECISIONS = 100
+WAYS: dict[str, dict[str, Any]] = {
+    "learned": {},
+    "constant velocity": {"predictor": "constant_velocity"},
+    "value network": {"value": "network"},
+}
+"""MBAPPE's settings."""
 GOALS_MS = {"mbappe": (10.0, 20.0), "pdm-closed": (15.0, None)}
 
 
@@ -38,13 +49,17 @@ def traffic(actors: int, rng: np.random.Generator) -> Observation:
     out["ego_state"][3] = 9.0
     out["objects"][:] = 0.0
     out["objects"][:, 0] = -1.0
-    for i in range(min(actors, len(out["objects"]))):
+    rows = []
+    for i in range(actors):
         lane, x = int(rng.integers(-1, 2)), float(rng.uniform(-60.0, 100.0))
         if abs(x) < 20.0 and lane == 0:
             lane = 1
         kind, y, pace = (6, 7.0, 1.2) if i % 5 == 0 else (0, 3.2 * lane, float(rng.uniform(6.0, 12.0)))
         length, width = (0.3, 0.5) if kind == 6 else (4.5, 1.8)
-        out["objects"][i] = kind, x, y + float(rng.normal(0.0, 0.2)), 0.0, pace, length, width, i
+        rows.append((kind, x, y + float(rng.normal(0.0, 0.2)), 0.0, pace, length, width, i))
+    nearest = sorted(rows, key=lambda row: row[1] ** 2 + row[2] ** 2)[: len(out["objects"])]
+    for i, row_of in enumerate(nearest):
+        out["objects"][i] = row_of
     lanes = out["lanes"]
     row = 0
     for lane in (-1, 0, 1):
@@ -80,14 +95,15 @@ def main(out: Path) -> None:
     results = {
         "machine": platform.processor() or platform.machine(),
         "load": os.getloadavg()[0],
-        "mbappe": milliseconds(Mbappe(predictor="constant_velocity"), 30, 300),
+        "mbappe": milliseconds(Mbappe(), 30, 300),
         "pdm-closed": milliseconds(PdmClosed(), 30, 300),
         "by_simulations": {
-            n: milliseconds(Mbappe(predictor="constant_velocity", simulations=n), 30) for n in SIMULATIONS
+            way: {n: milliseconds(Mbappe(**settings, simulations=n), 30) for n in SIMULATIONS}
+            for way, settings in WAYS.items()
         },
-        "by_actors": {n: milliseconds(Mbappe(predictor="constant_velocity"), n) for n in ACTORS},
+        "by_actors": {way: {n: milliseconds(Mbappe(**settings), n) for n in ACTORS} for way, settings in WAYS.items()},
     }
-    out.write_text(json.dumps(results, indent=1))
+    out.write_text(json.dumps(results, indent=1) + "\n")
     missed = []
     for agent, (median, p99) in GOALS_MS.items():
         got = results[agent]
@@ -95,8 +111,9 @@ def main(out: Path) -> None:
         if got["median_ms"] >= median or (p99 is not None and got["p99_ms"] >= p99):
             missed.append(agent)
     for key in ("by_simulations", "by_actors"):
-        for n, got in results[key].items():
-            print(f"{key.removeprefix('by_')} {n}: {_words(got)}")
+        for way, row in results[key].items():
+            for n, got in row.items():
+                print(f"{way}, {n} {key.removeprefix('by_')}: {_words(got)}")
     sys.exit(f"too slow: {', '.join(missed)}" if missed else 0)
 
 

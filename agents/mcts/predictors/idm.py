@@ -66,6 +66,7 @@ class Paths(NamedTuple):
 
     Attributes:
         points: (N, 90, 4) x, y [m], cosine, sine.
+        heading: (N, 90), rad.
         allowed: (N, 90), m/s: limit and curves, braking in time.
         line: (N,) arc length of the first red light's line, m.
         lateral: (N,), m, distance of the agent to the left of its path.
@@ -73,6 +74,7 @@ class Paths(NamedTuple):
     """
 
     points: FloatArray
+    heading: FloatArray
     allowed: FloatArray
     line: FloatArray
     lateral: FloatArray
@@ -104,6 +106,7 @@ def paths(scene: Scene, agents: Agents) -> Paths:
     lanes, count = scene.lanes, len(agents.speed)
     out = Paths(
         points=np.zeros((count, PATH_POINTS, 4)),
+        heading=np.zeros((count, PATH_POINTS)),
         allowed=np.zeros((count, PATH_POINTS)),
         line=np.full(count, FAR),
         lateral=np.zeros(count),
@@ -134,7 +137,7 @@ def _agents(scene: Scene) -> Agents:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _foot(points: FloatArray, x: float, y: float) -> tuple[int, float, float, float]:
     """Nearest place on a polyline: segment, share of it, signed distance [m, left positive], direction [rad]."""
     best, row, share = math.inf, 0, 0.0
@@ -151,7 +154,7 @@ def _foot(points: FloatArray, x: float, y: float) -> tuple[int, float, float, fl
     return row, share, math.copysign(math.sqrt(best), side), math.atan2(uy, ux)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _onward(now: int, points: FloatArray, following: IntArray, on_route: IntArray, ego: bool) -> int:
     """The piece taken after one: the straightest, for the ego its route's; -1 at the end of the known map."""
     last = points[now, -1] - points[now, -2]
@@ -170,7 +173,7 @@ def _onward(now: int, points: FloatArray, following: IntArray, on_route: IntArra
     return chosen
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _find(
     agents: Agents,
     points: FloatArray,
@@ -205,7 +208,7 @@ def _find(
             _lay(n, piece, segment, share, points, limit, red, following, on_route, agents.fastest[n], out)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _lay(
     n: int,
     piece: int,
@@ -249,16 +252,17 @@ def _lay(
         out.allowed[n, filled] = min(fast, fastest)
         filled += 1
         left += SPACING_M
+    for i in range(PATH_POINTS):
+        out.heading[n, i] = math.atan2(out.points[n, i, 3], out.points[n, i, 2])
     for i in range(1, PATH_POINTS - 1):
-        a, b = out.points[n, i - 1], out.points[n, i + 1]
-        bend = abs(wrap(math.atan2(b[3], b[2]) - math.atan2(a[3], a[2]))) / (2.0 * SPACING_M)
+        bend = abs(wrap(out.heading[n, i + 1] - out.heading[n, i - 1])) / (2.0 * SPACING_M)
         out.allowed[n, i] = min(out.allowed[n, i], math.sqrt(LATERAL_ACCELERATION / max(bend, 1e-4)))
     for i in range(PATH_POINTS - 2, -1, -1):
         reachable = math.sqrt(out.allowed[n, i + 1] ** 2 + 2.0 * CURVE_BRAKING * SPACING_M)
         out.allowed[n, i] = min(out.allowed[n, i], reachable)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def roll_out(model: Idm, agents: Agents, way: Paths) -> FloatArray:
     """(N, 81, 3) poses of all agents, every 0.1 s."""
     count = agents.speed.shape[0]
@@ -266,13 +270,13 @@ def roll_out(model: Idm, agents: Agents, way: Paths) -> FloatArray:
     now, speed, s = agents.pose.copy(), agents.speed.copy(), np.zeros(count)
     turn = np.zeros(count)
     for n in range(count):
-        turn[n] = wrap(now[n, 2] - math.atan2(way.points[n, 0, 3], way.points[n, 0, 2])) if way.found[n] else 0.0
-    leader, gap = np.full(count, -1), np.full(count, math.inf)
+        turn[n] = wrap(now[n, 2] - way.heading[n, 0]) if way.found[n] else 0.0
+    leader, gap, bounds = np.full(count, -1), np.full(count, math.inf), _bounds(way)
     for k in range(STEPS):
         out[:, k] = now
         if k % LEADER_TICKS == 0:
-            _leaders(agents, way, now, s, leader, gap)
-        before = speed.copy()
+            _leaders(agents, way, bounds, now, s, leader, gap)
+        before, fading = speed.copy(), math.exp(-(k + 1) * STEP_S / CENTRING_S)
         for n in range(count):
             if not way.found[n]:
                 now[n, 0] += speed[n] * STEP_S * math.cos(now[n, 2])
@@ -290,52 +294,77 @@ def roll_out(model: Idm, agents: Agents, way: Paths) -> FloatArray:
             moved = 0.5 * (speed[n] + faster) * STEP_S
             s[n], speed[n] = s[n] + moved, faster
             gap[n] += max(their, 0.0) * STEP_S - moved
-            _place(way.points[n], s[n], way.lateral[n], turn[n], (k + 1) * STEP_S, now[n])
+            _place(way, n, s[n], fading * way.lateral[n], fading * turn[n], now[n])
     return out
 
 
-@njit(cache=True)
-def _place(points: FloatArray, s: float, lateral: float, turn: float, time: float, now: FloatArray) -> None:
-    """The pose at an arc length; the distance and the angle to the lane at the start die away."""
-    row = min(max(int(s / SPACING_M), 0), points.shape[0] - 2)
+@njit(cache=True, error_model="numpy")
+def _place(way: Paths, n: int, s: float, lateral: float, turn: float, now: FloatArray) -> None:
+    """The pose at an arc length, at a distance [m] and an angle [rad] to the path."""
+    points, heading = way.points[n], way.heading[n]
+    row = min(max(int(s / SPACING_M), 0), PATH_POINTS - 2)
     share = s / SPACING_M - row
-    fading = math.exp(-time / CENTRING_S)
-    a, b = points[row], points[row + 1]
-    direction = math.atan2(a[3], a[2])
-    direction += min(max(share, 0.0), 1.0) * wrap(math.atan2(b[3], b[2]) - direction)
-    now[0] = a[0] + share * (b[0] - a[0]) - lateral * fading * math.sin(direction)
-    now[1] = a[1] + share * (b[1] - a[1]) + lateral * fading * math.cos(direction)
-    now[2] = wrap(direction + turn * fading)
+    direction = heading[row] + min(max(share, 0.0), 1.0) * wrap(heading[row + 1] - heading[row])
+    now[0] = points[row, 0] + share * (points[row + 1, 0] - points[row, 0]) - lateral * math.sin(direction)
+    now[1] = points[row, 1] + share * (points[row + 1, 1] - points[row, 1]) + lateral * math.cos(direction)
+    now[2] = wrap(direction + turn)
 
 
-@njit(cache=True)
-def _leaders(agents: Agents, way: Paths, now: FloatArray, s: FloatArray, leader: IntArray, gap: FloatArray) -> None:
+@njit(cache=True, error_model="numpy")
+def _bounds(way: Paths) -> FloatArray:
+    """(N, 4) least and greatest x, least and greatest y of every path, m."""
+    out = np.empty((way.points.shape[0], 4))
+    for n in range(out.shape[0]):
+        x, y = way.points[n, :, 0], way.points[n, :, 1]
+        out[n] = x.min(), x.max(), y.min(), y.max()
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _leaders(
+    agents: Agents, way: Paths, bounds: FloatArray, now: FloatArray, s: FloatArray, leader: IntArray, gap: FloatArray
+) -> None:
     """Who is next ahead on each path, and how far, m."""
     count = agents.speed.shape[0]
-    reach = PATH_POINTS * SPACING_M
     for n in range(count):
+        last = leader[n]
         leader[n], gap[n] = -1, math.inf
         if not way.found[n]:
             continue
-        first = min(max(int(s[n] / SPACING_M), 0), PATH_POINTS - 2)
+        # Who led before most likely still does: then nobody farther off has to be looked for.
+        if last >= 0:
+            _follow(agents, way, now, s[n], n, last, leader, gap)
         for m in range(count):
-            if m == n or abs(now[m, 0] - now[n, 0]) > reach or abs(now[m, 1] - now[n, 1]) > reach:
-                continue
-            half = 0.5 * (agents.width[n] + agents.width[m]) + BESIDE_M
-            row = first
-            while row < PATH_POINTS:
-                p = way.points[n, row]
-                dx, dy = now[m, 0] - p[0], now[m, 1] - p[1]
-                spare = math.hypot(dx, dy) - half - SPACING_M
-                if spare > 0.0:  # a point is at most 2 m nearer than the one before it
-                    row += max(int(spare / SPACING_M), 1)
-                    continue
-                along = dx * p[2] + dy * p[3]
-                if abs(along) > SPACING_M or abs(dy * p[2] - dx * p[3]) > half:
-                    row += 1
-                    continue
-                at = row * SPACING_M + along
-                free = at - s[n] - 0.5 * (agents.length[n] + agents.length[m])
-                if at > s[n] and free < gap[n]:
-                    leader[n], gap[n] = m, free
-                break
+            spare = 0.5 * (agents.width[n] + agents.width[m]) + BESIDE_M + SPACING_M
+            x, y, box = now[m, 0], now[m, 1], bounds[n]
+            near = box[0] - spare <= x <= box[1] + spare and box[2] - spare <= y <= box[3] + spare
+            if near and m != n and m != last:
+                _follow(agents, way, now, s[n], n, m, leader, gap)
+
+
+@njit(cache=True, error_model="numpy")
+def _follow(
+    agents: Agents, way: Paths, now: FloatArray, s: float, n: int, m: int, leader: IntArray, gap: FloatArray
+) -> None:
+    """Makes m the leader of n if it is on its path, nearer than the leader known."""
+    half = 0.5 * (agents.width[n] + agents.width[m]) + BESIDE_M
+    bumpers = 0.5 * (agents.length[n] + agents.length[m])
+    row = min(max(int(s / SPACING_M), 0), PATH_POINTS - 2)
+    until = min(float(PATH_POINTS), (s + gap[n] + bumpers) / SPACING_M + 1.0)
+    x, y, points = now[m, 0], now[m, 1], way.points[n]
+    while row < until:
+        dx, dy = x - points[row, 0], y - points[row, 1]
+        spare = math.sqrt(dx * dx + dy * dy) - half - SPACING_M
+        if spare > 0.0:  # a point is at most 2 m nearer than the one before it
+            row += max(int(spare / SPACING_M), 1)
+            continue
+        cos, sin = points[row, 2], points[row, 3]
+        along = dx * cos + dy * sin
+        if abs(along) > SPACING_M or abs(dy * cos - dx * sin) > half:
+            row += 1
+            continue
+        at = row * SPACING_M + along
+        free = at - s - bumpers
+        if at > s and free < gap[n]:
+            leader[n], gap[n] = m, free
+        return

@@ -47,7 +47,9 @@ class TrainConfig(Config):
         steps: Updates.
         batch: Samples per update.
         learning_rate: Highest, after the warm-up.
-        warm_up_steps: Over which it rises; then it falls to zero along a cosine.
+        warm_up_steps: Over which it rises.
+        decay_steps: The last so many, over which it falls to zero along a cosine; None: all after the warm-up. A
+            training that has not come so far may be resumed with another number of `steps`.
         weight_decay: Of AdamW.
         gradient_norm: At most.
         ego_weight: How many neighbours the ego counts for.
@@ -66,6 +68,7 @@ class TrainConfig(Config):
     batch: Annotated[int, Field(gt=0)] = 32
     learning_rate: Annotated[float, Field(gt=0)] = 1e-3
     warm_up_steps: Annotated[int, Field(ge=0)] = 100
+    decay_steps: Annotated[int, Field(gt=0)] | None = None
     weight_decay: Annotated[float, Field(ge=0)] = 1e-4
     gradient_norm: Annotated[float, Field(gt=0)] = 1.0
     ego_weight: Annotated[float, Field(gt=0)] = 3.0
@@ -228,11 +231,17 @@ def train(
 
 
 def learning_rate(step: int, config: TrainConfig) -> float:
-    """Rises, then falls to zero along a cosine."""
+    """Rises, stays, then falls to zero along a cosine."""
     if step < config.warm_up_steps:
         return config.learning_rate * (step + 1) / config.warm_up_steps
-    share = (step - config.warm_up_steps) / max(config.steps - config.warm_up_steps, 1)
+    first = _decays_from(config)
+    share = max(step - first, 0) / max(config.steps - first, 1)
     return 0.5 * config.learning_rate * (1.0 + math.cos(math.pi * share))
+
+
+def _decays_from(config: TrainConfig) -> int:
+    """The first step whose learning rate depends on how many there are."""
+    return config.warm_up_steps if config.decay_steps is None else max(config.steps - config.decay_steps, 0)
 
 
 def batch_indices(step: int, size: int, config: TrainConfig) -> Tensor:
@@ -262,7 +271,7 @@ def save_checkpoint(
     tensors = {f"network.{name}": tensor for name, tensor in network.state_dict().items()}
     for number, state in optimiser.state_dict()["state"].items():
         tensors |= {f"optimiser.{number}.{name}": torch.as_tensor(value) for name, value in state.items()}
-    facts = {"step": str(step), "config": _fingerprint(config)}
+    facts = {"step": str(step), "config": _fingerprint(config, step)}
     write_atomically(path, save({name: tensor.contiguous() for name, tensor in tensors.items()}, facts))
 
 
@@ -280,7 +289,7 @@ def load_checkpoint(path: Path, network: MotionNetwork, optimiser: torch.optim.O
         raise InvalidInputError(f"no checkpoint '{path}' to go on from") from error
     except (OSError, SafetensorError) as error:
         raise InvalidInputError(f"checkpoint '{path}' is damaged: {error}") from error
-    if facts.get("config") != _fingerprint(config):
+    if facts.get("config") != _fingerprint(config, int(facts.get("step", 0))):
         raise InvalidInputError(f"checkpoint '{path}' is of another configuration: {facts.get('config')}")
     try:
         network.load_state_dict({k[8:]: v for k, v in tensors.items() if k.startswith("network.")})
@@ -332,11 +341,9 @@ def _board(config: TrainConfig) -> Any:
     return SummaryWriter(str(config.out / "tensorboard"))
 
 
-def _fingerprint(config: TrainConfig) -> str:
-    """What of a configuration decides the weights."""
-    return json.dumps(
-        config.model_dump(
-            mode="json", exclude={"out", "checkpoint_s", "tensorboard", "validate_every", "validation_samples"}
-        ),
-        sort_keys=True,
-    )
+def _fingerprint(config: TrainConfig, step: int) -> str:
+    """What of a configuration decides the weights after some steps."""
+    out = {"out", "checkpoint_s", "tensorboard", "validate_every", "validation_samples"}
+    if step <= _decays_from(config):
+        out |= {"steps", "decay_steps"}
+    return json.dumps(config.model_dump(mode="json", exclude=out), sort_keys=True)

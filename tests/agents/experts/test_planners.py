@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agents.experts.idm import IdmPlanner
-from agents.experts.pdm import LINE_GAP_M, MODEL, PdmClosed
+from agents.experts.pdm import LINE_GAP_M, MODEL, PdmClosed, Variant
 from agents.experts.proposals import (
     COMFORT,
     DAC,
@@ -28,13 +28,16 @@ from agents.experts.proposals import (
     score,
 )
 from agents.planning.motion import Idm, body, boxes_meet, idm_acceleration, project
-from agents.planning.situation import ROAD_BIT, ROUTE_BIT, Situation, leader, on_grid
+from agents.planning.prediction import constant_velocity
+from agents.planning.scene import SceneBuilder
+from agents.planning.situation import ROAD_BIT, ROUTE_BIT, Situation, leader, on_grid, situation
 from evaluation.agent import Agent
 from sumo_networks.arrays import FloatArray
+from sumo_networks.errors import InvalidInputError
 from sumo_networks.vehicle import VehicleParameters
 from sumo_networks.world import LightState
 from tests.agents.driving import drive, fronts, speeds, touched
-from tests.agents.mcts.roads import straight
+from tests.agents.mcts.roads import observation, straight
 from tests.worlds import Scene, lit_crossing, straight_road
 
 CAR = body(VehicleParameters(), 6.0)
@@ -88,11 +91,11 @@ def test_boxes_meet_at_their_edges(x: float, meets: bool) -> None:
 # PDM's proposals
 
 
-def rolled(road: Situation, speed: float) -> tuple[FloatArray, FloatArray]:
+def rolled(road: Situation, speed: float, careful: bool = True) -> tuple[FloatArray, FloatArray]:
     start, states = np.zeros(STATE), np.zeros((PROPOSALS, STEPS + 1, STATE))
     start[0], start[SPEED] = -CAR.axle, speed
     scores = np.zeros((PROPOSALS, SCORES))
-    roll_out(road, CAR, MODEL, LINE_GAP_M, 0.2, start, states)
+    roll_out(road, CAR, MODEL, LINE_GAP_M, 0.2, start, states, careful)
     score(road, CAR, states, scores)
     return states, scores
 
@@ -151,6 +154,34 @@ def test_leaving_the_road_is_worth_nothing() -> None:
     _, scores = rolled(straight(width=2.6), 8.0)
     assert scores[4, DAC] == 1.0
     assert scores[9, DAC] == scores[14, DAC] == 0.0
+
+
+def test_who_is_about_to_cross_is_waited_for() -> None:
+    seen = observation([(35.0, -5.0, 1.5)], kind="pedestrian", width=4.0)
+    seen["objects"][0, 3], seen["objects"][0, 5:7] = math.pi / 2, 0.5
+    scene = SceneBuilder().update(seen)
+    road = situation(scene, constant_velocity(scene), max_speed=14.0, curve=2.5, braking=2.0)
+    yields, _ = rolled(road, 10.0)
+    goes, _ = rolled(road, 10.0, careful=False)
+    assert yields[4, 20, SPEED] < 9.0 < goes[4, 20, SPEED]
+    too_late, _ = rolled(road, 14.0)  # 3 m/s^2 would not stop it before the crossing: it does not try
+    assert too_late[4, 10, SPEED] > 12.5
+
+
+@pytest.mark.parametrize(("variant", "braking"), [("careful", 8.0), ("published", 3.0)])
+def test_a_careful_one_brakes_hard_at_any_speed(variant: Variant, braking: float) -> None:
+    agent = PdmClosed(variant=variant)
+    assert agent.act(observation([(13.0, 0.0, 0.0)], speed=9.0))[0] == pytest.approx(-braking)
+
+
+def test_the_published_emergency_brake_works_at_low_speed() -> None:
+    agent = PdmClosed(variant="published")
+    assert agent.act(observation([(6.5, 0.0, 0.0)], speed=4.9))[0] == pytest.approx(-4.05)
+
+
+def test_an_unknown_variant_is_an_error() -> None:
+    with pytest.raises(InvalidInputError, match="expected variant 'careful' or 'published', got 'bold'"):
+        PdmClosed(variant="bold")  # type: ignore[arg-type]
 
 
 # Drives

@@ -6,7 +6,18 @@ from pathlib import Path
 import pytest
 
 from agents.mcts.config import Settings
-from agents.mcts.study import ARMS, CLAIMS, as_document, part_of, run, tables, verdict, write_tables
+from agents.mcts.study import (
+    ARMS,
+    CLAIMS,
+    ROUTE_CLAIMS,
+    as_document,
+    cells_of,
+    part_of,
+    run,
+    tables,
+    verdict,
+    write_tables,
+)
 from evaluation.benchmark import load_benchmark
 from evaluation.scenario_types import TYPES
 from sumo_networks.errors import InvalidInputError
@@ -21,7 +32,7 @@ def test_every_arm_can_be_set_and_every_claim_is_of_arms() -> None:
     for arm in ARMS.values():
         if arm.agent in ("mbappe", "random-shooting"):
             Settings(**arm.settings)
-    assert {name for above, below, _ in CLAIMS for name in (above, below)} <= set(ARMS)
+    assert {name for above, below, _ in CLAIMS + ROUTE_CLAIMS for name in (above, below)} <= set(ARMS)
 
 
 @pytest.mark.parametrize(
@@ -73,6 +84,16 @@ def test_so_many_of_each_type_are_a_part_of_more() -> None:
 def test_a_benchmark_without_excerpts_has_no_parts() -> None:
     with pytest.raises(InvalidInputError, match="held-out"):
         part_of(load_benchmark("quickstart"), "held-out")
+
+
+def test_cells_are_chosen_by_how_their_names_begin() -> None:
+    nocrash = load_benchmark("nocrash")
+    dense = cells_of(nocrash, "town-test.dense")
+    assert [cell.name for cell in dense.cells] == ["town-test.dense.train", "town-test.dense.test"]
+    names = {one.name for one in nocrash.scenarios([0])}
+    assert {one.name for one in dense.scenarios([0])} == {name for name in names if name.startswith("town-test.dense")}
+    with pytest.raises(InvalidInputError, match="no cell begins with 'town-nowhere'"):
+        cells_of(nocrash, "town-nowhere")
 
 
 def test_an_unknown_arm_is_refused(tmp_path: Path) -> None:

@@ -117,6 +117,22 @@ def test_the_learning_rate_rises_and_falls(data, tmp_path):
     assert rates[24] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_a_training_may_be_given_another_end_until_its_rate_falls(data, tmp_path):
+    settings = config(data, tmp_path, decay_steps=6)
+    rates = [learning_rate(step, settings) for step in range(25)]
+    assert rates[4:19] == [pytest.approx(3e-3)] * 15
+    assert rates[19] < 3e-3
+    assert rates[24] == pytest.approx(0.0, abs=1e-9)
+    whole = train(config(data, tmp_path / "whole", steps=14, decay_steps=6))
+    with pytest.raises(KeyboardInterrupt):
+        train(config(data, tmp_path / "parts", decay_steps=6, checkpoint_s=1e-9), progress=stopped_at(9))
+    parts = train(config(data, tmp_path / "parts", steps=14, decay_steps=6), resume=True)
+    expected, got = load_file(whole), load_file(parts)
+    assert all(torch.equal(expected[name], got[name]) for name in expected)
+    with pytest.raises(InvalidInputError, match="another configuration"):
+        train(config(data, tmp_path / "parts", steps=15, decay_steps=6), resume=True)
+
+
 def test_a_finished_training_is_not_overwritten_and_another_not_resumed(data, tmp_path):
     train(config(data, tmp_path, steps=2))
     with pytest.raises(InvalidInputError, match="--resume"):

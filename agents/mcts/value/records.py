@@ -1,0 +1,90 @@
+"""Records: states that a search came through, and the best return to the horizon that it found from each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from agents.mcts.config import DT, Rules
+from agents.mcts.mbappe import Mbappe
+from agents.mcts.simulator import FAILED
+from agents.mcts.tree import NODES, Tree
+from agents.mcts.value.mlp import FEATURES, describe
+from agents.planning.motion import Body
+from agents.planning.scene import Scene
+from agents.planning.situation import Situation
+from evaluation.agent import Mission
+from sumo_networks.arrays import FloatArray
+from sumo_networks.scenario import Place
+
+LEAST_VISITS = 12
+"""A state tried less often has not shown what it is worth."""
+FIRST_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Records:
+    """R states.
+
+    Attributes:
+        features: (R, 24) see `mlp.describe`.
+        returns: (R,) the best found from there to the horizon.
+    """
+
+    features: FloatArray
+    returns: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.returns)
+
+    @classmethod
+    def of(cls, some: Iterable[Records]) -> Records:
+        """All of several."""
+        listed = [cls(np.zeros((0, FEATURES)), np.zeros(0)), *some]
+        return cls(np.concatenate([r.features for r in listed]), np.concatenate([r.returns for r in listed]))
+
+
+def records_of(scenes: Iterable[Scene], simulations: int, predictor: str = "learned") -> Iterator[Records]:
+    """The records of one search per scene, each begun without a plan.
+
+    Args:
+        scenes: From which to search.
+        simulations: Of each.
+        predictor: Whose forecasts.
+    """
+    agent = Mbappe(predictor=predictor, simulations=simulations, emergency=False)
+    nobody = Mission(start=Place(lane=""), goal=Place(lane=""))
+    for scene in scenes:
+        agent.reset(nobody, 0)
+        road, state, forecast = agent.look(scene)
+        agent.decide(road, state, forecast)
+        yield found_in(agent.tree, road, agent.car, agent.rules)
+
+
+def found_in(tree: Tree, road: Situation, car: Body, rules: Rules) -> Records:
+    """The records of a finished search: states from 2 s on that were tried often enough, short of the horizon."""
+    nodes = int(tree.numbers[NODES])
+    features, returns = np.zeros((nodes, FEATURES)), np.zeros(nodes)
+    count = _collect(tree, road, car, rules, features, returns)
+    return Records(features[:count], returns[:count])
+
+
+@njit(cache=True, error_model="numpy")
+def _collect(tree: Tree, road: Situation, car: Body, rules: Rules, features: FloatArray, returns: FloatArray) -> int:
+    count = 0
+    for node in range(1, tree.numbers[NODES]):
+        time = tree.depth[node] * rules.hold_steps * DT
+        inside = time + 1e-9 >= FIRST_S and tree.depth[node] < rules.depth
+        if not inside or tree.visits[node] < LEAST_VISITS or tree.outcome[node] == FAILED:
+            continue
+        so_far, above = 0.0, node
+        while above > 0:
+            so_far += tree.reward[above]
+            above = tree.parent[above]
+        describe(road, car, rules, tree.state[node], time, features[count])
+        returns[count] = tree.best[node] - so_far
+        count += 1
+    return count

@@ -1,0 +1,151 @@
+"""Training of the value network on the search's own results, from top to bottom.
+
+    dohyo train value --config agents/mcts/checkpoints/value.toml
+
+Every so many scenes of a motion dataset are searched once, to the horizon; the network learns the best return found
+from each state that the search came through often. The records are kept beside the result, and are not made again.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import torch
+from pydantic import Field
+from safetensors.numpy import save
+from torch import Tensor, nn
+
+from agents.mcts.predictors.dataset import load_shard, shards_of
+from agents.mcts.value.mlp import FEATURES, WIDTH
+from agents.mcts.value.records import Records, records_of
+from agents.planning.scene import Scene
+from evaluation.store import write_atomically
+from sumo_networks.arrays import FloatArray
+from sumo_networks.config import Config
+from sumo_networks.errors import InvalidInputError
+
+
+class ValueConfig(Config):
+    """How to train.
+
+    Attributes:
+        data: Folder of a motion dataset.
+        out: Folder that gets the records, value.safetensors and value.json.
+        seed: Decides the first weights and the order of the records.
+        every: Every so many scenes are searched.
+        simulations: Of each search.
+        steps: Updates.
+        batch: Records per update.
+        learning_rate: At the start; it falls to zero along a cosine.
+        weight_decay: Of AdamW.
+    """
+
+    data: Path
+    out: Path
+    seed: Annotated[int, Field(ge=0)] = 0
+    every: Annotated[int, Field(gt=0)] = 10
+    simulations: Annotated[int, Field(gt=0)] = 1024
+    steps: Annotated[int, Field(gt=0)] = 6000
+    batch: Annotated[int, Field(gt=0)] = 256
+    learning_rate: Annotated[float, Field(gt=0)] = 3e-3
+    weight_decay: Annotated[float, Field(ge=0)] = 1e-4
+
+
+def train(
+    config: ValueConfig, resume: bool = False, progress: Callable[[int, float], None] = lambda step, loss: None
+) -> Path:
+    """Searches, trains, and writes the network with its report.
+
+    Args:
+        config: How.
+        resume: Use the records that are there.
+        progress: Called with every hundredth step and its loss.
+
+    Returns:
+        The network's file.
+
+    Raises:
+        InvalidInputError: No data, or results are there already.
+    """
+    out = config.out / "value.safetensors"
+    if out.exists() and not resume:
+        raise InvalidInputError(f"'{out}' exists; go on with --resume, or choose another folder")
+    torch.set_num_threads(1)
+    torch.manual_seed(config.seed)
+    records = {split: searched(config, split) for split in ("train", "validation")}
+    features, returns = (torch.from_numpy(a).float() for a in (records["train"].features, records["train"].returns))
+    if not len(returns):
+        raise InvalidInputError(f"'{config.data}': no state of its scenes was searched often enough to learn from")
+    mean, scale = features.mean(dim=0), features.std(dim=0).clamp_min(1e-3)
+    network = layers()
+    optimiser = torch.optim.AdamW(network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
+    rng = np.random.default_rng(config.seed)
+    for step in range(config.steps):
+        for group in optimiser.param_groups:
+            group["lr"] = 0.5 * config.learning_rate * (1.0 + math.cos(math.pi * step / config.steps))
+        rows = torch.from_numpy(rng.integers(0, len(returns), config.batch))
+        told = network((features[rows] - mean) / scale)[:, 0]
+        loss = nn.functional.smooth_l1_loss(told, returns[rows])
+        optimiser.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        optimiser.step()
+        if (step + 1) % 100 == 0:
+            progress(step + 1, loss.item())
+    write_atomically(out, save(weights(network, mean, scale)))
+    report = {split: judged(network, some, mean, scale, returns) for split, some in records.items()}
+    write_atomically(config.out / "value.json", (json.dumps(report, indent=1) + "\n").encode())
+    return out
+
+
+def searched(config: ValueConfig, split: str) -> Records:
+    """The records of one split, from their file if it is there."""
+    path = config.out / f"records-{split}.npz"
+    if not path.exists():
+        config.out.mkdir(parents=True, exist_ok=True)
+        some = Records.of(records_of(_scenes(config, split), config.simulations))
+        np.savez_compressed(path.with_suffix(".part.npz"), features=some.features, returns=some.returns)
+        path.with_suffix(".part.npz").replace(path)
+    with np.load(path) as file:
+        return Records(file["features"], file["returns"])
+
+
+def _scenes(config: ValueConfig, split: str) -> list[Scene]:
+    shards = [load_shard(path) for path in shards_of(config.data, split)]
+    return [shard[i].scene for shard in shards for i in range(0, len(shard), config.every)]
+
+
+def layers() -> nn.Sequential:
+    """The layers of `mlp.Mlp`."""
+    return nn.Sequential(nn.Linear(FEATURES, WIDTH), nn.ReLU(), nn.Linear(WIDTH, WIDTH), nn.ReLU(), nn.Linear(WIDTH, 1))
+
+
+def weights(network: nn.Sequential, mean: Tensor, scale: Tensor) -> dict[str, np.ndarray]:
+    """The arrays of `mlp.SHAPES`; the features' normalisation goes into the first layer."""
+    arrays = [tensor.detach() for tensor in network.state_dict().values()]
+    names = [name for layer in ("first", "second", "last") for name in (layer, f"{layer}_bias")]
+    found = dict(zip(names, arrays, strict=True))
+    found["first_bias"] = found["first_bias"] - found["first"] @ (mean / scale)
+    found["first"] = found["first"] / scale
+    return {name: np.ascontiguousarray(array.numpy()) for name, array in found.items()}
+
+
+def judged(
+    network: nn.Sequential, records: Records, mean: Tensor, scale: Tensor, learned_from: Tensor
+) -> dict[str, float]:
+    """Mean absolute error and share of the variance explained, beside the error of the mean return alone."""
+    if not len(records):
+        return {"records": 0.0}
+    with torch.no_grad():
+        told: FloatArray = network((torch.from_numpy(records.features).float() - mean) / scale)[:, 0].double().numpy()
+    off, spread = told - records.returns, records.returns - records.returns.mean()
+    return {
+        "records": float(len(records)),
+        "mean_absolute_error": float(np.abs(off).mean()),
+        "explained": 1.0 - float((off**2).sum() / max((spread**2).sum(), 1e-9)),
+        "mean_absolute_error_of_the_mean": float(np.abs(records.returns - float(learned_from.mean())).mean()),
+    }

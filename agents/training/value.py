@@ -1,0 +1,19 @@
+"""MBAPPE's value network as a trainer: it learns from a motion data set, by a loop of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from agents.mcts.value import train
+from agents.mcts.value.train import ValueConfig
+from agents.training.registry import Order, Trainer
+from agents.training.report import Report
+
+
+def train_value(config: ValueConfig, order: Order) -> Path:
+    """Searches the scenes of the data set, and trains the network on what was found."""
+    config = config.model_copy(update={"out": order.out})
+    return train.train(config, order.resume, lambda step, loss: order.report(Report(step, config.steps, loss, "loss")))
+
+
+VALUE = Trainer("value network of MBAPPE, from searches of a motion data set's scenes", ValueConfig, train_value)
