@@ -87,13 +87,25 @@ class RulesOnly(Agent):
 
     def act(self, observation: Observation) -> np.ndarray:
         """What the rules order, carried out."""
+        self.observe(observation)
+        return self.decide(observation)
+
+    def observe(self, observation: Observation) -> None:
+        """Remembers one tick and judges it by RSS, without deciding: for whoever lets the rules drive at times."""
+        self._around = Surroundings(observation)
+        self._memory.watch(observation, self._around.neighbours)
+        self.watch.update(observation, self._around)
+
+    def take_over(self) -> None:
+        """Begins to drive on the path that is given, wherever the last decision had led."""
+        self._aside, self._right = Sidestep(), 0.0
+
+    def decide(self, observation: Observation) -> np.ndarray:
+        """What the rules order, carried out; after `observe` of the same."""
         speed, progress = float(observation["speedometer"][0]), float(observation["navigation"][2])
-        around = Surroundings(observation)
-        self._memory.watch(observation, around.neighbours)
-        dangers = self.watch.update(observation, around)
         route = self._aside.applied(observation["route"], progress)
         advised = advised_speed(route)
-        moment = self._builder.moment(observation, around, self._memory, self._aside, dangers, advised)
+        moment = self._builder.moment(observation, self._around, self._memory, self._aside, self.watch.dangers, advised)
         self._decision = decision = self.solver.decide(moment.facts)
         self._memory.wait(speed, decision.orders("waits"))
         self._change_lane(decision, moment, speed, progress)
@@ -106,13 +118,19 @@ class RulesOnly(Agent):
         """Facts, answer set and fired rules of the last decision, and what RSS said."""
         if self._decision is None:
             return None
-        critical = {
+        return {"agent": self.spec.name, **self.solver.explanation(self._decision), "rss": self.judgement()}
+
+    def close(self) -> None:
+        """Holds nothing."""
+
+    def judgement(self) -> Explanation:
+        """What RSS said of the last tick, and what the critical intervals came to so far."""
+        return {
             "critical": self.watch.critical,
             "critical_share": round(self.watch.share, 4),
             "longest_standing_s": round(self.watch.longest_standing_s, 1),
             "dangers": [danger.as_json() for danger in self.watch.dangers],
         }
-        return {"agent": self.spec.name, **self.solver.explanation(self._decision), "rss": critical}
 
     def _acceleration(self, decision: Decision, moment: Moment, speed: float, advised: float) -> float:
         """The most careful of what the actions ask for, m/s^2."""

@@ -54,6 +54,7 @@ class PpoConfig(Config):
         value_scale: Weight of the critic's loss.
         initial_std: Standard deviation of the actions at the start, where the action space is [-1, 1].
         gradient_norm: At most (ours).
+        reward_scale: What the critic learns is the rewards times this (ours); returns are told without it.
         hidden: Width of each hidden layer of actor and critic (ours).
         guided_share: p, the probability that an episode is driven by the task's expert, and stored as if on-policy
             (GPPO; the thesis tries up to 0.2).
@@ -72,6 +73,7 @@ class PpoConfig(Config):
     value_scale: Annotated[float, Field(ge=0)] = 1.0
     initial_std: Annotated[float, Field(gt=0)] = 1.0
     gradient_norm: Annotated[float, Field(gt=0)] = 0.5
+    reward_scale: Annotated[float, Field(gt=0)] = 1.0
     hidden: Annotated[tuple[Positive, ...], Field(min_length=1)] = (256, 256)
     guided_share: Share = 0.0
     guided_decay: Annotated[float, Field(gt=0, le=1)] = 0.9995

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+import logging
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -15,6 +16,10 @@ from agents.training.worker import Seat, View
 from sumo_networks.arrays import BoolArray, Float32Array
 from sumo_networks.errors import SimulationError
 
+logger = logging.getLogger(__name__)
+
+MAX_LOST = 5
+"""So many lost episodes, and none that ends in between, are no accident."""
 _GUIDED = 1  # keeps this stream of random numbers apart from that of the seeds
 
 
@@ -85,6 +90,7 @@ class Environments:
         expert: What the expert would do now, or None, for each environment.
         steps: Taken so far, of all environments together.
         finished_count: Episodes that have ended.
+        lost_count: Episodes whose simulation failed.
     """
 
     def __init__(self, task: Task, seats: Sequence[Seat], seed: int) -> None:
@@ -97,7 +103,8 @@ class Environments:
         """
         self._task, self._seats, self._seed = task, seats, seed
         self._episodes: list[Episode] = []
-        self._next, self.steps, self.finished_count, self.guided_share = 0, 0, 0, 0.0
+        self._next, self.steps, self.finished_count, self.lost_count = 0, 0, 0, 0
+        self._lost_in_a_row, self.guided_share = 0, 0.0
         self.observation: Array = np.zeros((len(seats), *task.observation_space.shape), task.observation_space.dtype)
         self.expert: list[Array | None] = [None] * len(seats)
 
@@ -107,21 +114,19 @@ class Environments:
     def begin(self) -> None:
         """Begins the first episodes."""
         self._episodes = [self._next_episode() for _ in self._seats]
-        for seat, episode in zip(self._seats, self._episodes, strict=True):
-            seat.send("reset", episode.seed, episode.guided)
-        for rank, seat in enumerate(self._seats):
-            self._look(rank, seat.receive())
+        self._reset(range(len(self)))
 
     def step(self, actions: Array) -> Transition:
         """Takes one step everywhere.
 
         Args:
             actions: (N, ...) in the action space.
+
+        Raises:
+            TaskError: The task's code failed.
+            SimulationError: Simulations fail again and again; if one does, its episode is cut off and the next begins.
         """
-        for seat, episode, action in zip(self._seats, self._episodes, actions, strict=True):
-            episode.actions.append(np.array(action))
-            seat.send("step", episode.actions[-1])
-        views = [seat.receive() for seat in self._seats]
+        views = self._driven(actions)
         finished: list[Finished] = []
         for rank, view in enumerate(views):
             self._episodes[rank].total += view.reward
@@ -135,13 +140,13 @@ class Environments:
         )
         ended = [rank for rank, view in enumerate(views) if view.ended]
         for rank in ended:
-            old, view = self._episodes[rank], views[rank]
-            finished.append(Finished(old.guided, old.total, len(old.actions), view.success, view.measures or {}))
-            self._episodes[rank] = episode = self._next_episode()
-            self._seats[rank].send("reset", episode.seed, episode.guided)
-        for rank in ended:
-            self._look(rank, self._seats[rank].receive())
-        self.finished_count += len(ended)
+            old, measures = self._episodes[rank], views[rank].measures
+            if measures is not None:
+                finished.append(Finished(old.guided, old.total, len(old.actions), views[rank].success, measures))
+            self._episodes[rank] = self._next_episode()
+        self._reset(ended)
+        self.finished_count += len(finished)
+        self._lost_in_a_row = 0 if finished else self._lost_in_a_row
         self.steps += len(self)
         return transition
 
@@ -151,6 +156,7 @@ class Environments:
             "next": self._next,
             "steps": self.steps,
             "finished": self.finished_count,
+            "lost": self.lost_count,
             "episodes": [
                 {
                     "number": episode.number,
@@ -170,7 +176,8 @@ class Environments:
         Raises:
             SimulationError: An episode came out otherwise: the task is not deterministic, or its code has changed.
         """
-        self._next, self.steps, self.finished_count = state["next"], state["steps"], state["finished"]
+        self._next, self.steps = state["next"], state["steps"]
+        self.finished_count, self.lost_count = state["finished"], state.get("lost", 0)
         self._episodes = [
             Episode(kept["number"], kept["seed"], kept["guided"], 0.0, list(kept["actions"].numpy()))
             for kept in state["episodes"]
@@ -187,6 +194,53 @@ class Environments:
                     f"{len(episode.actions)} steps, comes out otherwise (return {view.reward}, not {kept['total']}): "
                     "the task is not deterministic, or its code has changed since the checkpoint"
                 )
+
+    def _driven(self, actions: Array) -> list[View]:
+        """One step everywhere; an episode whose simulation fails is cut off where it was, without measures."""
+        failed: dict[int, SimulationError] = {}
+        for rank, (seat, episode, action) in enumerate(zip(self._seats, self._episodes, actions, strict=True)):
+            episode.actions.append(np.array(action))
+            try:
+                seat.send("step", episode.actions[-1])
+            except SimulationError as error:
+                failed[rank] = error
+        views = []
+        for rank, seat in enumerate(self._seats):
+            try:
+                if rank in failed:
+                    raise failed[rank]
+                views.append(seat.receive())
+            except SimulationError as error:
+                self._lose(rank, error)
+                views.append(View(self.observation[rank].copy(), truncated=True))
+        return views
+
+    def _reset(self, ranks: Iterable[int]) -> None:
+        """Begins the episodes of some environments; where a simulation fails at once, the next one instead."""
+        ranks = list(ranks)
+        while ranks:
+            for rank in ranks:
+                self._seats[rank].send("reset", self._episodes[rank].seed, self._episodes[rank].guided)
+            again = []
+            for rank in ranks:
+                try:
+                    self._look(rank, self._seats[rank].receive())
+                except SimulationError as error:
+                    self._lose(rank, error)
+                    self._episodes[rank] = self._next_episode()
+                    again.append(rank)
+            ranks = again
+
+    def _lose(self, rank: int, error: SimulationError) -> None:
+        """A failure of the infrastructure: it counts for nothing, and alone is no reason to end a run of days."""
+        episode = self._episodes[rank]
+        where = f"after {len(episode.actions)} steps" if episode.actions else "at its reset"
+        logger.warning("episode %d (seed %d) is lost %s: %s", episode.number, episode.seed, where, error)
+        self.lost_count += 1
+        self._lost_in_a_row += 1
+        if self._lost_in_a_row == MAX_LOST:
+            raise error
+        self._seats[rank].renew()
 
     def _next_episode(self) -> Episode:
         number, self._next = self._next, self._next + 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,8 +10,11 @@ from dataclasses import dataclass
 from agents.training.metrics import Number
 from agents.training.run import RunStoppedError
 from agents.training.task import Array, Task
-from agents.training.worker import Seat
+from agents.training.worker import Seat, View
 from evaluation.statistics import Estimate, mean_estimate, share_estimate
+from sumo_networks.errors import SimulationError
+
+logger = logging.getLogger(__name__)
 
 COLUMNS = ("updates", "episodes", "return", "return_low", "return_high", "success", "success_low", "success_high")
 
@@ -75,22 +79,38 @@ def evaluate(
 
     Raises:
         RunStoppedError: `stopping` said so.
+        SimulationError: Every episode's simulation failed; those of some are left out.
     """
     returns, successes, lengths = [], [], []
     measures: dict[str, list[float]] = {name: [] for name in task.measures}
     for seed in task.held_out:
-        seat.send("reset", seed, False)
-        view, total, length = seat.receive(), 0.0, 0
-        while not view.ended:
-            if stopping():
-                raise RunStoppedError("stopped in an evaluation")
-            seat.send("step", act(view.observation))
-            view = seat.receive()
-            total, length = total + view.reward, length + 1
+        try:
+            total, length, last = _drive(seat, seed, act, stopping)
+        except SimulationError as error:
+            logger.warning("held-out episode %d is lost, and in no mean: %s", seed, error)
+            seat.renew()
+            continue
         returns.append(total)
-        successes.append(view.success)
+        successes.append(last.success)
         lengths.append(length)
-        for name, value in (view.measures or {}).items():
+        for name, value in (last.measures or {}).items():
             measures[name].append(value)
+    if not returns:
+        raise SimulationError(f"task '{task.name}': every held-out episode was lost")
     means = {name: math.fsum(values) / len(values) for name, values in measures.items()}
     return Evaluation(returns, successes, lengths, means)
+
+
+def _drive(
+    seat: Seat, seed: int, act: Callable[[Array], Array], stopping: Callable[[], bool]
+) -> tuple[float, int, View]:
+    """Return, steps and end of one episode."""
+    seat.send("reset", seed, False)
+    view, total, length = seat.receive(), 0.0, 0
+    while not view.ended:
+        if stopping():
+            raise RunStoppedError("stopped in an evaluation")
+        seat.send("step", act(view.observation))
+        view = seat.receive()
+        total, length = total + view.reward, length + 1
+    return total, length, view

@@ -127,7 +127,8 @@ class Ppo:
         self._environments.guided_share = share
         batch, finished, guided_steps = self._collect()
         row: dict[str, Number] = {"guided_share": share, "learning_rate": float(self._schedule.get_last_lr()[0])}
-        row |= _outcome(finished) | {"guided_steps": guided_steps, "reward": float(batch["next", "reward"].mean())}
+        mean = float(batch["next", "reward"].mean())
+        row |= _outcome(finished) | {"guided_steps": guided_steps, "reward": mean / self._config.reward_scale}
         row |= self._learn(batch)
         self._schedule.step()
         self.rounds += 1
@@ -198,12 +199,13 @@ class Ppo:
         def stacked(rows: Iterable[Array]) -> torch.Tensor:
             return torch.from_numpy(np.stack(list(rows), axis=1)).to(self._device)
 
+        rewards = stacked(transition.reward for transition in transitions)
         terminated = stacked(transition.terminated for transition in transitions)[..., None]
         truncated = stacked(transition.truncated for transition in transitions)[..., None]
         return TensorDict(
             {
                 "observation": stacked(transition.observation for transition in transitions),
-                "reward": stacked(transition.reward for transition in transitions)[..., None],
+                "reward": rewards[..., None] * self._config.reward_scale,
                 "terminated": terminated,
                 "done": terminated | truncated,
             },

@@ -50,6 +50,12 @@ class Trainer(Generic[C]):
 # As "module:attribute", since what trains takes seconds to import.
 TRAINERS: dict[str, str] = {
     "predictor": "agents.training.predictor:PREDICTOR",
+    "value": "agents.training.value:VALUE",
+    "semantic": "agents.hierarchical.vision.train:SEMANTIC",
+    **{f"hierarchical-{name}": f"agents.hierarchical.subpolicies:{name.upper()}" for name in ("lane", "left", "right")},
+    **{f"hierarchical-{name}": f"agents.hierarchical.subpolicies:{name.upper()}" for name in ("braking", "lights")},
+    "hierarchical-flat": "agents.hierarchical.subpolicies:FLAT",
+    "hierarchical-master": "agents.hierarchical.master_training:MASTER",
 }
 
 

@@ -64,6 +64,8 @@ class Run:
         self._check(resume)
         folder.mkdir(parents=True, exist_ok=True)
         self._lock = _locked(folder)
+        for scrap in folder.glob(".*.tmp"):  # of a session that was killed while it wrote
+            scrap.unlink()
         self.state = load_checkpoint(folder) if resume else None
         self.steps_before: int = self.state["environments"]["steps"] if self.state else 0
         self._earlier_s: float = self.state["wall_s"] if self.state else 0.0
@@ -114,17 +116,27 @@ class Run:
         os.close(self._lock)
 
     def _check(self, resume: bool) -> None:
-        stored = self.folder / "config.toml"
-        if not resume:
-            if stored.exists():
-                raise InvalidInputError(f"'{self.folder}' holds a run; go on with --resume, or choose another --out")
-            return
-        if not stored.exists():
+        stored = stored_config(self.folder, self.trainer)
+        if not resume and stored is not None:
+            raise InvalidInputError(f"'{self.folder}' holds a run; go on with --resume, or choose another --out")
+        if resume and stored is None:
             raise InvalidInputError(f"no run in '{self.folder}' to go on with")
-        if (trainer := json.loads((self.folder / "run.json").read_text())["trainer"]) != self.trainer:
-            raise InvalidInputError(f"the run in '{self.folder}' is of '{trainer}', not of '{self.trainer}'")
-        if changed := differences(read_settings(type(self.config), stored), self.config, FREE):
+        if stored is not None and (changed := differences(read_settings(type(self.config), stored), self.config, FREE)):
             raise InvalidInputError(f"the run in '{self.folder}' was begun with {'; '.join(changed)}")
+
+
+def stored_config(folder: Path, trainer: str) -> Path | None:
+    """The configuration of the run in a folder; None where there is none.
+
+    Raises:
+        InvalidInputError: It is a run of another trainer.
+    """
+    stored = folder / "config.toml"
+    if not stored.exists():
+        return None
+    if (other := json.loads((folder / "run.json").read_text())["trainer"]) != trainer:
+        raise InvalidInputError(f"the run in '{folder}' is of '{other}', not of '{trainer}'")
+    return stored
 
 
 class Stop:

@@ -36,7 +36,7 @@ def read_settings(kind: type[C], path: Path | None, overrides: Sequence[str] = (
             raise InvalidInputError(f"expected --set key=value, got '{override}'")
         _put(document, key.strip().split("."), _value(value.strip()), override)
     try:
-        return kind.model_validate(document)
+        return kind.model_validate(_completed(kind, document))
     except ValidationError as error:
         raise InvalidInputError(f"{where}: {_reason(kind, error.errors()[0])}") from error
 
@@ -74,6 +74,16 @@ def _document(path: Path) -> dict[str, Any]:
         raise InvalidInputError(f"cannot read '{path}': {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InvalidInputError(f"'{path}' is no TOML: {error}") from error
+
+
+def _completed(kind: type[BaseModel], document: Mapping[str, Any]) -> dict[str, Any]:
+    """A document whose tables have what they leave out from the defaults of the very table."""
+    completed = dict(document)
+    for name, field in kind.model_fields.items():
+        default, given = field.get_default(call_default_factory=True), document.get(name)
+        if isinstance(default, BaseModel) and isinstance(given, dict):
+            completed[name] = default.model_dump() | _completed(type(default), given)
+    return completed
 
 
 def _put(document: dict[str, Any], keys: Sequence[str], value: Any, override: str) -> None:

@@ -69,7 +69,7 @@ def train(make_learner: MakeLearner, task: Task, run: Run, report: Reporter = no
     Raises:
         InvalidInputError: The task cannot be used.
         RunStoppedError: SIGINT or SIGTERM came; a checkpoint is written.
-        SimulationError: An environment failed, or an episode of the checkpoint could not be driven again.
+        SimulationError: Simulations fail again and again, or an episode of the checkpoint could not be driven again.
     """
     check_task(task)
     torch.set_num_threads(1)
@@ -193,6 +193,7 @@ class _Session:
                 "steps": self._environments.steps,
                 "updates": self._learner.updates,
                 "episodes": self._environments.finished_count,
+                "lost": self._environments.lost_count,
                 "seed": run.config.seed,
                 "device": str(run.device),
                 "tier": run.config.tier,

@@ -73,6 +73,9 @@ class Seat(Protocol):
             DohyoError: The environment refused; TaskError where its code failed, SimulationError where its process did.
         """
 
+    def renew(self) -> None:
+        """Puts a new environment in the place of one that failed; it has to be reset."""
+
     def close(self) -> None:
         """Ends the environment, and its process."""
 
@@ -92,6 +95,22 @@ class Host:
     rank: int
     _env: Env | None = field(default=None, init=False)
     _guided: bool = field(default=False, init=False)
+
+    def do(self, command: str, arguments: Sequence[Any]) -> View:
+        """Does what `Seat.send` names.
+
+        Raises:
+            TaskError: The task's code failed; its traceback is in the log.
+        """
+        try:
+            view: View = getattr(self, command)(*arguments)
+        except DohyoError:
+            raise
+        except Exception as error:
+            what = f"task '{self.task.name}', environment {self.rank}"
+            logger.error("%s failed:\n%s", what, traceback.format_exc())
+            raise TaskError(f"{what}: {type(error).__name__}: {error}") from error
+        return view
 
     def reset(self, seed: int, guided: bool) -> View:
         """Begins the episode of a seed; `guided`: the expert is asked at every step."""
@@ -168,9 +187,11 @@ class HereSeat:
 
     def receive(self) -> View:
         """See `Seat`."""
-        command, arguments = self._pending
-        view: View = getattr(self._host, command)(*arguments)
-        return view
+        return self._host.do(*self._pending)
+
+    def renew(self) -> None:
+        """See `Seat`."""
+        self._host = Host(self._host.task, self._host.seed, self._host.rank)
 
     def close(self) -> None:
         """See `Seat`."""
@@ -181,10 +202,14 @@ class ProcessSeat:
     """An environment in a process of its own; that one ends when this one does, however it does."""
 
     def __init__(self, task: Task, seed: int, rank: int) -> None:
+        self._name, self._rank = task.name, rank
+        self._arguments = (task, seed, rank)
+        self._start()
+
+    def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._name, self._rank = task.name, rank
-        self._process = context.Process(target=_serve, args=(theirs, task, seed, rank), daemon=True)
+        self._process = context.Process(target=_serve, args=(theirs, *self._arguments), daemon=True)
         with _one_thread():
             self._process.start()
         theirs.close()
@@ -208,6 +233,11 @@ class ProcessSeat:
         raised: DohyoError = kind.__new__(kind)  # its constructor may want other arguments
         raised.args = (message,)
         raise raised
+
+    def renew(self) -> None:
+        """See `Seat`."""
+        self.close()
+        self._start()
 
     def close(self) -> None:
         """See `Seat`."""
@@ -246,13 +276,11 @@ def _serve(pipe: Connection, task: Task, seed: int, rank: int) -> None:
     try:
         while True:
             command, arguments = pipe.recv()
+            answer: View | tuple[type[DohyoError], str]
             try:
-                answer: Any = getattr(host, command)(*arguments)
+                answer = host.do(command, arguments)
             except DohyoError as error:
                 answer = (type(error), str(error))
-            except Exception as error:
-                logger.error("environment %d of task '%s' failed:\n%s", rank, task.name, traceback.format_exc())
-                answer = (TaskError, f"task '{task.name}', environment {rank}: {type(error).__name__}: {error}")
             pipe.send(answer)
     except (EOFError, OSError):
         host.close()

@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from agents.hierarchical.vision.recording import Order as PictureOrder
+from agents.hierarchical.vision.recording import record_pictures
 from agents.mcts.predictors.recording import TRAINING, Order, record_motion
 from service.cli.output import console
 from sumo_networks.freeway.dataset import Order as FreewayOrder
@@ -33,6 +35,21 @@ def motion(
     console.print(f"{samples} samples: {out.resolve()}", soft_wrap=True)
 
 
+@dataset.command("semantic")
+def semantic(
+    out: Annotated[Path, typer.Option(help="Folder; what is already there is kept.")],
+    images: Annotated[int, typer.Option(min=1, help="To train on, at least; others to judge by come on top.")] = 14_000,
+    seed: Annotated[int, typer.Option(min=0, help="Decides everything random.")] = 0,
+) -> None:
+    """Takes semantic pictures from disturbed drives of the autopilot; the same order gives the same bytes."""
+    columns = (TextColumn("driven"), BarColumn(), TextColumn("{task.percentage:.0f} %"))
+    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
+        bar = progress.add_task("semantic", total=1.0)
+        order = PictureOrder(images=images, seed=seed)
+        pictures = record_pictures(order, out, lambda done: progress.update(bar, completed=done))
+    console.print(f"{pictures} pictures: {out.resolve()}", soft_wrap=True)
+
+
 @dataset.command("freeway")
 def freeway(
     days: Annotated[int, typer.Option(min=1, help="Days to train on, in meso.")],
@@ -41,11 +58,16 @@ def freeway(
     easy: Annotated[int | None, typer.Option(min=0, help="Whole days to judge by, 60 for 350 by default.")] = None,
     hard: Annotated[int, typer.Option(min=0, help="Congested mornings to judge by, in micro.")] = 4,
     probes: Annotated[float, typer.Option(min=0.001, max=1, help="Share of the vehicles that report speeds.")] = 0.15,
+    workers: Annotated[int, typer.Option(min=1, help="Processes, a day each at a time.")] = 1,
 ) -> None:
     """Makes days of segment speeds on the freeway, minute by minute; each day is written when it is whole."""
     order = FreewayOrder(days=days, easy=easy, hard=hard, seed=seed, probes=probes)
     columns = (TextColumn("driven"), BarColumn(), TextColumn("{task.completed:.2f} of {task.total} days"))
     with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
-        bar = progress.add_task("freeway")
-        made = make_dataset(order, out, lambda done, of, share: progress.update(bar, completed=done + share, total=of))
+        bar = progress.add_task("freeway", total=None)
+
+        def tell(done: int, of: int, share: float) -> None:
+            progress.update(bar, completed=done + share, total=of)
+
+        made = make_dataset(order, out, tell, workers)
     console.print(f"{made} days made: {out.resolve()}", soft_wrap=True)

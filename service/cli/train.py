@@ -2,34 +2,72 @@
 
 from __future__ import annotations
 
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from service.cli.output import console
 
-train = typer.Typer(help="Trains what learns.", no_args_is_help=True)
+if TYPE_CHECKING:
+    from agents.training.report import Report
+
+INTERRUPTED = 130
+RUNS = Path("runs")
 
 
-@train.callback()
-def _group() -> None:
-    """Keeps `dohyo train` a group while it has one command."""
-
-
-@train.command("predictor")
-def predictor(
-    config: Annotated[Path, typer.Option(help="A TOML file with the fields of TrainConfig.")],
+def train(
+    name: Annotated[str, typer.Argument(help="What to train, such as 'predictor', or module:ATTRIBUTE of a trainer.")],
+    config: Annotated[Path | None, typer.Option(help="A TOML file with its settings; without: the defaults.")] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="One setting, as key=value, such as ppo.clip=0.1; repeatable.")
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Folder of the run; by default runs/NAME.")] = None,
 ) -> None:
-    """Trains the motion predictor, and exports it to ONNX."""
-    from agents.mcts.predictors import export, train  # torch takes seconds to import
+    """Trains what learns: checkpoints, curves, held-out evaluations, and the actor as safetensors and ONNX."""
+    from agents.training.registry import Order, trainer_named
+    from agents.training.run import RunStoppedError, stored_config  # torch takes seconds to import
+    from agents.training.settings import read_settings
 
-    settings = train.load_config(config)
-    columns = (TextColumn("step"), BarColumn(), MofNCompleteColumn(), TextColumn("loss {task.fields[loss]:.3f} m"))
-    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
-        bar = progress.add_task("predictor", total=settings.steps, loss=0.0)
-        trained = train.train(settings, resume, lambda step, loss: progress.update(bar, completed=step, loss=loss))
-    export.export(export.load_network(trained), trained.with_suffix(".onnx"))
-    console.print(f"predictor: {trained.resolve()}, {trained.with_suffix('.onnx').name}", soft_wrap=True)
+    trainer, given = trainer_named(name), list(settings or [])
+    chooses_out = "out" in trainer.config.model_fields
+    if chooses_out and out is not None:
+        given.append(f"out='{out}'")
+    folder = out or RUNS / name.rpartition(":")[2].lower()
+    if resume and config is None:
+        config = stored_config(folder, name)
+    resolved = read_settings(trainer.config, config, given)
+    folder = resolved.out if chooses_out else folder
+    try:
+        with _progress(name) as report:
+            trained = trainer.train(resolved, Order(name, folder, resume, report))
+    except RunStoppedError as error:
+        print(f"dohyo: {error}; go on with: dohyo train {name} --resume --out {folder}", file=sys.stderr)
+        raise typer.Exit(INTERRUPTED) from error
+    console.print(f"{name}: {trained.resolve()}", soft_wrap=True)
+
+
+@contextmanager
+def _progress(name: str) -> Iterator[Callable[[Report], None]]:
+    """A bar with steps, steps per second and what learning is about."""
+    told = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[told]}"))
+    columns = (*told, TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        bar = progress.add_task(name, total=None, told="")
+        first: list[tuple[float, int]] = []
+
+        def report(done: Report) -> None:
+            now = time.monotonic()
+            if not first:
+                first.append((now, done.steps))
+            rate = (done.steps - first[0][1]) / max(now - first[0][0], 1e-9)
+            value = "" if done.value is None else f", {done.unit} {done.value:.3f}"
+            progress.update(bar, total=done.total, completed=done.steps, told=f"{rate:.0f} steps/s{value}")
+
+        yield report

@@ -74,7 +74,8 @@ def observed(world: World, names: tuple[str, ...]) -> dict[str, np.ndarray]:
 def seen_by_the_inner(world: World, pose: tuple[float, float, float]) -> dict[str, np.ndarray]:
     agent = Localized(inner=WATCHER, gnss="gnss_rtk")
     agent.reset(straight_road().mission, 0)
-    agent._tick, agent._progress, agent.localizer = 1, float(world.egos.progress[0]), Fixed(pose)  # type: ignore[assignment]
+    view = agent._view
+    view._tick, view._progress, view.localizer = 1, float(world.egos.progress[0]), Fixed(pose)  # type: ignore[assignment]
     agent.act(observed(world, agent.spec.sensors))
     return agent.inner.seen[0]  # type: ignore[attr-defined,no-any-return]
 

@@ -1,0 +1,67 @@
+"""Actuation: what a sub-policy's two numbers in [-1, 1] mean to the car, and which numbers an expert's action is."""
+
+from __future__ import annotations
+
+import math
+from enum import StrEnum
+
+import numpy as np
+
+from sumo_networks.arrays import Float32Array, FloatArray
+from sumo_networks.control import pure_pursuit, pursuit_distance
+from sumo_networks.vehicle import VehicleParameters
+
+ACTIONS = 2
+ACCELERATION_M_S2 = 5.0
+"""Full pedals, both ways: exploring with one standard deviation of the range then neither speeds up nor brakes on the
+whole, and what is learned under noise holds without it. Brakes harder than this are left to the rules."""
+SIDE_M_S2 = 3.5
+"""What full steering may ask of the tyres: a step of the policy means as much at any speed."""
+RESIDUAL_SHARE = 0.3
+_CAR = VehicleParameters()
+
+
+class Steering(StrEnum):
+    """Who steers: the policy alone, or pure pursuit of the path with the policy's correction (ours, an option)."""
+
+    POLICY = "policy"
+    RESIDUAL = "residual"
+
+
+def command(action: Float32Array, speed: float, route: Float32Array, steering: Steering) -> FloatArray:
+    """The control "acceleration_steering" of an action.
+
+    Args:
+        action: (2,) pedals and steering in [-1, 1], left positive.
+        speed: m/s.
+        route: (80, 7), the path that is followed; see `sensors.route`.
+        steering: Who steers.
+
+    Returns:
+        (2,) acceleration [m/s^2] and steering in [-1, 1] of full lock.
+    """
+    pedals, wheel = (min(max(float(v), -1.0), 1.0) for v in action)
+    angle = wheel * steering_limit(speed)
+    if steering is Steering.RESIDUAL:
+        angle = _pursuit(route, speed) + RESIDUAL_SHARE * angle
+    return np.array([pedals * ACCELERATION_M_S2, min(max(angle / _CAR.max_steering, -1.0), 1.0)])
+
+
+def action_of(controls: FloatArray, speed: float, route: Float32Array, steering: Steering) -> Float32Array:
+    """The action in [-1, 1] that comes nearest to given controls; the inverse of `command`."""
+    angle = float(controls[1]) * _CAR.max_steering
+    limit = steering_limit(speed)
+    if steering is Steering.RESIDUAL:
+        angle, limit = angle - _pursuit(route, speed), RESIDUAL_SHARE * limit
+    pedals = min(max(float(controls[0]) / ACCELERATION_M_S2, -1.0), 1.0)
+    return np.array([pedals, min(max(angle / limit, -1.0), 1.0)], dtype=np.float32)
+
+
+def steering_limit(speed: float) -> float:
+    """Front wheel angle of full steering, rad: full lock, or the bend that needs 3.5 m/s^2 to the side."""
+    return min(_CAR.max_steering, math.atan(_CAR.wheelbase * SIDE_M_S2 / max(speed, 0.1) ** 2))
+
+
+def _pursuit(route: Float32Array, speed: float) -> float:
+    aim = route[round(pursuit_distance(speed))]
+    return pure_pursuit(_CAR, float(aim[0]), float(aim[1]))

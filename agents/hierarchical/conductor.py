@@ -1,0 +1,107 @@
+"""Conductor: which option runs, tick by tick: it lasts until it is done, no longer possible, or no longer worth it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from agents.hierarchical.manoeuvres import Manoeuvre
+from agents.hierarchical.options import choose
+from agents.hierarchical.outlook import OPTIONS
+from sumo_networks.arrays import BoolArray, Float32Array
+from sumo_networks.config import Config
+
+Ticks = Annotated[int, Field(ge=1, le=6000)]
+_LIGHTS = OPTIONS.index(Manoeuvre.LIGHTS)
+
+
+class Tempo(Config):
+    """How long options last, in ticks of 0.1 s (ours).
+
+    Attributes:
+        least_ticks: Before that, beta is not asked.
+        most_ticks: After that, the master chooses again.
+    """
+
+    least_ticks: Ticks = 5
+    most_ticks: Ticks = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Prospect:
+    """What the master is told in one tick.
+
+    Attributes:
+        q: (options,) Q_Omega.
+        beta: (options,) terminations.
+        available: (options,) which may begin.
+        finished: Whether the one that runs has done what it is for.
+        critical: Whether the rules drive.
+    """
+
+    q: Float32Array
+    beta: Float32Array
+    available: BoolArray
+    finished: bool
+    critical: bool
+
+
+class Conductor:
+    """Keeps the option that runs.
+
+    Attributes:
+        option: Its number; None before the first one.
+        ticks: For how long it has run.
+    """
+
+    def __init__(self, tempo: Tempo) -> None:
+        """Begins with none."""
+        self._tempo = tempo
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets the last episode."""
+        self.option: int | None = None
+        self.ticks = 0
+        self._interrupted = False
+
+    def ends(self, prospect: Prospect, draw: float) -> bool:
+        """Whether the option that runs is over now; True too where there is none.
+
+        While the rules drive nothing ends; after them the master chooses anew.
+
+        Args:
+            prospect: Of now.
+            draw: In [0, 1), uniformly, for a termination of probability beta; or 0.5, to end where it is likelier.
+        """
+        if self.option is None:
+            return True
+        if prospect.critical:
+            self._interrupted = True
+            return False
+        impossible = self.option == _LIGHTS and not prospect.available[_LIGHTS]
+        if self._interrupted or prospect.finished or impossible or self.ticks >= self._tempo.most_ticks:
+            return True
+        return self.ticks >= self._tempo.least_ticks and draw < float(prospect.beta[self.option])
+
+    def begin(self, prospect: Prospect, epsilon: float = 0.0, rng: np.random.Generator | None = None) -> int:
+        """Chooses the next option, by chance with probability epsilon; its number."""
+        self.option = choose(prospect.q, prospect.available, epsilon, rng or np.random.default_rng(0))
+        self.ticks, self._interrupted = 0, False
+        return self.option
+
+    def tick(self) -> None:
+        """One tick has been driven."""
+        self.ticks += 1
+
+    def state(self) -> tuple[int, int, bool]:
+        """What `restore` needs."""
+        return -1 if self.option is None else self.option, self.ticks, self._interrupted
+
+    def restore(self, state: tuple[int, int, bool]) -> None:
+        """Goes on from there."""
+        option, self.ticks, self._interrupted = state
+        self.option = None if option < 0 else option

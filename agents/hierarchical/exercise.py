@@ -1,0 +1,193 @@
+"""Exercise: one ego on the scenarios of one manoeuvre, as an environment; 10 decisions per second."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+
+from agents.experts.surroundings import Surroundings, warm_up
+from agents.hierarchical.actuation import action_of, command
+from agents.hierarchical.endings import End, Endings
+from agents.hierarchical.facts import SENSORS
+from agents.hierarchical.manoeuvres import CHANGES, DRIVE, Course, Manoeuvre, deviation, restraints_of
+from agents.hierarchical.pace import Restraint, pace_of
+from agents.hierarchical.rewards import Form, reward, terms
+from agents.hierarchical.rules_only import RulesOnly
+from agents.hierarchical.scenarios import draw_scenario
+from agents.hierarchical.state import StateEncoder
+from agents.hierarchical.views import rows_seen
+from agents.training.task import Array
+from evaluation.agent import Observation
+from sumo_networks.arrays import Float32Array, FloatArray
+from sumo_networks.env import DrivingEnv
+from sumo_networks.errors import InvalidInputError, SimulationError
+
+if TYPE_CHECKING:
+    from agents.hierarchical.subpolicies import ManoeuvreTask
+
+EGO = "ego"
+ANOTHERS_LINE_M = 35.0
+MEASURES = ("distance_m", "deviation_m", "angle_rad", "speed_m_s", "infraction", "standing")
+"""Of an episode: the thesis's five but the reward, and how it ended."""
+
+
+class Ride(gymnasium.Env[Array, Array]):
+    """What an exercise and a journey have in common: a scenario that is driven, judged, and measured.
+
+    Attributes:
+        what: A `Manoeuvre`, or "drive".
+        seen: The last observation, along the path that is followed.
+    """
+
+    def __init__(self, what: str, sensors: tuple[str, ...], form: Form) -> None:
+        """Compiles the kernels; the simulation starts at `reset`."""
+        warm_up()
+        self.what, self._form = what, form
+        self._sensors = tuple(dict.fromkeys((*SENSORS, *sensors)))
+        self._restraints, self._all = restraints_of(what), frozenset(Restraint)
+        self._driving: DrivingEnv | None = None
+        self.seen: Observation = {}
+
+    @property
+    def driving(self) -> DrivingEnv:
+        """The simulation.
+
+        Raises:
+            SimulationError: It has not been reset.
+        """
+        if self._driving is None:
+            raise SimulationError(f"'{self.what}': the environment has not been reset")
+        return self._driving
+
+    def close(self) -> None:
+        """Ends the simulation."""
+        if self._driving is not None:
+            self._driving.close()
+            self._driving = None
+
+    def _begin(self, seed: int) -> Observation:
+        """Begins the scenario of a seed; the first observation."""
+        self.close()
+        self._driving = DrivingEnv(draw_scenario(self.what, seed), self._sensors, "acceleration_steering", reward=None)
+        observations, _ = self._driving.reset()
+        self._endings, self._tally = Endings(self.what, self._driving.world), _Tally()
+        observation: Observation = observations[EGO]
+        return observation
+
+    def _tick(self, controls: FloatArray) -> Observation:
+        """Drives one tick; the observation."""
+        self._before = self.driving.world
+        observations, _, reached, late, _ = self.driving.step({EGO: controls})
+        self._reached, self._late = reached[EGO], late[EGO]
+        observation: Observation = observations[EGO]
+        return observation
+
+    def _judge(self, around: Surroundings, arrived: bool) -> tuple[float, bool, bool, dict[str, Any]]:
+        """Reward, ends and info of the last tick, along `seen`."""
+        after = self.driving.world
+        lateral, angle = deviation(self.seen["path"])
+        speed = float(after.egos.speed[0])
+        lawful, own = pace_of(self.seen, around, self._all), pace_of(self.seen, around, self._restraints)
+        # A light that is not green is another sub-policy's business: the episode is cut off before it.
+        elsewhere = self.what == Manoeuvre.LANE and lawful.line_m < ANOTHERS_LINE_M
+        out = self._reached or self._late or elsewhere
+        end = self._endings.update(self._before, after, lateral, lawful.held, arrived, out)
+        value = reward(terms(speed, own, lateral, angle), end is End.INFRACTION, self._form)
+        self._tally.add(float(after.egos.driven[0]), lateral, angle, speed)
+        if end is None:
+            return value, False, False, {}
+        terminated = end in (End.INFRACTION, End.STANDING)
+        return value, terminated, not terminated, self._tally.info(end, self._succeeded(end))
+
+    def _succeeded(self, end: End) -> bool:
+        """Carried out; or, where there is nothing to carry out but driving, driven to the end."""
+        if end is End.TIME:
+            return self.what == Manoeuvre.LANE or (self._reached and self.what in (Manoeuvre.BRAKING, DRIVE))
+        return end is End.DONE
+
+
+class Exercise(Ride):
+    """An environment for one sub-policy; the rules can be asked what they would do."""
+
+    def __init__(self, task: ManoeuvreTask) -> None:
+        """Makes it.
+
+        Args:
+            task: What is learned.
+
+        Raises:
+            InvalidInputError: It wants a filter's pose: filters are calibrated standing, and exercises start rolling.
+        """
+        if task.state.localization != "truth":
+            raise InvalidInputError(
+                f"{task.name}: expected localization 'truth', got '{task.state.localization}': "
+                "exercises start rolling, and filters are calibrated standing"
+            )
+        self._encoder = StateEncoder(task.state)
+        super().__init__(task.what, self._encoder.sensors, task.form)
+        self.observation_space, self.action_space = task.observation_space, task.action_space
+        self._steering, self._rows = task.steering, rows_seen(self._encoder, task.what)
+        self._rules: RulesOnly | None = None
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Begins the scenario of a seed."""
+        observation = self._begin(seed or 0)
+        self._encoder.reset()
+        self._course, self._begun, self._advised = Course(), False, False
+        return self._look(observation), {}
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Drives one tick.
+
+        Args:
+            action: (2,) in [-1, 1], see `actuation.command`.
+
+        Raises:
+            SimulationError: It has not been reset.
+        """
+        speed, route = float(self.seen["speedometer"][0]), self.seen["route"]
+        state = self._look(self._tick(command(action, speed, route, self._steering)))
+        return state, *self._judge(self._around, self._arrived)
+
+    def advice(self) -> Float32Array:
+        """What the rules would do now; to be asked in every tick of an episode, or in none."""
+        if not self._advised:
+            self._rules, scenario = self._rules or RulesOnly(), self.driving.scenario
+            self._rules.reset(scenario.missions[0], scenario.seed)
+            self._advised = True
+        assert self._rules is not None
+        controls = self._rules.act({name: self.seen[name] for name in SENSORS})
+        return action_of(controls, float(self.seen["speedometer"][0]), self.seen["route"], self._steering)
+
+    def _look(self, observation: Observation) -> Float32Array:
+        """The state, after the path has been led where the manoeuvre wants it."""
+        around = Surroundings(observation)
+        if self.what in CHANGES and not self._begun:
+            speed, progress = float(observation["speedometer"][0]), float(observation["navigation"][2])
+            manoeuvre = Manoeuvre(self.what)
+            self._course.look(around)
+            if self._course.free(manoeuvre, speed):
+                self._begun = self._course.begin(manoeuvre, progress, speed)
+        self._arrived = self._begun and self._course.arrived(observation)
+        self.seen = self._course.seen(observation)
+        self._around = around if self.seen is observation else Surroundings(self.seen)
+        return self._encoder.encode(self.seen)[self._rows]
+
+
+class _Tally:
+    """Adds up what an episode is measured by."""
+
+    def __init__(self) -> None:
+        self._ticks, self._distance = 0, 0.0
+        self._sums = np.zeros(3)
+
+    def add(self, driven: float, lateral: float, angle: float, speed: float) -> None:
+        self._ticks, self._distance = self._ticks + 1, driven
+        self._sums += abs(lateral), abs(angle), speed
+
+    def info(self, end: End, success: bool) -> dict[str, Any]:
+        means = self._sums / max(self._ticks, 1)
+        numbers = (self._distance, *means.tolist(), float(end is End.INFRACTION), float(end is End.STANDING))
+        return {"success": success, "end": end.value, **dict(zip(MEASURES, numbers, strict=True))}

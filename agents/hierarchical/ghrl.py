@@ -1,0 +1,147 @@
+"""GHRL: a master chooses among learned sub-policies; where RSS says that it is critical, answer-set rules drive alone.
+
+    dohyo evaluate --agent ghrl --set arm=ghrl-r --set checkpoint=runs/ghrl --benchmark nocrash
+
+Arms, and the part of the checkpoint that each reads: `hrl`, `ghrl` and `ghrl-r` the master's run, `flat` the flat
+policy's. HRL's sub-policies are trained without rules, which is a matter of the checkpoint; only in GHRL-R rules drive.
+Source: Albilani 2023, chapter 6.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from agents.hierarchical.conductor import Conductor, Prospect
+from agents.hierarchical.hierarchy import FLAT, MASTER, WEIGHTS, SubPolicy, read_sub_policies, run_file
+from agents.hierarchical.manoeuvres import Manoeuvre
+from agents.hierarchical.master import Master, parts, read_master
+from agents.hierarchical.outlook import OPTIONS, Outlook
+from agents.hierarchical.rules_only import RulesOnly
+from evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
+from sumo_networks.arrays import Float32Array
+from sumo_networks.errors import InvalidInputError, UnknownNameError
+
+ARMS = ("hrl", "ghrl", "ghrl-r", "flat")
+CHECKPOINT = Path(__file__).with_name("checkpoints")
+
+
+class Ghrl(Agent):
+    """See the module.
+
+    Attributes:
+        files: That decide what it does, beside its code.
+    """
+
+    def __init__(self, arm: str = "ghrl-r", checkpoint: str | Path | None = None) -> None:
+        """Reads the networks.
+
+        Args:
+            arm: Of `ARMS`.
+            checkpoint: Folder of the runs; None: what ships.
+
+        Raises:
+            UnknownNameError: There is no such arm.
+            InvalidInputError: A part is missing or damaged; the message says how it is trained.
+        """
+        if arm not in ARMS:
+            raise UnknownNameError("arm", arm, ARMS)
+        folder = CHECKPOINT / arm.removesuffix("-r") if checkpoint is None else Path(checkpoint)
+        self._arm = arm
+        rules = RulesOnly() if arm == "ghrl-r" else None
+        self._flat: SubPolicy | None = None
+        self._master: Master | None = None
+        if arm == FLAT:
+            policies = read_sub_policies(folder, (FLAT,))
+            self._flat, self.files = policies.policies[FLAT], policies.files
+            state, self._steering = policies.state, policies.steering
+        else:
+            path = run_file(folder, MASTER, WEIGHTS)
+            self._master, self.files = read_master(path), (path,)
+            state, self._steering = self._master.manner.state, self._master.manner.steering
+        if rules is not None:
+            self.files = (*self.files, *rules.files)
+        self._outlook = Outlook(state, rules)
+        if self._master is not None and self._master.size != self._outlook.encoder.size:
+            raise InvalidInputError(
+                f"'{folder / MASTER}': expected a master of states of {self._outlook.encoder.size} numbers, "
+                f"got {self._master.size}"
+            )
+        self.spec = AgentSpec(
+            name=f"ghrl-{arm}" if arm == FLAT else arm,
+            track="privileged",
+            sensors=self._outlook.sensors,
+            control="acceleration_steering",
+        )
+        self._forget()
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        """Forgets the last episode."""
+        torch.set_num_threads(1)
+        self._outlook.reset(mission, seed)
+        self._forget()
+
+    def _forget(self) -> None:
+        self._conductor = Conductor(self._master.manner.tempo) if self._master is not None else None
+        self._prospect: Prospect | None = None
+        self._ruled = False
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """What the option wants that runs; or the rules, or the flat policy."""
+        outlook = self._outlook
+        outlook.update(observation)
+        action = self._flat.act(outlook.state) if self._flat is not None else self._chosen()
+        self._ruled = outlook.critical
+        if self._ruled:
+            return outlook.obey_rules()
+        if self._option is not None:
+            outlook.follow(self._option)
+        return outlook.controls(action, self._steering)
+
+    @property
+    def _option(self) -> Manoeuvre | None:
+        if self._conductor is None or self._conductor.option is None:
+            return None
+        return OPTIONS[self._conductor.option]
+
+    def _chosen(self) -> Float32Array:
+        """(2,) what the option wants that runs after the master has been asked."""
+        outlook, conductor = self._outlook, self._conductor
+        assert conductor is not None
+        assert self._master is not None
+        with torch.no_grad():
+            answer = self._master(torch.from_numpy(outlook.vector())[None])[0].numpy()
+        q, beta, actions = parts(answer)
+        self._prospect = Prospect(q, beta, outlook.available, outlook.finished, outlook.critical)
+        if conductor.ends(self._prospect, 0.5):
+            conductor.begin(self._prospect)
+        conductor.tick()
+        assert conductor.option is not None
+        action: Float32Array = actions[conductor.option]
+        return action
+
+    def explain(self) -> Explanation | None:
+        """The option, what the master thinks of each, and the rules where they drive."""
+        if self._outlook.seen == {}:
+            return None
+        out: Explanation = {"agent": self.spec.name, "arm": self._arm, "path_offset_m": round(self._outlook.offset, 2)}
+        if self._prospect is not None and self._conductor is not None and self._option is not None:
+            prospect = self._prospect
+            out |= {
+                "option": self._option.value,
+                "option_s": round(0.1 * self._conductor.ticks, 1),
+                "q": {name.value: round(float(v), 4) for name, v in zip(OPTIONS, prospect.q, strict=True)},
+                "beta": {name.value: round(float(v), 4) for name, v in zip(OPTIONS, prospect.beta, strict=True)},
+                "available": [name.value for name, may in zip(OPTIONS, prospect.available, strict=True) if may],
+            }
+        rules = self._outlook.rules
+        if rules is not None:
+            out["rules_drive"] = self._ruled
+            out |= {
+                **((rules.explain() or {}) if self._ruled else {}),
+                "agent": self.spec.name,
+                "rss": rules.judgement(),
+            }
+        return out

@@ -1,0 +1,120 @@
+"""Hierarchy: the trained parts in a folder: a run of `dohyo train` for each sub-policy, and one for the master.
+
+    runs/ghrl/lane/{config.toml,best.safetensors}, runs/ghrl/left/..., runs/ghrl/master/...
+
+Of a run, these two files are all that is read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from agents.hierarchical.actuation import Steering
+from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
+from agents.hierarchical.state import StateConfig, StateEncoder
+from agents.hierarchical.subpolicies import SubPolicyConfig
+from agents.hierarchical.views import rows_seen
+from agents.training.policy import Actor
+from agents.training.settings import read_settings
+from sumo_networks.arrays import Float32Array
+from sumo_networks.errors import InvalidInputError
+
+CONFIG, WEIGHTS = "config.toml", "best.safetensors"
+MASTER, FLAT = "master", "flat"
+
+
+@dataclass(frozen=True, slots=True)
+class SubPolicy:
+    """One trained policy.
+
+    Attributes:
+        actor: Its network.
+        rows: Which numbers of a state it sees.
+        files: That it was read from.
+    """
+
+    actor: Actor
+    rows: Tensor
+    files: tuple[Path, ...]
+
+    def act(self, state: Float32Array) -> Float32Array:
+        """(2,) pedals and steering in [-1, 1], without exploration."""
+        with torch.no_grad():
+            seen = torch.from_numpy(state)[self.rows][None]
+            action: Float32Array = self.actor(seen)[0].numpy()
+        return action
+
+
+@dataclass(frozen=True, slots=True)
+class SubPolicies:
+    """All that are there, trained on the same kind of state.
+
+    Attributes:
+        state: What they see.
+        steering: Who steers.
+        policies: By `Manoeuvre`, or "flat".
+    """
+
+    state: StateConfig
+    steering: Steering
+    policies: Mapping[str, SubPolicy]
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """That they were read from."""
+        return tuple(file for policy in self.policies.values() for file in policy.files)
+
+
+def read_sub_policies(folder: Path, names: tuple[str, ...] = tuple(Manoeuvre)) -> SubPolicies:
+    """Reads sub-policies from a folder of runs.
+
+    Args:
+        folder: Holds a run's folder for each.
+        names: Of `Manoeuvre`, or "flat".
+
+    Raises:
+        InvalidInputError: One is not there, damaged, or made for other states or another steering than the first.
+    """
+    configs = {name: read_settings(SubPolicyConfig, run_file(folder, name, CONFIG)) for name in names}
+    first = configs[names[0]]
+    for name, config in configs.items():
+        if (config.state, config.steering) != (first.state, first.steering):
+            raise InvalidInputError(
+                f"'{folder}': expected sub-policies of one state and steering, '{names[0]}' has {_kind(first)} "
+                f"and '{name}' {_kind(config)}"
+            )
+    encoder = StateEncoder(first.state)
+    return SubPolicies(first.state, first.steering, {name: _read(folder, name, encoder) for name in names})
+
+
+def run_file(folder: Path, name: str, file: str) -> Path:
+    """A file of a run.
+
+    Raises:
+        InvalidInputError: It is not there; the message says how it is made.
+    """
+    path = folder / name / file
+    if not path.exists():
+        config = DRIVE if name == FLAT else name
+        raise InvalidInputError(
+            f"no '{name}' in '{folder}' ({file} is missing); it is made by: dohyo train hierarchical-{name} "
+            f"--config agents/hierarchical/configs/{config}.toml --out {folder / name}"
+        )
+    return path
+
+
+def _read(folder: Path, name: str, encoder: StateEncoder) -> SubPolicy:
+    path = run_file(folder, name, WEIGHTS)
+    actor, rows = Actor.load(path), rows_seen(encoder, DRIVE if name == FLAT else name)
+    if actor.sizes[0] != len(rows):
+        raise InvalidInputError(f"'{path}': expected a policy of {len(rows)} inputs, got {actor.sizes[0]}")
+    return SubPolicy(actor, torch.from_numpy(rows), (path, folder / name / CONFIG))
+
+
+def _kind(config: SubPolicyConfig) -> str:
+    return f"vision '{config.state.vision}', localization '{config.state.localization}', steering '{config.steering}'"

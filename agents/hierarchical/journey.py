@@ -1,0 +1,129 @@
+"""Journey: whole missions for the master, as an environment whose actions name the option that runs.
+
+An action is (3,): pedals and steering in [-1, 1], as the option's sub-policy wants them, and the option's number. While
+RSS says that the situation is critical the rules drive instead, where there are rules.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box
+
+from agents.hierarchical.actuation import ACTIONS, Steering
+from agents.hierarchical.exercise import MEASURES, Ride
+from agents.hierarchical.manoeuvres import DRIVE
+from agents.hierarchical.outlook import FLAGS, OPTIONS, Outlook
+from agents.hierarchical.rewards import Form
+from agents.hierarchical.rules_only import RulesOnly
+from agents.hierarchical.state import StateConfig, StateEncoder
+from agents.training.task import Array, Env, Task, held_out_seeds
+
+HELD_OUT = 10
+UNDER_RULES = ("rules_share", "longest_standing_s")
+"""Of the time, and the longest stand within one critical interval [s]: what rules may cause."""
+
+
+@dataclass(frozen=True)
+class JourneyTask(Task):
+    """What the master learns.
+
+    Attributes:
+        state: What it sees.
+        steering: Of the sub-policies.
+        form: Of the reward.
+        rules_when_critical: Whether the rules drive in critical intervals (GHRL-R).
+        held_out_count: Episodes of an evaluation.
+    """
+
+    state: StateConfig
+    steering: Steering = Steering.POLICY
+    form: Form = "product"
+    rules_when_critical: bool = False
+    held_out_count: int = HELD_OUT
+
+    @property
+    def name(self) -> str:
+        """See `Task`."""
+        return "hierarchical-master"
+
+    @cached_property
+    def observation_space(self) -> Box:
+        """See `Outlook.vector`."""
+        return Box(-np.inf, np.inf, (StateEncoder(self.state).size + len(OPTIONS) + FLAGS,), np.float32)
+
+    @cached_property
+    def action_space(self) -> Box:
+        """Pedals, steering, number of the option."""
+        high = np.array([1.0] * ACTIONS + [len(OPTIONS) - 1], dtype=np.float32)
+        return Box(np.array([-1.0] * ACTIONS + [0.0], dtype=np.float32), high)
+
+    @property
+    def held_out(self) -> Sequence[int]:
+        """See `Task`."""
+        return held_out_seeds(self.held_out_count)
+
+    @property
+    def measures(self) -> tuple[str, ...]:
+        """Those of an exercise, and what the rules did."""
+        return (*MEASURES, *UNDER_RULES)
+
+    def make_env(self, seed: int, rank: int) -> Env:
+        """See `Task`."""
+        return Journey(self)
+
+
+class Journey(Ride):
+    """One ego on missions through town."""
+
+    def __init__(self, task: JourneyTask) -> None:
+        """Makes it.
+
+        Args:
+            task: What is learned.
+        """
+        self._outlook = Outlook(task.state, RulesOnly() if task.rules_when_critical else None)
+        super().__init__(DRIVE, self._outlook.sensors, task.form)
+        self.observation_space, self.action_space = task.observation_space, task.action_space
+        self._steering = task.steering
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Begins the scenario of a seed."""
+        observation = self._begin(seed or 0)
+        scenario = self.driving.scenario
+        self._outlook.reset(scenario.missions[0], scenario.seed)
+        self._look(observation)
+        return self._outlook.vector(), {}
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Drives one tick.
+
+        Args:
+            action: (3,), see the module.
+
+        Raises:
+            SimulationError: It has not been reset.
+        """
+        outlook = self._outlook
+        option = OPTIONS[round(float(action[ACTIONS]))]
+        if outlook.critical:
+            controls = outlook.obey_rules()
+        else:
+            outlook.follow(option)
+            controls = outlook.controls(action[:ACTIONS], self._steering)
+        self._look(self._tick(controls))
+        value, terminated, truncated, info = self._judge(outlook.around, arrived=False)
+        return outlook.vector(), value, terminated, truncated, {**info, **(self._under_rules() if info else {})}
+
+    def _look(self, observation: Any) -> None:
+        self._outlook.update(observation)
+        self.seen = self._outlook.seen
+
+    def _under_rules(self) -> dict[str, float]:
+        rules = self._outlook.rules
+        shares = (rules.watch.share, rules.watch.longest_standing_s) if rules is not None else (0.0, 0.0)
+        return dict(zip(UNDER_RULES, shares, strict=True))

@@ -1,0 +1,158 @@
+"""Master: the network that chooses among the sub-policies, ends them, and holds them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from torch import Tensor, nn
+
+from agents.hierarchical.actuation import ACTIONS, Steering
+from agents.hierarchical.conductor import Tempo
+from agents.hierarchical.hierarchy import SubPolicies
+from agents.hierarchical.manoeuvres import Manoeuvre
+from agents.hierarchical.options import OptionValues
+from agents.hierarchical.outlook import FLAGS, OPTIONS
+from agents.hierarchical.state import StateConfig, StateEncoder
+from agents.training.policy import Actor
+from sumo_networks.arrays import BoolArray, Float32Array
+from sumo_networks.config import Config
+from sumo_networks.errors import InvalidInputError
+
+SHAPE, MANNER = "shape", "manner"
+
+
+class Manner(Config):
+    """What a master must be driven with.
+
+    Attributes:
+        state: What it sees.
+        steering: Of its sub-policies.
+        tempo: How long its options last.
+    """
+
+    state: StateConfig = StateConfig()
+    steering: Steering = Steering.POLICY
+    tempo: Tempo = Tempo()
+
+
+class Master(nn.Module):
+    """Outlook -> Q_Omega, beta, and what each option would do.
+
+    Attributes:
+        values: Q_Omega and beta of the state.
+        actors: The options' policies, by `Manoeuvre`.
+        size: Numbers in a state.
+        hidden: Width of each hidden layer of `values`.
+        manner: What it must be driven with.
+    """
+
+    def __init__(
+        self,
+        size: int,
+        hidden: Sequence[int],
+        actors: Mapping[str, Actor],
+        rows: Mapping[str, Tensor],
+        manner: Manner,
+    ) -> None:
+        """Makes the networks.
+
+        Args:
+            size: Numbers in a state.
+            hidden: Width of each hidden layer.
+            actors: By `Manoeuvre`.
+            rows: Which numbers of a state each sees.
+            manner: What it must be driven with.
+        """
+        super().__init__()
+        self.size, self.hidden, self.manner = size, tuple(hidden), manner
+        self.values = OptionValues(size, len(OPTIONS), hidden)
+        self.actors = nn.ModuleDict({name: actors[name] for name in OPTIONS})
+        for name in OPTIONS:
+            self.register_buffer(f"rows_{name}", rows[name])
+
+    def forward(self, outlook: Tensor) -> Tensor:
+        """(B, size + options + FLAGS) `Outlook.vector` -> (B, 4 * options): Q, beta, pedals and steering of each."""
+        state = outlook[:, : self.size]
+        q, beta = self.values(state)
+        actions = [self.actor(name)(self.view(name, state)) for name in OPTIONS]
+        return torch.cat([q, beta, *actions], dim=1)
+
+    def actor(self, option: Manoeuvre) -> Actor:
+        """The policy of an option."""
+        actor = self.actors[option]
+        assert isinstance(actor, Actor)
+        return actor
+
+    def view(self, option: Manoeuvre, state: Tensor) -> Tensor:
+        """(B, size) -> what an option's policy sees of it."""
+        rows = self.get_buffer(f"rows_{option}")
+        return state[:, rows]
+
+    def facts(self) -> Mapping[str, str]:
+        """What `read_master` needs beside the weights."""
+        sizes = {name: self.actor(name).sizes for name in OPTIONS}
+        shape = json.dumps({"size": self.size, "hidden": self.hidden, "actors": sizes})
+        return {SHAPE: shape, MANNER: self.manner.model_dump_json()}
+
+
+def master_of(policies: SubPolicies, hidden: Sequence[int], tempo: Tempo) -> Master:
+    """An untrained master over trained sub-policies."""
+    size = StateEncoder(policies.state).size
+    actors = {name: policy.actor for name, policy in policies.policies.items()}
+    rows = {name: policy.rows for name, policy in policies.policies.items()}
+    manner = Manner(state=policies.state, steering=policies.steering, tempo=tempo)
+    return Master(size, hidden, actors, rows, manner)
+
+
+def read_master(path: Path) -> Master:
+    """A trained master.
+
+    Raises:
+        InvalidInputError: The file is missing or damaged, or is no master.
+    """
+    try:
+        with safe_open(path, framework="pt") as file:
+            facts = file.metadata() or {}
+            weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - no mapping
+        shape, manner = json.loads(facts[SHAPE]), Manner.model_validate_json(facts[MANNER])
+        actors, rows = {}, {}
+        for name, (observations, *hidden, _) in shape["actors"].items():
+            low, high = weights[f"actors.{name}.low"], weights[f"actors.{name}.high"]
+            actors[name], rows[name] = Actor(observations, low, high, hidden), weights[f"rows_{name}"]
+        master = Master(shape["size"], shape["hidden"], actors, rows, manner)
+        master.load_state_dict(weights)
+    except FileNotFoundError as error:
+        raise InvalidInputError(f"no master '{path}'") from error
+    except (OSError, SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise InvalidInputError(f"'{path}' is no master: {str(error).splitlines()[0]}") from error
+    return master.eval()
+
+
+class Told:
+    """One outlook and what the master says of it, taken apart.
+
+    Attributes:
+        state: (size,).
+        available: (options,) which may begin.
+        finished: Whether the option that runs has done what it is for.
+        critical: Whether the rules drive.
+        fresh: Whether this is the first of its episode.
+    """
+
+    def __init__(self, vector: Float32Array, size: int) -> None:
+        """Takes `Outlook.vector` apart."""
+        self.state = vector[:size]
+        self.available: BoolArray = vector[size : size + len(OPTIONS)] > 0.5
+        flags = vector[size + len(OPTIONS) :] > 0.5
+        assert len(flags) == FLAGS
+        self.finished, self.critical, self.fresh = (bool(flag) for flag in flags)
+
+
+def parts(answer: Float32Array) -> tuple[Float32Array, Float32Array, Float32Array]:
+    """Q (options,), beta (options,) and actions (options, 2) of one answer of `Master`."""
+    count = len(OPTIONS)
+    return answer[:count], answer[count : 2 * count], answer[2 * count :].reshape(count, ACTIONS)

@@ -1,0 +1,390 @@
+"""Learning to choose: option-critic over the trained sub-policies, on missions through town.
+
+    dohyo train hierarchical-master --config agents/hierarchical/configs/master.toml --set options=runs/ghrl
+
+Per round: some ticks everywhere, epsilon-greedy; then Q-learning on the options that ended so far (SMDP, from a replay,
+with a target network), and one step each of the termination and the intra-option gradient on the round's own ticks.
+Rewards are scaled by 1 - gamma, so that a value is a mean reward per tick. Source: Albilani 2023, algorithm 11; Bacon
+et al. 2017; Harb et al. 2018.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import torch
+from pydantic import Field
+from torch import Tensor
+
+from agents.hierarchical.conductor import Conductor, Prospect, Tempo
+from agents.hierarchical.hierarchy import read_sub_policies
+from agents.hierarchical.journey import HELD_OUT, JourneyTask
+from agents.hierarchical.master import Master, Told, master_of, parts
+from agents.hierarchical.options import (
+    Replay,
+    arrival_value,
+    best_value,
+    intra_option_loss,
+    smdp_target,
+    termination_loss,
+)
+from agents.hierarchical.outlook import OPTIONS
+from agents.hierarchical.rewards import Form
+from agents.training.checkpoint import generator_of, generator_state
+from agents.training.config import Positive, RunConfig, Share
+from agents.training.environments import Environments, Finished
+from agents.training.metrics import Number
+from agents.training.registry import Order, Trainer
+from agents.training.run import Run
+from agents.training.task import Array
+from agents.training.training import train
+from sumo_networks.arrays import BoolArray, Float32Array
+from sumo_networks.config import Config
+
+Rate = Annotated[float, Field(ge=0)]
+_CHOICES = 1  # keeps this stream of random numbers apart from the environments'
+
+
+class OptionCriticConfig(Config):
+    """Settings of the learner; where the thesis says nothing, all of them are ours.
+
+    Attributes:
+        horizon: Ticks of every environment between two updates: a round.
+        gamma: Discount per tick.
+        epsilon: Probability of an option by chance, at the start.
+        epsilon_end: The same at the end of its fall.
+        epsilon_steps: Ticks in which it falls.
+        deliberation_cost: eta, in mean rewards per tick.
+        learning_rate: Of Q_Omega.
+        termination_learning_rate: Of beta.
+        intra_option_learning_rate: Of the sub-policies; 0: they stay as they were trained.
+        batch: Options per gradient step of Q_Omega.
+        updates: Gradient steps of Q_Omega per round.
+        replay: How many options are kept.
+        target_share: How far the target network follows at each step.
+        hidden: Width of each hidden layer.
+        tempo: How long options last.
+    """
+
+    horizon: Positive = 128
+    gamma: Share = 0.99
+    epsilon: Share = 0.3
+    epsilon_end: Share = 0.05
+    epsilon_steps: Positive = 100_000
+    deliberation_cost: Rate = 0.005
+    learning_rate: Rate = 3e-4
+    termination_learning_rate: Rate = 1e-4
+    intra_option_learning_rate: Rate = 1e-5
+    batch: Positive = 64
+    updates: Positive = 16
+    replay: Positive = 50_000
+    target_share: Share = 0.01
+    hidden: Annotated[tuple[Positive, ...], Field(min_length=1)] = (256, 256)
+    tempo: Tempo = Tempo()
+
+    def epsilon_at(self, step: int) -> float:
+        """Epsilon after so many ticks."""
+        share = min(step / self.epsilon_steps, 1.0)
+        return self.epsilon + (self.epsilon_end - self.epsilon) * share
+
+
+class MasterConfig(RunConfig):
+    """A training of the master.
+
+    Attributes:
+        options: Folder of the sub-policies' runs.
+        rules_when_critical: Whether the rules drive in critical intervals (GHRL-R).
+        form: Of the reward.
+        held_out: Episodes of an evaluation.
+        option_critic: Of the learner.
+    """
+
+    options: Path
+    rules_when_critical: bool = False
+    form: Form = "product"
+    held_out: Annotated[int, Field(gt=0, le=1000)] = HELD_OUT
+    option_critic: OptionCriticConfig = OptionCriticConfig()
+
+
+@dataclass(slots=True)
+class _Running:
+    """The option that runs in one environment.
+
+    Attributes:
+        conductor: Which it is.
+        began: State in which it began.
+        total: Discounted rewards since.
+    """
+
+    conductor: Conductor
+    began: Float32Array = field(default_factory=lambda: np.zeros(0, dtype=np.float32))
+    total: float = 0.0
+
+
+@dataclass(slots=True)
+class _Ticks:
+    """Ticks of a round that were driven by options, one row each."""
+
+    before: list[Float32Array] = field(default_factory=list)
+    after: list[Float32Array] = field(default_factory=list)
+    units: list[Tensor] = field(default_factory=list)
+    options: list[int] = field(default_factory=list)
+    rewards: list[float] = field(default_factory=list)
+    terminated: list[bool] = field(default_factory=list)
+    available: list[BoolArray] = field(default_factory=list)
+
+
+class OptionCritic:
+    """The learner.
+
+    Attributes:
+        actor: The master, with its sub-policies.
+        updates: Gradient steps of Q_Omega so far.
+    """
+
+    columns = (
+        *("updates", "episodes", "return", "length", "success", "epsilon", "replay", "q", "loss_q"),
+        *("beta", "loss_beta", "option_ticks", "critical_share", *(f"share_{option}" for option in OPTIONS)),
+    )
+
+    def __init__(
+        self, master: Master, environments: Environments, config: OptionCriticConfig, seed: int, device: torch.device
+    ) -> None:
+        """Prepares.
+
+        Args:
+            master: Untrained, over trained sub-policies.
+            environments: Of a `JourneyTask`.
+            config: Settings.
+            seed: Of the run.
+            device: Of the networks.
+        """
+        self._environments, self._config, self._device = environments, config, device
+        self.actor, self.updates = master.to(device), 0
+        self._target = copy.deepcopy(master.values).to(device)
+        self._running = [_Running(Conductor(config.tempo)) for _ in range(len(environments))]
+        self._judged = Conductor(config.tempo)
+        self._replay = Replay(config.replay, master.size, len(OPTIONS))
+        self._rng = np.random.default_rng([_CHOICES, seed])
+        self._optimizers = {
+            "q": torch.optim.Adam(master.values.values.parameters(), lr=config.learning_rate),
+            "beta": torch.optim.Adam(master.values.endings.parameters(), lr=config.termination_learning_rate),
+            "options": torch.optim.Adam(master.actors.parameters(), lr=config.intra_option_learning_rate),
+        }
+
+    def begin(self) -> None:
+        """Begins the first episodes."""
+        self._environments.begin()
+
+    def act(self, observation: Array) -> Array:
+        """One observation -> one action, without exploration; the episodes come one after the other."""
+        told = Told(observation, self.actor.size)
+        if told.fresh:
+            self._judged.reset()
+        q, beta, actions = parts(self._answer(observation[None])[0])
+        prospect = Prospect(q, beta, told.available, told.finished, told.critical)
+        option = self._judged.begin(prospect) if self._judged.ends(prospect, 0.5) else self._judged.option
+        assert option is not None
+        self._judged.tick()
+        return np.array([*actions[option], option], dtype=np.float32)
+
+    def round(self) -> dict[str, Number]:
+        """Drives `horizon` ticks everywhere, and learns from them; a row of metrics.csv."""
+        epsilon = self._config.epsilon_at(self._environments.steps)
+        ticks, finished, ended, critical = _Ticks(), list[Finished](), list[int](), 0
+        for _ in range(self._config.horizon):
+            critical += self._tick(epsilon, ticks, finished, ended)
+        row = self._learn_values() | self._learn_ticks(ticks)
+        driven = self._config.horizon * len(self._environments)
+        row |= {f"share_{name}": ticks.options.count(i) / driven for i, name in enumerate(OPTIONS)}
+        row |= {"critical_share": critical / driven, "option_ticks": _mean(ended), "epsilon": epsilon}
+        row |= {"return": _mean([one.total for one in finished]), "length": _mean([one.length for one in finished])}
+        row |= {"success": _mean([100.0 * one.success for one in finished]), "updates": self.updates}
+        return row | {"episodes": self._environments.finished_count, "replay": len(self._replay)}
+
+    def _tick(self, epsilon: float, ticks: _Ticks, finished: list[Finished], ended: list[int]) -> int:
+        """One tick everywhere; in how many environments the rules drove."""
+        vectors = self._environments.observation.copy()
+        told = [Told(vector, self.actor.size) for vector in vectors]
+        answers = self._answer(vectors)
+        options = [self._next(i, one, answers[i], epsilon, ended) for i, one in enumerate(told)]
+        units = [self._explored(option, one.state) for option, one in zip(options, told, strict=True)]
+        actions = [
+            [*unit.clamp(-1.0, 1.0).tolist(), float(option)] for option, unit in zip(options, units, strict=True)
+        ]
+        transition = self._environments.step(np.array(actions, dtype=np.float32))
+        for i, one in enumerate(told):
+            reward = float(transition.reward[i]) * (1.0 - self._config.gamma)
+            running, after = self._running[i], Told(transition.observation[i], self.actor.size)
+            running.total += self._config.gamma**running.conductor.ticks * reward
+            running.conductor.tick()
+            terminated = bool(transition.terminated[i])
+            if terminated or transition.truncated[i]:
+                self._keep(running, after, terminated, ended)
+            if not one.critical:
+                ticks.before.append(one.state)
+                ticks.after.append(after.state)
+                ticks.units.append(units[i])
+                ticks.options.append(options[i])
+                ticks.rewards.append(reward)
+                ticks.terminated.append(terminated)
+                ticks.available.append(after.available)
+        finished += transition.finished
+        return sum(one.critical for one in told)
+
+    def _next(self, i: int, told: Told, answer: Float32Array, epsilon: float, ended: list[int]) -> int:
+        """The option that runs in an environment in this tick."""
+        running, (q, beta, _) = self._running[i], parts(answer)
+        prospect = Prospect(q, beta, told.available, told.finished, told.critical)
+        if not running.conductor.ends(prospect, float(self._rng.random())):
+            assert running.conductor.option is not None
+            return running.conductor.option
+        if running.conductor.option is not None:
+            self._keep(running, told, False, ended)
+        running.began, running.total = told.state, 0.0
+        return running.conductor.begin(prospect, epsilon, self._rng)
+
+    def _keep(self, running: _Running, after: Told, terminated: bool, ended: list[int]) -> None:
+        """Puts an option that has ended into the replay."""
+        conductor = running.conductor
+        assert conductor.option is not None
+        rows = (running.began, conductor.option, running.total, conductor.ticks, after.state, after.available)
+        self._replay.add(*rows, terminated)
+        ended.append(conductor.ticks)
+        conductor.reset()
+
+    def _explored(self, option: int, state: Float32Array) -> Tensor:
+        """(2,) an action of an option's policy: by chance where it is to learn, its mean where it is not."""
+        name = OPTIONS[option]
+        with torch.no_grad():
+            seen = self.actor.view(name, torch.from_numpy(state).to(self._device)[None])
+            mean, std = self.actor.actor(name).gaussian(seen)
+            return (torch.normal(mean, std) if self._config.intra_option_learning_rate else mean)[0].cpu()
+
+    def _answer(self, vectors: Array) -> Float32Array:
+        with torch.no_grad():
+            answer: Float32Array = self.actor(torch.from_numpy(vectors).to(self._device)).cpu().numpy()
+        return answer
+
+    def _learn_values(self) -> dict[str, Number]:
+        """SMDP Q-learning; who is best is told by the network, how good by its target."""
+        config, losses, q = self._config, list[float](), torch.zeros(1)
+        if len(self._replay) < config.batch:
+            return {}
+        for _ in range(config.updates):
+            batch = self._replay.sample(config.batch, self._rng)
+            q = self.actor.values.values(batch.states.to(self._device))
+            with torch.no_grad():
+                after = batch.after.to(self._device)
+                mine = self.actor.values.values(after).masked_fill(~batch.available.to(self._device), -np.inf)
+                best = self._target.values(after).gather(1, mine.argmax(dim=1, keepdim=True))[:, 0]
+                rewards, ticks, over = (one.to(self._device) for one in (batch.rewards, batch.ticks, batch.terminated))
+                wanted = smdp_target(rewards, ticks, best, over, config.gamma)
+            chosen = q.gather(1, batch.options.to(self._device)[:, None])[:, 0]
+            losses.append(self._step("q", torch.nn.functional.smooth_l1_loss(chosen, wanted, beta=0.1)))
+            with torch.no_grad():
+                for slow, fast in zip(self._target.parameters(), self.actor.values.parameters(), strict=True):
+                    slow.lerp_(fast, config.target_share)
+            self.updates += 1
+        return {"loss_q": _mean(losses), "q": q.detach().mean().item()}
+
+    def _learn_ticks(self, ticks: _Ticks) -> dict[str, Number]:
+        """The gradients of terminations and of the options' own policies, on this round's ticks."""
+        if not ticks.options:
+            return {}
+        config = self._config
+        before, after = (torch.from_numpy(np.stack(rows)).to(self._device) for rows in (ticks.before, ticks.after))
+        options = torch.tensor(ticks.options, device=self._device)
+        rewards = torch.tensor(ticks.rewards, dtype=torch.float32, device=self._device)
+        ended = torch.tensor(ticks.terminated, device=self._device)
+        available = torch.from_numpy(np.stack(ticks.available)).to(self._device)
+        q_after, betas = self.actor.values(after)
+        column = options[:, None]
+        beta, q_option = betas.gather(1, column)[:, 0], q_after.gather(1, column)[:, 0].detach()
+        best = best_value(q_after, available).detach()
+        going = ~ended
+        row: dict[str, Number] = {"beta": float(beta.detach().mean())}
+        if bool(going.any()):
+            loss = termination_loss(beta[going], q_option[going], best[going], config.deliberation_cost)
+            row["loss_beta"] = self._step("beta", loss)
+        if config.intra_option_learning_rate:
+            with torch.no_grad():
+                arrived = rewards + config.gamma * torch.where(ended, 0.0, arrival_value(q_option, beta, best))
+                baseline = self.actor.values.values(before).gather(1, column)[:, 0]
+            self._step("options", intra_option_loss(self._log_prob(before, options, ticks.units), arrived, baseline))
+        return row
+
+    def _log_prob(self, states: Tensor, options: Tensor, units: list[Tensor]) -> Tensor:
+        """(N,) of the actions, by the policies of their options, but for a constant."""
+        taken, out = torch.stack(units).to(self._device), torch.zeros(len(units), device=self._device)
+        for i, name in enumerate(OPTIONS):
+            rows = options == i
+            if bool(rows.any()):
+                mean, std = self.actor.actor(name).gaussian(self.actor.view(name, states[rows]))
+                z = (taken[rows] - mean) / std
+                out = out.masked_scatter(rows, (-0.5 * z * z - std.log()).sum(dim=1))
+        return out
+
+    def _step(self, name: str, loss: Tensor) -> float:
+        optimizer = self._optimizers[name]
+        optimizer.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(optimizer.param_groups[0]["params"], 1.0)
+        optimizer.step()
+        return float(loss.detach())
+
+    def state(self) -> dict[str, Any]:
+        """All that learning goes on from."""
+        return {
+            "master": self.actor.state_dict(),
+            "target": self._target.state_dict(),
+            "optimizers": {name: optimizer.state_dict() for name, optimizer in self._optimizers.items()},
+            "replay": self._replay.state(),
+            "running": [
+                {"conductor": one.conductor.state(), "began": torch.from_numpy(one.began), "total": one.total}
+                for one in self._running
+            ],
+            "choices": generator_state(self._rng),
+            "updates": self.updates,
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Goes on from there."""
+        self.actor.load_state_dict(state["master"])
+        self._target.load_state_dict(state["target"])
+        for name, optimizer in self._optimizers.items():
+            optimizer.load_state_dict(state["optimizers"][name])
+        self._replay.restore(state["replay"])
+        for one, kept in zip(self._running, state["running"], strict=True):
+            one.conductor.restore(kept["conductor"])
+            one.began, one.total = kept["began"].numpy(), kept["total"]
+        self._rng, self.updates = generator_of(state["choices"]), state["updates"]
+
+
+def train_master(config: MasterConfig, order: Order) -> Path:
+    """Trains the master of a folder of sub-policies."""
+    policies = read_sub_policies(config.options)
+    task = JourneyTask(policies.state, policies.steering, config.form, config.rules_when_critical, config.held_out)
+    run = Run(order.name, order.out, config, order.resume)
+
+    def learner(environments: Environments, device: torch.device) -> OptionCritic:
+        master = master_of(policies, config.option_critic.hidden, config.option_critic.tempo)
+        return OptionCritic(master, environments, config.option_critic, config.seed, device)
+
+    try:
+        train(learner, task, run, order.report)
+    finally:
+        run.close()
+    return run.folder / "best.safetensors"
+
+
+def _mean(values: list[float] | list[int]) -> float | None:
+    return sum(values) / len(values) if values else None
+
+
+MASTER = Trainer("GHRL's master: chooses among the sub-policies, by option-critic", MasterConfig, train_master)

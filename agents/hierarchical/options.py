@@ -1,0 +1,215 @@
+"""Option-critic over given options: which one to choose, when to end it, and how both are learned.
+
+Q_Omega is learned by Q-learning on whole options (SMDP), the terminations beta by the gradient of what ending an option
+costs, with a deliberation cost, and the options' own policies by the intra-option gradient. Sources: Bacon et al. 2017;
+Harb et al. 2018 (deliberation cost); Albilani 2023, equations 6.6 to 6.8 and algorithm 11, of which 6.8 is restored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from sumo_networks.arrays import BoolArray, Float32Array
+from sumo_networks.errors import InvalidInputError
+
+UNAVAILABLE = -1e9
+
+
+class OptionValues(nn.Module):
+    """Q_Omega(s, o) and beta(s, o) of every option, from one body each."""
+
+    def __init__(self, size: int, options: int, hidden: Sequence[int]) -> None:
+        """Makes the networks.
+
+        Args:
+            size: Numbers in a state.
+            options: How many options.
+            hidden: Width of each hidden layer.
+        """
+        super().__init__()
+        self.values = _perceptron(size, hidden, options)
+        self.endings = _perceptron(size, hidden, options)
+        last = self.endings[-1]
+        assert isinstance(last, nn.Linear)
+        # An option lasts ten ticks at first, on average.
+        nn.init.constant_(last.bias, -2.2)
+
+    def forward(self, states: Tensor) -> tuple[Tensor, Tensor]:
+        """Q and beta.
+
+        Args:
+            states: (N, size).
+
+        Returns:
+            (N, options) each; beta in (0, 1).
+        """
+        return self.values(states), torch.sigmoid(self.endings(states))
+
+
+def best_value(q: Tensor, available: Tensor) -> Tensor:
+    """(N,) value of the best option that may begin.
+
+    Args:
+        q: (N, O).
+        available: (N, O) bool.
+    """
+    return q.masked_fill(~available, UNAVAILABLE).max(dim=1).values
+
+
+def smdp_target(rewards: Tensor, ticks: Tensor, after: Tensor, terminated: Tensor, gamma: float) -> Tensor:
+    """(N,) what Q_Omega(s, o) should be: the rewards while o ran, and the best that can be done where it ended.
+
+    R + gamma^k max_o' Q(s', o'); the thesis's 6.8 restored.
+
+    Args:
+        rewards: (N,) sum of gamma^i r_i over the option's k ticks.
+        ticks: (N,) k.
+        after: (N,) `best_value` where it ended.
+        terminated: (N,) bool, whether the episode ended there by itself.
+        gamma: Discount per tick.
+    """
+    return rewards + torch.where(terminated, torch.zeros_like(after), gamma**ticks * after)
+
+
+def arrival_value(q_option: Tensor, beta: Tensor, best: Tensor) -> Tensor:
+    """(N,) U(s', o): the value of arriving somewhere with an option, which goes on or ends there.
+
+    Args:
+        q_option: (N,) Q_Omega(s', o).
+        beta: (N,) beta(s', o).
+        best: (N,) `best_value` there.
+    """
+    return (1.0 - beta) * q_option + beta * best
+
+
+def termination_loss(beta: Tensor, q_option: Tensor, best: Tensor, cost: float) -> Tensor:
+    """Its gradient ends an option the less, the better it still is than the best; equation 6.7.
+
+    Args:
+        beta: (N,) beta(s', o).
+        q_option: (N,) Q_Omega(s', o), taken as given.
+        best: (N,) `best_value` there, taken as given.
+        cost: eta, the deliberation cost.
+    """
+    return (beta * (q_option.detach() - best.detach() + cost)).mean()
+
+
+def intra_option_loss(log_prob: Tensor, arrived: Tensor, q_option: Tensor) -> Tensor:
+    """Its gradient makes actions likelier that turned out better than their option's value; equation 6.6.
+
+    Q_Omega(s, o) is the baseline of Q_U(s, o, a).
+
+    Args:
+        log_prob: (N,) of the actions taken, by their options' policies.
+        arrived: (N,) r + gamma U(s', o), an estimate of Q_U(s, o, a).
+        q_option: (N,) Q_Omega(s, o).
+    """
+    return -(log_prob * (arrived - q_option).detach()).mean()
+
+
+def choose(q: Float32Array, available: BoolArray, epsilon: float, rng: np.random.Generator) -> int:
+    """Epsilon-greedy among the options that may begin.
+
+    Raises:
+        InvalidInputError: None may.
+    """
+    open_ = np.flatnonzero(available)
+    if not len(open_):
+        raise InvalidInputError("expected at least one option that may begin, got none")
+    if epsilon > 0.0 and rng.random() < epsilon:
+        return int(rng.choice(open_))
+    return int(open_[np.argmax(q[open_])])
+
+
+@dataclass(slots=True)
+class Batch:
+    """Options that were carried out, N of them.
+
+    Attributes:
+        states: (N, D) where each began.
+        options: (N,) int64.
+        rewards: (N,) discounted sum while it ran.
+        ticks: (N,) for how long.
+        after: (N, D) where it ended.
+        available: (N, O) bool, what may begin there.
+        terminated: (N,) bool.
+    """
+
+    states: Tensor
+    options: Tensor
+    rewards: Tensor
+    ticks: Tensor
+    after: Tensor
+    available: Tensor
+    terminated: Tensor
+
+
+class Replay:
+    """The last options that were carried out."""
+
+    def __init__(self, size: int, state: int, options: int) -> None:
+        """Makes room.
+
+        Args:
+            size: How many are kept.
+            state: Numbers in a state.
+            options: How many options there are.
+        """
+        self._rows = Batch(
+            states=torch.zeros(size, state),
+            options=torch.zeros(size, dtype=torch.int64),
+            rewards=torch.zeros(size),
+            ticks=torch.zeros(size),
+            after=torch.zeros(size, state),
+            available=torch.zeros(size, options, dtype=torch.bool),
+            terminated=torch.zeros(size, dtype=torch.bool),
+        )
+        self._size, self._added = size, 0
+
+    def __len__(self) -> int:
+        return min(self._added, self._size)
+
+    def add(
+        self,
+        state: Float32Array,
+        option: int,
+        reward: float,
+        ticks: int,
+        after: Float32Array,
+        available: BoolArray,
+        terminated: bool,
+    ) -> None:
+        """Keeps one, in the place of the oldest; see `Batch`."""
+        row, rows = self._added % self._size, self._rows
+        rows.states[row], rows.after[row] = torch.from_numpy(state), torch.from_numpy(after)
+        rows.options[row], rows.rewards[row], rows.ticks[row] = option, reward, ticks
+        rows.available[row], rows.terminated[row] = torch.from_numpy(available), terminated
+        self._added += 1
+
+    def sample(self, count: int, rng: np.random.Generator) -> Batch:
+        """Some, drawn with replacement."""
+        drawn = torch.from_numpy(rng.integers(len(self), size=count))
+        return Batch(*(getattr(self._rows, name)[drawn] for name in Batch.__slots__))
+
+    def state(self) -> dict[str, Tensor | int]:
+        """What `restore` needs."""
+        kept = {name: getattr(self._rows, name)[: len(self)].clone() for name in Batch.__slots__}
+        return {**kept, "added": self._added}
+
+    def restore(self, state: dict[str, Tensor | int]) -> None:
+        """Puts back what `state` gave."""
+        self._added = int(state["added"])
+        for name in Batch.__slots__:
+            getattr(self._rows, name)[: len(self)] = state[name]
+
+
+def _perceptron(size: int, hidden: Sequence[int], outputs: int) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    for before, after in zip([size, *hidden], hidden, strict=False):
+        layers += [nn.Linear(before, after), nn.ReLU()]
+    return nn.Sequential(*layers, nn.Linear(([size, *hidden])[-1], outputs))

@@ -1,0 +1,133 @@
+"""Outlook: one tick as the master sees it: the state, which options may begin, and whether the present one is over."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agents.experts.surroundings import Surroundings, warm_up
+from agents.hierarchical.actuation import Steering, command
+from agents.hierarchical.facts import SENSORS
+from agents.hierarchical.manoeuvres import CHANGES, Course, Manoeuvre, light_ahead
+from agents.hierarchical.rules_only import RulesOnly
+from agents.hierarchical.state import StateConfig, StateEncoder
+from evaluation.agent import Mission, Observation
+from sumo_networks.arrays import BoolArray, Float32Array, FloatArray
+
+OPTIONS = tuple(Manoeuvre)
+FINISHED, CRITICAL, FRESH = range(3)
+FLAGS = 3
+HOLD: FloatArray = np.array([-2.0, 0.0])
+"""While the filter wants the vehicle to stand."""
+
+
+class Outlook:
+    """Follows one episode.
+
+    Attributes:
+        encoder: Makes the states.
+        rules: Those that drive while RSS says that the situation is critical; None: they never do.
+        sensors: What an observation must hold.
+        seen: The last observation, along the path that is followed.
+        believed: The same from where the ego believes to be.
+        around: Made of `seen`.
+        state: Of the last observation.
+        available: (options,) which may begin now.
+        finished: Whether the option that runs has done what it is for.
+    """
+
+    def __init__(self, state: StateConfig, rules: RulesOnly | None = None) -> None:
+        """Loads what the states need.
+
+        Args:
+            state: What a state is made of.
+            rules: To drive in critical intervals.
+        """
+        self.encoder, self.rules = StateEncoder(state), rules
+        self.sensors = tuple(dict.fromkeys((*SENSORS, *self.encoder.sensors)))
+        self.seen: Observation = {}
+        self.believed: Observation = {}
+        self._forget()
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        """Begins an episode."""
+        warm_up()
+        self.encoder.reset()
+        if self.rules is not None:
+            self.rules.reset(mission, seed)
+        self._forget()
+
+    def _forget(self) -> None:
+        self.state: Float32Array = np.zeros(self.encoder.size, dtype=np.float32)
+        self.available: BoolArray = np.zeros(len(OPTIONS), dtype=np.bool_)
+        self.finished, self._fresh, self._ticks = False, True, 0
+        self._course, self._was_critical = Course(), False
+        self._followed: Manoeuvre | None = None
+
+    @property
+    def critical(self) -> bool:
+        """Whether the rules drive."""
+        return self.rules is not None and self.rules.watch.critical
+
+    @property
+    def offset(self) -> float:
+        """Where the path leads, m to the left of the route."""
+        return self._course.offset
+
+    def update(self, observation: Observation) -> None:
+        """Goes on for one tick.
+
+        Args:
+            observation: With `sensors`.
+        """
+        self._fresh, self._ticks = self._ticks == 0, self._ticks + 1
+        along_route = Surroundings(observation)
+        speed, progress = float(observation["speedometer"][0]), float(observation["navigation"][2])
+        self._course.look(along_route)
+        self._course.keep_to_roads(progress, speed)
+        self.seen = self._course.seen(observation)
+        self.around = along_route if self.seen is observation else Surroundings(self.seen)
+        located = self.encoder.located(observation)
+        self.believed = self.seen if located is observation else self._course.seen(located)
+        self.state = self.encoder.encode(self.believed)
+        free = {change: self._course.free(change, speed) for change in CHANGES}
+        lit = light_ahead(observation["lights"])
+        self.available = np.array([free.get(one, one is not Manoeuvre.LIGHTS or lit) for one in OPTIONS])
+        self.finished = self._is_finished(observation, lit)
+        self._speed, self._progress = speed, progress
+        self._was_critical = self.critical
+        if self.rules is not None:
+            self.rules.observe(self.seen)
+
+    def follow(self, option: Manoeuvre) -> None:
+        """Leads the path where an option wants it; to be called in every tick that the option drives."""
+        if option in CHANGES and (option is not self._followed or self.finished):
+            self._course.begin(option, self._progress, self._speed)
+        self._followed = option
+
+    def controls(self, action: Float32Array, steering: Steering) -> FloatArray:
+        """What an option wants: acceleration [m/s^2] and steering in [-1, 1] of full lock.
+
+        Args:
+            action: (2,) in [-1, 1], see `actuation.command`.
+            steering: Who steers.
+        """
+        if self.encoder.calibrating:
+            return HOLD
+        return command(action, float(self.seen["speedometer"][0]), self.believed["route"], steering)
+
+    def obey_rules(self) -> FloatArray:
+        """What the rules do: acceleration [m/s^2] and steering in [-1, 1] of full lock."""
+        assert self.rules is not None
+        if not self._was_critical:
+            self.rules.take_over()
+        return self.rules.decide(self.seen)
+
+    def vector(self) -> Float32Array:
+        """(size + options + FLAGS,) all of it as one observation of an environment."""
+        flags = (self.finished, self.critical, self._fresh)
+        return np.concatenate([self.state, self.available, flags], dtype=np.float32)
+
+    def _is_finished(self, observation: Observation, lit: bool) -> bool:
+        if self._followed in CHANGES:
+            return self._course.arrived(observation)
+        return self._followed is Manoeuvre.LIGHTS and not lit

@@ -1,0 +1,131 @@
+"""Pace: how fast a careful driver would go here, and what holds him back. Sub-policies are rewarded against it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+
+from agents.experts.crossing import crossers
+from agents.experts.surroundings import Surroundings
+from agents.hierarchical.rules_only import advised_speed
+from evaluation.agent import Observation
+from sumo_networks.arrays import Float32Array
+from sumo_networks.sensors.path import BEHIND
+from sumo_networks.vehicle import VehicleParameters
+from sumo_networks.world import ActorKind, LightState
+
+LEAST_SHARE = 0.8
+OVER_LIMIT = 0.2
+BRAKING_M_S2 = 2.0
+STANDS_BELOW_M_S = 0.5
+SIDE_MARGIN_M = 0.3
+FOLLOWING_GAP_M, FOLLOWING_S, FOLLOWING_GAIN = 2.5, 1.0, 0.5
+LINE_GAP_M, LINE_GAIN = 2.0, 0.7
+YIELD_GAP_M, YIELD_S, YIELD_SIGHT_M = 2.0, 4.0, 40.0
+HELD_M = 10.0
+_CAR = VehicleParameters()
+
+
+class Restraint(StrEnum):
+    """What may hold a driver back, besides limits and curves."""
+
+    LEADER = "leader"
+    LINE = "line"
+    YIELD = "yield"
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How fast to go, m/s: v_min, v_target and v_max of the thesis's equation 6.2.
+
+    Attributes:
+        least: Slower is too slow: 0.8 of the target.
+        target: What a careful driver would hold.
+        most: Where the reward of the speed has fallen to 0: a fifth of the limit above the target.
+        stop_m: Distance from the ego's front to where it must stand, m; infinite where it need not.
+        line_m: The same to a line whose light is not green, m.
+    """
+
+    least: float
+    target: float
+    most: float
+    stop_m: float = math.inf
+    line_m: float = math.inf
+
+    @property
+    def held(self) -> bool:
+        """Whether standing here is lawful: within 10 m of what the ego must stand before."""
+        return self.stop_m < HELD_M
+
+
+def pace_of(observation: Observation, around: Surroundings, restraints: frozenset[Restraint]) -> Pace:
+    """The pace of one moment.
+
+    Args:
+        observation: With the sensors "route", "path", "lights" and "conflicts"; the path is the one to be followed.
+        around: Made of it.
+        restraints: Which of them count.
+    """
+    lines = list(_lines(observation["lights"])) if Restraint.LINE in restraints else []
+    limits = list(lines)
+    if Restraint.LEADER in restraints:
+        limits += _leaders(around)
+    if Restraint.YIELD in restraints:
+        limits += _yields(observation["conflicts"], around)
+    target = min((speed for speed, _ in limits), default=math.inf)
+    target = min(target, advised_speed(observation["route"]))
+    if target < STANDS_BELOW_M_S:
+        target = 0.0
+    most = target + OVER_LIMIT * float(observation["path"][BEHIND, 4])
+    stop, line = (min((distance for _, distance in some), default=math.inf) for some in (limits, lines))
+    return Pace(LEAST_SHARE * target, target, most, stop, line)
+
+
+def following_speed(gap: float, pace: float) -> float:
+    """Speed behind somebody, m/s: closes a gap [m] beyond 2.5 m and 1 s, and can always stop gently.
+
+    Args:
+        gap: Between the bumpers, m.
+        pace: Of the other along the path, m/s.
+    """
+    pace = max(pace, 0.0)
+    closing = pace + FOLLOWING_GAIN * (gap - FOLLOWING_GAP_M - FOLLOWING_S * pace)
+    stopping = math.sqrt(pace**2 + 2.0 * BRAKING_M_S2 * max(gap - FOLLOWING_GAP_M, 0.0))
+    return max(min(closing, stopping), 0.0)
+
+
+def stopping_speed(distance: float, gap: float) -> float:
+    """Speed from which the ego stops a gap before a point so far ahead, m/s; never braking by more than 4 m/s^2."""
+    left = max(distance - gap, 0.0)
+    return min(math.sqrt(2.0 * BRAKING_M_S2 * left), LINE_GAIN * left)
+
+
+# Each restraint: the speed it allows [m/s], and how far ahead the ego must stand [m].
+
+
+def _leaders(around: Surroundings) -> Iterator[tuple[float, float]]:
+    reach, half = 0.5 * _CAR.width + SIDE_MARGIN_M, 0.5 * _CAR.length
+    for one in around.neighbours:
+        if one.s_high > half and one.within(-reach, reach):
+            gap, pace = max(one.s_low - half, 0.0), one.speed * one.along
+            yield following_speed(gap, pace), gap if pace < STANDS_BELOW_M_S else math.inf
+
+
+def _lines(lights: Float32Array) -> Iterator[tuple[float, float]]:
+    for distance, _, signal, _ in lights.tolist():
+        # Who cannot stop gently before a yellow light drives on, and who is past the line is past it.
+        if distance > 0.0 and int(signal) in (LightState.RED, LightState.YELLOW):
+            yield stopping_speed(distance, LINE_GAP_M), distance
+
+
+def _yields(conflicts: Float32Array, around: Surroundings) -> Iterator[tuple[float, float]]:
+    """To people on foot who come, and to vehicles that have the right of way and are near."""
+    unforeseen = crossers(around, 0.5 * _CAR.length, 0.5 * _CAR.width)
+    for enter, _, other_enter, _, speed, priority, kind, _ in (*unforeseen.tolist(), *conflicts.tolist()):
+        if kind < 0 or not 0.0 < enter < YIELD_SIGHT_M:
+            continue
+        soon = other_enter <= 0.0 or other_enter < YIELD_S * speed
+        if soon and (priority > 0.0 or kind == ActorKind.PEDESTRIAN):
+            yield stopping_speed(enter, YIELD_GAP_M), enter

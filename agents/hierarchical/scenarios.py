@@ -1,0 +1,268 @@
+"""Scenarios of the sub-policies: from a seed, a short mission that calls for one manoeuvre.
+
+    scenario = draw_scenario(Manoeuvre.LIGHTS, seed=7)     # 30 to 100 m before a light
+
+Everything follows from manoeuvre and seed. Which seeds are held out is the trainer's business.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from types import MappingProxyType
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
+from sumo_networks.arrays import IntArray
+from sumo_networks.catalog import load_network
+from sumo_networks.errors import InvalidInputError
+from sumo_networks.events import Event
+from sumo_networks.events.director import check_placement
+from sumo_networks.network import RoadNetwork
+from sumo_networks.routing import Route, plan_route
+from sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
+
+ATTEMPTS = 500
+PLACES_TRIED = 8
+TOWN, DISTRICT = "town-train", "district"
+CURVE_M_S2, SLOWING_M_S2 = 2.0, 1.5
+LIGHTLESS_M = 60.0
+CHANGE_ROOM_M = 130.0
+BLOCKED_AHEAD_M = (55.0, 85.0)
+WARM_UP_S = 8.0
+LONGEST_CYCLE_S = 90.0
+TIME_LIMITS_S: Mapping[str, float] = MappingProxyType(
+    {
+        Manoeuvre.LANE: 30.0,
+        Manoeuvre.LEFT: 15.0,
+        Manoeuvre.RIGHT: 15.0,
+        Manoeuvre.BRAKING: 40.0,
+        Manoeuvre.LIGHTS: 60.0,
+        DRIVE: 200.0,
+    }
+)
+BRAKING_EVENTS: tuple[Mapping[str, object], ...] = (
+    {"kind": "vehicle_appears", "stay_s": 8.0},
+    {"kind": "pedestrian_steps_out"},
+    {"kind": "dynamic_object_crossing"},
+    {"kind": "lead_vehicle_brakes"},
+    {"kind": "hard_brake", "stop_s": 5.0},
+)
+_EVENT: TypeAdapter[Event] = TypeAdapter(Event)
+_Draw = Callable[[np.random.Generator, int], Scenario | None]
+
+
+def draw_scenario(what: str, seed: int) -> Scenario:
+    """The scenario of one episode.
+
+    Args:
+        what: A `Manoeuvre`, or "drive".
+        seed: Decides everything.
+
+    Raises:
+        InvalidInputError: No scenario was found within 500 draws.
+    """
+    rng = np.random.default_rng([zlib.crc32(what.encode()), seed])
+    for _ in range(ATTEMPTS):
+        scenario = _DRAWS[what](rng, seed)
+        if scenario is not None:
+            return scenario
+    raise InvalidInputError(f"no scenario for '{what}' with seed {seed} in {ATTEMPTS} draws")
+
+
+def careful_speed(route: Route) -> float:
+    """The highest speed at a route's start from which gentle braking meets every limit and curve, m/s."""
+    curve = np.sqrt(CURVE_M_S2 / np.maximum(np.abs(route.curvature), 1e-3))
+    allowed = np.minimum(route.speed_limit, curve)
+    at = np.arange(len(allowed), dtype=np.float64) * route.length / (len(allowed) - 1)
+    return float(np.sqrt(allowed**2 + 2.0 * SLOWING_M_S2 * at).min())
+
+
+def _lane(rng: np.random.Generator, seed: int) -> Scenario | None:
+    """Roads, bends and turns, alone or with a few cars; lights, which are not its business, are not near the start."""
+    name = TOWN if rng.random() < 0.7 else DISTRICT
+    network = load_network(name)
+    start = _anywhere(rng, network)
+    if _metres_to_light(network, start) < LIGHTLESS_M:
+        return None
+    found = _planned(network, Mission(start=start, goal=_anywhere(rng, network)), 120.0, 400.0)
+    if found is None or any(one.signal >= 0 and one.entry < LIGHTLESS_M for one in found[1].passages):
+        return None
+    return _scenario(Manoeuvre.LANE, name, _moving(rng, *found), seed, vehicles=int(rng.choice([0, 0, 8])))
+
+
+def _change(manoeuvre: Manoeuvre) -> _Draw:
+    """A straight road with a lane beside, alone or with a few cars; in half of the draws its own lane is blocked."""
+
+    def draw(rng: np.random.Generator, seed: int) -> Scenario | None:
+        network = load_network(DISTRICT)
+        lanes = network.lanes
+        beside = lanes.left if manoeuvre is Manoeuvre.LEFT else lanes.right
+        long = np.flatnonzero(lanes.drivable & ~lanes.internal & (beside >= 0) & (lanes.length > CHANGE_ROOM_M + 25.0))
+        lane = int(rng.choice(long, p=lanes.length[long] / lanes.length[long].sum()))
+        at = float(rng.uniform(10.0, lanes.length[lane] - CHANGE_ROOM_M - 10.0))
+        mission = Mission(start=_at(network, lane, at), goal=_at(network, lane, at + CHANGE_ROOM_M))
+        route = plan_route(network, mission)
+        blocked = (_blocking(rng, route),) if rng.random() < 0.5 else ()
+        vehicles = 0 if blocked else int(rng.choice([0, 20]))
+        moving = _moving(rng, mission, route, least=4.0)
+        return _scenario(manoeuvre, DISTRICT, moving, seed, vehicles, obstacles=blocked)
+
+    return draw
+
+
+def _braking(rng: np.random.Generator, seed: int) -> Scenario | None:
+    """Something appears, steps out, crosses or brakes ahead, and goes away again."""
+    name = TOWN if rng.random() < 0.6 else DISTRICT
+    network = load_network(name)
+    found = _mission(rng, network, 130.0, 350.0)
+    if found is None:
+        return None
+    event = _event(rng, network, found[1], 8.0, 50.0)
+    if event is None:
+        return None
+    return _scenario(Manoeuvre.BRAKING, name, _moving(rng, *found), seed, events=(event,))
+
+
+def _lights(rng: np.random.Generator, seed: int) -> Scenario | None:
+    """A light 30 to 100 m ahead, at any moment of its cycle, with or without others who queue."""
+    name = TOWN if rng.random() < 0.8 else DISTRICT
+    network = load_network(name)
+    lanes, connections = network.lanes, network.connections
+    lit = connections.source[connections.signal >= 0]
+    lit = np.unique(lit[lanes.drivable[lit] & ~lanes.internal[lit] & (lanes.length[lit] > 45.0)])
+    lane = int(rng.choice(lit))
+    length = float(lanes.length[lane])
+    start = _at(network, lane, length - float(rng.uniform(30.0, min(length - 8.0, 100.0))))
+    goal = _anywhere(rng, network)
+    found = _planned(network, Mission(start=start, goal=goal), 60.0, 500.0)
+    if found is None or not found[1].passages or found[1].passages[0].signal < 0:
+        return None
+    vehicles = int(rng.choice([0, 0, 12]))
+    moving, waited = _moving(rng, *found), float(rng.uniform(0.0, LONGEST_CYCLE_S))
+    return _scenario(Manoeuvre.LIGHTS, name, moving, seed, vehicles, warm_up_s=round(waited, 1))
+
+
+def _drive(rng: np.random.Generator, seed: int) -> Scenario | None:
+    """A mission through town in light to regular traffic, as NoCrash's; something happens on every third."""
+    network = load_network(TOWN)
+    found = _mission(rng, network, 300.0, 1000.0)
+    if found is None:
+        return None
+    event = _event(rng, network, found[1], 20.0, 200.0) if rng.random() < 1 / 3 else None
+    events, vehicles = () if event is None else (event,), int(rng.choice([0, 10, 20]))
+    return _scenario(DRIVE, TOWN, found[0], seed, vehicles, pedestrians=2 * vehicles, warm_up_s=20.0, events=events)
+
+
+_DRAWS: Mapping[str, _Draw] = MappingProxyType(
+    {
+        Manoeuvre.LANE: _lane,
+        Manoeuvre.LEFT: _change(Manoeuvre.LEFT),
+        Manoeuvre.RIGHT: _change(Manoeuvre.RIGHT),
+        Manoeuvre.BRAKING: _braking,
+        Manoeuvre.LIGHTS: _lights,
+        DRIVE: _drive,
+    }
+)
+
+
+def _scenario(
+    what: str,
+    network: str,
+    mission: Mission,
+    seed: int,
+    vehicles: int = 0,
+    pedestrians: int = 0,
+    warm_up_s: float = WARM_UP_S,
+    events: tuple[Event, ...] = (),
+    obstacles: tuple[Obstacle, ...] = (),
+) -> Scenario:
+    warmed = warm_up_s if vehicles or what == Manoeuvre.LIGHTS else 0.0
+    return Scenario(
+        name=f"{what}-{seed}",
+        cell=what,
+        network=network,
+        missions=(mission,),
+        traffic=Traffic(vehicles=vehicles, pedestrians=pedestrians, warm_up_s=warmed),
+        events=events,
+        obstacles=obstacles,
+        time_limit_s=TIME_LIMITS_S[what],
+        seed=seed,
+    )
+
+
+def _mission(rng: np.random.Generator, network: RoadNetwork, low: float, high: float) -> tuple[Mission, Route] | None:
+    return _planned(network, Mission(start=_anywhere(rng, network), goal=_anywhere(rng, network)), low, high)
+
+
+def _planned(network: RoadNetwork, mission: Mission, low: float, high: float) -> tuple[Mission, Route] | None:
+    """A mission with its route, where that has a length within a range [m] and turns back nowhere."""
+    if math.dist(_point(network, mission.start), _point(network, mission.goal)) > high:  # cheaper than to plan
+        return None
+    try:
+        route = plan_route(network, mission)
+    except InvalidInputError:
+        return None
+    back = any(network.connections.direction[passage.connection] == "t" for passage in route.passages)
+    return None if back or not low <= route.length <= high else (mission, route)
+
+
+def _moving(rng: np.random.Generator, mission: Mission, route: Route, least: float = 0.0) -> Mission:
+    """The mission from a rolling start, at any speed that the road ahead allows; every fourth from a stand."""
+    if least == 0.0 and rng.random() < 0.25:
+        return mission
+    most = max(0.9 * careful_speed(route), least)
+    return mission.model_copy(update={"start_speed_mps": round(float(rng.uniform(least, most)), 1)})
+
+
+def _blocking(rng: np.random.Generator, route: Route) -> Obstacle:
+    row = route.index(float(rng.uniform(*BLOCKED_AHEAD_M)))
+    x, y = route.position[row].tolist()
+    return Obstacle(x_m=x, y_m=y, heading_rad=float(route.heading[row]), length_m=4.5, width_m=1.8)
+
+
+def _event(rng: np.random.Generator, network: RoadNetwork, route: Route, low: float, high: float) -> Event | None:
+    """One of `BRAKING_EVENTS`, triggered within a range of the route [m]; None where it fits nowhere that was tried."""
+    numbers = BRAKING_EVENTS[int(rng.integers(len(BRAKING_EVENTS)))]
+    for at in rng.uniform(low, high, PLACES_TRIED).round(1).tolist():
+        event = _EVENT.validate_python({"name": "event", "at_m": at, **numbers})
+        try:
+            check_placement(event, "ego", network, route)
+        except InvalidInputError:
+            continue
+        return event
+    return None
+
+
+def _point(network: RoadNetwork, place: Place) -> tuple[float, float]:
+    """Where a place is, m, network frame."""
+    shape = network.lane_shape(network.lane_index[place.lane])
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))])
+    x, y = (float(np.interp(place.position_m, arc, shape[:, i])) for i in (0, 1))
+    return x, y
+
+
+def _metres_to_light(network: RoadNetwork, place: Place) -> float:
+    """From a place to the end of its lane, where there is a light; infinite where there is none."""
+    lane = network.lane_index[place.lane]
+    lit = any(network.connections.signal[c] >= 0 for c in network.connections_from(lane))
+    return float(network.lanes.length[lane]) - place.position_m if lit else math.inf
+
+
+def _anywhere(rng: np.random.Generator, network: RoadNetwork) -> Place:
+    lane = int(rng.choice(_long_lanes(network)))
+    return _at(network, lane, float(rng.uniform(8.0, network.lanes.length[lane] - 15.0)))
+
+
+@lru_cache(maxsize=4)
+def _long_lanes(network: RoadNetwork) -> IntArray:
+    lanes = network.lanes
+    return np.flatnonzero(lanes.drivable & ~lanes.internal & (lanes.length > 40.0))
+
+
+def _at(network: RoadNetwork, lane: int, position: float) -> Place:
+    return Place(lane=str(network.lanes.ids[lane]), position_m=round(position, 1))

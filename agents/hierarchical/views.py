@@ -1,0 +1,37 @@
+"""Views: which parts of the state each policy sees."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+
+from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
+from agents.hierarchical.state import StateEncoder
+from sumo_networks.arrays import IntArray
+
+_WAY = ("waypoints", "deviation", "limits", "motion")
+PARTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        Manoeuvre.LANE: ("z", "strips", "distances", *_WAY),
+        Manoeuvre.LEFT: ("z", "strips", *_WAY),
+        Manoeuvre.RIGHT: ("z", "strips", *_WAY),
+        Manoeuvre.BRAKING: ("z", "actors", "strips", "distances", *_WAY),
+        Manoeuvre.LIGHTS: ("z", "strips", "junctions", "distances", *_WAY),
+        DRIVE: ("z", "actors", "strips", "junctions", "distances", *_WAY),
+    }
+)
+"""By `Manoeuvre`, or "drive": names of `StateEncoder.layout`, of which a state has only some. Nobody sees the place:
+what is to be done does not depend on it."""
+
+
+def rows_seen(encoder: StateEncoder, what: str) -> IntArray:
+    """Which numbers of a state a policy sees.
+
+    Args:
+        encoder: Makes the states.
+        what: A `Manoeuvre`, or "drive".
+    """
+    parts = [encoder.layout[name] for name in PARTS[what] if name in encoder.layout]
+    return np.concatenate([np.arange(part.start, part.stop) for part in parts])

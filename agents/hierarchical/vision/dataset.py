@@ -1,0 +1,112 @@
+"""The semantic dataset: pictures and what an attentive driver reads from them, in shards of one episode each."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.hierarchical.vision.classes import HEIGHT, WIDTH
+from sumo_networks.errors import InvalidInputError
+from sumo_networks.imaging.labels import Label
+
+SCHEMA_VERSION = 1
+SCHEMA = MappingProxyType(
+    {
+        "pictures": ((HEIGHT, WIDTH), "uint8"),  # imaging.labels.Label
+        "impact_m": ((), "float32"),  # see nearby.distances
+        "event_m": ((), "float32"),
+        "signal": ((), "int8"),  # of the next junction, world.LightState; -1 without
+        "mounting": ((6,), "float32"),  # x, y, z [m], yaw, pitch, roll [deg] off the camera's own
+    }
+)
+"""Every array, but for its first axis: shape and dtype."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pictures:
+    """N pictures with their labels; the attributes are those of `SCHEMA`."""
+
+    pictures: NDArray[np.uint8]
+    impact_m: NDArray[np.float32]
+    event_m: NDArray[np.float32]
+    signal: NDArray[np.int8]
+    mounting: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.pictures)
+
+    @classmethod
+    def of(cls, rows: Sequence[tuple[Any, ...]]) -> Pictures:
+        """Packs pictures, each a tuple in the order of `SCHEMA`."""
+        columns = list(zip(*rows, strict=True)) or [()] * len(SCHEMA)
+        return cls(
+            *(
+                np.array(column, dtype=dtype).reshape(len(rows), *shape)
+                for column, (shape, dtype) in zip(columns, SCHEMA.values(), strict=True)
+            )
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence[Pictures]) -> Pictures:
+        """All in one."""
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in SCHEMA))
+
+    def to_bytes(self) -> bytes:
+        """The file; the same pictures give the same bytes."""
+        buffer = io.BytesIO()
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in SCHEMA}
+        np.savez_compressed(buffer, schema=np.int32(SCHEMA_VERSION), **arrays)
+        return buffer.getvalue()
+
+
+def load_shard(path: Path) -> Pictures:
+    """Reads a shard.
+
+    Raises:
+        InvalidInputError: It is missing, damaged, or not of this schema.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except FileNotFoundError as error:
+        raise InvalidInputError(f"no semantic shard '{path}'") from error
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+        raise InvalidInputError(f"semantic shard '{path}' is damaged: {error}; record it anew") from error
+    version = arrays.pop("schema", None)
+    if version is None or version.shape != () or int(version) != SCHEMA_VERSION:
+        raise InvalidInputError(f"semantic shard '{path}': expected schema {SCHEMA_VERSION}, got {version}")
+    if set(arrays) != set(SCHEMA):
+        raise InvalidInputError(f"semantic shard '{path}': wrong arrays: {sorted(set(SCHEMA) ^ set(arrays))}")
+    size = len(np.atleast_1d(arrays["impact_m"]))
+    for name, (shape, dtype) in SCHEMA.items():
+        if arrays[name].shape != (size, *shape) or arrays[name].dtype != dtype:
+            raise InvalidInputError(
+                f"semantic shard '{path}': expected {name} as {dtype} {(size, *shape)}, "
+                f"got {arrays[name].dtype} {arrays[name].shape}"
+            )
+    if not all(np.isfinite(arrays[name]).all() for name in ("impact_m", "event_m", "mounting")):
+        raise InvalidInputError(f"semantic shard '{path}' holds NaN or infinity")
+    if size and int(arrays["pictures"].max()) >= len(Label):
+        raise InvalidInputError(f"semantic shard '{path}': a picture holds a label above {len(Label) - 1}")
+    return Pictures(**arrays)
+
+
+def load_split(folder: Path, split: str) -> Pictures:
+    """All pictures of one split ("train", "validation", "test"), in memory: 13 kB each.
+
+    Raises:
+        InvalidInputError: There are none.
+    """
+    found = sorted((folder / split).glob("*.npz"))
+    if not found:
+        raise InvalidInputError(f"expected semantic shards in '{folder / split}', found none (dohyo dataset semantic)")
+    return Pictures.joined([load_shard(path) for path in found])

@@ -1,0 +1,203 @@
+"""Recording: the autopilot drives not quite well, and two cameras on each ego take pictures.
+
+One camera is mounted as the sensor `camera_semantic` is, the other a little off it. The autopilot's pedal and steering
+are disturbed, so that pictures from beside the lane's middle, and of ways back to it, are among them.
+
+Network, missions, traffic, conditions and seed of an episode follow from its number and the dataset's seed alone, so a
+recording that was interrupted goes on where it stopped, and the same order gives the same bytes.
+
+Source: Albilani 2023, section 6.2.2: pictures of 160 x 80, the camera's pose perturbed, noise in [-0.1, 0.1] on
+steering and throttle. How far off the camera is, and how long a disturbance holds, is ours.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from agents.experts.autopilot import Autopilot
+from agents.hierarchical.nearby import distances
+from agents.hierarchical.vision.classes import HEIGHT, WIDTH
+from agents.hierarchical.vision.dataset import SCHEMA_VERSION, Pictures, load_shard
+from agents.mcts.predictors import recording as motion
+from evaluation.store import write_atomically
+from sumo_networks.arrays import FloatArray
+from sumo_networks.catalog import load_network
+from sumo_networks.conditions import TRAIN, conditions_named
+from sumo_networks.control import AccelerationSteering
+from sumo_networks.env import DrivingEnv, Observation
+from sumo_networks.errors import InvalidInputError
+from sumo_networks.scenario import Scenario
+from sumo_networks.sensors import CameraConfig, Sensor
+
+TRAINING, HELD_OUT = "town-train", "town-test"
+CAMERA = CameraConfig(name="camera_semantic", mode="semantic", width=WIDTH, height=HEIGHT)
+OFF = {"x_m": 0.3, "y_m": 0.5, "z_m": 0.2, "yaw_deg": 5.0, "pitch_deg": 2.0, "roll_deg": 2.0}
+"""How far a camera may be off its mounting."""
+NOISE, NOISE_HOLDS_S = 0.1, 0.5
+JAYWALKERS = 0.2
+VALIDATION_SHARE, TEST_SHARE = 0.25, 0.15
+TICK_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What to record.
+
+    Attributes:
+        images: For training, at least; a quarter as many more for validation, a seventh from the held-out town.
+        seed: Decides everything random.
+        egos: In every episode; each has two cameras.
+        every_s: Between two pictures of one camera.
+        episode_s: How long an episode lasts.
+    """
+
+    images: int = 14_000
+    seed: int = 0
+    egos: int = 8
+    every_s: float = 1.0
+    episode_s: float = 45.0
+
+    @property
+    def per_episode(self) -> int:
+        """Pictures of an episode in which nobody arrives early."""
+        return 2 * self.egos * math.ceil(self.episode_s / self.every_s - 1e-6)
+
+    def episodes(self) -> Iterator[tuple[str, str, int]]:
+        """Split, network and number of each episode."""
+        train = math.ceil(self.images / self.per_episode)
+        for number in range(train):
+            yield "train", TRAINING, number
+        for number in range(math.ceil(train * VALIDATION_SHARE)):
+            yield "validation", TRAINING, train + number
+        for number in range(math.ceil(train * TEST_SHARE)):
+            yield "test", HELD_OUT, number
+
+
+def record_pictures(order: Order, out: Path, progress: Callable[[float], None] = lambda share: None) -> int:
+    """Records until there are enough pictures; what is already there is kept.
+
+    Args:
+        order: What to record.
+        out: Folder; gets dataset.json and train/, validation/, test/ with one shard per episode.
+        progress: Called with the share of episodes done, after every episode.
+
+    Returns:
+        How many pictures there are.
+
+    Raises:
+        InvalidInputError: An impossible order, or the folder holds a dataset made otherwise.
+    """
+    _claim(order, out)
+    episodes, pictures = list(order.episodes()), 0
+    for done, (split, network, number) in enumerate(episodes, start=1):
+        path = out / split / f"{network}-{number:04d}.npz"
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(path, record_episode(scenario(order, network, number), order).to_bytes())
+        pictures += len(load_shard(path))
+        progress(done / len(episodes))
+    return pictures
+
+
+def scenario(order: Order, name: str, number: int) -> Scenario:
+    """The scenario of one episode: missions and traffic as in the motion dataset, some of the people jaywalking.
+
+    Raises:
+        InvalidInputError: The network has too few missions.
+    """
+    drawn = motion.scenario(motion.Order(seed=order.seed, egos=order.egos), name, number)
+    conditions = np.random.default_rng(drawn.seed).choice(sorted(TRAIN))
+    traffic = drawn.traffic.model_copy(update={"jaywalkers": JAYWALKERS})
+    update = {"name": f"semantic-{name}-{number}", "traffic": traffic, "conditions": str(conditions)}
+    return drawn.model_copy(update=update)
+
+
+def record_episode(scenario: Scenario, order: Order) -> Pictures:
+    """Drives one scenario and takes pictures."""
+    rng = np.random.default_rng([scenario.seed, SCHEMA_VERSION])
+    conditions, names = conditions_named(scenario.conditions), [mission.name for mission in scenario.missions]
+    agents = {name: Autopilot() for name in names}  # type: ignore[abstract]
+    cameras = {name: [_camera(off, conditions, rng) for off in (np.zeros(6), drawn_off(rng))] for name in names}
+    noise = {name: Disturbance(rng.spawn(1)[0]) for name in names}
+    env = DrivingEnv(scenario, sensors=Autopilot.spec.sensors, control=Autopilot.spec.control, reward=None)
+    stride, rows = max(round(order.every_s / TICK_S), 1), []
+    try:
+        observations, _ = env.reset()
+        for mission in scenario.missions:
+            agents[mission.name].reset(mission, scenario.seed)
+        for tick in range(round(order.episode_s / TICK_S)):
+            if not env.agents:
+                break
+            if tick % stride == 0:
+                for ego, name in enumerate(names):
+                    if name in env.agents:
+                        rows += [(camera.read(env.world, ego)[0], *labels(observations[name]), off)
+                                 for camera, off in cameras[name]]  # fmt: skip
+            observations, *_ = env.step(
+                {name: noise[name].disturbed(agents[name].act(observations[name])) for name in env.agents}
+            )
+    finally:
+        env.close()
+    return Pictures.of(rows)
+
+
+def labels(observation: Observation) -> tuple[float, float, int]:
+    """Distances to impact and to the next event [m], and the next junction's signal."""
+    impact, event = distances(observation).tolist()
+    return impact, event, int(observation["lights"][0, 2])
+
+
+def drawn_off(rng: np.random.Generator) -> FloatArray:
+    """(6,) how far a camera is off its mounting: x, y, z [m], yaw, pitch, roll [deg], each evenly within `OFF`."""
+    return np.asarray(rng.uniform(-1.0, 1.0, len(OFF)) * np.array(list(OFF.values())))
+
+
+class Disturbance:
+    """Noise on the pedal and the steering, each evenly in [-0.1, 0.1] of full, drawn anew every 0.5 s."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng, self._ticks = rng, 0
+        self._noise = np.zeros(2)
+        self._full = AccelerationSteering.space.high.astype(np.float64)
+
+    def disturbed(self, action: FloatArray) -> FloatArray:
+        """An acceleration and a steering, as they become."""
+        if self._ticks % round(NOISE_HOLDS_S / TICK_S) == 0:
+            self._noise = self._rng.uniform(-NOISE, NOISE, 2)
+        self._ticks += 1
+        # Not to creep while it should stand: a light must be recorded as it is obeyed.
+        noise = self._noise * (action[0] > -1.0, 1.0)
+        return np.asarray(action + noise * self._full)
+
+
+def _camera(off: FloatArray, conditions: object, rng: np.random.Generator) -> tuple[Sensor, FloatArray]:
+    moved = {name: getattr(CAMERA, name) + value for name, value in zip(OFF, off.tolist(), strict=True)}
+    return CAMERA.model_copy(update=moved).make(conditions, rng), off  # type: ignore[arg-type]
+
+
+def _claim(order: Order, out: Path) -> None:
+    """Writes dataset.json, or checks that the one there says the same but for how many."""
+    if order.images < 1 or order.egos < 1 or order.every_s < TICK_S or order.episode_s < order.every_s:
+        raise InvalidInputError(
+            f"expected images, egos, a picture at most every {TICK_S} s and episodes that last as long, got {order}"
+        )
+    for name in (TRAINING, HELD_OUT):
+        load_network(name)
+    document = {"schema": SCHEMA_VERSION, **asdict(order)}
+    path = out / "dataset.json"
+    if path.exists():
+        try:
+            there = json.loads(path.read_text())
+        except ValueError as error:
+            raise InvalidInputError(f"'{path}' is damaged: {error}") from error
+        if there != document:
+            raise InvalidInputError(f"'{out}' holds a dataset made otherwise: {there}, not {document}")
+        return
+    out.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, (json.dumps(document, indent=1) + "\n").encode())

@@ -1,0 +1,91 @@
+"""The scenarios of the sub-policies are what they say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from agents.experts.surroundings import Surroundings
+from agents.hierarchical.manoeuvres import CHANGES, DRIVE, Course, Manoeuvre
+from agents.hierarchical.scenarios import BRAKING_EVENTS, LIGHTLESS_M, TIME_LIMITS_S, careful_speed, draw_scenario
+from agents.training.task import HELD_OUT_FROM
+from sumo_networks.catalog import load_network
+from sumo_networks.env import DrivingEnv
+from sumo_networks.routing import Route, plan_route
+from sumo_networks.scenario import Scenario
+
+SEEDS = range(12)
+
+
+def route_of(scenario: Scenario) -> Route:
+    return plan_route(load_network(scenario.network), scenario.missions[0])
+
+
+@pytest.mark.parametrize("what", [*Manoeuvre, DRIVE])
+def test_a_scenario_follows_from_its_seed_and_others_differ(what):
+    drawn = [draw_scenario(what, seed) for seed in SEEDS]
+    assert drawn == [draw_scenario(what, seed) for seed in SEEDS]
+    assert len({one.content_hash() for one in drawn}) == len(SEEDS)
+    assert {one.time_limit_s for one in drawn} == {TIME_LIMITS_S[what]}
+    held_out = draw_scenario(what, HELD_OUT_FROM)
+    assert held_out.missions[0] not in [one.missions[0] for one in drawn]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_no_start_is_too_fast_for_the_road_ahead(seed):
+    for what in (Manoeuvre.LANE, Manoeuvre.BRAKING, Manoeuvre.LIGHTS):
+        scenario = draw_scenario(what, seed)
+        speed = scenario.missions[0].start_speed_mps or 0.0
+        assert speed <= careful_speed(route_of(scenario))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_lights_have_a_light_ahead(seed):
+    first = route_of(draw_scenario(Manoeuvre.LIGHTS, seed)).passages[0]
+    assert first.signal >= 0
+    assert 25.0 < first.entry < 105.0
+
+
+def test_lights_are_met_in_every_state():
+    warmed = [draw_scenario(Manoeuvre.LIGHTS, seed).traffic.warm_up_s for seed in range(40)]
+    assert np.ptp(warmed) > 60.0
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_lanes_have_no_light_near_their_start(seed):
+    passages = route_of(draw_scenario(Manoeuvre.LANE, seed)).passages
+    assert all(one.entry >= LIGHTLESS_M for one in passages if one.signal >= 0)
+
+
+def test_braking_has_one_event_and_all_kinds_come():
+    events = [draw_scenario(Manoeuvre.BRAKING, seed).events for seed in range(60)]
+    assert {len(some) for some in events} == {1}
+    assert {some[0].kind for some in events} == {one["kind"] for one in BRAKING_EVENTS}
+
+
+@pytest.mark.parametrize("what", CHANGES)
+def test_changes_have_a_lane_beside_and_half_of_them_a_blocked_one(what):
+    drawn = [draw_scenario(what, seed) for seed in range(40)]
+    for scenario in drawn:
+        network = load_network(scenario.network)
+        lane = network.lane_index[scenario.missions[0].start.lane]
+        beside = network.lanes.left if what is Manoeuvre.LEFT else network.lanes.right
+        assert beside[lane] >= 0
+        assert not route_of(scenario).lane_changes
+    assert 10 <= sum(bool(scenario.obstacles) for scenario in drawn) <= 30
+
+
+@pytest.mark.parametrize("what", CHANGES)
+def test_the_lane_beside_a_blocked_one_is_free(what):
+    scenario = next(one for seed in range(40) if (one := draw_scenario(what, seed)).obstacles)
+    env = DrivingEnv(scenario, ("path", "objects", "lanes"), "acceleration_steering", reward=None)
+    try:
+        observation = env.reset()[0]["ego"]
+    finally:
+        env.close()
+    around = Surroundings(observation)
+    blocking = [one for one in around.neighbours if one.within(-0.9, 0.9) and one.s_low > 0.0]
+    assert 45.0 < blocking[0].s_low < 85.0
+    course = Course()
+    course.look(around)
+    assert course.free(what, speed=8.0)

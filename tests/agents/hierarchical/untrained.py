@@ -1,0 +1,40 @@
+"""Untrained sub-policies and masters in the form that training leaves behind."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+
+from agents.hierarchical.conductor import Tempo
+from agents.hierarchical.hierarchy import CONFIG, FLAT, MASTER, WEIGHTS, read_sub_policies
+from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
+from agents.hierarchical.master import Master, master_of
+from agents.hierarchical.state import StateConfig
+from agents.hierarchical.subpolicies import ManoeuvreTask, SubPolicyConfig
+from agents.training.export import export
+from agents.training.policy import actor_for
+from agents.training.settings import as_toml
+
+TWIN = StateConfig(vision="none")
+
+
+def write_sub_policies(folder: Path, names: tuple[str, ...] = (*Manoeuvre, FLAT), state: StateConfig = TWIN) -> Path:
+    """One run's folder for each, with small networks."""
+    torch.manual_seed(0)
+    for name in names:
+        task = ManoeuvreTask(DRIVE if name == FLAT else name, state)
+        actor = actor_for(task.observation_space, task.action_space, (8,), 1.0)
+        (folder / name).mkdir(parents=True)
+        (folder / name / CONFIG).write_text(as_toml(SubPolicyConfig(state=state)))
+        export(actor, task.observation_space.shape, folder / name / Path(WEIGHTS).stem, {})
+    return folder
+
+
+def write_master(folder: Path) -> Master:
+    """A master over the sub-policies of a folder, as its run leaves it."""
+    torch.manual_seed(1)
+    master = master_of(read_sub_policies(folder), (8,), Tempo())
+    (folder / MASTER).mkdir()
+    export(master, (master.size + 8,), folder / MASTER / Path(WEIGHTS).stem, {})
+    return master
