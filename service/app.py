@@ -19,6 +19,7 @@ from service.api import (
     comparison,
     episodes,
     evaluations,
+    freeway,
     health,
     leaderboard,
     metrics,
@@ -44,7 +45,7 @@ ROUTERS = tuple(
     module.router
     for module in (
         *(health, tokens, networks, benchmarks, observations, agents, submissions, evaluations, episodes),
-        *(leaderboard, comparison, metrics, rescoring, webhooks, workers),
+        *(leaderboard, comparison, metrics, rescoring, webhooks, workers, freeway),
     )
 )
 

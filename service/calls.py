@@ -121,6 +121,15 @@ class Calls(ABC, Generic[Answer]):
         """The facts of an episode."""
         return self.get(path_of("episodes", episode_id, "record"))
 
+    def begin_morning(self, agent: str, *, seed: int = 0, minutes: float | None = None) -> Answer:
+        """Lets an agent's policy worker be the planner of a morning on the freeway."""
+        body = {"agent": agent, "seed": seed, "minutes": minutes}
+        return self._json(Call("POST", "/v1/freeway/mornings", body=body))
+
+    def morning(self, morning_id: str) -> Answer:
+        """A morning as it stands, with what became of all traffic once it is over."""
+        return self.get(path_of("freeway", "mornings", morning_id))
+
     def leaderboard(self, benchmark: str, *, version: str | None = None, track: str | None = None) -> Answer:
         """Who drives best."""
         return self.get("/v1/leaderboard", benchmark=benchmark, version=version, track=track)

@@ -13,6 +13,7 @@ from fastapi import Depends, Request
 
 from service.database.engine import Database
 from service.database.models import now
+from service.episodes.freeway import FreewayMornings
 from service.settings import Settings
 
 if TYPE_CHECKING:
@@ -137,6 +138,7 @@ class Services:
         events: What happens.
         started: When.
         draining: Whether it is shutting down: nothing new is taken.
+        freeway: Mornings whose planner is a policy worker.
     """
 
     settings: Settings
@@ -145,11 +147,16 @@ class Services:
     events: Broadcast
     started: datetime = field(default_factory=now)
     draining: bool = False
+    freeway: FreewayMornings = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.freeway = FreewayMornings(self.settings, self.scheduler)
 
     async def drain(self) -> None:
         """Lets running episodes end while their workers are still served, then ends all open streams."""
         if not self.draining:
             self.draining = True
+            await self.freeway.stop()
             await self.scheduler.stop()
             self.events.close()
 

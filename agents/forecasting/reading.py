@@ -55,6 +55,19 @@ def read_data(path: Path, how: Format | None = None) -> SpeedData:
     return _read_folder(path, how) if path.is_dir() else _read_table(path, how)
 
 
+def read_set(path: Path, name: str) -> list[Stretch]:
+    """The days of one set of a folder, in the order of their numbers.
+
+    Raises:
+        InvalidInputError: There is none, or one is broken.
+    """
+    _dataset_facts(path / "dataset.json")
+    days = [_read_day(file, Format())[0] for file in sorted((path / name).glob("*.parquet"))]
+    if not days:
+        raise InvalidInputError(f"'{path}': expected days in '{path / name}', found no *.parquet")
+    return days
+
+
 def _read_folder(path: Path, how: Format) -> SpeedData:
     facts = _dataset_facts(path / "dataset.json")
     sets: dict[str, Sequence[Stretch]] = {}

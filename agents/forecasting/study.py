@@ -42,6 +42,8 @@ SHIPPED = {"sa-lstm": "sa-lstm-lap3-balanced", "sa-lstm-n-step": "sa-lstm-n-step
 SHIPPED |= {name: name for name in ("linear", "historical-mean", "sa-lstm-quantiles")} | {"tsmixer": "tsmixer-mse"}
 LATENCY = (*((name, 1) for name in COMPARED), *((f"sa-lstm{way}", 3) for way in ("", "-all-at-once", "-n-step")))
 QUICK_RUNS = 2000
+LONG = 10
+"""Times the usual steps: is what the Laplacian loss does a matter of how long one trains?"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +55,14 @@ class Run:
         depth: Of the Laplacian loss; None: squared error alone.
         weight: Of that loss.
         seed: Of the training.
+        length: Times the study's steps.
     """
 
     name: str
     depth: int | None
     weight: float
     seed: int
+    length: int = 1
 
     @property
     def arm(self) -> str:
@@ -66,7 +70,9 @@ class Run:
         if self.name in SIMPLE or self.name == Quantiles.name:
             return self.name
         loss = "mse" if self.depth is None else f"lap{self.depth}"
-        return f"{self.name}-{loss}" + ("" if self.weight == 1.0 else "-balanced")
+        return (
+            f"{self.name}-{loss}" + ("" if self.weight == 1.0 else "-balanced") + ("-long" if self.length > 1 else "")
+        )
 
 
 def runs(seeds: Sequence[int]) -> Iterator[Run]:
@@ -76,6 +82,8 @@ def runs(seeds: Sequence[int]) -> Iterator[Run]:
     for part in (_main_arms, _other_networks, _costly_arms):
         for seed in seeds:
             yield from (Run(name, depth, weight, seed) for name, depth, weight in part())
+    for seed in seeds:
+        yield from (Run("sa-lstm", depth, 1.0, seed, LONG) for depth in (None, DEPTH))
 
 
 def _main_arms() -> Iterator[tuple[str, int | None, float]]:
@@ -163,6 +171,10 @@ class Study:
     def trained(self, run: Run) -> Forecaster:
         """Trains one; the n-step starts from the one-step of its seed, intervals from the n-step."""
         settings = TrainSettings(depth=run.depth, weight=run.weight, steps=self.steps, seed=run.seed)
+        # Patience counts validations, so these become as rare as the training is long.
+        settings = replace(
+            settings, steps=run.length * settings.steps, validate_every=run.length * settings.validate_every
+        )
         forecaster = make_forecaster(run.name, len(self.data.segments), self.data.step_s, settings)
         train, validation = self.windows["train"], self.windows["validation"]
         if isinstance(forecaster, Learned) and isinstance(forecaster.network, NStep):

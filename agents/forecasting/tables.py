@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.forecasting.registry import SIMPLE
 from agents.forecasting.scores import crossed
+from agents.forecasting.study import LONG
 from evaluation.figures import MISSING, number
 from evaluation.store import write_atomically
 from sumo_networks.arrays import FloatArray
@@ -57,7 +58,7 @@ def write_readme(result: Result) -> None:
 
 def markdown(result: Result) -> str:
     """All tables, with a blank line between them."""
-    return "\n\n".join([scale(result), networks(result), depths(result), ways(result), others(result),
+    return "\n\n".join([scale(result), networks(result), depths(result), lengths(result), ways(result), others(result),
                         intervals(result), claims(result)])  # fmt: skip
 
 
@@ -107,6 +108,16 @@ def depths(result: Result) -> str:
         rows.append([f"{kind.capitalize()}, ours", *(_cell(result, arm, kind) for arm in arms)])
     head = ["SA-LSTM, t+1 (table 6.2)", "MSE alone", *(f"depth {depth}" for depth in range(5)), "depth 3, balanced"]
     return _table(head, rows)
+
+
+def lengths(result: Result) -> str:
+    """Whether the loss as printed only needs longer to train."""
+    rows = [
+        [label, shown, *(_cell(result, f"sa-lstm-{loss}{suffix}", kind) for kind in ("easy", "hard"))]
+        for loss, label in (("mse", "MSE alone"), ("lap3", "MSE + Lap3"))
+        for suffix, shown in (("", f"{result['steps']}"), ("-long", f"{LONG * result['steps']}"))
+    ]
+    return _table(["SA-LSTM, t+1", "steps", "Easy, ours", "Hard, ours"], rows)
 
 
 def ways(result: Result) -> str:
@@ -185,6 +196,10 @@ def _directions() -> list[tuple[Any, ...]]:
         ((f"Lap3 < MSE alone, {label}", "Hard"), f"{name}-lap3", f"{name}-mse", "hard", 0)
         for name, label in NAMES.items()
     ]
+    out += [
+        ((f"Lap3 < MSE alone, SA-LSTM, {LONG} x the steps", kind.capitalize()), "sa-lstm-lap3-long", "sa-lstm-mse-long",
+         kind, 0) for kind in ("hard", "easy")
+    ]  # fmt: skip
     out += [
         ((f"depth 3 < depth {depth}", "Hard"), "sa-lstm-lap3", f"sa-lstm-lap{depth}", "hard", 0)
         for depth in (0, 1, 2, 4)

@@ -6,20 +6,14 @@ fewer, with a decision every 0.5 s. `--ship` copies the seed that does best behi
 
 from __future__ import annotations
 
-import argparse
-import json
-import shutil
 from collections.abc import Callable
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-import torch
 
 from agents.speed_planning import acc
 from agents.speed_planning.platoon import PlatoonEnv
-from agents.speed_planning.ppo import PpoConfig, as_json, train
-from evaluation.store import write_atomically
+from agents.speed_planning.ppo import PpoConfig
+from agents.speed_planning.training import Lesson, run
 from sumo_networks.arrays import FloatArray
 
 CONFIG = PpoConfig(iterations=25, hidden=(64, 64, 64, 64), learning_rate=1e-3, batch=2560, epochs=5, gamma=0.97)
@@ -48,32 +42,15 @@ def reward(policy: Callable[[FloatArray], FloatArray], seed: int = HELD_OUT) -> 
     return total / decisions
 
 
-def main() -> None:
-    """The command."""
-    parser = argparse.ArgumentParser(prog="python -m agents.speed_planning.acc_training", description=__doc__)
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
-    parser.add_argument("--iterations", type=int, default=CONFIG.iterations)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--ship", action="store_true", help="copy the best seed's checkpoint into the package")
-    given = parser.parse_args()
-    torch.set_num_threads(1)
-    given.out.mkdir(parents=True, exist_ok=True)
-    config = replace(CONFIG, iterations=given.iterations)
-    results = {"follows-traffic": reward(follows_traffic).tolist(), "follows-plan": reward(follows_plan).tolist()}
-    for seed in given.seeds:
-        path = given.out / f"acc-{seed}.safetensors"
-        actor, curve = train(PlatoonEnv(seed), config, seed, lambda at, mean: print(f"{at}: {mean:.4f}", flush=True))
-        actor.save(path)
-        write_atomically(path.with_suffix(".json"), as_json(config, seed, curve).encode())
-        results[f"rl-{seed}"] = reward(actor.act).tolist()
-    for name, values in results.items():
-        print(f"{name}: {np.mean(values):.4f} per decision")
-    write_atomically(given.out / "held_out.json", json.dumps(results).encode())
-    if given.ship:
-        best = max(given.seeds, key=lambda seed: float(np.mean(results[f"rl-{seed}"])))
-        for suffix in (".safetensors", ".json"):
-            shutil.copy(given.out / f"acc-{best}{suffix}", acc.CHECKPOINT.with_suffix(suffix))
-
+LESSON = Lesson(
+    command="agents.speed_planning.acc_training",
+    checkpoint=acc.CHECKPOINT,
+    config=CONFIG,
+    world=PlatoonEnv,
+    judged=lambda actor: reward(actor.act),
+    others=lambda: {"follows-traffic": reward(follows_traffic), "follows-plan": reward(follows_plan)},
+    unit="per decision",
+)
 
 if __name__ == "__main__":
-    main()
+    run(LESSON, __doc__)

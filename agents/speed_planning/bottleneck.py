@@ -9,7 +9,7 @@ import numpy as np
 
 from sumo_networks.arrays import FloatArray
 
-CONGESTED = 0.6
+CONGESTED = 0.75
 """Share of the free speed below which traffic is congested."""
 
 

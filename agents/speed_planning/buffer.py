@@ -5,7 +5,7 @@ A policy chooses the buffer's density; the fundamental diagram turns it into a s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -23,6 +23,8 @@ A buffer that reached the bottleneck would itself be the queue that makes its ca
 """
 UPSTREAM_M, DOWNSTREAM_M, CELL_M = 6000.0, 1200.0, 300.0
 """Which part of the road around the bottleneck a policy sees, and how finely."""
+WATCHED_M = 900.0
+"""Stretch before the bottleneck that the rule watches."""
 CELLS = round((UPSTREAM_M + DOWNSTREAM_M) / CELL_M)
 SLOWEST_MPS = 4.0
 """The speed of the densest buffer a policy may ask for."""
@@ -52,26 +54,36 @@ class BufferPolicy(Protocol):
         """
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class RuleBuffer:
-    """Asks for the density at which just as much arrives as the bottleneck can carry without a queue.
+    """Holds the last stretch before the bottleneck at a density at which it does not break down, by integral feedback.
+
+    What arrives too much is stored in the buffer: as long as the stretch is denser than it should be the buffer gets
+    denser too, minute by minute, and what leaves it stays below what enters it.
 
     Attributes:
-        margin: Share of the bottleneck's capacity that may arrive.
-        crowded: Mean density in the last 1.5 km, as a share of the critical one, from which on the rule acts.
+        wanted_mps: Speed of the last `WATCHED_M` before the bottleneck that goes with its greatest flow.
+        gain: Change of the buffer's density per minute, over the stretch's density above the wanted one.
+        fastest: Greatest such change, veh/m.
+        slowest_mps: The buffer is never asked to be slower: it would be the queue that it is to prevent.
+
+    Source: the feedback is ALINEA's, as in mainstream traffic flow control (Carlson, Papamichail, Papageorgiou 2011).
     """
 
-    margin: float = 0.97
-    crowded: float = 1.1
+    wanted_mps: float = 20.0
+    gain: float = 0.4
+    fastest: float = 0.002
+    slowest_mps: float = 12.0
+    _asked: FloatArray = field(default_factory=lambda: np.zeros(()), init=False)
 
     def density(self, profile: FloatArray, squeeze: Squeeze, diagram: FundamentalDiagram) -> FloatArray:
-        """Of the congested side, where flow over all lanes equals the bottleneck's."""
-        wanted = self.margin * diagram.capacity * min(squeeze.inside / squeeze.before, 1.0)
-        grid = np.linspace(diagram.critical_density, diagram.jam_density, 400)
-        chosen = grid[np.argmin(np.abs(diagram.flow(grid) - wanted))]
-        tail = profile[..., bottleneck_cell() - 5 : bottleneck_cell()].mean(axis=-1)
-        busy = tail >= self.crowded * diagram.critical_density
-        return np.where(busy, chosen, diagram.critical_density)
+        """One publication's, for any number of roads; the next one goes on from it."""
+        tail = profile[..., bottleneck_cell() - round(WATCHED_M / CELL_M) : bottleneck_cell()].mean(axis=-1)
+        wanted, most = diagram.density(np.array([self.wanted_mps, self.slowest_mps]))
+        change = np.clip(self.gain * (tail - wanted), -self.fastest, self.fastest)
+        least = diagram.critical_density
+        self._asked = np.clip(np.maximum(self._asked, least) + change, least, most)
+        return self._asked
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,20 +7,15 @@ bottleneck in it. The checkpoint of the seed that does best on held-out demands 
 
 from __future__ import annotations
 
-import argparse
-import json
-import shutil
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, field
 
 import numpy as np
-import torch
 
 from agents.speed_planning import buffer, macroscopic
 from agents.speed_planning.buffer import BufferPolicy, LearnedBuffer, RuleBuffer, Squeeze
 from agents.speed_planning.macroscopic import CellRoad, CellTraffic
-from agents.speed_planning.ppo import PpoConfig, as_json, train
-from evaluation.store import write_atomically
+from agents.speed_planning.ppo import PpoConfig
+from agents.speed_planning.training import Lesson, run
 from sumo_networks.arrays import FloatArray
 
 DECISION_S = 60.0
@@ -28,6 +23,7 @@ EPISODE_S = 5400.0
 WARM_UP_S = 600.0
 SLOTS = 96
 """Places for controlled vehicles on each road; one that finds none drives uncontrolled."""
+HELD_OUT = 10_000
 CONFIG = PpoConfig(iterations=40, learning_rate=1e-3, batch=720, gamma=0.97, entropy=2e-3)
 
 
@@ -139,33 +135,15 @@ def discharge(policy: BufferPolicy | None, seed: int, roads: int = 64) -> FloatA
     return total / minutes
 
 
-def main() -> None:
-    """The command."""
-    parser = argparse.ArgumentParser(prog="python -m agents.speed_planning.buffer_training", description=__doc__)
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
-    parser.add_argument("--iterations", type=int, default=CONFIG.iterations)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--ship", action="store_true", help="copy the best seed's checkpoint into the package")
-    given = parser.parse_args()
-    torch.set_num_threads(1)
-    given.out.mkdir(parents=True, exist_ok=True)
-    config = replace(CONFIG, iterations=given.iterations)
-    held_out = 10_000
-    results = {"none": discharge(None, held_out).tolist(), "rule": discharge(RuleBuffer(), held_out).tolist()}
-    for seed in given.seeds:
-        path = given.out / f"buffer-{seed}.safetensors"
-        actor, curve = train(BufferEnv(seed), config, seed, lambda at, reward: print(f"{at}: {reward:.4f}", flush=True))
-        actor.save(path)
-        write_atomically(path.with_suffix(".json"), as_json(config, seed, curve).encode())
-        results[f"rl-{seed}"] = discharge(LearnedBuffer(actor), held_out).tolist()
-    for name, values in results.items():
-        print(f"{name}: {np.mean(values):.4f} of the bottleneck's capacity")
-    write_atomically(given.out / "held_out.json", json.dumps(results).encode())
-    if given.ship:
-        best = max(given.seeds, key=lambda seed: float(np.mean(results[f"rl-{seed}"])))
-        for suffix in (".safetensors", ".json"):
-            shutil.copy(given.out / f"buffer-{best}{suffix}", buffer.CHECKPOINT.with_suffix(suffix))
-
+LESSON = Lesson(
+    command="agents.speed_planning.buffer_training",
+    checkpoint=buffer.CHECKPOINT,
+    config=CONFIG,
+    world=BufferEnv,
+    judged=lambda actor: discharge(LearnedBuffer(actor), HELD_OUT),
+    others=lambda: {"none": discharge(None, HELD_OUT), "rule": discharge(RuleBuffer(), HELD_OUT)},
+    unit="of the bottleneck's capacity",
+)
 
 if __name__ == "__main__":
-    main()
+    run(LESSON, __doc__)

@@ -6,7 +6,7 @@ tell their state once a second, a plan is published once a minute, and vehicles 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
@@ -18,11 +18,12 @@ from agents.forecasting.registry import load_forecaster
 from agents.speed_planning.acc import SetPointPolicy
 from agents.speed_planning.buffer import BufferPolicy, LearnedBuffer, RuleBuffer
 from agents.speed_planning.fleet import ACCELERATION_BASED, AccBased, Fleet
-from agents.speed_planning.outcome import OBSERVED_EVERY_S, Outcome, OutcomeWatch
 from agents.speed_planning.planner import PUBLISHED_EVERY_S, PlannerConfig, SpeedPlan, SpeedPlanner
+from evaluation.scores.traffic import OBSERVED_EVERY_S, Outcome, OutcomeWatch
 from sumo_networks.arrays import FloatArray
 from sumo_networks.errors import InvalidInputError
 from sumo_networks.freeway.measure import LAG_MINUTES, MINUTE_S, PingLog, SegmentFeed
+from sumo_networks.freeway.process import TICK_S
 from sumo_networks.freeway.scenario import FreewayScenario
 from sumo_networks.freeway.simulation import FreewaySimulation
 from sumo_networks.freeway.world import FreewayWorld
@@ -68,8 +69,8 @@ class Morning:
         planner: Its settings.
     """
 
-    start_s: float = 6.9 * 3600
-    duration_s: float = 1500.0
+    start_s: float = 6.75 * 3600
+    duration_s: float = 2400.0
     warm_up_s: float = 300.0
     penetration: float = 0.05
     acceleration_based: float = ACCELERATION_BASED
@@ -100,38 +101,86 @@ def run(arm: Arm, seed: int, morning: Morning | None = None, forecaster: str | P
         InvalidInputError: The arm needs a trained network that is not there.
         SimulationError: SUMO failed.
     """
-    morning = Morning() if morning is None else morning
+    return watched(worlds(arm, seed, Morning() if morning is None else morning, forecaster))
+
+
+def watched(driven: Iterable[FreewayWorld]) -> Outcome:
+    """What became of all traffic in these worlds."""
     watch = OutcomeWatch()
-    for world in worlds(arm, seed, morning, forecaster):
-        if world.time_s % OBSERVED_EVERY_S < 1e-6:
+    for world in driven:
+        if is_observed(world.time_s):
             watch.observe(world)
     return watch.outcome()
 
 
 def worlds(arm: Arm, seed: int, morning: Morning, forecaster: str | Path = "sa-lstm") -> Iterator[FreewayWorld]:
     """The worlds of one run, from the beginning of control, tick by tick; see `run`."""
+    with FreewaySimulation(morning.scenario(seed), fuel=False) as simulation:
+        yield from controlled(LeadIn.driven(simulation, seed, morning.start_s), arm, morning, forecaster)
+
+
+@dataclass(frozen=True)
+class LeadIn:
+    """A morning at the moment at which control begins; the same for every arm of a seed.
+
+    Attributes:
+        simulation: At that moment.
+        seed: Of the fleet.
+        feed: What the planner has been told of the segments.
+        pings: What the connected vehicles told.
+        truth: What the oracle knows.
+    """
+
+    simulation: FreewaySimulation
+    seed: int
+    feed: SegmentFeed
+    pings: PingLog
+    truth: Truth
+
+    @classmethod
+    def driven(cls, simulation: FreewaySimulation, seed: int, until_s: float) -> LeadIn:
+        """Lets a started simulation run, uncontrolled and observed, until a time of day."""
+        lead_in = cls(simulation, seed, SegmentFeed(simulation.road, seed), PingLog(), Truth())
+        while simulation.world.time_s < until_s:
+            lead_in.observe(simulation.world)
+            simulation.tick()
+        return lead_in
+
+    def observe(self, world: FreewayWorld) -> None:
+        """Takes in one world."""
+        self.feed.observe(world)
+        self.pings.observe(world)
+        self.truth.observe(world)
+
+
+def controlled(
+    lead_in: LeadIn, arm: Arm, morning: Morning, forecaster: str | Path = "sa-lstm"
+) -> Iterator[FreewayWorld]:
+    """The worlds from there on under one arm; the lead-in goes on with it, and serves no other arm afterwards."""
+    simulation = lead_in.simulation
     speeds_now = segment_speeds(arm.forecast, forecaster) if arm.design != "none" else None
-    policy = buffer_policy(arm.design)
+    planner = SpeedPlanner(simulation.road, buffer_policy(arm.design), morning.planner)
     acc = AccBased(SetPointPolicy.shipped() if morning.set_points == "learned" else None)
-    fleet = Fleet(seed, acc, morning.acceleration_based)
-    with FreewaySimulation(morning.scenario(seed)) as simulation:
-        world = simulation.world
-        feed, pings, truth = SegmentFeed(world.road, seed), PingLog(), Truth()
-        planner = SpeedPlanner(world.road, policy, morning.planner)
-        plan: SpeedPlan | None = None
-        end = morning.start_s + morning.duration_s
-        due = morning.start_s
-        while world.time_s < end:
-            feed.observe(world)
-            pings.observe(world)
-            truth.observe(world)
-            if speeds_now is not None and world.time_s >= due:
-                plan = planner.publish(world.time_s, speeds_now(feed, truth, world.time_s), pings.pings())
-                due += PUBLISHED_EVERY_S
-            commands = fleet.commands(world, plan) if plan is not None else {}
-            world = simulation.tick(commands)
-            if world.time_s > morning.start_s:
-                yield world
+    fleet = Fleet(lead_in.seed, acc, morning.acceleration_based)
+    plan: SpeedPlan | None = None
+    end, due = morning.start_s + morning.duration_s, morning.start_s
+    world = simulation.world
+    while world.time_s < end:
+        lead_in.observe(world)
+        if speeds_now is not None and world.time_s >= due:
+            plan = planner.publish(
+                world.time_s, speeds_now(lead_in.feed, lead_in.truth, world.time_s), lead_in.pings.pings()
+            )
+            due += PUBLISHED_EVERY_S
+        commands = fleet.commands(world, plan) if plan is not None else {}
+        simulation.reads_fuel = is_observed(world.time_s + TICK_S)
+        world = simulation.tick(commands)
+        yield world
+
+
+def is_observed(time_s: float) -> bool:
+    """Whether the outcome is watched at this time of day."""
+    return time_s % OBSERVED_EVERY_S < 1e-6
 
 
 class Truth:

@@ -137,6 +137,11 @@ class DissipationEnv(ParallelEnv):  # type: ignore[misc]
             {agent: {} for agent in everybody},
         )
 
+    @property
+    def world(self) -> FreewayWorld:
+        """What is true now; there is none before `reset`."""
+        return self._world
+
     def close(self) -> None:
         """Ends SUMO."""
         if self._simulation is not None:

@@ -133,6 +133,11 @@ class Triangle:
         return np.maximum(self.free_speed_mps - speed, 0) * self.critical_density
 
 
+FREEWAY = Triangle(free_speed_mps=30.0, wave_speed_mps=4.0, jam_density=0.1146)
+"""Of the network `freeway`, as `python -m agents.speed_planning.calibration` measures it. Its tip is the flow out of
+congestion; before a breakdown a lane carries a third more, which no triangle can say."""
+
+
 def calibrated(density: FloatArray, speed: FloatArray) -> Triangle:
     """A triangle fitted to measured pairs.
 

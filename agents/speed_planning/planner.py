@@ -8,14 +8,14 @@ publication the plan is read as if it travelled upstream with the congestion.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from agents.speed_planning import buffer
 from agents.speed_planning.bottleneck import BottleneckWatch, heads
 from agents.speed_planning.buffer import BufferPolicy, Squeeze
-from agents.speed_planning.fundamental_diagram import Triangle
+from agents.speed_planning.fundamental_diagram import FREEWAY, Triangle
 from agents.speed_planning.traffic_state import LaneGrid, forward_kernel, fuse
 from sumo_networks.arrays import BoolArray, FloatArray, IntArray
 from sumo_networks.freeway.measure import Pings
@@ -88,12 +88,15 @@ class PlannerConfig:
         kernel_m: Width of the forward kernel.
         headroom: Factor on the smoothed state, ours. The fleet's own speeds are in that state and never above the
             target, so that plans may grow slower and slower; above 1 there is room to rise, and less is evened out.
-        diagram: Of the freeway; by default a textbook's, see `fundamental_diagram.calibrated` for one's own.
+        searched_m: Width of the kernel behind which the standing bottleneck is searched for; a wide one would hide a
+            short queue, and it is the first minutes of a queue that count.
+        diagram: Of the freeway, as `calibration` fits it.
     """
 
     kernel_m: float = 3000.0
     headroom: float = 1.0
-    diagram: Triangle = field(default_factory=Triangle)
+    searched_m: float = 600.0
+    diagram: Triangle = FREEWAY
 
 
 class SpeedPlanner:
@@ -129,7 +132,8 @@ class SpeedPlanner:
         )
         state = fuse(self.grid, self.grid.spread(np.clip(known, 0.0, free)), pings, time_s)
         smooth = forward_kernel(state, self.config.kernel_m, self.grid.cell_m)
-        ends = heads(smooth.mean(axis=0), free, self.grid.cell_m, self.config.kernel_m / 2)
+        searched = forward_kernel(state.mean(axis=0), self.config.searched_m, self.grid.cell_m)
+        ends = heads(searched, free, self.grid.cell_m, self.config.searched_m / 2)
         standing = self._watch.update(ends)
         smooth_target = np.minimum(self.config.headroom * smooth, free)
         target, asked = smooth_target, None

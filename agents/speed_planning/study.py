@@ -9,17 +9,34 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-from collections.abc import Iterable, Mapping, Sequence
+import os
+import sys
+import traceback
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from agents.speed_planning.dissipation import DESIGNS, FORECASTS, Arm, Morning, buffer_policy, run, segment_speeds
+from agents.speed_planning.dissipation import (
+    DESIGNS,
+    FORECASTS,
+    Arm,
+    LeadIn,
+    Morning,
+    buffer_policy,
+    controlled,
+    run,
+    segment_speeds,
+    watched,
+)
+from evaluation.scores.traffic import Outcome
 from evaluation.statistics import Comparison, Estimate, mean_estimate, paired
 from evaluation.store import write_atomically
-from sumo_networks.errors import InvalidInputError
+from sumo_networks.errors import InvalidInputError, SimulationError
+from sumo_networks.freeway.simulation import FreewaySimulation
 
 SHOWN = {
     "throughput_vph": ("throughput, veh/h", 0),
@@ -48,24 +65,87 @@ def run_path(out: Path, arm: str, seed: int) -> Path:
     return out / arm / f"seed-{seed:03}.json"
 
 
-def drive(out: Path, name: str, seed: int, morning: Morning, forecaster: str) -> str:
-    """One run, unless it is there already; says what became of it.
+def drive_seed(out: Path, arms: Sequence[str], seed: int, morning: Morning, forecaster: str) -> int:
+    """The runs of one seed that are not there yet; how many there were to drive.
+
+    The lead-in is the same for every arm, so it is driven once, and each arm goes on from a copy of the process that
+    drove it: what SUMO leaves behind reaches no other run, and each is the run that `dissipation.run` gives.
+
+    Raises:
+        InvalidInputError: A run is there, but of another morning or network.
+        SimulationError: A run failed.
+    """
+    missing = [name for name in arms if not is_done(run_path(out, name, seed), settings_of(morning, forecaster))]
+    if not missing:
+        return 0
+    with FreewaySimulation(morning.scenario(seed), fuel=False) as simulation:
+        lead_in = LeadIn.driven(simulation, seed, morning.start_s)
+        for name in missing:
+            in_a_copy(f"{name}, seed {seed}", partial(drive_on, out, name, lead_in, morning, forecaster))
+    return len(missing)
+
+
+def drive(out: Path, name: str, seed: int, morning: Morning, forecaster: str) -> None:
+    """One run with a lead-in of its own, unless it is there already; it takes a process to itself.
 
     Raises:
         InvalidInputError: It is there, but of another morning or network.
+        SimulationError: SUMO failed.
     """
+    if not is_done(run_path(out, name, seed), settings_of(morning, forecaster)):
+        keep(out, name, seed, morning, forecaster, run(ARMS[name], seed, morning, forecaster))
+
+
+def drive_on(out: Path, name: str, lead_in: LeadIn, morning: Morning, forecaster: str) -> None:
+    """The same from a lead-in, and says what became of it."""
+    outcome = watched(controlled(lead_in, ARMS[name], morning, forecaster))
+    keep(out, name, lead_in.seed, morning, forecaster, outcome)
+    found = f"{outcome.throughput_vph:.0f} veh/h, deviation {outcome.speed_std_mps:.2f} m/s"
+    print(f"{name}, seed {lead_in.seed}: {found}", flush=True)
+
+
+def keep(out: Path, name: str, seed: int, morning: Morning, forecaster: str, outcome: Outcome) -> None:
+    """Writes the outcome of one run."""
     path, settings = run_path(out, name, seed), settings_of(morning, forecaster)
-    if path.exists():
-        if json.loads(path.read_text())["settings"] != settings:
-            raise InvalidInputError(
-                f"'{path}' was driven with other settings: expected {settings}; choose another --out"
-            )
-        return f"{name}, seed {seed}: done before"
-    outcome = run(ARMS[name], seed, morning, forecaster)
     path.parent.mkdir(parents=True, exist_ok=True)
     document = {"arm": name, "seed": seed, "settings": settings, "outcome": outcome.as_dict()}
     write_atomically(path, json.dumps(document, indent=1).encode())
-    return f"{name}, seed {seed}: {outcome.throughput_vph:.0f} veh/h, deviation {outcome.speed_std_mps:.2f} m/s"
+
+
+def is_done(path: Path, settings: dict[str, Any]) -> bool:
+    """Whether a run is there already.
+
+    Raises:
+        InvalidInputError: It is, but of another morning or network.
+    """
+    if not path.exists():
+        return False
+    if json.loads(path.read_text())["settings"] != settings:
+        raise InvalidInputError(f"'{path}' was driven with other settings: expected {settings}; choose another --out")
+    return True
+
+
+def in_a_copy(what: str, work: Callable[[], None]) -> None:
+    """Does something in a copy of this process, waits for it, and keeps nothing of what it did here.
+
+    Raises:
+        SimulationError: It failed; the copy has printed why.
+    """
+    sys.stdout.flush()
+    copy = os.fork()
+    if copy == 0:
+        status = 1
+        try:
+            work()
+            status = 0
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(status)
+    if os.waitpid(copy, 0)[1]:
+        raise SimulationError(f"{what}: the run failed; the process said why")
 
 
 def settings_of(morning: Morning, forecaster: str) -> dict[str, Any]:
@@ -85,11 +165,11 @@ def drive_all(
     for name in arms:
         segment_speeds(ARMS[name].forecast, forecaster)
         buffer_policy(ARMS[name].design)
-    jobs = [(out, name, seed, morning, forecaster) for seed in seeds for name in arms]
-    # SUMO is global in a process, and what it leaves behind must not reach the next run: one process each.
+    # SUMO is global in a process, and what it leaves behind must not reach the next seed: one process each.
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
-        for done in [pool.submit(drive, *job) for job in jobs]:
-            print(done.result(), flush=True)
+        jobs = {seed: pool.submit(drive_seed, out, arms, seed, morning, forecaster) for seed in seeds}
+        for seed, job in jobs.items():
+            print(f"seed {seed}: {job.result()} runs driven, {len(arms)} there", flush=True)
 
 
 def collect(out: Path, arms: Iterable[str] = ARMS) -> Runs:
@@ -187,6 +267,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=default.duration_s / 60, help="of control and measurement")
     parser.add_argument("--set-points", choices=("plan", "learned"), default=default.set_points)
     parser.add_argument("--kernel", type=float, default=default.planner.kernel_m, help="width of the forward kernel, m")
+    parser.add_argument("--headroom", type=float, default=default.planner.headroom, help="factor on the smoothed state")
     parser.add_argument("--forecaster", default="sa-lstm", help="shipped name or file behind the forecast sa-lstm")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--workers", type=int, default=1)
@@ -197,7 +278,7 @@ def main() -> None:
         penetration=given.penetration,
         set_points=given.set_points,
         duration_s=60 * given.minutes,
-        planner=dataclasses.replace(default.planner, kernel_m=given.kernel),
+        planner=dataclasses.replace(default.planner, kernel_m=given.kernel, headroom=given.headroom),
     )
     drive_all(given.out, given.arms, given.seeds, morning, given.forecaster, given.workers)
     runs = collect(given.out)

@@ -31,7 +31,6 @@ from service.errors import BusyError, NotFoundError, ServiceError, TooLargeError
 from service.state import Services, ServicesOf
 from service.wire import Format, decode, decode_step, encode, format_of
 from sumo_networks.errors import InvalidInputError
-from sumo_networks.simulation import TICK_S
 
 BODY_LIMIT = 64 * 1024
 LONGEST_WAIT_S = 60.0
@@ -213,27 +212,15 @@ def _reason(document: Any) -> tuple[Fault | None, str]:
 
 
 def _given(lease: Lease) -> dict[str, Any]:
-    """What a worker gets with a lease; nothing of the scenario but its missions and its seed."""
+    """What a worker gets with a lease."""
     order, episode = lease.episode.order, lease.episode
-    info = order.info
-    return {
+    return order.told(episode.version) | {
         "lease": lease.id,
         "attempt": episode.attempt,
-        "dt_s": TICK_S,
         "deadline_ms": round(order.act_deadline_s * 1000),
         "first_deadline_ms": round(RESET_DEADLINE_S * 1000),
         "slow_policy": order.slow_policy,
-        "spec": {
-            "name": info.name,
-            "version": episode.version,
-            "track": info.track,
-            "sensors": list(info.sensors),
-            "control": info.control,
-            "settings": info.settings,
-        },
         "tick": lease.tick,
-        "missions": [mission.model_dump(mode="json") for mission in order.scenario.missions],
-        "seed": order.scenario.seed,
         "observations": msgspec.Raw(memoryview(episode.frame)[SEEN.size :]),
     }
 

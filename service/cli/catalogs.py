@@ -11,7 +11,9 @@ from rich.progress import MofNCompleteColumn, Progress
 from agents.registry import agent_entries
 from evaluation.agent import make_agent
 from evaluation.benchmark import benchmark_names, load_benchmark
+from evaluation.freeway_benchmark import is_freeway_benchmark
 from evaluation.logs import prepare_logs
+from service.cli.freeway import freeway_rows, prepare_days
 from service.cli.output import console, print_json, print_rows
 from sumo_networks.log import logs_folder
 
@@ -56,7 +58,10 @@ def prepare(
     name: Annotated[str, typer.Argument(help="Name, or path of a .toml file.")],
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: one per CPU.")] = None,
 ) -> None:
-    """Makes the recorded runs that a benchmark replays; the same command again goes on where it stopped."""
+    """Makes the recorded runs that a benchmark replays, or its days; the same command goes on where it stopped."""
+    if is_freeway_benchmark(name):
+        prepare_days(name, workers or os.cpu_count() or 1)
+        return
     scenarios = load_benchmark(name).scenarios([0])
     with Progress(*Progress.get_default_columns(), MofNCompleteColumn(), console=console) as bar:
         task = bar.add_task(f"logs of {name}", total=None)
@@ -84,6 +89,7 @@ def list_benchmarks(json: Json = False) -> None:
                 "description": benchmark.description,
             }
         )
+    rows += freeway_rows()
     if json:
         print_json(rows)
         return

@@ -18,11 +18,13 @@ from evaluation.closed_loop import as_document as closed_loop_document
 from evaluation.closed_loop import by_type, lost_episodes, score_records, summarise_closed_loop
 from evaluation.evaluation import Result, run_benchmark
 from evaluation.executors import Executor, ProcessPool
+from evaluation.freeway_benchmark import is_freeway_benchmark
 from evaluation.ray_executor import RayExecutor
 from evaluation.record import EpisodeRecord, Status
 from evaluation.runner import ACT_DEADLINE_S
 from evaluation.summary import as_document, summarise, summarise_cells
 from service.cli.closed_loop import print_closed_loop, print_legend
+from service.cli.freeway import evaluate_on_freeway
 from service.cli.output import console, print_cells, print_comparison, print_json
 from sumo_networks.errors import InvalidInputError
 
@@ -49,6 +51,14 @@ def evaluate(
 ) -> None:
     """Evaluates an agent on a benchmark. The same command again goes on where it stopped."""
     sys.path.insert(0, os.getcwd())
+    if is_freeway_benchmark(benchmark):
+        given = {"executor": executor is Engine.RAY, "address": address is not None, "reverse": reverse}
+        for name, is_given in (given | {"deadline": deadline != ACT_DEADLINE_S}).items():
+            if is_given:
+                raise InvalidInputError(f"--{name}: expected a benchmark of driving agents, got '{benchmark}'")
+        chosen = parse_seeds(seeds) if seeds is not None else None
+        evaluate_on_freeway(agent, benchmark, parse_settings(settings or []), chosen, out, workers, json)
+        return
     bar = _progress(hidden=json)
     task = bar.add_task(f"{agent} on {benchmark}", total=None, note="")
 

@@ -50,7 +50,7 @@ app.add_typer(remote.evaluations, name="evaluations")
 app.command("leaderboard")(remote.leaderboard)
 app.add_typer(tokens.tokens, name="tokens")
 app.add_typer(dataset.dataset, name="dataset")
-app.add_typer(train.train, name="train")
+app.command("train")(train.train)
 app.add_typer(forecast.forecast, name="forecast")
 
 

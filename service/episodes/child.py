@@ -34,7 +34,7 @@ def main() -> None:
     """Drives until there is no server any more."""
     channel = Channel(socket.socket(fileno=int(sys.argv[1])))
     alarm = memoryview(mmap.mmap(int(sys.argv[2]), ALARM_BYTES)).cast("d")
-    threading.Thread(target=_end_with_server, args=(channel.fileno(),), daemon=True).start()
+    threading.Thread(target=end_with_server, args=(channel.fileno(),), daemon=True).start()
     while (frame := channel.receive()) is not None:
         if frame[0] is Kind.ORDER:  # anything else was for an episode that has ended
             alarm[0] = 0.0
@@ -69,7 +69,7 @@ def _cluster(address: str) -> Cluster:
     return Cluster(address)
 
 
-def _end_with_server(descriptor: int) -> None:
+def end_with_server(descriptor: int) -> None:
     """Ends this process, wherever it is, once the server's end of the channel is closed."""
     hangup = select.poll()
     hangup.register(descriptor, 0)  # a hang-up is always told

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from dataclasses import dataclass, field
 
+from service.episodes.freeway_order import FreewayOrder
 from service.episodes.order import Order
 from service.episodes.process import EpisodeProcess
 from service.wire import Reply
@@ -64,7 +65,7 @@ class RemoteEpisode:
     agent: str
     version: int
     attempt: int
-    order: Order
+    order: Order | FreewayOrder
     process: EpisodeProcess
     offered: float | None = None
     frame: bytes = b""

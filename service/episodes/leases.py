@@ -325,7 +325,7 @@ class LeaseBook:
     def _time_out(self, lease: Lease) -> None:
         order = lease.episode.order
         seconds = order.act_deadline_s if lease.answered >= 0 else RESET_DEADLINE_S
-        self._fail(lease, Fault.TIMEOUT, f"agent '{order.info.name}' took longer than {seconds:g} s")
+        self._fail(lease, Fault.TIMEOUT, f"agent '{order.agent}' took longer than {seconds:g} s")
 
     def _fail(self, lease: Lease, fault: Fault, text: str) -> None:
         """Ends an episode by the agent's fault; its process writes the record."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from agents.registry import resolve
 from evaluation.agent import agent_info, make_agent
@@ -12,6 +12,7 @@ from evaluation.executors import Job
 from evaluation.record import AgentInfo, Status
 from sumo_networks.errors import InvalidInputError
 from sumo_networks.scenario import Config, Scenario
+from sumo_networks.simulation import TICK_S
 
 
 class Order(Config):
@@ -38,6 +39,28 @@ class Order(Config):
     remote: bool = False
     slow_policy: Literal["wait", "realtime"] = "wait"
     verdict: tuple[Status, str] | None = None
+
+    def told(self, version: int) -> dict[str, Any]:
+        """What a worker is told of it with its lease: nothing of the scenario but its missions and its seed."""
+        info = self.info
+        return {
+            "dt_s": TICK_S,
+            "spec": {
+                "name": info.name,
+                "version": version,
+                "track": info.track,
+                "sensors": list(info.sensors),
+                "control": info.control,
+                "settings": info.settings,
+            },
+            "missions": [mission.model_dump(mode="json") for mission in self.scenario.missions],
+            "seed": self.scenario.seed,
+        }
+
+    @property
+    def agent(self) -> str:
+        """Name of who drives."""
+        return self.info.name
 
     @property
     def job(self) -> Job:

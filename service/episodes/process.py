@@ -22,6 +22,7 @@ from pathlib import Path
 
 from evaluation.executors import KILL_GRACE_S, POLL_S
 from service.episodes.channel import Frames, Kind
+from service.episodes.freeway_order import FreewayOrder
 from service.episodes.order import Order
 
 PROGRAM = "service.episodes.child"
@@ -45,7 +46,7 @@ class Outcome:
     Attributes:
         end: FINISHED: the record is on disk. HUNG: the agent never returned. FAILED: the infrastructure's fault.
         text: Why, where it did not finish.
-        last: Of a remote episode that finished: its last tick, as `remote.SEEN`.
+        last: Of a remote episode that finished: its last tick, as `remote.SEEN`, and what else its program tells.
     """
 
     end: End
@@ -102,7 +103,7 @@ class EpisodeProcess:
             env=environment | {"DOHYO_POLICIES": str(self._policies.resolve())},
         )
 
-    async def drive(self, order: Order) -> Outcome:
+    async def drive(self, order: Order | FreewayOrder) -> Outcome:
         """Drives one order to whatever end; cancelled, it ends the process."""
         self._ending = asyncio.get_running_loop().create_future()
         self._alarm[0] = 0.0

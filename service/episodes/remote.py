@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import struct
 import time
+from collections.abc import Callable
 from enum import StrEnum
 from typing import Literal
 
@@ -49,15 +50,20 @@ class Bridge:
     takes, and `realtime` for at most one tick.
     """
 
-    def __init__(self, channel: Channel, spec: AgentSpec, slow_policy: Literal["wait", "realtime"]) -> None:
-        """Checks that the track may use the sensors.
+    def __init__(
+        self,
+        channel: Channel,
+        check: Callable[[np.ndarray], np.ndarray],
+        slow_policy: Literal["wait", "realtime"],
+    ) -> None:
+        """Not granted to a worker yet.
 
-        Raises:
-            InvalidInputError: It may not, or a name is unknown.
+        Args:
+            channel: To the server.
+            check: Returns an action as it is to be used, or raises what is wrong with it.
+            slow_policy: Whether to wait for a slow worker, or to go on with its last decision.
         """
-        make_sensors(spec.sensors, Track[spec.track.upper()])
-        self._channel, self._realtime = channel, slow_policy == "realtime"
-        self._control = make_control(spec.control, VehicleParameters(), TICK_S)
+        self._channel, self._realtime, self._check = channel, slow_policy == "realtime", check
         self._granted = False
         self._fault: AgentError | None = None
         self._deciding: tuple[str, ...] = ()
@@ -65,9 +71,15 @@ class Bridge:
         self._shown, self._decided = 0.0, True
         self.missed = 0
 
-    def show(self, tick: int, observations: dict[str, Observation]) -> None:
-        """Shows the worker a tick; the first one waits until there is a worker."""
-        time_s = round(tick * TICK_S, 3)
+    def show(self, tick: int, observations: dict[str, Observation], time_s: float | None = None) -> None:
+        """Shows the worker a tick; the first one waits until there is a worker.
+
+        Args:
+            tick: From 0.
+            observations: By ego.
+            time_s: Of the tick; None: since the beginning, 0.1 s each.
+        """
+        time_s = round(tick * TICK_S, 3) if time_s is None else time_s
         self._channel.send(Kind.SEEN, SEEN.pack(tick, time_s, self.missed) + encode_observations(observations))
         self._deciding, self._decided = tuple(observations), False
         while not self._granted:
@@ -121,7 +133,7 @@ class Bridge:
         out = {}
         for ego in self._deciding:
             try:
-                out[ego] = self._control.checked(unpack(actions[ego]))
+                out[ego] = self._check(unpack(actions[ego]))
             except DohyoError as error:
                 raise InvalidInputError(f"action of '{ego}': {error}") from None
         return out
@@ -155,7 +167,9 @@ def drive_remotely(order: Order, channel: Channel) -> bytes:
     """
     info = order.info
     spec = AgentSpec(name=info.name, track=info.track, sensors=info.sensors, control=info.control)
-    bridge = Bridge(channel, spec, order.slow_policy)
+    make_sensors(spec.sensors, Track[spec.track.upper()])
+    control = make_control(spec.control, VehicleParameters(), TICK_S)
+    bridge = Bridge(channel, control.checked, order.slow_policy)
     agents = {mission.name: RemoteAgent(bridge, spec, mission.name) for mission in order.scenario.missions}
     record, trajectory = drive_episode(
         order.scenario,

@@ -10,8 +10,10 @@ import importlib.metadata
 import json
 import os
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -41,7 +43,7 @@ class Order(Config):
     """Which days to make.
 
     Attributes:
-        days: Days to train on.
+        days: Days to train on; 0 where the sets to judge by are all that is wanted.
         easy: Whole days to judge by; None: 60 for every 350 to train on, at least two.
         hard: Congested mornings to judge by.
         seed: Decides everything.
@@ -49,7 +51,7 @@ class Order(Config):
         network: A freeway of the catalog.
     """
 
-    days: Annotated[int, Field(ge=1, le=9999)]
+    days: Annotated[int, Field(ge=0, le=9999)]
     easy: Annotated[int, Field(ge=0, le=9999)] | None = None
     hard: Annotated[int, Field(ge=0, le=9999)] = 4
     seed: Annotated[int, Field(ge=0)] = 0
@@ -113,14 +115,18 @@ def _hard(day: Day, number: int) -> Day:
 
 
 def make_dataset(
-    order: Order, folder: Path, progress: Callable[[int, int, float], None] = lambda _done, _of, _share: None
+    order: Order,
+    folder: Path,
+    progress: Callable[[int, int, float], None] = lambda _done, _of, _share: None,
+    workers: int = 1,
 ) -> int:
     """Makes the days that are not there yet; a day is written whole or not at all.
 
     Args:
         order: Which days.
         folder: Of the dataset.
-        progress: Told the days done, their number, and the share of the one being made.
+        progress: Told the days done, their number, and the share of the one being made, where there is one worker.
+        workers: Processes; the days are the same however many there are.
 
     Returns:
         How many days were made now.
@@ -130,17 +136,29 @@ def make_dataset(
         SimulationError: SUMO failed.
     """
     _claim(order, folder)
-    days, made = list(day_orders(order)), 0
-    for done, day in enumerate(days):
-        target = folder / day.file
-        progress(done, len(days), 0.0)
-        if target.exists():
-            continue
-        speeds = drive_day(day.scenario, day.scale, partial(progress, done, len(days)))
-        _write(day_table(speeds, day.noise), target)
-        made += 1
-    progress(len(days), len(days), 0.0)
-    return made
+    days = list(day_orders(order))
+    missing = [day for day in days if not (folder / day.file).exists()]
+    there = len(days) - len(missing)
+    progress(there, len(days), 0.0)
+    if workers > 1 and len(missing) > 1:
+        # SUMO is global in a process: one day at a time in each.
+        with ProcessPoolExecutor(min(workers, len(missing)), mp_context=get_context("spawn")) as pool:
+            ends = [pool.submit(_make, day, folder) for day in missing]
+            try:
+                for done, end in enumerate(as_completed(ends), start=there + 1):
+                    end.result()
+                    progress(done, len(days), 0.0)
+            finally:
+                pool.shutdown(cancel_futures=True)
+        return len(missing)
+    for done, day in enumerate(missing, start=there):
+        _make(day, folder, partial(progress, done, len(days)))
+        progress(done + 1, len(days), 0.0)
+    return len(missing)
+
+
+def _make(day: DayOrder, folder: Path, progress: Callable[[float], None] = lambda _share: None) -> None:
+    _write(day_table(drive_day(day.scenario, day.scale, progress), day.noise), folder / day.file)
 
 
 def day_table(day: SpeedDay, noise: np.random.SeedSequence) -> pl.DataFrame:
@@ -152,10 +170,10 @@ def day_table(day: SpeedDay, noise: np.random.SeedSequence) -> pl.DataFrame:
     return pl.DataFrame(columns)
 
 
-def _claim(order: Order, folder: Path) -> None:
-    """Writes what the dataset is, or checks that it is this one: the number of days may grow, nothing else change."""
+def dataset_facts(order: Order) -> dict[str, object]:
+    """What a dataset is, but for the number of its days."""
     road = load_freeway(order.network)
-    facts = {
+    return {
         "network": order.network,
         "network_sha256": road.network.sha256,
         "segments": road.segments,
@@ -168,7 +186,11 @@ def _claim(order: Order, folder: Path) -> None:
         "sumo": sumo_version(),
         "dohyo": importlib.metadata.version("dohyo"),
     }
-    path = folder / FACTS
+
+
+def _claim(order: Order, folder: Path) -> None:
+    """Writes what the dataset is, or checks that it is this one: the number of days may grow, nothing else change."""
+    facts, path = dataset_facts(order), folder / FACTS
     try:
         folder.mkdir(parents=True, exist_ok=True)
         before = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}

@@ -1,8 +1,7 @@
 """FreewaySimulation: one scenario of the freeway, tick by tick; connected vehicles may be commanded.
 
 What is commanded is a wish: SUMO's car-following model keeps every vehicle from following closer or braking later than
-its driver would, whatever the command. But a commanded vehicle seems to brake only as hard as is comfortable: who
-commands must let go of one that comes near its leader.
+its driver would, whatever the command.
 """
 
 from __future__ import annotations
@@ -30,6 +29,11 @@ from sumo_networks.simulation.process import failing_as_simulation_error
 NOTHING: Final[Mapping[str, float]] = MappingProxyType({})
 HUMAN: Final = -1.0
 """SUMO's speed of a vehicle that nobody commands."""
+SAFE: Final = 0b11011
+"""SUMO's speed mode of a commanded vehicle: every check but that of its deceleration, which would keep it from braking
+harder than is comfortable where its driver must."""
+WISH_BRAKES_MPS2: Final = 3.0
+"""No wish is braked for harder than this; what the leader asks for is."""
 _RAMP: Final = Track(math.nan, NO_LANE)
 
 
@@ -40,6 +44,7 @@ class FreewaySimulation:
         scenario: What is simulated.
         road: The freeway.
         world: What is true now; there is none before `start`.
+        reads_fuel: Whether the next tick reads every vehicle's fuel consumption, which takes a sixth of all reading.
     """
 
     _running: ClassVar[FreewaySimulation | None] = None
@@ -49,12 +54,12 @@ class FreewaySimulation:
 
         Args:
             scenario: What to simulate.
-            fuel: Read every vehicle's fuel consumption; without it a tick is faster.
+            fuel: What `reads_fuel` begins with.
         """
         self.scenario = scenario
         self.road: FreewayRoad = load_freeway(scenario.network)
         self.world: FreewayWorld
-        self._fuel = fuel
+        self.reads_fuel = fuel
 
     def start(self) -> FreewayWorld:
         """Starts SUMO, lets the warm-up pass, and reads the world at the scenario's start.
@@ -145,10 +150,14 @@ class FreewaySimulation:
     def _command(self, speeds: Mapping[str, float], accelerations: Mapping[str, float]) -> None:
         for name in self._commanded - speeds.keys() - accelerations.keys():
             libsumo.vehicle.setSpeed(name, HUMAN)
+        for name in (*speeds, *accelerations):
+            if name not in self._commanded:
+                libsumo.vehicle.setSpeedMode(name, SAFE)
         for name, speed in speeds.items():
-            libsumo.vehicle.setSpeed(name, speed)
+            libsumo.vehicle.setSpeed(name, max(speed, libsumo.vehicle.getSpeed(name) - WISH_BRAKES_MPS2 * TICK_S))
         for name, acceleration in accelerations.items():
-            libsumo.vehicle.setSpeed(name, max(0.0, libsumo.vehicle.getSpeed(name) + acceleration * TICK_S))
+            change = max(acceleration, -WISH_BRAKES_MPS2) * TICK_S
+            libsumo.vehicle.setSpeed(name, max(0.0, libsumo.vehicle.getSpeed(name) + change))
         self._commanded = {*speeds, *accelerations}
 
     def _update_roster(self) -> None:
@@ -173,7 +182,7 @@ class FreewaySimulation:
         length = np.array([one[0] for one in facts], dtype=np.float64)
         kind = np.array([one[1] for one in facts], dtype=np.int64)
         start = np.array([track.start_m for track in tracks], dtype=np.float64)
-        fuel = map(vehicle.getFuelConsumption, names) if self._fuel else itertools.repeat(math.nan, number)
+        fuel = map(vehicle.getFuelConsumption, names) if self.reads_fuel else itertools.repeat(math.nan, number)
         return FreewayWorld(
             road=self.road,
             time_s=float(libsumo.simulation.getTime()),

@@ -8,7 +8,6 @@ import torch
 
 from agents.speed_planning.acc import MPH, Memory, SetPointPolicy, Settings, settings_of, stock_acc
 from agents.speed_planning.acc_training import follows_plan, follows_traffic, reward
-from agents.speed_planning.energy import fuel_rate, fuel_rates
 from agents.speed_planning.platoon import HUMANS, PlatoonEnv, idm
 from agents.speed_planning.ppo import Actor, PpoConfig, train
 from sumo_networks.arrays import FloatArray
@@ -61,14 +60,6 @@ def test_cruise_control_settles_at_its_speed_or_its_gap() -> None:
 def test_a_human_driver_keeps_speed_alone_and_brakes_when_near() -> None:
     assert idm(33.0, 1e6, 33.0) == pytest.approx(0.0, abs=1e-3)
     assert idm(20.0, 10.0, 10.0) < -4.0
-
-
-def test_fuel_by_hand_its_floor_and_its_cut_off() -> None:
-    assert fuel_rate(20.0, 0.0) == pytest.approx(0.22498 + 0.021292 * 20 + 3.7654e-5 * 8000)
-    assert fuel_rate(5.0, -3.0) == pytest.approx(0.1637)
-    assert fuel_rate(20.0, -2.0) == 0.0
-    by_hand = 0.22498 + 0.2129200 + 0.037654 + 0.17419 + 0.94617 + 0.071347 + 0.2884
-    assert fuel_rates(np.array([10.0]), np.array([1.0]))[0] == pytest.approx(by_hand, rel=1e-4)
 
 
 def test_a_platoon_steps_and_its_humans_follow() -> None:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from agents.speed_planning.fleet import AccBased, Fleet
-from agents.speed_planning.outcome import OutcomeWatch
 from agents.speed_planning.planner import SpeedPlan
 from sumo_networks.errors import InvalidInputError
 from sumo_networks.freeway.road import load_freeway
@@ -49,7 +48,7 @@ def test_alone_on_the_road_a_car_goes_to_the_plans_speed(acceleration_based: flo
 
 @pytest.mark.parametrize("acceleration_based", [0.0, 1.0])
 def test_near_a_leader_or_closing_in_fast_a_car_is_left_to_its_driver(acceleration_based: float) -> None:
-    """SUMO would let a commanded car brake no harder than comfortably: it crashed into standing ones."""
+    """A person opens a gap that a cut-in shortened, and meets a queue, more smoothly than the cruise control would."""
     fleet, linked = Fleet(0, AccBased(), acceleration_based), np.array([True, False])
     near = world(position_m=[2000.0, 2013.0], speed_mps=np.array([10.0, 10.0]), connected=linked)
     closing = world(position_m=[2000.0, 2050.0], speed_mps=np.array([20.0, 0.0]), connected=linked)
@@ -93,34 +92,3 @@ def test_memory_follows_the_car_when_others_come_and_go() -> None:
 def test_a_share_that_is_none_is_refused() -> None:
     with pytest.raises(InvalidInputError, match=r"share in \[0, 1\], got 3"):
         Fleet(0, acceleration_based=3.0)
-
-
-def test_the_outcome_of_a_hand_made_second() -> None:
-    watch = OutcomeWatch()
-    at = ROAD.bottleneck_m
-    watch.observe(world(100.0, position_m=[at - 50, at - 10], speed_mps=np.array([10.0, 20.0])))
-    watch.observe(world(101.0, position_m=[at - 40, at + 10], speed_mps=np.array([10.0, 20.0])))
-    found = watch.outcome()
-    assert found.throughput_vph == pytest.approx(1800)  # one in two seconds
-    assert found.speed_mps == pytest.approx(15.0)
-    assert found.speed_std_mps == pytest.approx(5.0)
-    assert found.travelled_km == pytest.approx(0.06)
-    assert found.fuel_sumo_g_km == pytest.approx(4.0 / 0.06)
-    assert found.least_headway_s == pytest.approx(3.5)
-    assert found.least_ttc_s == np.inf
-
-
-def test_closing_in_shows_in_time_to_collision() -> None:
-    watch = OutcomeWatch()
-    watch.observe(world(position_m=[1000.0, 1020.0], speed_mps=np.array([20.0, 10.0])))
-    found = watch.outcome()
-    assert found.least_ttc_s == pytest.approx(1.5)
-    assert found.close_share == pytest.approx(0.5)
-    assert found.collisions == 0
-
-
-def test_vehicles_inside_one_another_are_a_collision_counted_once() -> None:
-    watch = OutcomeWatch()
-    for time_s in (100.0, 101.0):
-        watch.observe(world(time_s, position_m=[1000.0, 1004.0]))
-    assert watch.outcome().collisions == 1

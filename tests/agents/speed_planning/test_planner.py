@@ -1,12 +1,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from agents.speed_planning.buffer import CELLS, RuleBuffer, Squeeze, density_of_action, in_buffer, observation
-from agents.speed_planning.fundamental_diagram import FundamentalDiagram, Triangle
+from agents.speed_planning.fundamental_diagram import FREEWAY, FundamentalDiagram, Triangle
 from agents.speed_planning.planner import (
     ADVECTION_MPS,
     NO_PLAN_MPS,
@@ -83,12 +84,13 @@ def test_unknown_segments_are_taken_for_free_and_known_ones_smoothed() -> None:
 
 
 def test_a_queue_that_stands_gets_a_buffer_before_it_and_the_target_is_the_lower() -> None:
-    policy = FixedDensity(Triangle().density(np.array(4.0)).item())
+    policy = FixedDensity(FREEWAY.density(np.array(4.0)).item())
     planner = SpeedPlanner(ROAD, policy)
     plans = [planner.publish(60.0 * k, queue(), NOBODY) for k in range(5)]
     assert plans[0].bottleneck_m is None
     last = plans[-1]
     assert last.bottleneck_m == pytest.approx(ROAD.bottleneck_m, abs=400)
+    assert last.bottleneck_m is not None
     assert last.buffer_mps == pytest.approx(4.0)
     inside = in_buffer(planner.grid.centres_m, last.bottleneck_m)
     without = SpeedPlanner(ROAD, None).publish(0.0, queue(), NOBODY).target_mps
@@ -97,7 +99,7 @@ def test_a_queue_that_stands_gets_a_buffer_before_it_and_the_target_is_the_lower
 
 
 def test_a_faster_buffer_than_the_state_changes_nothing() -> None:
-    planner = SpeedPlanner(ROAD, FixedDensity(Triangle().critical_density))
+    planner = SpeedPlanner(ROAD, FixedDensity(FREEWAY.critical_density))
     for k in range(5):
         plan = planner.publish(60.0 * k, queue(), NOBODY)
     without = SpeedPlanner(ROAD, None).publish(0.0, queue(), NOBODY)
@@ -111,16 +113,30 @@ def test_the_policy_sees_the_queue_dense_and_the_bottlenecks_lanes() -> None:
         planner.publish(60.0 * k, queue(), NOBODY)
     assert policy.seen is not None
     assert policy.seen.shape == (CELLS,)
-    assert policy.seen[17] == pytest.approx(float(Triangle().density(np.array(6.0))), rel=0.05)
+    assert policy.seen[17] == pytest.approx(float(FREEWAY.density(np.array(6.0))), rel=0.05)
     assert policy.squeeze == Squeeze(before=4, inside=3)
 
 
-def test_the_rule_lets_in_what_the_bottleneck_carries_and_only_in_congestion() -> None:
-    diagram, rule = Triangle(), RuleBuffer(margin=0.95)
-    crowded, free = np.full(CELLS, 0.06), np.full(CELLS, diagram.critical_density)
-    asked = rule.density(crowded, Squeeze(4, 3), diagram)
-    assert 4 * float(diagram.flow(asked)) == pytest.approx(0.95 * 3 * diagram.capacity, rel=0.01)
-    assert float(rule.density(free, Squeeze(4, 3), diagram)) == pytest.approx(diagram.critical_density)
+def test_the_rule_stores_more_minute_by_minute_while_it_is_too_dense_and_lets_go_again() -> None:
+    rule = RuleBuffer()
+    crowded = np.full(CELLS, float(FREEWAY.density(np.array(8.0))))
+    free = np.full(CELLS, FREEWAY.critical_density)
+    slower = [float(FREEWAY.speed(rule.density(crowded, Squeeze(4, 3), FREEWAY))) for _ in range(12)]
+    assert slower[0] < 30.0
+    assert all(after < before or after == pytest.approx(rule.slowest_mps) for before, after in pairwise(slower))
+    assert slower[-1] == pytest.approx(rule.slowest_mps)
+    faster = [float(FREEWAY.speed(rule.density(free, Squeeze(4, 3), FREEWAY))) for _ in range(30)]
+    assert faster[0] < faster[1]
+    assert faster[-1] == pytest.approx(30.0)
+
+
+def test_the_rule_watches_only_the_last_stretch_before_the_bottleneck() -> None:
+    profile = np.full(CELLS, float(FREEWAY.density(np.array(5.0))))
+    profile[17:20] = float(FREEWAY.density(np.array(RuleBuffer().wanted_mps)))
+    assert float(RuleBuffer().density(profile, Squeeze(4, 3), FREEWAY)) == pytest.approx(FREEWAY.critical_density)
+    both = RuleBuffer().density(np.stack([profile, np.roll(profile, 5)]), Squeeze(4, 3), FREEWAY)
+    assert both[0] == pytest.approx(FREEWAY.critical_density)
+    assert both[1] > FREEWAY.critical_density
 
 
 def test_actions_span_from_nothing_to_the_slowest_buffer() -> None:

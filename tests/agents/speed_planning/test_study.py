@@ -13,12 +13,14 @@ from agents.speed_planning.study import (
     compared,
     drive,
     drive_all,
+    drive_seed,
+    in_a_copy,
     run_path,
     settings_of,
     tables,
     write_tables,
 )
-from sumo_networks.errors import InvalidInputError
+from sumo_networks.errors import InvalidInputError, SimulationError
 
 OUTCOME = {
     "throughput_vph": 5000.0, "speed_mps": 20.0, "speed_std_mps": 10.0, "speed_std_within_mps": 9.0,
@@ -60,10 +62,34 @@ def test_a_run_that_is_there_is_kept_and_one_of_other_settings_refused(tmp_path:
     path.parent.mkdir(parents=True)
     document = {"arm": "none", "seed": 3, "settings": settings_of(morning, "sa-lstm"), "outcome": OUTCOME}
     path.write_text(json.dumps(document))
-    assert "done before" in drive(tmp_path, "none", 3, morning, "sa-lstm")
+    assert drive_seed(tmp_path, ["none"], 3, morning, "sa-lstm") == 0
+    drive(tmp_path, "none", 3, morning, "sa-lstm")
     assert collect(tmp_path) == {"none": {3: OUTCOME}}
     with pytest.raises(InvalidInputError, match="other settings"):
         drive(tmp_path, "none", 3, Morning(penetration=0.1), "sa-lstm")
+    with pytest.raises(InvalidInputError, match="other settings"):
+        drive_seed(tmp_path, ["none"], 3, Morning(penetration=0.1), "sa-lstm")
+
+
+def test_what_is_done_in_a_copy_leaves_nothing_here_but_its_files(tmp_path: Path) -> None:
+    done: list[int] = []
+
+    def work() -> None:
+        done.append(1)
+        (tmp_path / "done").write_text("yes")
+
+    in_a_copy("work", work)
+    assert (tmp_path / "done").read_text() == "yes"
+    assert done == []
+
+
+def test_a_copy_that_fails_is_said_by_its_name(capfd: pytest.CaptureFixture[str]) -> None:
+    def work() -> None:
+        raise ValueError("not today")
+
+    with pytest.raises(SimulationError, match="rule, seed 4: the run failed"):
+        in_a_copy("rule, seed 4", work)
+    assert "not today" in capfd.readouterr().err
 
 
 def test_a_readme_without_marks_is_left_alone(tmp_path: Path) -> None:
@@ -85,14 +111,18 @@ def test_training_mornings_begin_with_traffic_and_pay_what_passes() -> None:
 
 
 @pytest.mark.slow
-def test_a_short_morning_from_end_to_end_twice_the_same() -> None:
+def test_a_short_morning_from_end_to_end_alone_and_from_a_shared_lead_in(tmp_path: Path) -> None:
+    """In processes of their own, since both leave SUMO and a fleet behind: the same arm gives the same outcome."""
     morning = Morning(start_s=5.3 * 3600, duration_s=70, warm_up_s=60, penetration=0.3)
-    first, second = (run(Arm("rule", "persistence"), 1, morning) for _ in range(2))
-    assert first == second
-    assert first.travelled_km > 20
-    assert first.least_ttc_s > 0
-    uncontrolled = run(Arm(), 1, morning)
-    assert uncontrolled != first
+    arms = ["none", "rule+persistence"]
+    drive_all(tmp_path, arms, [1], morning, "sa-lstm", workers=1)
+    shared = {name: by_seed[1] for name, by_seed in collect(tmp_path).items()}
+    alone = run(Arm("rule", "persistence"), 1, morning)
+    assert shared["rule+persistence"] == alone.as_dict()
+    assert shared["none"] != shared["rule+persistence"]
+    assert alone.travelled_km > 20
+    assert alone.least_ttc_s > 0
+    assert alone.fuel_sumo_g_km > 20
 
 
 def test_a_network_that_is_not_there_is_said_before_anything_is_driven(tmp_path: Path) -> None:

@@ -156,7 +156,7 @@ def test_a_folder_that_cannot_be_is_one_clear_error(tmp_path: Path) -> None:
     with pytest.raises(InvalidInputError, match="cannot make a dataset in"):
         make_dataset(Order(days=1), tmp_path)
     with pytest.raises(ValidationError):
-        Order(days=0)
+        Order(days=-1)
 
 
 def test_hard_mornings_are_dense_weekdays_in_micro() -> None:
@@ -166,3 +166,14 @@ def test_hard_mornings_are_dense_weekdays_in_micro() -> None:
     assert all(one.scenario.day.weekday < 5 and one.scenario.day.demand >= 1 for one in hard)
     assert {one.scenario.day.weekday for one in train} == set(range(7))
     assert {one.scale for one in train} == {"meso"}
+
+
+@pytest.mark.slow
+def test_days_are_the_same_however_many_make_them(tmp_path: Path) -> None:
+    order = Order(days=0, easy=2, hard=0, seed=5)
+    told: list[tuple[int, int]] = []
+    assert make_dataset(order, tmp_path / "two", lambda done, of, _: told.append((done, of)), workers=2) == 2
+    assert told == [(0, 2), (1, 2), (2, 2)]
+    assert make_dataset(order.model_copy(update={"easy": 1}), tmp_path / "one") == 1
+    made, again = (tmp_path / name / "easy" / "day-0001.parquet" for name in ("one", "two"))
+    assert made.read_bytes() == again.read_bytes()

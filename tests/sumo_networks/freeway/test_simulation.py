@@ -135,6 +135,18 @@ def test_no_command_makes_anybody_crash(opened: Open, speed: float) -> None:
 
 
 @pytest.mark.slow
+def test_who_is_commanded_to_and_fro_in_dense_traffic_brakes_as_hard_as_he_must(opened: Open) -> None:
+    """With SUMO's default speed mode a commanded car brakes comfortably at most, and the first is hit within 90 s."""
+    simulation = opened(DENSE.model_copy(update={"warm_up_s": 480.0, "penetration": 0.3}))
+    world = simulation.world
+    for tick in range(240):
+        speed = 45.0 if tick // 40 % 2 else 5.0
+        world = simulation.tick({world.names[row]: speed for row in connected(world)})
+        assert world.gap_m[np.isfinite(world.gap_m)].min() > 0
+    assert len(world.names) > 700
+
+
+@pytest.mark.slow
 def test_a_wave_travels_upstream_at_15_to_20_km_per_hour(opened: Open) -> None:
     """All who come to one place crawl for a minute; then nobody is told anything, and the jam goes its own way."""
     simulation = opened(DENSE)

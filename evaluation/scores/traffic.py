@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from agents.speed_planning.energy import fuel_rates
 from sumo_networks.arrays import FloatArray
+from sumo_networks.freeway.energy import fuel_rates
 from sumo_networks.freeway.world import FreewayWorld
 
 OBSERVED_EVERY_S = 1.0
@@ -53,6 +53,24 @@ class Outcome:
         return asdict(self)
 
 
+class PassageCount:
+    """Counts who passes into the bottleneck."""
+
+    def __init__(self) -> None:
+        self._before: set[str] = set()
+
+    def observe(self, world: FreewayWorld) -> int:
+        """How many passed since the last world; call it once per second.
+
+        Who was within 100 m before the bottleneck a second ago and is within 100 m beyond it now has passed it.
+        """
+        away = world.position_m - world.road.bottleneck_m
+        beyond = {world.names[row] for row in np.flatnonzero((away >= 0) & (away < 100))}
+        passed = len(self._before & beyond)
+        self._before = {world.names[row] for row in np.flatnonzero((away < 0) & (away > -100))}
+        return passed
+
+
 class OutcomeWatch:
     """Sums up worlds into an outcome."""
 
@@ -62,7 +80,7 @@ class OutcomeWatch:
         self._fuel = np.zeros(2)
         self._metres = 0.0
         self._least = np.full(2, np.inf)
-        self._before: set[str] = set()
+        self._passage = PassageCount()
         self._touched: set[tuple[str, str]] = set()
 
     def observe(self, world: FreewayWorld) -> None:
@@ -76,7 +94,7 @@ class OutcomeWatch:
         self._fuel += np.nansum(world.fuel_mg_s[on]) / 1000, fuel_rates(speed, world.acceleration_mps2[on]).sum()
         self._follow(world.gap_m[on], speed, world.leader_speed_mps[on])
         self._touch(world)
-        self._count(world)
+        self._passed += self._passage.observe(world)
         self._seconds += 1
         self._waiting = world.waiting
 
@@ -117,10 +135,3 @@ class OutcomeWatch:
     def _touch(self, world: FreewayWorld) -> None:
         for row in np.flatnonzero((world.gap_m < 0) & (world.segment >= 0)).tolist():
             self._touched.add((world.names[row], world.names[world.leader[row]]))
-
-    def _count(self, world: FreewayWorld) -> None:
-        """Who was just before the bottleneck a second ago and is not any more has passed it."""
-        away = world.position_m - world.road.bottleneck_m
-        beyond = {world.names[row] for row in np.flatnonzero((away >= 0) & (away < 100))}
-        self._passed += len(self._before & beyond)
-        self._before = {world.names[row] for row in np.flatnonzero((away < 0) & (away > -100))}

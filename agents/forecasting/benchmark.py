@@ -1,0 +1,152 @@
+"""The benchmarks `forecast-easy` and `forecast-hard`: one forecaster on days that nobody has learned from.
+
+The days are made on first use and kept. A forecaster is a shipped name, a .safetensors or .onnx file, `persistence`,
+or "module:Class" of a `Forecaster` that needs no training.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.forecasting.base import Forecaster
+from agents.forecasting.data import UNITS
+from agents.forecasting.latency import measure
+from agents.forecasting.reading import read_set
+from agents.forecasting.registry import CHECKPOINTS, load_forecaster, make_forecaster, shipped
+from agents.forecasting.scores import Errors, errors
+from agents.forecasting.simple import Persistence
+from agents.forecasting.windows import HORIZON, Windows, make_windows
+from evaluation.freeway_benchmark import ForecastBenchmark, days_folder
+from evaluation.freeway_result import AgentFacts, FreewayResult, Metric, Units, claim, write_result
+from evaluation.sources import source_files
+from sumo_networks.errors import InvalidInputError
+from sumo_networks.freeway.dataset import dataset_facts, make_dataset
+from sumo_networks.freeway.measure import MINUTE_S
+from sumo_networks.freeway.road import load_freeway
+
+TIMED, WARM_UPS = 2000, 200
+Progress = Callable[[int, int, float], None]
+"""Days that are there, their number, and the share of the one being made."""
+
+METRICS = (
+    Metric("mse", "MSE of normalised speed, mean of three minutes", "x 10^3", "lower"),
+    *(Metric(f"mse_{row}", f"the same, t+{row} min", "x 10^3", "lower") for row in range(1, HORIZON + 1)),
+    *(Metric(f"rmse_{row}", f"RMSE, t+{row} min", "km/h", "lower", root=True) for row in range(1, HORIZON + 1)),
+    Metric("mse_true", "MSE against the speed of all vehicles", "x 10^3", "lower"),
+)
+
+
+def evaluate_forecaster(
+    benchmark: ForecastBenchmark,
+    name: str,
+    settings: Mapping[str, Any],
+    out: Path,
+    workers: int = 1,
+    progress: Progress = lambda _done, _of, _share: None,
+) -> FreewayResult:
+    """Measures a forecaster beside persistence, and writes the result.
+
+    Args:
+        benchmark: Which days.
+        name: Of the forecaster; see the module.
+        settings: `exported` for a shipped name: its ONNX model instead; else of the class's constructor.
+        out: Folder of the result.
+        workers: Processes that make missing days.
+        progress: Told while they are made.
+
+    Raises:
+        InvalidInputError: There is no such forecaster, it forecasts another road, or the folder holds another result.
+        SimulationError: SUMO failed.
+    """
+    segments = load_freeway(benchmark.network).segments
+    forecaster, facts = forecaster_named(name, segments, settings)
+    if forecaster.segments != segments:
+        raise InvalidInputError(
+            f"'{name}' forecasts {forecaster.segments} segments, benchmark '{benchmark.name}' has {segments}"
+        )
+    claim(out, benchmark, facts)
+    windows, names = benchmark_windows(benchmark, workers, progress)
+    free_mps = benchmark.free_kmh * UNITS["km/h"]
+    simple = Persistence(segments)
+    found = dataset_facts(benchmark.order)
+    result = FreewayResult(
+        benchmark=benchmark,
+        agent=facts,
+        reference=simple.name,
+        metrics=METRICS,
+        units=_units(errors(forecaster, windows, free_mps), names),
+        reference_units=_units(errors(simple, windows, free_mps), names),
+        versions={key: str(found[key]) for key in ("dohyo", "sumo", "network_sha256")},
+        timing=_latency(forecaster, windows),
+    )
+    write_result(out, result)
+    return result
+
+
+def benchmark_windows(
+    benchmark: ForecastBenchmark, workers: int = 1, progress: Progress = lambda _done, _of, _share: None
+) -> tuple[Windows, tuple[str, ...]]:
+    """The windows of a benchmark's days, made where they are missing; and the days' names, by number of stretch."""
+    folder = days_folder(benchmark)
+    make_dataset(benchmark.order, folder, progress, workers)
+    days = read_set(folder, benchmark.days)[: benchmark.number]
+    return make_windows(days, MINUTE_S), tuple(day.name for day in days)
+
+
+def forecaster_named(name: str, segments: int, settings: Mapping[str, Any]) -> tuple[Forecaster, AgentFacts]:
+    """A forecaster, and what a result says of it.
+
+    Raises:
+        InvalidInputError: There is none of that name, or it cannot be made.
+    """
+    if ":" in name:
+        return _of_class(name, segments, settings)
+    unknown = sorted(settings.keys() - {"exported"})
+    exported = settings.get("exported", False)
+    if unknown or not isinstance(exported, bool):
+        raise InvalidInputError(f"forecaster '{name}': expected no setting but exported=True, got {dict(settings)}")
+    if name == Persistence.name:
+        return make_forecaster(name, segments), AgentFacts(name, {}, "")
+    forecaster = load_forecaster(name, exported=exported)
+    file = CHECKPOINTS / f"{name}{'.onnx' if exported else '.safetensors'}" if name in shipped() else Path(name)
+    return forecaster, AgentFacts(name, dict(settings), hashlib.sha256(file.read_bytes()).hexdigest())
+
+
+def _of_class(entry: str, segments: int, settings: Mapping[str, Any]) -> tuple[Forecaster, AgentFacts]:
+    module, _, kind = entry.partition(":")
+    try:
+        made = getattr(importlib.import_module(module), kind)(segments, MINUTE_S, **settings)
+    except Exception as error:  # whatever a stranger's module does when it is loaded
+        raise InvalidInputError(f"forecaster '{entry}' cannot be made: {type(error).__name__}: {error}") from error
+    if not isinstance(made, Forecaster):
+        raise InvalidInputError(f"'{entry}': expected a forecaster (agents.forecasting.base.Forecaster), got {made!r}")
+    source = b"".join(path.read_bytes() for path in source_files(type(made)))
+    return made, AgentFacts(entry, dict(settings), hashlib.sha256(source).hexdigest())
+
+
+def _units(got: Errors, names: tuple[str, ...]) -> Units:
+    """Values of each day."""
+    kmh = got.squared / UNITS["km/h"] ** 2
+    true = got.squared_true
+    out: dict[str, dict[str, float]] = {}
+    for day, name in enumerate(names):
+        values = {"mse": float(got.normalised[day].mean())}
+        for row in range(HORIZON):
+            values[f"mse_{row + 1}"] = float(got.normalised[day, row])
+            values[f"rmse_{row + 1}"] = float(kmh[day, row])
+        values["mse_true"] = float(1e3 * true[day].mean() / got.free_mps**2) if true is not None else 0.0
+        out[name] = {key: round(value, 6) for key, value in values.items()}
+    return out
+
+
+def _latency(forecaster: Forecaster, windows: Windows) -> dict[str, float]:
+    """Of one forecast from one history, one core."""
+    history, time_s = windows.history[0].astype(np.float64), float(windows.time_s[0])
+    took = measure(lambda: forecaster.predict(history, time_s), TIMED, WARM_UPS)
+    return {"latency_core_ms": round(took.core_ms, 4), "latency_wall_ms": round(took.wall_ms, 4)}

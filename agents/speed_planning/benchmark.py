@@ -1,0 +1,161 @@
+"""The benchmark `dissipation`: one controller of connected cars on its mornings, beside the same mornings untouched.
+
+A run that is done is not driven again; what nobody controls is driven once for all results, and kept.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from agents.speed_planning.dissipation import Arm, Morning, buffer_policy, segment_speeds
+from agents.speed_planning.study import ARMS, drive_seed, run_path
+from evaluation.freeway_benchmark import TrafficBenchmark
+from evaluation.freeway_result import AgentFacts, FreewayResult, Metric, Units, claim, write_result
+from evaluation.sources import source_files
+from sumo_networks.catalog import user_catalog
+from sumo_networks.errors import InvalidInputError, UnknownNameError
+from sumo_networks.freeway.dataset import Order, dataset_facts
+from sumo_networks.scenario import content_hash
+
+SetPoints = Literal["plan", "learned"]
+PLANNER, NOBODY = "speed-planner", "none"
+DEFAULTS: Mapping[str, str] = {"design": "limit", "forecast": "sa-lstm", "forecaster": "sa-lstm", "set_points": "plan"}
+"""Of `speed-planner`: an arm's design and forecast, the network behind the forecast, who sets cruise controls."""
+
+METRICS = (
+    Metric("speed_std_mps", "standard deviation of all speeds", "m/s", "lower"),
+    Metric("throughput_vph", "throughput past the bottleneck", "veh/h", "higher"),
+    Metric("speed_mps", "mean speed", "m/s", "higher"),
+    Metric("speed_std_within_mps", "standard deviation within a minute", "m/s", "lower"),
+    Metric("fuel_circles_g_km", "fuel, CIRCLES model", "g/km", "lower"),
+    Metric("fuel_sumo_g_km", "fuel, SUMO's model", "g/km", "lower"),
+    Metric("least_headway_s", "least time gap", "s", "higher"),
+    Metric("least_ttc_s", "least time to collision", "s", "higher"),
+    Metric("collisions", "collisions", "per morning", "lower"),
+)
+Progress = Callable[[int, int, float], None]
+"""Runs that are there, their number, and 0."""
+
+
+def evaluate_controller(
+    benchmark: TrafficBenchmark,
+    name: str,
+    settings: Mapping[str, Any],
+    seeds: Sequence[int] | None,
+    out: Path,
+    workers: int = 1,
+    progress: Progress = lambda _done, _of, _share: None,
+) -> FreewayResult:
+    """Drives a controller's mornings and the untouched ones that are missing, and writes the result.
+
+    Args:
+        benchmark: Which mornings.
+        name: `speed-planner`, or `none`.
+        settings: Of the planner, see `DEFAULTS`.
+        seeds: One morning each; None: the benchmark's.
+        out: Folder of the result.
+        workers: Processes.
+        progress: Told as runs end.
+
+    Raises:
+        InvalidInputError: An unknown name or setting, a network that is not there, or a folder of another result.
+        SimulationError: SUMO failed.
+    """
+    arm, morning, forecaster = controller(benchmark, name, settings)
+    seeds = benchmark.seeds if seeds is None else tuple(seeds)
+    source = b"".join(path.read_bytes() for path in source_files(Arm))
+    facts = AgentFacts(name, dict(settings), hashlib.sha256(source).hexdigest())
+    claim(out, benchmark, facts)
+    order = dataset_facts(Order(days=0, network=benchmark.network))
+    versions = {key: str(order[key]) for key in ("dohyo", "sumo", "network_sha256")}
+    untouched = untouched_folder(benchmark, versions)
+    jobs = {(untouched, NOBODY, seed): (morning, DEFAULTS["forecaster"]) for seed in seeds}
+    if arm != NOBODY:
+        jobs |= {(out / "runs", arm, seed): (morning, forecaster) for seed in seeds}
+    _drive_all(jobs, workers, progress)
+    theirs = _units(untouched, NOBODY, seeds)
+    result = FreewayResult(
+        benchmark=benchmark,
+        agent=facts,
+        reference=NOBODY,
+        metrics=METRICS,
+        units=theirs if arm == NOBODY else _units(out / "runs", arm, seeds),
+        reference_units=theirs,
+        versions=versions,
+    )
+    write_result(out, result)
+    return result
+
+
+def controller(benchmark: TrafficBenchmark, name: str, settings: Mapping[str, Any]) -> tuple[str, Morning, str]:
+    """Name of the arm, morning, and network of a controller by its name and settings.
+
+    Raises:
+        InvalidInputError: There is none, or its network is not there.
+    """
+    if name not in (PLANNER, NOBODY):
+        raise UnknownNameError("controller of connected cars", name, (PLANNER, NOBODY))
+    allowed: Mapping[str, str] = DEFAULTS if name == PLANNER else {}
+    if unknown := sorted(settings.keys() - allowed.keys()):
+        raise InvalidInputError(f"'{name}' has no setting '{unknown[0]}': expected some of {sorted(allowed)}")
+    given = {**DEFAULTS, **{key: str(value) for key, value in settings.items()}}
+    arm = NOBODY if NOBODY in (name, given["design"]) else f"{given['design']}+{given['forecast']}"
+    if arm not in ARMS:
+        raise UnknownNameError("arm", arm, ARMS)
+    set_points: SetPoints | None = next((one for one in get_args(SetPoints) if one == given["set_points"]), None)
+    if set_points is None:
+        raise UnknownNameError("set-points", given["set_points"], get_args(SetPoints))
+    segment_speeds(ARMS[arm].forecast, given["forecaster"])  # these say what is missing, before anything is driven
+    buffer_policy(ARMS[arm].design)
+    morning = dataclasses.replace(morning_of(benchmark), set_points=set_points)
+    return arm, morning, given["forecaster"]
+
+
+def morning_of(benchmark: TrafficBenchmark) -> Morning:
+    """A benchmark's morning."""
+    return Morning(
+        start_s=benchmark.start_s,
+        duration_s=benchmark.duration_s,
+        warm_up_s=benchmark.warm_up_s,
+        penetration=benchmark.penetration,
+    )
+
+
+def untouched_folder(benchmark: TrafficBenchmark, versions: Mapping[str, str]) -> Path:
+    """Where the runs that nobody controls are kept: $DOHYO_HOME/freeway, else in the user's data folder."""
+    decides = {"benchmark": benchmark.sha256, "versions": dict(versions)}
+    return user_catalog().with_name("freeway") / content_hash(decides)[:16]
+
+
+def _drive_all(jobs: Mapping[tuple[Path, str, int], tuple[Morning, str]], workers: int, progress: Progress) -> None:
+    """Drives what is missing, each run in a process of its own, since SUMO is global in one."""
+    missing = [job for job in jobs if not run_path(*job).exists()]
+    there = len(jobs) - len(missing)
+    progress(there, len(jobs), 0.0)
+    if not missing:
+        return
+    with ProcessPoolExecutor(
+        min(workers, len(missing)), mp_context=get_context("spawn"), max_tasks_per_child=1
+    ) as pool:
+        ends = [pool.submit(drive_seed, folder, [arm], seed, *jobs[folder, arm, seed]) for folder, arm, seed in missing]
+        try:
+            for done, end in enumerate(as_completed(ends), start=there + 1):
+                end.result()
+                progress(done, len(jobs), 0.0)
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _units(folder: Path, arm: str, seeds: Sequence[int]) -> Units:
+    runs = {seed: json.loads(run_path(folder, arm, seed).read_text())["outcome"] for seed in seeds}
+    return {
+        f"seed-{seed:03}": {metric.key: round(float(outcome[metric.key]), 6) for metric in METRICS}
+        for seed, outcome in runs.items()
+    }

@@ -1,0 +1,44 @@
+"""A policy worker that plans the speeds of connected cars on the freeway.
+
+    python examples/planner.py http://127.0.0.1:8000 TOKEN my-planner [MORNINGS]
+
+It asks the service for mornings (POST /v1/freeway/mornings begins them) and publishes, once a simulated minute, the
+mean of the speeds over the next kilometre as everybody's target: what is slow ahead is approached slowly.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+
+from service.worker_session import WorkerSession
+
+AHEAD = 10
+"""Cells of 100 m."""
+
+
+def plan(speeds: np.ndarray) -> np.ndarray:
+    """(L, X) target speeds, m/s, of (L, X) speeds along each lane."""
+    padded = np.pad(speeds, ((0, 0), (0, AHEAD - 1)), mode="edge")
+    ahead = np.lib.stride_tricks.sliding_window_view(padded, AHEAD, axis=1)
+    return np.asarray(ahead.mean(axis=2), dtype=np.float32)
+
+
+def main() -> None:
+    """Plans so many mornings, or until it is stopped."""
+    url, token, agent, *rest = sys.argv[1:]
+    left = int(rest[0]) if rest else -1
+    with WorkerSession(url, token, agent) as session:
+        while left:
+            drive = session.acquire()
+            if drive is None:
+                continue
+            while not drive.done:
+                session.step(drive, {name: plan(seen["speeds"]) for name, seen in drive.observations.items()})
+                print(f"{drive.time_s / 3600:.2f} h", flush=True)
+            left -= 1
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,128 @@
+"""`dohyo evaluate` on the benchmarks of the freeway: forecasters and controllers of connected cars."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from evaluation.freeway_benchmark import ForecastBenchmark, days_folder, freeway_benchmark_names, load_freeway_benchmark
+from evaluation.freeway_report import finding, unit_word, write_page
+from evaluation.freeway_result import FreewayResult, rows
+from service.cli.output import DASH, console, interval, number, print_json, print_rows
+from sumo_networks.errors import InvalidInputError
+from sumo_networks.freeway.dataset import make_dataset
+
+
+def evaluate_on_freeway(
+    agent: str,
+    benchmark: str,
+    settings: Mapping[str, Any],
+    seeds: Sequence[int] | None,
+    out: Path | None,
+    workers: int | None,
+    as_json: bool,
+) -> None:
+    """Evaluates a forecaster or a controller, prints the result, and writes it with a page."""
+    found = load_freeway_benchmark(benchmark)
+    folder = out or Path("out") / Path(benchmark).stem / re.sub(r"[^\w.-]", "_", agent)
+    processes = workers or os.cpu_count() or 1
+    progress = _progress(hidden=as_json)
+    task = progress.add_task(f"days of {found.name}", total=None)
+
+    def tell(done: int, of: int, share: float) -> None:
+        if done < of:
+            progress.start()  # not before everything was checked, so that a refusal is one line
+        progress.update(task, completed=done + share, total=of)
+
+    try:
+        if isinstance(found, ForecastBenchmark):
+            from agents.forecasting.benchmark import evaluate_forecaster  # torch takes seconds to import
+
+            if seeds is not None:
+                raise InvalidInputError(f"benchmark '{found.name}' has days of its own; leave out --seeds")
+            result = evaluate_forecaster(found, agent, settings, folder, processes, tell)
+        else:
+            from agents.speed_planning.benchmark import evaluate_controller
+
+            progress.update(task, description=f"{agent} on {found.name}")
+            result = evaluate_controller(found, agent, settings, seeds, folder, processes, tell)
+    finally:
+        if progress.live.is_started:
+            progress.stop()
+    page = write_page(folder, result)
+    if as_json:
+        print_json(result.document())
+        return
+    _print(result)
+    console.print(f"report: {page.resolve()}", soft_wrap=True)
+
+
+def prepare_days(benchmark: str, workers: int) -> None:
+    """Makes the days of a forecast benchmark that are missing."""
+    found = load_freeway_benchmark(benchmark)
+    if not isinstance(found, ForecastBenchmark):
+        raise InvalidInputError(
+            f"benchmark '{found.name}' has nothing to prepare: its mornings are driven as evaluated"
+        )
+    with _progress(hidden=False) as bar:
+        task = bar.add_task(f"days of {found.name}", total=None)
+        made = make_dataset(
+            found.order, days_folder(found), lambda done, of, share: bar.update(task, completed=done + share, total=of),
+            workers,
+        )  # fmt: skip
+    console.print(f"{made} made, {found.number - made} there before, in {days_folder(found)}", soft_wrap=True)
+
+
+def _progress(hidden: bool) -> Progress:
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.2f} of {task.total}"))
+    return Progress(
+        *columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True, disable=hidden
+    )
+
+
+def freeway_rows() -> list[dict[str, Any]]:
+    """What `dohyo benchmarks list` says of them."""
+    out: list[dict[str, Any]] = []
+    for name in freeway_benchmark_names():
+        one = load_freeway_benchmark(name)
+        units = one.number if isinstance(one, ForecastBenchmark) else len(one.seeds)
+        out.append(
+            {
+                "name": name,
+                "version": one.sha256[:12],
+                "cells": 1,
+                "scenarios": units,
+                "networks": [one.network],
+                "metric": one.metric,
+                "description": one.description,
+            }
+        )
+    return out
+
+
+def _print(result: FreewayResult) -> None:
+    shown = [
+        (
+            f"{row.metric.title}, {row.metric.unit}",
+            interval(row.ours),
+            interval(row.theirs),
+            DASH
+            if row.percent is None or row.percent.mean is None
+            else f"{row.percent.mean:+.1f} [{row.percent.low:+.1f}, {row.percent.high:+.1f}]"
+            if row.percent.low is not None
+            else f"{row.percent.mean:+.1f}",
+            row.verdict,
+        )
+        for row in rows(result)
+    ]
+    print_rows(["", result.agent.name, result.reference, "difference, %", ""], shown)
+    word = unit_word(result)
+    console.print(f"{len(result.units)} {word}s, 95 % intervals over {word}s; record {result.record_hash[:12]}")
+    for key, value in result.timing.items():
+        console.print(f"{key.replace('_', ' ')}: {number(value)}")
+    console.print(f"{result.agent.name}: {finding(result)}")

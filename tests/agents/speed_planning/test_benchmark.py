@@ -1,0 +1,83 @@
+"""The benchmark `dissipation`: which arm a controller is, and two short mornings from end to end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from agents.speed_planning.benchmark import controller, evaluate_controller, morning_of, untouched_folder
+from agents.speed_planning.dissipation import Morning
+from agents.speed_planning.study import run_path
+from evaluation.freeway_benchmark import TrafficBenchmark, load_freeway_benchmark
+from evaluation.freeway_result import RESULT
+from sumo_networks.errors import InvalidInputError
+
+
+@pytest.fixture
+def dissipation() -> TrafficBenchmark:
+    benchmark = load_freeway_benchmark("dissipation")
+    assert isinstance(benchmark, TrafficBenchmark)
+    return benchmark
+
+
+def test_the_file_and_the_study_are_of_the_same_morning(dissipation: TrafficBenchmark) -> None:
+    assert morning_of(dissipation) == Morning()
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "arm"),
+    [
+        ("none", {}, "none"),
+        ("speed-planner", {}, "limit+sa-lstm"),
+        ("speed-planner", {"design": "rule", "forecast": "oracle"}, "rule+oracle"),
+        ("speed-planner", {"design": "none"}, "none"),
+    ],
+)
+def test_settings_choose_the_arm(dissipation: TrafficBenchmark, name: str, settings: dict[str, Any], arm: str) -> None:
+    assert controller(dissipation, name, settings)[0] == arm
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "message"),
+    [
+        ("speed-plannr", {}, "did you mean 'speed-planner'"),
+        ("speed-planner", {"designs": "rule"}, "no setting 'designs'"),
+        ("speed-planner", {"design": "rul"}, "did you mean 'rule"),
+        ("speed-planner", {"set_points": "nobody"}, "set-points"),
+        ("speed-planner", {"forecaster": "none.onnx"}, "no forecaster 'none.onnx'"),
+        ("none", {"design": "rule"}, "no setting 'design'"),
+    ],
+)
+def test_mistakes_are_told_before_anything_is_driven(
+    dissipation: TrafficBenchmark, tmp_path: Path, name: str, settings: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        evaluate_controller(dissipation, name, settings, [0], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_a_night_with_hardly_anybody(
+    dissipation: TrafficBenchmark, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DOHYO_HOME", str(tmp_path / "home"))
+    night = dissipation.model_copy(update={"start_s": 7200.0, "duration_s": 60.0, "warm_up_s": 60.0})
+    settings = {"forecast": "persistence"}
+    told: list[tuple[int, int]] = []
+    got = evaluate_controller(
+        night, "speed-planner", settings, [0], tmp_path / "out", 2, lambda done, of, _: told.append((done, of))
+    )
+    assert [*got.units] == ["seed-000"]
+    assert got.units["seed-000"]["speed_mps"] > 20.0
+    assert told[0] == (0, 2)
+    assert told[-1] == (2, 2)
+    kept = run_path(untouched_folder(night, got.versions), "none", 0)
+    driven = kept.stat().st_mtime_ns
+    assert (tmp_path / "out" / RESULT).exists()
+    again = evaluate_controller(night, "speed-planner", settings, [0], tmp_path / "out")
+    assert again.record_hash == got.record_hash
+    nobody = evaluate_controller(night, "none", {}, [0], tmp_path / "nobody")
+    assert nobody.units == got.reference_units
+    assert kept.stat().st_mtime_ns == driven  # driven once for all results
