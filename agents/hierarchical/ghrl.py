@@ -16,7 +16,7 @@ import torch
 
 from agents.hierarchical.conductor import Conductor, Prospect
 from agents.hierarchical.hierarchy import FLAT, MASTER, WEIGHTS, SubPolicy, read_sub_policies, run_file
-from agents.hierarchical.manoeuvres import Manoeuvre
+from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
 from agents.hierarchical.master import Master, parts, read_master
 from agents.hierarchical.outlook import OPTIONS, Outlook
 from agents.hierarchical.rules_only import RulesOnly
@@ -48,8 +48,7 @@ class Ghrl(Agent):
         """
         if arm not in ARMS:
             raise UnknownNameError("arm", arm, ARMS)
-        folder = CHECKPOINT / arm.removesuffix("-r") if checkpoint is None else Path(checkpoint)
-        self._arm = arm
+        folder, self._arm = _shipped(arm) if checkpoint is None else Path(checkpoint), arm
         rules = RulesOnly() if arm == "ghrl-r" else None
         self._flat: SubPolicy | None = None
         self._master: Master | None = None
@@ -145,3 +144,20 @@ class Ghrl(Agent):
                 "rss": rules.judgement(),
             }
         return out
+
+
+def _shipped(arm: str) -> Path:
+    """The folder of what ships for an arm.
+
+    Raises:
+        InvalidInputError: Nothing does.
+    """
+    name = arm.removesuffix("-r")
+    folder, trainer = CHECKPOINT / name, FLAT if arm == FLAT else MASTER
+    if not folder.is_dir():
+        raise InvalidInputError(
+            f"no checkpoint ships for arm '{arm}': train one by dohyo train hierarchical-{trainer} "
+            f"--config agents/hierarchical/configs/{DRIVE if arm == FLAT else MASTER}.toml "
+            f"--out runs/{name}/{trainer}, and give it by --set checkpoint=runs/{name}"
+        )
+    return folder

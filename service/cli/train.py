@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -35,6 +36,7 @@ def train(
     from agents.training.run import RunStoppedError, stored_config  # torch takes seconds to import
     from agents.training.settings import read_settings
 
+    sys.path.insert(0, os.getcwd())  # so that a trainer of one's own is found
     trainer, given = trainer_named(name), list(settings or [])
     chooses_out = "out" in trainer.config.model_fields
     if chooses_out and out is not None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from agents.hierarchical import ghrl
 from agents.hierarchical.ghrl import ARMS, Ghrl
 from agents.hierarchical.hierarchy import CONFIG, WEIGHTS, read_sub_policies
 from agents.hierarchical.journey import Journey, JourneyTask
@@ -111,6 +112,14 @@ def test_without_a_checkpoint_the_command_that_trains_it_is_named(tmp_path):
         Ghrl("flat", tmp_path)
     with pytest.raises(InvalidInputError, match=r"dohyo train hierarchical-lane --config .*lane.toml"):
         read_sub_policies(tmp_path)
+
+
+def test_where_nothing_ships_the_way_to_a_checkpoint_is_told(monkeypatch, tmp_path):
+    monkeypatch.setattr(ghrl, "CHECKPOINT", tmp_path)
+    with pytest.raises(InvalidInputError, match=r"ships for arm 'hrl'.*hierarchical-master.*checkpoint=runs/hrl"):
+        Ghrl("hrl")
+    with pytest.raises(InvalidInputError, match=r"ships for arm 'flat'.*hierarchical-flat.*--out runs/flat/flat"):
+        Ghrl("flat")
 
 
 def test_the_named_configurations_exist():

@@ -20,11 +20,13 @@ TWIN = StateConfig(vision="none")
 
 
 def write_sub_policies(folder: Path, names: tuple[str, ...] = (*Manoeuvre, FLAT), state: StateConfig = TWIN) -> Path:
-    """One run's folder for each, with small networks."""
+    """One run's folder for each, with small networks that speed up gently."""
     torch.manual_seed(0)
     for name in names:
         task = ManoeuvreTask(DRIVE if name == FLAT else name, state)
         actor = actor_for(task.observation_space, task.action_space, (8,), 1.0)
+        with torch.no_grad():
+            actor.body[-1].bias[0] = 0.4  # or they would never leave
         (folder / name).mkdir(parents=True)
         (folder / name / CONFIG).write_text(as_toml(SubPolicyConfig(state=state)))
         export(actor, task.observation_space.shape, folder / name / Path(WEIGHTS).stem, {})

@@ -22,7 +22,7 @@ def test_it_tells_what_was_measured() -> None:
     assert [list(line.y) for line in lines] == [[2.0, 8.0], [3.0, 9.0], [4.0, 10.0]] * 2
     assert {line.name for line in lines} == set(WAYS.values())
     shades = [trace for trace in figure.data if trace.fill == "toself"]
-    assert list(shades[0].y) == [12.0, 3.0, 2.0, 8.0]  # up along the 99th percentile, back along the median
+    assert list(shades[0].y) == [3.0, 12.0, 8.0, 2.0]  # up along the 99th percentile, back along the median
 
 
 def test_the_shipped_results_can_be_drawn_and_others_are_refused() -> None:

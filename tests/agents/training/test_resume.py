@@ -19,7 +19,7 @@ from service.cli import main
 
 ROOT = Path(__file__).parents[3]
 CURVES = ("metrics.csv", "evaluations.csv", "policy.onnx", "best.onnx")
-PATIENCE_S = 120.0
+PATIENCE_S = 300.0
 
 
 def rows(folder: Path) -> int:

@@ -18,13 +18,14 @@ from agents.training import registry
 from agents.training.config import RunConfig
 from agents.training.metrics import Table
 from agents.training.policy import Actor
-from agents.training.report import Report
-from agents.training.run import Run, Stop
+from agents.training.registry import Order
+from agents.training.report import Report, no_report
+from agents.training.run import Run, RunStoppedError, Stop
 from agents.training.settings import read_settings
 from service.cli import main
 from sumo_networks.errors import InvalidInputError
 from tests.agents.training.problems import Point
-from tests.agents.training.toys import PointConfig
+from tests.agents.training.toys import POINT, SMALL, PointConfig
 
 TOY = "tests.agents.training.toys:POINT"
 
@@ -176,6 +177,14 @@ def test_one_process_trains_at_a_time(tmp_path):
     Run("toy", tmp_path, RunConfig(tensorboard=False), resume=True).close()
 
 
+def test_a_trainer_of_ones_own_is_found_where_the_command_runs(tmp_path, monkeypatch, capsys):
+    (tmp_path / "own_trainer.py").write_text("from tests.agents.training.toys import LOCK as OWN")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    assert dohyo(monkeypatch, "train", "own_trainer:OWN", "--set", "steps=128") == 0
+    assert (tmp_path / "runs" / "own" / "best.safetensors").exists()
+
+
 def test_every_registered_trainer_is_there():
     for name in registry.TRAINERS:
         assert registry.trainer_named(name).summary
@@ -209,19 +218,21 @@ def test_a_stop_is_heard_and_the_handlers_are_put_back():
     assert signal.getsignal(signal.SIGTERM) is before
 
 
-def test_an_interrupted_evaluation_is_done_again(tmp_path, monkeypatch):
-    """Stopped in the evaluation at 512 steps: the run resumes with it, and nothing is missing or double."""
-    from agents.training.registry import Order
-    from agents.training.run import RunStoppedError
-    from tests.agents.training.toys import POINT
+def test_an_interrupted_run_goes_on_as_if_nothing_had_been(tmp_path):
+    """Stopped in a round and in an evaluation; the rows are those of a run that was not, to the bit."""
 
-    def stop_in_evaluation(report: Report) -> None:
-        if report.steps == 512:
+    def stop(report: Report) -> None:
+        if report.steps in (384, 512):
             signal.raise_signal(signal.SIGINT)
 
-    config = PointConfig(steps=640, evaluate_every=512)
-    with pytest.raises(RunStoppedError, match="stopped at step 512"):
-        POINT.train(config, Order("point", tmp_path / "run", False, stop_in_evaluation))
-    assert [int(row["steps"]) for row in rows(tmp_path / "run" / "evaluations.csv")] == [0]
-    POINT.train(config, Order("point", tmp_path / "run", True, lambda report: None))
-    assert [int(row["steps"]) for row in rows(tmp_path / "run" / "evaluations.csv")] == [0, 512, 640]
+    config = PointConfig(steps=640, evaluate_every=512, ppo=SMALL.model_copy(update={"guided_share": 0.5}))
+    whole, out = tmp_path / "whole", tmp_path / "disturbed"
+    POINT.train(config, Order("point", whole, False, no_report))
+    for steps, resume in ((384, False), (512, True)):
+        with pytest.raises(RunStoppedError, match=f"stopped at step {steps}; the checkpoint is written"):
+            POINT.train(config, Order("point", out, resume, stop))
+        assert [int(row["steps"]) for row in rows(out / "evaluations.csv")] == [0]
+    POINT.train(config, Order("point", out, True, no_report))
+    assert [int(row["steps"]) for row in rows(out / "evaluations.csv")] == [0, 512, 640]
+    for name in ("metrics.csv", "evaluations.csv", "policy.onnx"):
+        assert (out / name).read_bytes() == (whole / name).read_bytes(), name
