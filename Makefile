@@ -32,11 +32,13 @@ lint: $(INSTALLED)  ## Check style, types, the four floors and the Dockerfile
 	@$(BIN)/lint-imports --no-logo
 	@$(BIN)/hadolint Dockerfile
 
-bench: $(INSTALLED)  ## Measure the world, the senses, the planners and the wire; write bench.json
+bench: $(INSTALLED)  ## Measure the world, the senses, the planners, the learned parts and the wire; write bench.json
 	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.bench
 	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.senses
 	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.planners
 	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.forecasting --quick
+	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.rules
+	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.state
 	@$(BIN)/python -m tests.performance.wire --quick
 
 picture: $(INSTALLED)  ## Draw the README's picture from a drive of each demo agent
