@@ -1,8 +1,8 @@
 """The connected vehicles: each reads the plan where it is, sees its own leader, and is told a speed for the next tick.
 
 A mixed fleet, as in the field: of 100 cars 97 set their own cruise control, 3 are told speeds by FollowerStopper. Both
-speeds are bounded by the safe one. And where a leader comes near, nothing is commanded: SUMO lets a commanded vehicle
-brake no harder than is comfortable, its own driver as hard as he must.
+speeds are bounded by the safe one, and by what SUMO's driver would do. And where a leader comes near, nothing is
+commanded: a person closes up to a queue, and opens a gap that a cut-in shortened, more smoothly than a speed can say.
 """
 
 from __future__ import annotations
