@@ -202,13 +202,14 @@ def test_a_remote_worker_survives_kill_nine_of_the_server(make_service: MakeServ
 
 def test_sigterm_under_load_lets_episodes_end_and_leaves_nothing_running(make_service: MakeService) -> None:
     service = make_service(processes=1, drain_s=20.0)
-    builtin = service.submit(info_of(STEADY), short(missions=6), kind=AgentKind.BUILTIN)
+    infos = [info_of(STEADY).model_copy(update={"name": f"queued-{i}"}) for i in range(4)]
+    queued = [service.submit(info, short(missions=6), kind=AgentKind.BUILTIN) for info in infos]
     remote = service.submit(info_of(STEADY).model_copy(update={"name": "remote"}), short())
     service.start()
     worker = hire(service, "remote")
     episode = worker.acquire()
     reply = worker.drive(episode, steps=5)
-    service.wait_done(builtin, 1)
+    service.wait_done(queued[0], 1)
     assert service.process is not None
     service.process.send_signal(signal.SIGTERM)
     directives = set()
@@ -220,7 +221,7 @@ def test_sigterm_under_load_lets_episodes_end_and_leaves_nothing_running(make_se
     assert status == 503
     assert service.process.wait(30) == 0
     assert service.evaluation(remote).status is EvaluationStatus.DONE
-    statuses = [one.status for one in service.episodes(builtin)]
+    statuses = [one.status for evaluation in queued for one in service.episodes(evaluation)]
     assert EpisodeStatus.RUNNING not in statuses
     assert EpisodeStatus.QUEUED in statuses, "it had nothing left to do; the test shows nothing"
     service.start()

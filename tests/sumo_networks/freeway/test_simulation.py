@@ -155,15 +155,15 @@ def test_a_wave_travels_upstream_at_15_to_20_km_per_hour(opened: Open) -> None:
         return {world.names[row]: 2.0 for row in connected(world) if 5000 < world.position_m[row] < 5250}
 
     run(simulation, 75, crawl)
-    times, places = [], []
-    for world in run(simulation, 240)[60::20]:
+    times, heads = [], []
+    for world in run(simulation, 180)[20::20]:
         slow = (world.speed_mps < 4.0) & (world.position_m < 5250) & (world.position_m > 1000)
         assert slow.sum() >= 5, "the jam dissolved"
         times.append(world.time_s)
-        places.append(float(world.position_m[slow].mean()))
-    slope, _ = np.polyfit(times, places, 1)
+        heads.append(float(np.quantile(world.position_m[slow], 0.9)))  # its tail depends on who arrives
+    slope, _ = np.polyfit(times, heads, 1)
     assert -21.0 < 3.6 * slope < -14.0
-    assert np.corrcoef(times, places)[0, 1] < -0.98
+    assert np.corrcoef(times, heads)[0, 1] < -0.98
 
 
 def test_an_incident_blocks_its_lane(opened: Open) -> None:
