@@ -69,6 +69,8 @@ def drive_day(
 ) -> SpeedDay:
     """Drives a scenario and measures it.
 
+    After `meso` SUMO refuses bicycles for the rest of the process: drive no city in it.
+
     Args:
         scenario: What to drive.
         scale: `meso` for queues, `micro` for single vehicles.
