@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from typing import Self
 
 FEW = 12
 
@@ -24,7 +25,11 @@ class UnknownNameError(InvalidInputError):
         near = difflib.get_close_matches(name, known, n=1)
         hint = f"; did you mean '{near[0]}'?" if near else ""
         names = ", ".join(known) if len(known) <= FEW else f"{len(known)} others"
+        self._given = (what, name, known)
         super().__init__(f"no {what} named '{name}'{hint} (there is {names or 'none'})")
+
+    def __reduce__(self) -> tuple[type[Self], tuple[str, str, list[str]]]:
+        return type(self), self._given  # exceptions are rebuilt from their message otherwise
 
 
 class AgentError(DohyoError):

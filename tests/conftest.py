@@ -51,8 +51,3 @@ def make_env() -> Iterator[MakeEnv]:
     yield make_env
     for env in opened:
         env.close()
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Freeways last: after a day of queues (meso) SUMO refuses bicycles for the rest of its process."""
-    items.sort(key=lambda item: any(word in item.nodeid for word in ("freeway", "forecast", "speed_planning")))

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import tempfile
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from sumo_networks.arrays import FloatArray
 from sumo_networks.errors import SimulationError
+from sumo_networks.freeway.apart import Progress, drive_apart
 from sumo_networks.freeway.demand import draw_demand, write_routes
 from sumo_networks.freeway.drivers import KINDS, PROBE
 from sumo_networks.freeway.measure import MINUTE_S
@@ -64,21 +65,22 @@ class SpeedDay:
     probes: Measured
 
 
-def drive_day(
-    scenario: FreewayScenario, scale: Scale, progress: Callable[[float], None] = lambda _share: None
-) -> SpeedDay:
+def drive_day(scenario: FreewayScenario, scale: Scale, progress: Progress = lambda _share: None) -> SpeedDay:
     """Drives a scenario and measures it.
-
-    After `meso` SUMO refuses bicycles for the rest of the process: drive no city in it.
 
     Args:
         scenario: What to drive.
-        scale: `meso` for queues, `micro` for single vehicles.
+        scale: `meso` for queues, in a process of its own; `micro` for single vehicles, in this one.
         progress: Told the share that is done, 0 to 1.
 
     Raises:
-        SimulationError: SUMO failed, or another simulation of this process is open.
+        SimulationError: SUMO failed, or another simulation of this process is open (`micro`).
     """
+    drive = partial(_drive_and_measure, scenario, scale)
+    return drive(progress) if scale == "micro" else drive_apart(drive, progress)
+
+
+def _drive_and_measure(scenario: FreewayScenario, scale: Scale, progress: Progress) -> SpeedDay:
     road = load_freeway(scenario.network)
     begin = max(scenario.start_s - scenario.warm_up_s, 0.0)
     minutes = round(scenario.duration_s / MINUTE_S)
@@ -117,9 +119,7 @@ def _detectors(scenario: FreewayScenario, folder: Path) -> str:
     return "<additional>\n" + "\n".join(lines) + "\n</additional>\n"
 
 
-def _drive(
-    road: FreewayRoad, scenario: FreewayScenario, scale: Scale, begin_s: float, progress: Callable[[float], None]
-) -> None:
+def _drive(road: FreewayRoad, scenario: FreewayScenario, scale: Scale, begin_s: float, progress: Progress) -> None:
     end = scenario.start_s + scenario.duration_s
     usual = {edge: libsumo.lane.getMaxSpeed(f"{edge}_0") for edge in road.mainline.edges}
     for time_s in np.arange(begin_s + MINUTE_S, end + MINUTE_S + 1, MINUTE_S):

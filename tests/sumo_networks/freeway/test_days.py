@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,11 +14,14 @@ import polars as pl
 import pytest
 from pydantic import ValidationError
 
-from sumo_networks.errors import InvalidInputError, SimulationError
+from sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
 from sumo_networks.freeway import dataset
+from sumo_networks.freeway.apart import drive_apart
 from sumo_networks.freeway.dataset import Order, day_orders, make_dataset
 from sumo_networks.freeway.days import Measured, Scale, SpeedDay, drive_day
 from sumo_networks.freeway.scenario import Day, FreewayScenario, Incident
+from sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from tests.conftest import Start
 
 MORNING = FreewayScenario(seed=3, start_s=6 * 3600, duration_s=2.5 * 3600, warm_up_s=600)
 
@@ -69,13 +74,41 @@ def test_an_incident_in_meso_slows_its_segment_and_passes() -> None:
     assert np.nanmean(speed[:5]) > 22
 
 
-def test_sumo_is_closed_after_a_day_and_after_an_error() -> None:
+MINUTE = MORNING.model_copy(update={"duration_s": 60.0, "warm_up_s": 0.0})
+
+
+def test_a_process_drives_one_simulation_of_single_vehicles_at_a_time() -> None:
     libsumo.start(["sumo", "-n", str(dataset.load_freeway().network.path), "--no-step-log", "true"])
     with pytest.raises(SimulationError, match="another simulation of this process is still open"):
-        drive_day(MORNING, "meso")
+        drive_day(MINUTE, "micro")
+    assert drive_day(MINUTE, "meso").minute.tolist() == [360]  # has a process of its own
     libsumo.close()
-    drive_day(MORNING.model_copy(update={"duration_s": 60.0, "warm_up_s": 0.0}), "meso")
+    drive_day(MINUTE, "micro")
     assert not libsumo.isLoaded()
+
+
+def test_bicycles_drive_after_a_day_of_queues(start: Start) -> None:
+    drive_day(MINUTE, "meso")
+    mission = Mission(
+        start=Place(lane="737320747#3_2", position_m=8.0), goal=Place(lane="726514449_2", position_m=-15.0)
+    )
+    traffic = Traffic(vehicles=40, bicycles=30, pedestrians=30, warm_up_s=5.0)
+    _, world = start(Scenario(network="ingolstadt", missions=(mission,), traffic=traffic, seed=3))
+    assert world.tick == 0
+
+
+def test_what_the_other_process_raises_is_raised_here() -> None:
+    with pytest.raises(UnknownNameError, match="no network named 'nowhere'"):
+        drive_day(MINUTE.model_copy(update={"network": "nowhere"}), "meso")
+
+
+def test_a_process_that_dies_is_one_clear_error() -> None:
+    with pytest.raises(SimulationError, match="SUMO's own process ended with exit code -9"):
+        drive_apart(_die, lambda _share: None)
+
+
+def _die(_progress: object) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 # The dataset. What drives a day is replaced: its files are what is looked at.
