@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
-from typing import Self
+from typing import Any
 
 FEW = 12
 
 
 class DohyoError(Exception):
     """Root of all errors a user of dohyo may meet; its message is one clear line."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For pickle, which would call a subclass's constructor with the message."""
+        return _rebuilt, (type(self), self.args), self.__dict__
+
+
+def _rebuilt(kind: type[DohyoError], args: tuple[Any, ...]) -> DohyoError:
+    error = kind.__new__(kind, *args)
+    error.args = args
+    return error
 
 
 class InvalidInputError(DohyoError):
@@ -25,11 +35,7 @@ class UnknownNameError(InvalidInputError):
         near = difflib.get_close_matches(name, known, n=1)
         hint = f"; did you mean '{near[0]}'?" if near else ""
         names = ", ".join(known) if len(known) <= FEW else f"{len(known)} others"
-        self._given = (what, name, known)
         super().__init__(f"no {what} named '{name}'{hint} (there is {names or 'none'})")
-
-    def __reduce__(self) -> tuple[type[Self], tuple[str, str, list[str]]]:
-        return type(self), self._given  # exceptions are rebuilt from their message otherwise
 
 
 class AgentError(DohyoError):

@@ -7,56 +7,32 @@ does, so nothing is left behind however the parent ends.
 
 from __future__ import annotations
 
-import ctypes
 import multiprocessing
-import os
-import pickle
-import select
-import signal
-import time
-import traceback
 import weakref
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnContext, SpawnProcess
+from collections.abc import Callable, Iterable, Mapping
+from multiprocessing.context import SpawnProcess
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
-from sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from sumo_networks.arrays import BoolArray, Float32Array, FloatArray
 from sumo_networks.control import InvalidActionError, make_control
-from sumo_networks.env import DEFAULT_SENSORS, DrivingEnv, SensorNames
+from sumo_networks.env import DEFAULT_SENSORS, SensorNames
 from sumo_networks.errors import InvalidInputError, SimulationError
 from sumo_networks.reward import make_reward
-from sumo_networks.scenario import Scenario
-from sumo_networks.sensors import SensorConfig, make_sensors
+from sumo_networks.sensors import make_sensors
 from sumo_networks.simulation import TICK_S
+from sumo_networks.vector_memory import Channel, Memory, Observations
+from sumo_networks.vector_worker import RESET, STEP, Plan, ScenarioSource, unpacked, work
 from sumo_networks.vehicle import VehicleParameters
 
-ScenarioSource = Sequence[Scenario] | Callable[[int], Scenario]
-Observations = dict[str, Float32Array]
 Step = tuple[Observations, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 
 JOIN_S = 5.0
-# A process that sleeps between two ticks of 0.2 ms finds its core halted and its caches cold, and its tick takes half
-# as long again. So both sides look for the next message for a while before they sleep, and yield the core meanwhile.
-SPIN_S = 0.0005
-_RESET, _STEP = b"reset", b"step"
-
-
-def episode_seed(seed: int, episode: int) -> int:
-    """Seed of the scenario of one episode, in [0, 2^31); different episodes are statistically independent.
-
-    Args:
-        seed: Of the whole run, as given to `VectorDrivingEnv.reset`.
-        episode: Its number within the run.
-    """
-    return int(np.random.SeedSequence(seed, spawn_key=(episode,)).generate_state(1)[0] % 2**31)
 
 
 class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
@@ -116,19 +92,19 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         self.metadata = {"autoreset_mode": autoreset_mode}
         self._set_spaces(sensors, control)
         context = multiprocessing.get_context("spawn")
-        memory = _Memory(context, self.num_envs, self.num_egos, self._sensor_boxes, self._action.shape)
+        memory = Memory(context, self.num_envs, self.num_egos, self._sensor_boxes, self._action.shape)
         self._arrays = memory.arrays()
-        plan = _Plan(scenarios, tuple(sensors), control, reward, num_envs, autoreset_mode is AutoresetMode.SAME_STEP)
-        self._channels: list[_Channel] = []
+        plan = Plan(scenarios, tuple(sensors), control, reward, num_envs, autoreset_mode is AutoresetMode.SAME_STEP)
+        self._channels: list[Channel] = []
         self._processes: list[SpawnProcess] = []
         self._finalizer = weakref.finalize(self, _shut_down, self._channels, self._processes)
         self.closed = False
         for worker in range(num_envs):
             ours, theirs = context.Pipe()
-            process = context.Process(target=_work, args=(theirs, memory, plan, worker), daemon=True)
+            process = context.Process(target=work, args=(theirs, memory, plan, worker), daemon=True)
             process.start()
             theirs.close()
-            self._channels.append(_Channel(ours))
+            self._channels.append(Channel(ours))
             self._processes.append(process)
         self._seeded = False
 
@@ -173,7 +149,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
             arrays.seed[0], self._seeded = seed or 0, True
             arrays.episode[:] = np.arange(self.num_envs) - self.num_envs
         arrays.episode[mask] += self.num_envs
-        self._ask(_RESET, np.flatnonzero(mask).tolist())
+        self._ask(RESET, np.flatnonzero(mask).tolist())
         return self._observations(arrays.observations), self._infos()
 
     def step(self, actions: Any) -> Step:
@@ -197,7 +173,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         """
         arrays = self._arrays
         arrays.actions[...] = self._checked(actions)
-        self._ask(_STEP, range(self.num_envs))
+        self._ask(STEP, range(self.num_envs))
         infos = self._infos()
         if arrays.renewed.any():
             infos["final_obs"] = self._observations(arrays.finals)
@@ -238,7 +214,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
             for worker in asked:
                 answer = self._channels[worker].receive()
                 if answer:
-                    errors.append(_unpacked(answer, worker))
+                    errors.append(unpacked(answer, worker))
         except (EOFError, OSError) as error:
             process = self._processes[worker]
             process.join(JOIN_S)
@@ -271,96 +247,7 @@ def _count_egos(scenarios: ScenarioSource) -> int:
     return counts[0]
 
 
-@dataclass(slots=True)
-class _Arrays:
-    """What parent and workers share, as numpy arrays on the same memory; N environments of E egos.
-
-    Attributes:
-        seed: (1,) of the run.
-        episode: (N,) number of the episode that is driven.
-        renewed: (N,) whether the last step ended an episode and began the next.
-        actions: (N, E, ...).
-        rewards: (N, E).
-        terminations: (N, E).
-        truncations: (N, E).
-        active: (N, E) who drove in the last tick.
-        observations: (N, E, ...) by sensor.
-        finals: The same, of the last tick of the episode before; valid where `renewed`.
-    """
-
-    seed: IntArray
-    episode: IntArray
-    renewed: BoolArray
-    actions: Float32Array
-    rewards: FloatArray
-    terminations: BoolArray
-    truncations: BoolArray
-    active: BoolArray
-    observations: Observations
-    finals: Observations
-
-
-class _Memory:
-    """The memory itself, as it travels to the workers."""
-
-    def __init__(
-        self,
-        context: SpawnContext,
-        envs: int,
-        egos: int,
-        sensors: Mapping[str, gymnasium.spaces.Box],
-        action: tuple[int, ...],
-    ) -> None:
-        def block(dtype: DTypeLike, *shape: int) -> _Block:
-            raw = context.RawArray(ctypes.c_byte, int(np.prod(shape)) * np.dtype(dtype).itemsize)
-            return raw, np.dtype(dtype).str, shape
-
-        self._fields = {
-            "seed": block(np.int64, 1),
-            "episode": block(np.int64, envs),
-            "renewed": block(np.bool_, envs),
-            "actions": block(np.float32, envs, egos, *action),
-            "rewards": block(np.float64, envs, egos),
-            **{name: block(np.bool_, envs, egos) for name in ("terminations", "truncations", "active")},
-        }
-        self._observations = {name: block(box.dtype, envs, egos, *box.shape) for name, box in sensors.items()}
-        self._finals = {name: block(box.dtype, envs, egos, *box.shape) for name, box in sensors.items()}
-
-    def arrays(self) -> _Arrays:
-        """Views on it, for this process."""
-        return _Arrays(
-            **{name: _view(block) for name, block in self._fields.items()},
-            observations={name: _view(block) for name, block in self._observations.items()},
-            finals={name: _view(block) for name, block in self._finals.items()},
-        )
-
-
-_Block = tuple[Any, str, tuple[int, ...]]
-
-
-def _view(block: _Block) -> NDArray[Any]:
-    raw, dtype, shape = block
-    return np.frombuffer(raw, dtype=dtype).reshape(shape)
-
-
-class _Channel:
-    """One end of a pipe between parent and worker."""
-
-    def __init__(self, pipe: Connection) -> None:
-        self._pipe = pipe
-        self._poll = select.poll()
-        self._poll.register(pipe.fileno(), select.POLLIN)
-        self.send, self.close = pipe.send_bytes, pipe.close
-
-    def receive(self) -> bytes:
-        """The next message; EOFError or OSError where the other end is gone."""
-        patience = time.perf_counter() + SPIN_S
-        while not self._poll.poll(0) and time.perf_counter() < patience:
-            os.sched_yield()
-        return self._pipe.recv_bytes()
-
-
-def _shut_down(channels: list[_Channel], processes: list[SpawnProcess]) -> None:
+def _shut_down(channels: list[Channel], processes: list[SpawnProcess]) -> None:
     """Ends all workers: by the end of their pipes, or if that does not help, by force."""
     for channel in channels:
         channel.close()
@@ -372,139 +259,3 @@ def _shut_down(channels: list[_Channel], processes: list[SpawnProcess]) -> None:
         process.close()
     channels.clear()
     processes.clear()
-
-
-# In the worker.
-
-
-@dataclass(frozen=True, slots=True)
-class _Plan:
-    """What a worker needs to know once."""
-
-    scenarios: ScenarioSource
-    sensors: tuple[str | SensorConfig, ...]
-    control: str
-    reward: str | None
-    envs: int
-    autoreset: bool
-
-    def scenario(self, episode: int, egos: int) -> Scenario:
-        if not callable(self.scenarios):
-            return self.scenarios[episode % len(self.scenarios)]
-        scenario = self.scenarios(episode)
-        if len(scenario.missions) != egos:
-            raise InvalidInputError(
-                f"scenario of episode {episode}: expected {egos} egos, got {len(scenario.missions)}"
-            )
-        return scenario
-
-
-class _Seat:
-    """One environment in its worker, and its rows of the shared memory."""
-
-    def __init__(self, memory: _Memory, plan: _Plan, worker: int) -> None:
-        self.plan, self.worker, self.arrays = plan, worker, memory.arrays()
-        arrays = self.arrays
-        self.observations = {name: array[worker] for name, array in arrays.observations.items()}
-        self.finals = {name: array[worker] for name, array in arrays.finals.items()}
-        self.actions, self.rewards = arrays.actions[worker], arrays.rewards[worker]
-        self.terminations, self.truncations = arrays.terminations[worker], arrays.truncations[worker]
-        self.active = arrays.active[worker]
-        self.env: DrivingEnv | None = None
-
-    def reset(self) -> None:
-        """Starts the episode whose number is in the shared memory."""
-        episode = int(self.arrays.episode[self.worker])
-        scenario = self.plan.scenario(episode, len(self.active))
-        seed = episode_seed(int(self.arrays.seed[0]), episode)
-        if self.env is None or self.env.scenario != scenario.model_copy(update={"seed": self.env.scenario.seed}):
-            self.close()
-            self.env = DrivingEnv(scenario, self.plan.sensors, self.plan.control, self.plan.reward)
-        observations, _ = self.env.reset(seed=seed)
-        self.arrays.renewed[self.worker] = False
-        self._clear()
-        self.active[:] = True
-        self._write(observations)
-
-    def step(self) -> None:
-        """One tick; and where it ends the episode, the next one's start, if that is wanted."""
-        env = self.env
-        if env is None:
-            raise SimulationError(f"environment {self.worker} has not been reset")
-        self._clear()
-        names = env.possible_agents
-        actions = {name: self.actions[ego] for ego, name in enumerate(names) if name in env.agents}
-        if not actions:
-            return
-        observations, rewards, terminations, truncations, _ = env.step(actions)
-        for ego, name in enumerate(names):
-            if name in actions:
-                self.active[ego], self.rewards[ego] = True, rewards[name]
-                self.terminations[ego], self.truncations[ego] = terminations[name], truncations[name]
-        self._write(observations)
-        if not env.agents and self.plan.autoreset:
-            self._renew()
-
-    def close(self) -> None:
-        if self.env is not None:
-            self.env.close()
-            self.env = None
-
-    def _renew(self) -> None:
-        """Starts the next episode; its rewards and ends stay those of the last tick."""
-        for name, array in self.observations.items():
-            self.finals[name][...] = array
-        ended = self.rewards.copy(), self.terminations.copy(), self.truncations.copy(), self.active.copy()
-        self.arrays.episode[self.worker] += self.plan.envs
-        self.reset()
-        self.rewards[:], self.terminations[:], self.truncations[:], self.active[:] = ended
-        self.arrays.renewed[self.worker] = True
-
-    def _clear(self) -> None:
-        self.arrays.renewed[self.worker] = False
-        for array in (self.active, self.terminations, self.truncations, self.rewards):
-            array[:] = 0
-        if len(self.active) > 1:  # a single ego's observation is written whole
-            for observation in self.observations.values():
-                observation[:] = 0.0
-
-    def _write(self, observations: Mapping[str, Mapping[str, Float32Array]]) -> None:
-        assert self.env is not None
-        for ego, name in enumerate(self.env.possible_agents):
-            for sensor, value in observations.get(name, {}).items():
-                self.observations[sensor][ego] = value
-
-
-def _work(pipe: Connection, memory: _Memory, plan: _Plan, worker: int) -> None:
-    """A worker process: does what it is asked until its parent closes the pipe or dies."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
-    channel, seat = _Channel(pipe), _Seat(memory, plan, worker)
-    commands = {_RESET: seat.reset, _STEP: seat.step}
-    try:
-        while True:
-            command = channel.receive()
-            try:
-                commands[command]()
-                answer = b""
-            except Exception as error:
-                answer = _packed(error)
-            channel.send(answer)
-    except (EOFError, OSError):
-        seat.close()
-
-
-def _packed(error: Exception) -> bytes:
-    """Class, arguments and traceback of an error; not the error, whose constructor may want other arguments."""
-    trace = "".join(traceback.format_exception(error))
-    try:
-        return pickle.dumps((type(error), error.args, trace))
-    except Exception:  # whatever a stranger's error holds
-        return pickle.dumps((SimulationError, (f"{type(error).__name__}: {error}",), trace))
-
-
-def _unpacked(message: bytes, worker: int) -> Exception:
-    kind, args, trace = pickle.loads(message)
-    error: Exception = kind.__new__(kind, *args)
-    error.args = args
-    error.add_note(f"in worker {worker}:\n{trace}")
-    return error

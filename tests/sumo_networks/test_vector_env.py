@@ -20,7 +20,8 @@ from sumo_networks.control import InvalidActionError
 from sumo_networks.env import DrivingEnv
 from sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
 from sumo_networks.scenario import Mission, Place, Scenario, Traffic
-from sumo_networks.vector_env import VectorDrivingEnv, episode_seed
+from sumo_networks.vector_env import VectorDrivingEnv
+from sumo_networks.vector_worker import episode_seed
 
 ROOT = Path(__file__).parents[2]
 
