@@ -20,6 +20,7 @@ def test_an_error_is_the_same_after_pickling(error: DohyoError) -> None:
 
 
 def test_an_unknown_name_names_the_nearest() -> None:
-    with pytest.raises(InvalidInputError, match=r"^no network named 'adlershofn'; did you mean 'adlershof'\?") as caught:
+    found = r"^no network named 'adlershofn'; did you mean 'adlershof'\?"
+    with pytest.raises(InvalidInputError, match=found) as caught:
         raise UnknownNameError("network", "adlershofn", ["adlershof", "a10"])
     assert str(caught.value).endswith("(there is a10, adlershof)")
