@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import dataclasses
-import io
 import itertools
 import json
-import math
-import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from urllib.parse import quote
 
 import plotly.graph_objects as go
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -30,19 +24,23 @@ from evaluation.closed_loop import (
     summarise_closed_loop,
 )
 from evaluation.figures import ENDINGS, MARKS, MISSING, number
-from evaluation.record import EgoRecord, EpisodeRecord, Infraction, InfractionKind
+from evaluation.record import Infraction, InfractionKind
+from evaluation.report_rows import (
+    Contender,
+    Drive,
+    Evaluation,
+    make_contenders,
+    make_drives,
+    make_pair,
+    worst_first,
+)
+from evaluation.report_tables import csv_tables
 from evaluation.road_map import LaneShape, Spot, draw_map, drivable_lanes
 from evaluation.scores.driving import (
     IrsLength,
     Rules,
-    driving_score,
-    infraction_penalty,
-    outside_fraction,
-    route_completion,
 )
-from evaluation.statistics import Comparison, Estimate
 from evaluation.store import write_atomically
-from evaluation.summary import Summary, compare, summarise
 from sumo_networks.errors import InvalidInputError
 
 
@@ -73,77 +71,8 @@ COLUMNS = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Evaluation:
-    """One agent on one benchmark, as the report needs it.
-
-    Attributes:
-        agent: Its name, unique in the report.
-        benchmark: Name of the benchmark.
-        benchmark_hash: Content hash of the benchmark.
-        records: Of all episodes, lost ones included.
-        record_paths: Their JSON files, in the same order.
-    """
-
-    agent: str
-    benchmark: str
-    benchmark_hash: str
-    records: tuple[EpisodeRecord, ...]
-    record_paths: tuple[Path, ...]
-
-    def __post_init__(self) -> None:
-        if len(self.records) != len(self.record_paths):
-            raise InvalidInputError(
-                f"expected one path per record of '{self.agent}', got {len(self.records)} records and "
-                f"{len(self.record_paths)} paths"
-            )
-
-
-@dataclass(frozen=True, slots=True)
-class Contender:
-    """An agent in the report: its place, colour and numbers."""
-
-    place: int
-    name: str
-    colour: str
-    evaluation: Evaluation
-    summary: Summary
-
-
 TypeRow = tuple[str, ClosedLoopSummary]
 """A type of scenario and its summary."""
-
-
-@dataclass(frozen=True, slots=True)
-class Term:
-    """A piece of a score's formula, and what it stands for."""
-
-    text: str
-    note: str
-
-
-@dataclass(frozen=True, slots=True)
-class Drive:
-    """One ego of one episode, as a row of the table."""
-
-    anchor: str
-    contender: Contender
-    record: EpisodeRecord
-    ego: EgoRecord
-    href: str
-    mission: str
-    score: float
-    why: tuple[Term, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Pair:
-    """Two agents and how they compare; without a drive in common, only the reason why not."""
-
-    a: Contender
-    b: Contender
-    comparisons: dict[str, Comparison]
-    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,10 +111,10 @@ def write_report(
             summarised together.
     """
     _check(evaluations)
-    contenders = _contenders(evaluations, rules, irs_length)
-    drives = sorted(_drives(contenders, path, rules), key=_worst_first)
+    contenders = make_contenders(evaluations, rules, irs_length)
+    drives = sorted(make_drives(contenders, path, rules), key=worst_first)
     counted = [drive for drive in drives if not figures.lost(drive.record)]
-    pairs = [_pair(a, b, rules, irs_length) for a, b in itertools.combinations(contenders, 2)]
+    pairs = [make_pair(a, b, rules, irs_length) for a, b in itertools.combinations(contenders, 2)]
     networks = sorted({drive.record.scenario.network for drive in drives})
     page = {
         "evaluation": evaluations[0],
@@ -200,7 +129,7 @@ def write_report(
         "maps": [draw_map(network, _marks(counted, network), lanes) for network in networks],
         "drives": counted,
         "lost": [drive for drive in drives if figures.lost(drive.record)],
-        "tables": _tables(contenders, pairs, counted),
+        "tables": csv_tables(contenders, pairs, counted),
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, _environment().get_template("report.html.j2").render(page).encode())
@@ -257,18 +186,6 @@ def _environment() -> Environment:
     return environment
 
 
-def _contenders(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLength) -> list[Contender]:
-    """Best driving score first; agents without any score last."""
-    colours = figures.agent_colours(one.agent for one in evaluations)
-    found = [(one, summarise(one.records, rules=rules, irs_length=irs_length)) for one in evaluations]
-    found.sort(key=lambda pair: (-_mean(pair[1].scores["driving_score"]), pair[0].agent))
-    return [Contender(place, one.agent, colours[one.agent], one, summary) for place, (one, summary) in enumerate(found)]
-
-
-def _mean(estimate: Estimate) -> float:
-    return -math.inf if estimate.mean is None else estimate.mean
-
-
 def _facts(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLength) -> list[tuple[str, str, str]]:
     """Name, value and a note on hover: what a reader needs to trust or to repeat the numbers."""
     records = [record for one in evaluations for record in one.records]
@@ -297,60 +214,6 @@ def _facts(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLengt
 
 def _listed(values: Iterable[str]) -> str:
     return ", ".join(sorted(set(values)))
-
-
-def _drives(contenders: Sequence[Contender], path: Path, rules: Rules) -> Iterator[Drive]:
-    folder = path.parent.resolve()
-    for contender in contenders:
-        one = contender.evaluation
-        for i, (record, file) in enumerate(zip(one.records, one.record_paths, strict=True)):
-            href = quote(Path(os.path.relpath(file.resolve(), folder)).as_posix())
-            for j, ego in enumerate(record.egos):
-                yield Drive(
-                    anchor=f"drive-{contender.place}-{i}-{j}",
-                    contender=contender,
-                    record=record,
-                    ego=ego,
-                    href=href,
-                    mission=figures.mission_name(record, ego),
-                    score=driving_score(ego, rules),
-                    why=tuple(_why(ego, rules)),
-                )
-
-
-def _worst_first(drive: Drive) -> tuple[float, str, int, str]:
-    return drive.score, drive.mission, drive.record.scenario.seed, drive.contender.name
-
-
-def _why(ego: EgoRecord, rules: Rules) -> Iterator[Term]:
-    """The driving score, factor by factor, such as 80 x 0.6 x 0.7 = 33.6."""
-    yield Term(_factor(route_completion(ego)), "route completed, %")
-    if outside := outside_fraction(ego):
-        yield Term(f" × {_factor(1 - outside)}", f"{number(ego.outside_lanes_m)} m driven outside lanes")
-    factors = [(one, infraction_penalty((one,), rules, 0.0)) for one in ego.infractions]
-    notes = [(factor, f"{MARKS[one.kind].label} at {number(one.time_s)} s") for one, factor in factors if factor < 1]
-    if rules == "2.1" and notes:
-        yield Term(" / (1", "rules 2.1 divide by one plus the costs")
-        yield from (Term(f" + {_factor(1 / factor - 1)}", note) for factor, note in notes)
-        yield Term(")", "rules 2.1 divide by one plus the costs")
-    else:
-        yield from (Term(f" × {_factor(factor)}", note) for factor, note in notes)
-    if not outside and not notes:
-        yield Term(" × 1", "no infraction lowers the score")
-    yield Term(f" = {number(driving_score(ego, rules))}", "driving score DS, %")
-
-
-def _factor(value: float) -> str:
-    """Like `number`, without trailing zeros: people write 0.6, not 0.600."""
-    return f"{value:.3g}"
-
-
-def _pair(a: Contender, b: Contender, rules: Rules, irs_length: IrsLength) -> Pair:
-    try:
-        comparisons = compare(a.evaluation.records, b.evaluation.records, rules=rules, irs_length=irs_length)
-    except InvalidInputError as error:
-        return Pair(a, b, {}, str(error))
-    return Pair(a, b, comparisons, "")
 
 
 def _per_km_top(contenders: Sequence[Contender]) -> float:
@@ -419,65 +282,3 @@ def _details(infraction: Infraction) -> Iterator[str]:
         yield f"with {infraction.actor}"
     if infraction.at_fault is not None:
         yield "at fault" if infraction.at_fault else "not at fault"
-
-
-def _tables(contenders: Sequence[Contender], pairs: Sequence[Pair], drives: Sequence[Drive]) -> dict[str, str]:
-    """Every table of the page as CSV."""
-    return {
-        "scores": _estimate_table(contenders, lambda summary: summary.scores),
-        "rates": _estimate_table(contenders, lambda summary: summary.per_km),
-        "pairs": _pair_table(pairs),
-        "drives": _drive_table(drives),
-    }
-
-
-def _csv(header: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows([_csv_cell(value) for value in row] for row in rows)
-    return buffer.getvalue()
-
-
-def _csv_cell(value: object) -> object:
-    """Text that a spreadsheet would take for a formula is quoted; None is empty."""
-    formula = isinstance(value, str) and len(value) > 1 and value[0] in "=+-@"
-    return f"'{value}" if formula else value
-
-
-def _estimate_table(contenders: Iterable[Contender], estimates: Callable[[Summary], dict[str, Estimate]]) -> str:
-    rows = (
-        (one.name, name, *dataclasses.astuple(estimate))
-        for one in contenders
-        for name, estimate in estimates(one.summary).items()
-    )
-    return _csv(("agent", "quantity", "mean", "low", "high", "n"), rows)
-
-
-def _pair_table(pairs: Iterable[Pair]) -> str:
-    rows = (
-        (pair.a.name, pair.b.name, name, one.verdict, one.probability, *dataclasses.astuple(one.difference))
-        for pair in pairs
-        for name, one in pair.comparisons.items()
-    )
-    header = ("a", "b", "quantity", "verdict", "probability", "difference mean", "low", "high", "n")
-    return _csv(header, rows)
-
-
-def _drive_table(drives: Iterable[Drive]) -> str:
-    rows = (
-        (
-            drive.contender.name,
-            drive.mission,
-            drive.record.scenario.seed,
-            drive.ego.status.value,
-            drive.ego.failure,
-            drive.score,
-            route_completion(drive.ego),
-            len(drive.ego.infractions),
-            drive.record.record_hash,
-        )
-        for drive in drives
-    )
-    header = ("agent", "mission", "seed", "status", "failure", "DS", "RC", "infractions", "record_hash")
-    return _csv(header, rows)

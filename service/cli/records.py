@@ -17,7 +17,8 @@ from evaluation.closed_loop import applies, compare_closed_loop, lost_episodes, 
 from evaluation.closed_loop import as_document as closed_loop_document
 from evaluation.evaluation import Result, read_result
 from evaluation.record import AgentInfo, EpisodeRecord
-from evaluation.report import Evaluation, write_report
+from evaluation.report import write_report
+from evaluation.report_rows import Evaluation
 from evaluation.runner import drive_episode, versions
 from evaluation.scores.driving import IrsLength, Rules
 from evaluation.store import read_record

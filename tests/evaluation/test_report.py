@@ -17,7 +17,8 @@ import pytest
 
 from evaluation import figures
 from evaluation.record import AgentInfo, EpisodeRecord, Infraction, InfractionKind, Status
-from evaluation.report import COLUMNS, Evaluation, write_report
+from evaluation.report import COLUMNS, write_report
+from evaluation.report_rows import Evaluation
 from evaluation.road_map import LaneShape, drivable_lanes
 from evaluation.scores.driving import Rules
 from evaluation.statistics import Estimate
