@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.hierarchical.vision.classes import HEIGHT, WIDTH
+from agents.shards import check_array, find_shards, pack_shard, read_shard
 from sumo_networks.errors import InvalidInputError
 from sumo_networks.imaging.labels import Label
 
@@ -62,10 +60,7 @@ class Pictures:
 
     def to_bytes(self) -> bytes:
         """The file; the same pictures give the same bytes."""
-        buffer = io.BytesIO()
-        arrays: dict[str, Any] = {name: getattr(self, name) for name in SCHEMA}
-        np.savez_compressed(buffer, schema=np.int32(SCHEMA_VERSION), **arrays)
-        return buffer.getvalue()
+        return pack_shard(SCHEMA_VERSION, {name: getattr(self, name) for name in SCHEMA})
 
 
 def load_shard(path: Path) -> Pictures:
@@ -74,27 +69,10 @@ def load_shard(path: Path) -> Pictures:
     Raises:
         InvalidInputError: It is missing, damaged, or not of this schema.
     """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except FileNotFoundError as error:
-        raise InvalidInputError(f"no semantic shard '{path}'") from error
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
-        raise InvalidInputError(f"semantic shard '{path}' is damaged: {error}; record it anew") from error
-    version = arrays.pop("schema", None)
-    if version is None or version.shape != () or int(version) != SCHEMA_VERSION:
-        raise InvalidInputError(f"semantic shard '{path}': expected schema {SCHEMA_VERSION}, got {version}")
-    if set(arrays) != set(SCHEMA):
-        raise InvalidInputError(f"semantic shard '{path}': wrong arrays: {sorted(set(SCHEMA) ^ set(arrays))}")
+    arrays = read_shard(path, "semantic", SCHEMA_VERSION, set(SCHEMA))
     size = len(np.atleast_1d(arrays["impact_m"]))
     for name, (shape, dtype) in SCHEMA.items():
-        if arrays[name].shape != (size, *shape) or arrays[name].dtype != dtype:
-            raise InvalidInputError(
-                f"semantic shard '{path}': expected {name} as {dtype} {(size, *shape)}, "
-                f"got {arrays[name].dtype} {arrays[name].shape}"
-            )
-    if not all(np.isfinite(arrays[name]).all() for name in ("impact_m", "event_m", "mounting")):
-        raise InvalidInputError(f"semantic shard '{path}' holds NaN or infinity")
+        check_array(path, "semantic", name, arrays[name], (size, *shape), dtype)
     if size and int(arrays["pictures"].max()) >= len(Label):
         raise InvalidInputError(f"semantic shard '{path}': a picture holds a label above {len(Label) - 1}")
     return Pictures(**arrays)
@@ -106,7 +84,4 @@ def load_split(folder: Path, split: str) -> Pictures:
     Raises:
         InvalidInputError: There are none.
     """
-    found = sorted((folder / split).glob("*.npz"))
-    if not found:
-        raise InvalidInputError(f"expected semantic shards in '{folder / split}', found none (dohyo dataset semantic)")
-    return Pictures.joined([load_shard(path) for path in found])
+    return Pictures.joined([load_shard(path) for path in find_shards(folder, split, "semantic")])

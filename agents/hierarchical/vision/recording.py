@@ -12,7 +12,6 @@ steering and throttle. How far off the camera is, and how long a disturbance hol
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
@@ -25,6 +24,7 @@ from agents.hierarchical.nearby import distances
 from agents.hierarchical.vision.classes import HEIGHT, WIDTH
 from agents.hierarchical.vision.dataset import SCHEMA_VERSION, Pictures, load_shard
 from agents.mcts.predictors import recording as motion
+from agents.shards import claim_folder
 from evaluation.store import write_atomically
 from sumo_networks.arrays import FloatArray
 from sumo_networks.catalog import load_network
@@ -190,14 +190,4 @@ def _claim(order: Order, out: Path) -> None:
     for name in (TRAINING, HELD_OUT):
         load_network(name)
     document = {"schema": SCHEMA_VERSION, **asdict(order)}
-    path = out / "dataset.json"
-    if path.exists():
-        try:
-            there = json.loads(path.read_text())
-        except ValueError as error:
-            raise InvalidInputError(f"'{path}' is damaged: {error}") from error
-        if there != document:
-            raise InvalidInputError(f"'{out}' holds a dataset made otherwise: {there}, not {document}")
-        return
-    out.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, (json.dumps(document, indent=1) + "\n").encode())
+    claim_folder(out, document)

@@ -8,9 +8,6 @@ Nothing but the arrays whose names end in `future` or `future_valid` knows what 
 
 from __future__ import annotations
 
-import io
-import zipfile
-import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +19,7 @@ from numpy.typing import NDArray
 
 from agents.planning import scene as scenes
 from agents.planning.scene import Scene
+from agents.shards import check_array, find_shards, pack_shard, read_shard
 from sumo_networks.arrays import BoolArray, Float32Array, FloatArray
 from sumo_networks.errors import InvalidInputError
 
@@ -120,9 +118,7 @@ class Shard:
 
     def to_bytes(self) -> bytes:
         """The file; the same samples give the same bytes."""
-        buffer = io.BytesIO()
-        np.savez_compressed(buffer, schema=np.int32(SCHEMA_VERSION), **self.arrays)  # type: ignore[arg-type]
-        return buffer.getvalue()
+        return pack_shard(SCHEMA_VERSION, self.arrays)
 
 
 def load_shard(path: Path) -> Shard:
@@ -131,15 +127,8 @@ def load_shard(path: Path) -> Shard:
     Raises:
         InvalidInputError: It is missing, damaged, or not of this schema.
     """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except FileNotFoundError as error:
-        raise InvalidInputError(f"no motion shard '{path}'") from error
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
-        raise InvalidInputError(f"motion shard '{path}' is damaged: {error}; record it anew") from error
+    arrays = read_shard(path, "motion", SCHEMA_VERSION, set(SCHEMA))
     _check(path, arrays)
-    arrays.pop("schema")
     return Shard(arrays)
 
 
@@ -149,32 +138,18 @@ def shards_of(folder: Path, split: str) -> list[Path]:
     Raises:
         InvalidInputError: There are none.
     """
-    found = sorted((folder / split).glob("*.npz"))
-    if not found:
-        raise InvalidInputError(f"expected motion shards in '{folder / split}', found none (dohyo dataset motion)")
-    return found
+    return find_shards(folder, split, "motion")
 
 
 def _check(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
-    """Raises InvalidInputError where arrays are not of the schema, do not fit together, or hold no numbers."""
-    version = arrays.get("schema")
-    if version is None or version.shape != () or int(version) != SCHEMA_VERSION:
-        raise InvalidInputError(f"motion shard '{path}': expected schema {SCHEMA_VERSION}, got {version}")
-    if set(arrays) != {"schema", *SCHEMA}:
-        raise InvalidInputError(f"motion shard '{path}': wrong arrays: {sorted({'schema', *SCHEMA} ^ set(arrays))}")
+    """Raises InvalidInputError where arrays do not fit together, or hold no numbers."""
     for table in TABLES:
         if arrays[f"{table}_count"].ndim != 1 or (arrays[f"{table}_count"] < 0).any():
             raise InvalidInputError(f"motion shard '{path}': expected counts in {table}_count")
     sizes = {"samples": len(np.atleast_1d(arrays["time"]))}
     sizes |= {table: int(arrays[f"{table}_count"].sum()) for table in TABLES}
     for name, (table, shape, dtype) in SCHEMA.items():
-        array, expected = arrays[name], (sizes[table], *shape)
-        if array.shape != expected or array.dtype != dtype:
-            raise InvalidInputError(
-                f"motion shard '{path}': expected {name} as {dtype} {expected}, got {array.dtype} {array.shape}"
-            )
-        if dtype == "float32" and not np.isfinite(array).all():
-            raise InvalidInputError(f"motion shard '{path}': {name} holds NaN or infinity")
+        check_array(path, "motion", name, arrays[name], (sizes[table], *shape), dtype)
 
 
 def _rows(sample: Sample) -> dict[str, Any]:

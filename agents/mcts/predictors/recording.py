@@ -6,7 +6,6 @@ recording that was interrupted goes on where it stopped, and the same order give
 
 from __future__ import annotations
 
-import json
 import math
 import zlib
 from collections.abc import Callable, Iterator
@@ -19,6 +18,7 @@ import numpy as np
 from agents.experts.autopilot import Autopilot
 from agents.mcts.predictors.dataset import FUTURE_STEP_S, FUTURE_STEPS, SCHEMA_VERSION, Sample, Shard, load_shard
 from agents.planning.scene import SENSORS, TICK_S, Scene, SceneBuilder
+from agents.shards import claim_folder
 from evaluation.agent import Agent
 from evaluation.store import write_atomically
 from sumo_networks.arrays import FloatArray
@@ -233,14 +233,4 @@ def _claim(order: Order, out: Path) -> None:
         "egos": order.egos,
         "episode_s": order.episode_s,
     }
-    path = out / "dataset.json"
-    if path.exists():
-        try:
-            there = json.loads(path.read_text())
-        except ValueError as error:
-            raise InvalidInputError(f"'{path}' is damaged: {error}") from error
-        if there != document:
-            raise InvalidInputError(f"'{out}' holds a dataset made otherwise: {there}, not {document}")
-        return
-    out.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, (json.dumps(document, indent=1) + "\n").encode())
+    claim_folder(out, document)
