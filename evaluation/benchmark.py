@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator, Sequence
-from functools import cache, cached_property
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -171,7 +171,7 @@ class Benchmark(Config):
                 raise ValueError(f"cell '{cell.name}': no set of missions '{cell.missions}'")
         return self
 
-    @cached_property
+    @property
     def sha256(self) -> str:
         """Content hash: its version. The default seeds are no part of it."""
         return content_hash(self.model_dump(mode="json", exclude={"seeds", "description"}))

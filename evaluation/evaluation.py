@@ -103,7 +103,7 @@ def run_benchmark(
     prepare_logs(todo, getattr(executor, "workers", None) or 1, preparing)
     progress(None, resumed, len(scenarios))
     jobs = [
-        Job(scenario, info, (benchmark.name, benchmark.sha256), out / RECORDS, stem, act_deadline_s)
+        Job(scenario, info, (benchmark.name, manifest.benchmark_sha256), out / RECORDS, stem, act_deadline_s)
         for scenario, stem in zip(scenarios, stems, strict=True)
         if stem not in finished
     ]

@@ -8,13 +8,11 @@ With chromium and playwright on the machine a PNG is written beside the page.
 from __future__ import annotations
 
 import argparse
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
-from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
 from agents.forecasting.base import Forecaster
@@ -23,7 +21,7 @@ from agents.forecasting.reading import read_data
 from agents.forecasting.registry import load_forecaster
 from agents.forecasting.windows import HORIZON, Windows, make_windows
 from evaluation.figures import OKABE_ITO, PALETTES, template
-from evaluation.store import write_atomically
+from evaluation.pictures import write_page
 from sumo_networks.arrays import Float32Array
 from sumo_networks.errors import InvalidInputError
 
@@ -115,29 +113,6 @@ def _clock(minute: float) -> str:
     return f"{int(minute) // 60 % 24}:{int(minute) % 60:02d}"
 
 
-def write(drawn: go.Figure, path: Path) -> list[Path]:
-    """Writes a page that needs no network, and a picture where there is a chromium."""
-    body = drawn.to_html(full_html=False, include_plotlyjs=False, config={"displayModeBar": False})
-    head = f'<meta charset="utf-8"><title>Forecasts</title><script>{get_plotlyjs()}</script>'
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>'.encode())
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        return [path]
-    from playwright.sync_api import sync_playwright
-
-    picture = path.with_suffix(".png")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
-        page = browser.new_page(viewport={"width": SIZE[0] + 16, "height": SIZE[1] + 16})
-        page.goto(path.resolve().as_uri())
-        page.wait_for_selector(".main-svg")
-        page.wait_for_timeout(1000)
-        page.screenshot(path=picture)
-        browser.close()
-    return [path, picture]
-
-
 def main() -> None:
     """Draws one set of Hard."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -154,7 +129,8 @@ def main() -> None:
     windows = make_windows([days[arguments.day - 1]], data.step_s)
     free_mps = next(iter(forecasters.values())).free_mps
     what = f"{days[arguments.day - 1].name} of {data.source}"
-    for path in write(figure(windows, forecasters, free_mps, what), arguments.out):
+    drawn = figure(windows, forecasters, free_mps, what)
+    for path in write_page(drawn, arguments.out, "Forecasts"):
         print(f"figure: {path}")
 
 

@@ -1,9 +1,9 @@
 """Caution: whoever is ahead in the ego's lane is not believed to clear it sooner than it has to, whatever is predicted.
 
 A leader that has just braked is predicted to speed up again, as drivers on the whole do; the one that does not is hit.
-So leaders keep their speed at most, and who brakes goes on braking for a second. People on foot in the lane may stop:
-they are believed to go on a second later. A forecast keeps its shape: it is only driven more slowly. Ours; the thesis
-takes predictions for facts.
+So leaders keep their speed at most, and who brakes goes on braking for a second. People on foot walk straight on at
+their speed, whatever is predicted, and may stop in the lane: they are believed to go on a second later. A vehicle's
+forecast keeps its shape: it is only driven more slowly. Ours; the thesis takes predictions for facts.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ import math
 import numpy as np
 from numba import njit
 
+from agents.mcts.predictors.constant_velocity import roll
 from agents.planning.motion import DT, project
 from agents.planning.scene import HISTORY_STEP_S, Scene
-from sumo_networks.arrays import FloatArray
+from sumo_networks.arrays import BoolArray, FloatArray
 from sumo_networks.world import ActorKind
 
 LANE_SHARE = 0.5
@@ -25,25 +26,28 @@ BRAKING_S, HARDEST, HESITATION_S = 1.0, 8.0, 1.0
 
 
 def cautious(scene: Scene, forecast: FloatArray) -> FloatArray:
-    """A forecast with its leaders held back.
+    """A forecast with people on foot at constant velocity, and its leaders held back.
 
     Args:
         scene: Of which it is.
         forecast: (N, 81, 3) x, y [m], heading [rad] of its actors.
 
     Returns:
-        The same for everybody else; a copy where there is a leader.
+        The same for everybody else; a copy where there is a leader or somebody on foot.
     """
     actors, p = scene.actors, scene.path
     path = np.column_stack([p.position, np.cos(p.heading), np.sin(p.heading)])
     spacing = float(p.s[-1] - p.s[0]) / (len(p.s) - 1)
     on_foot = actors.kind == ActorKind.PEDESTRIAN
+    out = None
+    if on_foot.any():
+        out = forecast.copy()
+        out[on_foot, 1:] = _walking_on(scene, on_foot)
     # Half a second is the history's step: what it lost since the middle of that tells how it brakes.
     back = actors.history[:, -1, :2] - actors.history[:, -2, :2]
     earlier = np.hypot(back[:, 0], back[:, 1]) / HISTORY_STEP_S
     braking = np.clip((actors.speed - earlier) / (0.5 * HISTORY_STEP_S), -HARDEST, 0.0)
     braking[~actors.history_valid[:, -2]] = 0.0
-    out = None
     for n in np.flatnonzero((actors.kind != ActorKind.STATIC) & (actors.position[:, 0] > 0.0)).tolist():
         x, y = (float(v) for v in actors.position[n])
         s, side, row = project(path, float(p.s[0]), spacing, x, y, 0.0, 1e6)
@@ -53,6 +57,12 @@ def cautious(scene: Scene, forecast: FloatArray) -> FloatArray:
             out = forecast.copy() if out is None else out
             _hold_back(out[n], float(actors.speed[n]), float(braking[n]), HESITATION_S if on_foot[n] else 0.0)
     return forecast if out is None else out
+
+
+def _walking_on(scene: Scene, on_foot: BoolArray) -> FloatArray:
+    """(M, 80, 3) those on foot straight on at their speed, from 0.1 s on, as the constant-velocity predictor has it."""
+    still = np.zeros(np.count_nonzero(on_foot))
+    return roll(scene.actors.history[on_foot, -1], scene.actors.speed[on_foot], still, still)[:, 1:]
 
 
 @njit(cache=True, error_model="numpy")

@@ -8,18 +8,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import shutil
 import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import plotly.graph_objects as go
-from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
 from evaluation.figures import OKABE_ITO, PALETTES, template
-from evaluation.store import write_atomically
+from evaluation.pictures import write_page
 from sumo_networks.errors import DohyoError, InvalidInputError
 
 RESULTS = Path(__file__).with_name("results") / "speed.json"
@@ -82,29 +80,6 @@ def _add(drawn: go.Figure, column: int, row: Mapping[str, Mapping[str, float]], 
     )  # fmt: skip
 
 
-def write(drawn: go.Figure, path: Path) -> list[Path]:
-    """Writes a page, and a picture where there is a chromium."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    body = drawn.to_html(full_html=False, include_plotlyjs=False, config={"displayModeBar": False})
-    head = f'<meta charset="utf-8"><title>Decision time</title><script>{get_plotlyjs()}</script>'
-    write_atomically(path, f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>'.encode())
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        return [path]
-    from playwright.sync_api import sync_playwright
-
-    picture = path.with_suffix(".png")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
-        page = browser.new_page(viewport={"width": SIZE[0] + 16, "height": SIZE[1] + 16})
-        page.goto(path.resolve().as_uri())
-        page.wait_for_selector(".main-svg")
-        page.wait_for_timeout(1000)
-        page.screenshot(path=picture)
-        browser.close()
-    return [path, picture]
-
-
 def main() -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -117,7 +92,7 @@ def main() -> None:
         raise InvalidInputError(f"cannot read '{given.results}': {error.strerror}") from error
     except json.JSONDecodeError as error:
         raise InvalidInputError(f"'{given.results}' is no JSON: {error}") from error
-    for path in write(draw(document), given.out):
+    for path in write_page(draw(document), given.out, "Decision time"):
         print(f"figure: {path}")
 
 

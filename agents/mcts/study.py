@@ -1,8 +1,8 @@
 """The ablations and rivals on one benchmark, paired: `python -m agents.mcts.study --benchmark val14 --out out/mbappe`.
 
-Every arm drives the same scenarios and seeds; run again, it goes on where it stopped, drive by drive. The autopilot
-drives them too: it is the reference of progress where a scenario names none. Results go to OUT/study.json, and with
---readme into the tables of this folder's README.
+Every arm drives the same scenarios and seeds, the autopilot first; run again, it goes on where it stopped, drive by
+drive. Excerpts are measured by the closed-loop score, whole routes by what the leaderboard and NoCrash count. Results
+go to OUT/study.json, and with --readme into the tables of this folder's README.
 
 A benchmark of excerpts is split in two by the number of a mission: who mends the planner looks at the drives of the odd
 ones (`--part look`), and the tables are made of the even ones (`--part held-out`). `--per-type` takes only so many of
@@ -15,7 +15,6 @@ import argparse
 import dataclasses
 import hashlib
 import json
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,20 +22,25 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
+from agents.mcts.losses import CAUSES, losses
+from agents.mcts.tables import EXCERPTS, ROUTES, shown, tables, write_tables
 from agents.registry import resolve
 from evaluation.benchmark import Benchmark, load_benchmark
-from evaluation.closed_loop import TERMS
 from evaluation.evaluation import Result, run_benchmark
 from evaluation.executors import ProcessPool
-from evaluation.scores.closed_loop import closed_loop
-from evaluation.statistics import Comparison, Estimate, mean_estimate, paired
+from evaluation.record import EgoRecord, Status
+from evaluation.scores.closed_loop import ClosedLoop, closed_loop
+from evaluation.scores.nocrash import COLLISIONS
+from evaluation.statistics import Comparison, Estimate, mean_estimate, paired, share_estimate
 from evaluation.store import read_trajectory, write_atomically
 from evaluation.summary import score_drive
 from sumo_networks.catalog import load_network
 from sumo_networks.errors import InvalidInputError
 
 REFERENCE = "autopilot"
-METRICS = ("score", "collisions", "off_road", "progress", "driving_score", "nocrash_success")
+SHARES = ("collisions", "off_road", "nocrash_success", "perfect", "hits", "out_of_time")
+"""Metrics that are 0 or 100 in every drive."""
+METRICS = tuple(dict.fromkeys((*EXCERPTS, *ROUTES)))
 Part = Literal["all", "look", "held-out"]
 Key = tuple[str, int, str]
 Drives = dict[Key, dict[str, float]]
@@ -182,41 +186,68 @@ def _hash(name: str) -> bytes:
     return hashlib.sha256(name.encode()).digest()
 
 
-def measure(result: Result, reference: Mapping[Key, float]) -> Drives:
-    """The metrics of every drive that was not lost.
+def measure(result: Result) -> Drives:
+    """The metrics of every drive that was not lost: those of excerpts where the scenario has a reference, or of routes.
 
     Args:
         result: Of one arm.
-        reference: Progress of the autopilot by drive, m; for scenarios that name no reference of their own.
     """
     out: Drives = {}
     for record, path in zip(result.records, result.paths, strict=True):
         if any(ego.status.infrastructure_fault for ego in record.egos):
             continue
-        trajectory, network = read_trajectory(path), load_network(record.scenario.network)
+        scenario = record.scenario
+        metres = scenario.reference_m
+        trajectory = None if metres is None else read_trajectory(path)
         for index, ego in enumerate(record.egos):
-            key = (record.scenario.name, record.scenario.seed, ego.name)
-            named = record.scenario.reference_m
-            if named is None and key not in reference:
-                continue
-            metres = reference[key] if named is None else named
-            terms, scores = closed_loop(record, trajectory, network, metres, index), score_drive(ego)
-            out[key] = {
-                "score": terms.score,
-                "collisions": 100.0 * (terms.no_collision < 1.0),
-                "off_road": 100.0 * (terms.drivable_area < 1.0),
-                "progress": 100.0 * terms.progress,
-                "driving_score": scores["driving_score"],
-                "nocrash_success": scores["nocrash_success"],
-                "red_lights": float(terms.red_lights),
-                **{f"term_{name}": getattr(terms, name) for name in TERMS},
-            }
+            key = (scenario.name, scenario.seed, ego.name)
+            if trajectory is None or metres is None:
+                out[key] = _of_route(ego)
+            else:
+                terms = closed_loop(record, trajectory, load_network(scenario.network), metres, index)
+                out[key] = _of_excerpt(terms, ego)
     return out
+
+
+def _of_excerpt(terms: ClosedLoop, ego: EgoRecord) -> dict[str, float]:
+    return {
+        "score": terms.score,
+        "collisions": 100.0 * (terms.no_collision < 1.0),
+        "off_road": 100.0 * (terms.drivable_area < 1.0),
+        "progress": 100.0 * terms.progress,
+        **{f"lost_{cause}": points for cause, points in losses(terms, ego).items()},
+    }
+
+
+def _of_route(ego: EgoRecord) -> dict[str, float]:
+    scores, hits = score_drive(ego), [one for one in ego.infractions if one.kind in COLLISIONS]
+    return {
+        **{name: scores[name] for name in ("nocrash_success", "driving_score", "route_completion")},
+        "perfect": 100.0 * (ego.status is Status.PERFECT),
+        "hits": 100.0 * bool(hits),
+        "collisions": 100.0 * any(one.at_fault for one in hits),
+        "out_of_time": 100.0 * (ego.status is Status.TIMED_OUT),
+    }
 
 
 def estimates(drives: Drives) -> dict[str, Estimate]:
     """The mean of every metric over drives, with its interval."""
-    return {metric: mean_estimate([drive[metric] for drive in drives.values()]) for metric in METRICS}
+    measured = [metric for metric in METRICS if all(metric in drive for drive in drives.values())]
+    found = {metric: [drive[metric] for drive in drives.values()] for metric in measured}
+    return {
+        metric: share_estimate([value > 0.0 for value in values]) if metric in SHARES else mean_estimate(values)
+        for metric, values in found.items()
+    }
+
+
+def lost(drives: Drives) -> dict[str, tuple[float, int]]:
+    """What the mean of a score lost by each cause: points, and in how many drives."""
+    out = {}
+    for cause in CAUSES:
+        points = [drive[f"lost_{cause}"] for drive in drives.values() if drive.get(f"lost_{cause}", 0.0) > 0.0]
+        if points:
+            out[cause] = (sum(points) / len(drives), len(points))
+    return out
 
 
 def verdict(above: Drives, below: Drives, metric: str) -> tuple[str, Comparison | None]:
@@ -249,7 +280,6 @@ def run(
     driven = part_of(load_benchmark(benchmark), part, per_type)
     driven = cells_of(driven, cells) if cells else driven
     drives: dict[str, Drives] = {}
-    reference: dict[Key, float] = {}
     document: dict[str, Any] = {}
     for name in [REFERENCE, *(arm for arm in arms if arm != REFERENCE)]:
         arm = ARMS[name]
@@ -257,14 +287,9 @@ def run(
             driven, resolve(arm.agent), settings=dict(arm.settings), seeds=seeds, out=out / name,
             executor=ProcessPool(workers),
         )  # fmt: skip
-        if name == REFERENCE:
-            reference = {
-                (record.scenario.name, record.scenario.seed, ego.name): max(ego.progress_m, 0.1)
-                for record in result.records
-                for ego in record.egos
-            }
-        drives[name] = measure(result, reference)
-        print(f"{name}: {_shown(estimates(drives[name])['score'])}", flush=True)
+        drives[name] = measure(result)
+        first, estimate = next(iter(estimates(drives[name]).items()))
+        print(f"{name}: {first} {shown(estimate)}", flush=True)
         document = as_document(benchmark, drives, part, per_type, cells)
         write_atomically(out / "study.json", json.dumps(document, indent=1).encode())
     return document
@@ -280,6 +305,7 @@ def as_document(
             "settings": dict(ARMS[name].settings),
             "thesis": ARMS[name].thesis,
             "metrics": {metric: dataclasses.asdict(value) for metric, value in estimates(found).items()},
+            "lost": lost(found),
         }
         for name, found in drives.items()
     }
@@ -291,51 +317,6 @@ def as_document(
             claims.append({"above": above, "below": below, "metric": metric, "verdict": word, "difference": difference})
     driven = {"benchmark": benchmark, "part": part, "per_type": per_type, "cells": cells}
     return driven | {"arms": arms, "claims": claims}
-
-
-def tables(document: Mapping[str, Any]) -> str:
-    """The study as Markdown."""
-    head = (
-        "| arm | score | CR, % | DA, % | EP, % | DS | NoCrash success, % | thesis |\n|---|---|---|---|---|---|---|---|"
-    )
-    rows = []
-    for name, arm in document["arms"].items():
-        cells = " | ".join(_shown(Estimate(**arm["metrics"][metric])) for metric in METRICS)
-        rows.append(f"| {name} | {cells} | {arm['thesis'] if arm['thesis'] is not None else ''} |")
-    claims = [
-        f"| {claim['above']} > {claim['below']} | {claim['metric']} | "
-        f"{_shown(Estimate(**claim['difference'])) if claim['difference'] else ''} | {claim['verdict']} |"
-        for claim in document["claims"]
-    ]
-    half = "" if document["part"] == "all" else f", part `{document['part']}`"
-    half += f", {document['per_type']} of each type" if document["per_type"] else ""
-    half += f", cells `{document['cells']}`" if document["cells"] else ""
-    lines = [f"On `{document['benchmark']}`{half}:", "", head, *rows]
-    if claims:
-        lines += ["", "| claim | metric | paired difference | verdict |\n|---|---|---|---|", *claims]
-    return "\n".join(lines)
-
-
-def write_tables(readme: Path, document: Mapping[str, Any]) -> None:
-    """Puts the tables between a README's marks for that benchmark.
-
-    Raises:
-        InvalidInputError: The marks are not there.
-    """
-    text = readme.read_text()
-    begin, end = f"<!-- study {document['benchmark']} -->", f"<!-- end {document['benchmark']} -->"
-    if begin not in text or end not in text:
-        raise InvalidInputError(f"'{readme}': expected the marks {begin} and {end}")
-    before, after = text[: text.index(begin)], text[text.index(end) + len(end) :]
-    write_atomically(readme, f"{before}{begin}\n{tables(document)}\n{end}{after}".encode())
-
-
-def _shown(estimate: Estimate) -> str:
-    if estimate.mean is None:
-        return ""
-    if estimate.low is None or estimate.high is None or not math.isfinite(estimate.mean):
-        return f"{estimate.mean:.1f} n={estimate.n}"
-    return f"{estimate.mean:.1f} [{estimate.low:.1f}, {estimate.high:.1f}] n={estimate.n}"
 
 
 def main() -> None:

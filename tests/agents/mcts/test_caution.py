@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.mcts.caution import cautious
+from agents.mcts.predictors.constant_velocity import ConstantVelocity
 from agents.planning.prediction import STEPS
 from sumo_networks.arrays import FloatArray
 from sumo_networks.world import ActorKind
@@ -59,12 +60,32 @@ def test_who_walks_in_the_lane_may_stop_for_a_second() -> None:
         Body(20.0, 4.0, 6.0),  # in the next lane
         Body(-20.0, 0.0, 6.0),  # behind
         Body(20.0, 0.0, 6.0, heading=math.pi),  # comes towards the ego
-        Body(20.0, -3.0, 1.5, heading=math.pi / 2, kind=ActorKind.PEDESTRIAN),  # on the pavement
     ],
 )
 def test_everybody_else_is_taken_as_predicted(other: Body) -> None:
     predicted = forecast(other.x, other.y, other.heading, other.speed, 1.0)
     assert cautious(scene([other]), predicted) is predicted
+
+
+@pytest.mark.parametrize(("x", "y"), [(20.0, -3.0), (-9.0, 0.0), (15.0, 30.0)])
+def test_people_on_foot_walk_straight_on_whatever_is_predicted(x: float, y: float) -> None:
+    walker = Body(x, y, 1.5, heading=math.pi / 2, kind=ActorKind.PEDESTRIAN)
+    stays, driver = forecast(x, y, 0.0, 0.0), forecast(40.0, 6.0, 0.1, 3.0)
+    predicted = np.concatenate([stays, driver])
+    held = cautious(scene([walker, Body(40.0, 6.0, 3.0, heading=0.1)]), predicted)
+    assert held[0, 1:] == pytest.approx(forecast(x, y, math.pi / 2, 1.5)[0, 1:], abs=1e-9)
+    np.testing.assert_array_equal(held[1], driver[0])
+    np.testing.assert_array_equal(predicted[0], stays[0])  # what the predictor said is not overwritten
+
+
+@given(
+    people=st.lists(st.tuples(st.floats(-50, 50), st.floats(3, 50), st.floats(-3, 3), st.floats(0, 3)), min_size=1),
+)
+def test_nothing_changes_for_the_constant_velocity_predictor(people: list[tuple[float, float, float, float]]) -> None:
+    bodies = [Body(x, y, speed, heading=turn, kind=ActorKind.PEDESTRIAN) for x, y, turn, speed in people]
+    here = scene(bodies)
+    predicted = ConstantVelocity().predict(here).actors
+    np.testing.assert_array_equal(cautious(here, predicted), predicted)
 
 
 @given(speed=st.floats(0.0, 15.0), acceleration=st.floats(0.0, 3.0), turn=st.floats(-0.5, 0.5))

@@ -10,6 +10,8 @@ import pytest
 from agents.mcts.mbappe import Mbappe
 from agents.mcts.predictor_only import PredictorOnly
 from agents.mcts.random_shooting import RandomShooting
+from agents.planning.prediction import STEPS, Forecast
+from agents.planning.scene import Scene
 from evaluation.agent import Agent, Mission
 from sumo_networks.errors import InvalidInputError, UnknownNameError
 from sumo_networks.scenario import Place
@@ -54,6 +56,22 @@ def test_at_a_red_light_it_waits_before_the_line() -> None:
 def test_a_pedestrian_in_the_way_is_not_run_over() -> None:
     scene = straight_road().with_ego(x=50.0, speed=8.0).with_pedestrian(85.0, 1.2, y=-8.0, heading=math.pi / 2)
     assert not touched(drive(made(), scene, 8.0))
+
+
+class EverybodyStays:
+    """A predictor that says that everybody stands still, and nothing of the ego."""
+
+    def predict(self, scene: Scene) -> Forecast:
+        now = np.column_stack([scene.actors.position, scene.actors.heading])
+        return Forecast(actors=np.repeat(now[:, None], STEPS, axis=1), ego=None)
+
+
+@pytest.mark.parametrize("caution", [True, False])
+def test_to_a_walker_that_is_predicted_to_stand_only_the_cautious_yield(caution: bool) -> None:
+    scene = straight_road().with_ego(x=50.0, speed=10.0).with_pedestrian(84.0, 2.0, y=-8.0, heading=math.pi / 2)
+    agent = made(caution=caution)
+    agent.predictor = EverybodyStays()
+    assert bool(touched(drive(agent, scene, 6.0))) is not caution
 
 
 @pytest.mark.parametrize("planner", PLANNERS)

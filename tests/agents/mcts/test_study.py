@@ -10,22 +10,27 @@ from agents.mcts.study import (
     ARMS,
     CLAIMS,
     ROUTE_CLAIMS,
+    SHARES,
     as_document,
     cells_of,
+    estimates,
+    measure,
     part_of,
     run,
-    tables,
     verdict,
-    write_tables,
 )
+from agents.mcts.tables import EXCERPTS, ROUTES, tables, write_tables
 from evaluation.benchmark import load_benchmark
+from evaluation.evaluation import Manifest, Result
+from evaluation.record import InfractionKind, Status
 from evaluation.scenario_types import TYPES
 from sumo_networks.errors import InvalidInputError
+from tests.evaluation.builders import ego, episode, infraction, lost
 
 
 def drives(*scores: float) -> dict[tuple[str, int, str], dict[str, float]]:
-    rest = {"collisions": 0.0, "off_road": 0.0, "progress": 90.0, "driving_score": 50.0, "nocrash_success": 100.0}
-    return {(f"scenario-{i}", 0, "ego"): {"score": score, **rest} for i, score in enumerate(scores)}
+    rest = dict.fromkeys((*EXCERPTS, *ROUTES), 50.0) | dict.fromkeys(SHARES, 0.0)
+    return {(f"scenario-{i}", 0, "ego"): {**rest, "score": score} for i, score in enumerate(scores)}
 
 
 def test_every_arm_can_be_set_and_every_claim_is_of_arms() -> None:
@@ -64,6 +69,38 @@ def test_tables_go_between_their_marks(tmp_path: Path) -> None:
         write_tables(readme, {**document, "benchmark": "other"})
 
 
+def test_excerpts_and_whole_routes_have_their_own_columns(tmp_path: Path) -> None:
+    arms = {"mbappe": drives(80, 90), "idm": drives(60, 70)}
+    excerpts, routes = as_document("val14-reactive", arms), as_document("nocrash", arms, cells="town")
+    assert "| mbappe | 85.0 [80.0, 90.0] | 0.0 [0.0, 65.8] | 0.0 [0.0, 65.8] | 50.0 [50.0, 50.0] | 86 | 2 |" in tables(
+        excerpts
+    )
+    assert "| NoCrash success, % | DS |" in tables(routes)
+    assert "thesis" not in tables(routes)
+    readme = tmp_path / "README.md"
+    readme.write_text("<!-- study nocrash town -->\n<!-- end nocrash town -->\n")
+    write_tables(readme, routes)
+    assert tables(routes) in readme.read_text()
+
+
+def test_what_was_lost_is_told_cause_by_cause() -> None:
+    some = drives(80, 90)
+    next(iter(some.values()))["lost_person"] = 20.0
+    text = tables(as_document("val14", {"mbappe": some, "pdm-closed": drives(60, 70), "idm": drives(60, 70)}))
+    assert "| points lost (in drives) | mbappe | pdm-closed |" in text
+    assert "| hit somebody on foot, at fault | 10.0 (1) | 0 |" in text
+    assert "points lost" not in tables(as_document("nocrash", {"mbappe": drives(80, 90)}))
+
+
+def test_shares_have_wilsons_interval() -> None:
+    some = drives(80, 90, 70, 60)
+    next(iter(some.values()))["hits"] = 100.0
+    found = estimates(some)["hits"]
+    assert (found.mean, found.n) == (25.0, 4)
+    assert found.low == pytest.approx(4.6, abs=0.1)
+    assert found.high == pytest.approx(69.9, abs=0.1)
+
+
 def test_what_is_looked_at_and_what_is_held_out_are_apart_and_whole() -> None:
     val14 = load_benchmark("val14")
     names = {part: [one.name for one in part_of(val14, part).scenarios([0])] for part in ("all", "look", "held-out")}
@@ -94,6 +131,16 @@ def test_cells_are_chosen_by_how_their_names_begin() -> None:
     assert {one.name for one in dense.scenarios([0])} == {name for name in names if name.startswith("town-test.dense")}
     with pytest.raises(InvalidInputError, match="no cell begins with 'town-nowhere'"):
         cells_of(nocrash, "town-nowhere")
+
+
+def test_whole_routes_are_measured_by_what_happened_on_them(tmp_path: Path) -> None:
+    hit = infraction(InfractionKind.COLLISION_VEHICLE, at_fault=False)
+    records = (episode(ego(status=Status.PERFECT), name="good"), episode(ego(hit), name="late"), lost(name="lost"))
+    paths = tuple(tmp_path / record.scenario.name for record in records)  # no trajectory is read
+    good, late = measure(Result(Manifest.model_construct(), records, paths, 0)).values()
+    assert set(good) == set(ROUTES)
+    assert (good["nocrash_success"], good["perfect"], good["hits"]) == (100.0, 100.0, 0.0)
+    assert (late["nocrash_success"], late["out_of_time"], late["hits"], late["collisions"]) == (0.0, 100.0, 100.0, 0.0)
 
 
 def test_an_unknown_arm_is_refused(tmp_path: Path) -> None:
