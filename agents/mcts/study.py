@@ -40,7 +40,7 @@ from sumo_networks.errors import InvalidInputError
 REFERENCE = "autopilot"
 SHARES = ("collisions", "off_road", "nocrash_success", "perfect", "hits", "out_of_time")
 """Metrics that are 0 or 100 in every drive."""
-METRICS = tuple(dict.fromkeys((*EXCERPTS, *ROUTES)))
+METRICS = tuple(dict.fromkeys(("score", *ROUTES, *EXCERPTS)))
 Part = Literal["all", "look", "held-out"]
 Key = tuple[str, int, str]
 Drives = dict[Key, dict[str, float]]
@@ -118,6 +118,11 @@ CLAIMS: tuple[tuple[str, str, str], ...] = (
     ("mbappe", "idm", "score"),
     ("mbappe", "choice-q", "score"),
     ("mbappe", "choice-visits", "score"),
+    ("mbappe", "thesis-crafted", "score"),
+    ("mbappe", "thesis-wheel", "score"),
+    ("mbappe", "no-reuse", "score"),
+    ("learned-everywhere", "mbappe", "score"),
+    ("value-network", "mbappe", "score"),
     ("mbappe", "autopilot", "score"),
     ("pdm-closed", "idm", "score"),
     ("pdm-closed", "mbappe", "score"),

@@ -38,7 +38,7 @@ PLANNERS = ("autopilot", "mbappe", "pdm-closed")
 def tables(document: Mapping[str, Any]) -> str:
     """The study as Markdown: one row per arm, one per claim, one per cause of failures."""
     columns = EXCERPTS if document["benchmark"].startswith("val14") else ROUTES
-    theirs = any(arm["thesis"] is not None for arm in document["arms"].values()) and columns is EXCERPTS
+    theirs = document["benchmark"] == "val14" and any(arm["thesis"] is not None for arm in document["arms"].values())
     heads = ["arm", *columns.values(), *(["thesis"] if theirs else []), "n"]
     rows = [_row(name, arm, columns, theirs) for name, arm in document["arms"].items()]
     lines = [f"On {_what(document)}:", "", f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *rows]
