@@ -25,7 +25,7 @@ from sumo_networks.env import DrivingEnv
 from sumo_networks.errors import InvalidInputError, SimulationError
 
 if TYPE_CHECKING:
-    from agents.hierarchical.subpolicies import ManoeuvreTask
+    from agents.hierarchical.tasks import ManoeuvreTask
 
 EGO = "ego"
 ANOTHERS_LINE_M = 35.0

@@ -72,6 +72,11 @@ class JourneyTask(Task):
         """Those of an exercise, and what the rules did."""
         return (*MEASURES, *UNDER_RULES)
 
+    @property
+    def alone(self) -> bool:
+        """See `Task`."""
+        return True
+
     def make_env(self, seed: int, rank: int) -> Env:
         """See `Task`."""
         return Journey(self)

@@ -211,8 +211,8 @@ class OptionCritic:
         """One tick everywhere; in how many environments the rules drove."""
         vectors = self._environments.observation.copy()
         told = [Told(vector, self.actor.size) for vector in vectors]
-        answers = self._answer(vectors)
-        options = [self._next(i, one, answers[i], epsilon, ended) for i, one in enumerate(told)]
+        values = self._values(np.stack([one.state for one in told]))
+        options = [self._next(i, one, values, epsilon, ended) for i, one in enumerate(told)]
         units = [self._explored(option, one.state) for option, one in zip(options, told, strict=True)]
         actions = [
             [*unit.clamp(-1.0, 1.0).tolist(), float(option)] for option, unit in zip(options, units, strict=True)
@@ -237,10 +237,12 @@ class OptionCritic:
         finished += transition.finished
         return sum(one.critical for one in told)
 
-    def _next(self, i: int, told: Told, answer: Float32Array, epsilon: float, ended: list[int]) -> int:
+    def _next(
+        self, i: int, told: Told, values: tuple[Float32Array, Float32Array], epsilon: float, ended: list[int]
+    ) -> int:
         """The option that runs in an environment in this tick."""
-        running, (q, beta, _) = self._running[i], parts(answer)
-        prospect = Prospect(q, beta, told.available, told.finished, told.critical)
+        running, (q, beta) = self._running[i], values
+        prospect = Prospect(q[i], beta[i], told.available, told.finished, told.critical)
         if not running.conductor.ends(prospect, float(self._rng.random())):
             assert running.conductor.option is not None
             return running.conductor.option
@@ -270,6 +272,12 @@ class OptionCritic:
         with torch.no_grad():
             answer: Float32Array = self.actor(torch.from_numpy(vectors).to(self._device)).cpu().numpy()
         return answer
+
+    def _values(self, states: Float32Array) -> tuple[Float32Array, Float32Array]:
+        """Q and beta (N, options) each; what the options would do is left out, and saves most of the time."""
+        with torch.no_grad():
+            q, beta = self.actor.values(torch.from_numpy(states).to(self._device))
+        return q.cpu().numpy(), beta.cpu().numpy()
 
     def _learn_values(self) -> dict[str, Number]:
         """SMDP Q-learning; who is best is told by the network, how good by its target."""

@@ -43,7 +43,8 @@ class Pace:
     Attributes:
         least: Slower is too slow: 0.8 of the target.
         target: What a careful driver would hold.
-        most: Where the reward of the speed has fallen to 0: a fifth of the limit above the target.
+        most: Where the reward of the speed has fallen to 0: a fifth above the limit, whatever the target, so that
+            braking for it pays from the first.
         stop_m: Distance from the ego's front to where it must stand, m; infinite where it need not.
         line_m: The same to a line whose light is not green, m.
     """
@@ -78,7 +79,7 @@ def pace_of(observation: Observation, around: Surroundings, restraints: frozense
     target = min(target, advised_speed(observation["route"]))
     if target < STANDS_BELOW_M_S:
         target = 0.0
-    most = target + OVER_LIMIT * float(observation["path"][BEHIND, 4])
+    most = max(target, float(observation["path"][BEHIND, 4])) * (1.0 + OVER_LIMIT)
     stop, line = (min((distance for _, distance in some), default=math.inf) for some in (limits, lines))
     return Pace(LEAST_SHARE * target, target, most, stop, line)
 

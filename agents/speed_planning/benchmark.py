@@ -12,9 +12,9 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
-from agents.speed_planning.dissipation import Arm, Morning, buffer_policy, segment_speeds
+from agents.speed_planning.dissipation import Arm, Morning, SetPoints, buffer_policy, segment_speeds
 from agents.speed_planning.study import ARMS, drive_seed, run_path
 from evaluation.freeway_benchmark import TrafficBenchmark
 from evaluation.freeway_result import AgentFacts, FreewayResult, Metric, Units, claim, write_result
@@ -24,9 +24,8 @@ from sumo_networks.errors import InvalidInputError, UnknownNameError
 from sumo_networks.freeway.dataset import Order, dataset_facts
 from sumo_networks.scenario import content_hash
 
-SetPoints = Literal["plan", "learned"]
 PLANNER, NOBODY = "speed-planner", "none"
-DEFAULTS: Mapping[str, str] = {"design": "limit", "forecast": "sa-lstm", "forecaster": "sa-lstm", "set_points": "plan"}
+DEFAULTS: Mapping[str, str] = {"design": "limit", "forecast": "sa-lstm", "forecaster": "sa-lstm", "set_points": "none"}
 """Of `speed-planner`: an arm's design and forecast, the network behind the forecast, who sets cruise controls."""
 
 METRICS = (

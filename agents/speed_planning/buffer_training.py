@@ -35,11 +35,13 @@ class BufferEnv:
         seed: Of demands and shares.
         roads: Copies, R.
         road: All of them.
+        length_m: Of the buffer.
     """
 
     seed: int
     roads: int = 32
     road: CellRoad = field(default_factory=CellRoad)
+    length_m: float = buffer.TRAINED_M
     actions: int = field(default=1, init=False)
     observations: int = field(default=buffer.CELLS + 1, init=False)
 
@@ -101,7 +103,7 @@ class BufferEnv:
         end = self.road.bottleneck * self.road.cell_m
         passed = np.zeros(self.roads)
         for _ in range(round(DECISION_S / self.road.step_s)):
-            inside = buffer.in_buffer(self.traffic.controlled_m, end)
+            inside = buffer.in_buffer(self.traffic.controlled_m, end, self.length_m)
             advised = np.where(inside, speed[:, None], np.inf)
             self.traffic, passage = macroscopic.advance(self.road, self.traffic, self._demand(), advised)
             self._enter(passage.entered)
@@ -125,7 +127,7 @@ class BufferEnv:
 
 def discharge(policy: BufferPolicy | None, seed: int, roads: int = 64) -> FloatArray:
     """(R,) mean flow into the bottleneck over its capacity in the episodes of one seed; None leaves all alone."""
-    env = BufferEnv(seed, roads)
+    env = BufferEnv(seed, roads, length_m=buffer.TRAINED_M if policy is None else policy.length_m)
     env.reset()
     total, minutes = np.zeros(roads), round(EPISODE_S / DECISION_S)
     for _ in range(minutes):

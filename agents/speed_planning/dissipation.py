@@ -17,7 +17,7 @@ from agents.forecasting.base import Forecaster
 from agents.forecasting.registry import load_forecaster
 from agents.speed_planning.acc import SetPointPolicy
 from agents.speed_planning.buffer import BufferPolicy, LearnedBuffer, RuleBuffer
-from agents.speed_planning.fleet import ACCELERATION_BASED, AccBased, Fleet
+from agents.speed_planning.fleet import ACCELERATION_BASED, AccBased, Controller, Fleet, Limiter
 from agents.speed_planning.planner import PUBLISHED_EVERY_S, PlannerConfig, SpeedPlan, SpeedPlanner
 from evaluation.scores.traffic import OBSERVED_EVERY_S, Outcome, OutcomeWatch
 from sumo_networks.arrays import FloatArray
@@ -32,6 +32,7 @@ Design = Literal["none", "limit", "rule", "learned"]
 Forecast = Literal["none", "persistence", "sa-lstm", "oracle"]
 DESIGNS: tuple[str, ...] = get_args(Design)
 FORECASTS: tuple[str, ...] = get_args(Forecast)
+SetPoints = Literal["none", "plan", "learned"]
 OBSERVED_BEFORE_S = 720.0
 """So long the feed runs before anything is controlled: eight minutes of history and the lag."""
 
@@ -65,7 +66,8 @@ class Morning:
         warm_up_s: Before the feed begins.
         penetration: Share of connected cars.
         acceleration_based: Share of the fleet with FollowerStopper.
-        set_points: Who sets the cruise controls of the rest: the plan itself, or the learned policy that reads it.
+        set_points: Who sets the cruise controls of the rest: nobody, the plan then is the limit within which a driver
+            follows; the plan itself; or the learned policy that reads it.
         planner: Its settings.
     """
 
@@ -74,7 +76,7 @@ class Morning:
     warm_up_s: float = 300.0
     penetration: float = 0.05
     acceleration_based: float = ACCELERATION_BASED
-    set_points: Literal["plan", "learned"] = "plan"
+    set_points: SetPoints = "none"
     planner: PlannerConfig = field(default_factory=PlannerConfig)
 
     def scenario(self, seed: int) -> FreewayScenario:
@@ -160,8 +162,7 @@ def controlled(
     simulation = lead_in.simulation
     speeds_now = segment_speeds(arm.forecast, forecaster) if arm.design != "none" else None
     planner = SpeedPlanner(simulation.road, buffer_policy(arm.design), morning.planner)
-    acc = AccBased(SetPointPolicy.shipped() if morning.set_points == "learned" else None)
-    fleet = Fleet(lead_in.seed, acc, morning.acceleration_based)
+    fleet = Fleet(lead_in.seed, controller(morning.set_points), morning.acceleration_based)
     plan: SpeedPlan | None = None
     end, due = morning.start_s + morning.duration_s, morning.start_s
     world = simulation.world
@@ -244,6 +245,17 @@ class _Nowcast:
             return _last_report(feed, time_s)
         late = min((time_s - (minutes[-1] + 1) * MINUTE_S) / MINUTE_S, float(LAG_MINUTES))
         return self.forecaster.nowcast(rows, max(late, 0.0), float(minutes[-1] * MINUTE_S))
+
+
+def controller(set_points: SetPoints) -> Controller:
+    """Of the cars without FollowerStopper.
+
+    Raises:
+        InvalidInputError: The learned one's checkpoint is not there.
+    """
+    if set_points == "none":
+        return Limiter()
+    return AccBased(SetPointPolicy.shipped() if set_points == "learned" else None)
 
 
 def buffer_policy(design: Design) -> BufferPolicy | None:

@@ -1,14 +1,16 @@
 """The connected vehicles: each reads the plan where it is, sees its own leader, and is told a speed for the next tick.
 
-A mixed fleet, as in the field: of 100 cars 97 set their own cruise control, 3 are told speeds by FollowerStopper. Both
-speeds are bounded by the safe one, and by what SUMO's driver would do. And where a leader comes near, nothing is
-commanded: a person closes up to a queue, and opens a gap that a cut-in shortened, more smoothly than a speed can say.
+A mixed fleet, as in the field: of 100 cars 97 limit or set their own cruise control, 3 are told speeds by
+FollowerStopper. All speeds are bounded by the safe one, and by what SUMO's driver would do. And where a leader comes
+near, nothing is commanded: a person closes up to a queue, and opens a gap that a cut-in shortened, more smoothly than a
+speed can say.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -76,6 +78,13 @@ class Cars:
         )
 
 
+class Controller(Protocol):
+    """Turns what cars see into the speeds they are told."""
+
+    def speeds(self, cars: Cars) -> FloatArray:
+        """(N,) commanded speeds, m/s."""
+
+
 @dataclass
 class AccelerationBased:
     """FollowerStopper with lane-change recovery, for any number of vehicles."""
@@ -93,6 +102,17 @@ class AccelerationBased:
         closing = np.where(np.isfinite(cars.gap), cars.leader, np.inf)
         facts = zip(each, command.tolist(), cars.speed.tolist(), closing.tolist(), strict=True)
         return np.array([one.softened(wish, own, gap, ahead, TICK_S) for (one, _, gap, _), wish, own, ahead in facts])
+
+
+@dataclass(frozen=True, slots=True)
+class Limiter:
+    """The plan is a limit, and within it the driver drives: no distance is kept for him."""
+
+    def speeds(self, cars: Cars) -> FloatArray:
+        """(N,) commanded speeds, m/s."""
+        pairs = zip(cars.speed.tolist(), cars.target[:, 0].tolist(), strict=True)
+        wanted = np.array([stock_acc(own, np.inf, 0.0, limit, TIME_GAPS_S[0]) for own, limit in pairs])
+        return np.maximum(cars.speed + wanted * TICK_S, 0.0)
 
 
 @dataclass
@@ -139,7 +159,7 @@ class Fleet:
 
     Attributes:
         seed: Decides which vehicle has which controller.
-        acc: Of the cruise controls.
+        acc: Of the cars without FollowerStopper.
         acceleration_based: Share with FollowerStopper.
 
     Raises:
@@ -147,7 +167,7 @@ class Fleet:
     """
 
     seed: int
-    acc: AccBased = field(default_factory=AccBased)
+    acc: Controller = field(default_factory=Limiter)
     acceleration_based: float = ACCELERATION_BASED
     _stoppers: AccelerationBased = field(default_factory=AccelerationBased, init=False)
     _kind: dict[str, bool] = field(default_factory=dict, init=False)
@@ -167,7 +187,11 @@ class Fleet:
                 self._kind[name] = bool(self._rng.random() < self.acceleration_based)
         stops = np.array([self._kind[name] for name in cars.names])
         speed = np.empty(len(stops))
-        for rows, controller in ((np.flatnonzero(stops), self._stoppers), (np.flatnonzero(~stops), self.acc)):
+        both: tuple[tuple[IntArray, Controller], ...] = (
+            (np.flatnonzero(stops), self._stoppers),
+            (np.flatnonzero(~stops), self.acc),
+        )
+        for rows, controller in both:
             speed[rows] = controller.speeds(cars.of(rows)) if len(rows) else 0.0
         speed = np.minimum(speed, safe_speed(cars.gap, cars.leader, delay_s=TICK_S, keep_m=STANDING_GAP_M / 2))
         near = handed_back(cars)

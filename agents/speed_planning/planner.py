@@ -2,13 +2,14 @@
 
 One publication: (1) the segments' speeds, brought up to now by a forecaster, (2) overwritten lane by lane by what the
 connected vehicles met in the last minute, (3) smoothed by a kernel that looks ahead, (4) searched for a standing
-bottleneck, (5) before which a buffer is prescribed; the target is the lower of the two at each position. Until the next
-publication the plan is read as if it travelled upstream with the congestion.
+bottleneck, unless the road's own is known, (5) before which a buffer is prescribed; the target is the lower of the two
+at each position. Until the next publication the plan is read as if it travelled upstream with the congestion.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -40,7 +41,7 @@ class SpeedPlan:
         target_mps: (L, X) by lane from the left and sub-segment.
         state_mps: (L, X) the traffic state it was made of, before smoothing.
         cell_m: Length of a sub-segment.
-        bottleneck_m: The standing bottleneck, if there is one.
+        bottleneck_m: The bottleneck that the plan is for, if there is one.
         buffer_mps: The speed asked for in its buffer.
     """
 
@@ -91,12 +92,15 @@ class PlannerConfig:
         searched_m: Width of the kernel behind which the standing bottleneck is searched for; a wide one would hide a
             short queue, and it is the first minutes of a queue that count.
         diagram: Of the freeway, as `calibration` fits it.
+        bottleneck: Before which one the buffer is: that of the road's description, known before it breaks down; or
+            the standing one that is found, from when it is found.
     """
 
     kernel_m: float = 3000.0
     headroom: float = 1.0
     searched_m: float = 600.0
     diagram: Triangle = FREEWAY
+    bottleneck: Literal["known", "found"] = "known"
 
 
 class SpeedPlanner:
@@ -134,13 +138,13 @@ class SpeedPlanner:
         smooth = forward_kernel(state, self.config.kernel_m, self.grid.cell_m)
         searched = forward_kernel(state.mean(axis=0), self.config.searched_m, self.grid.cell_m)
         ends = heads(searched, free, self.grid.cell_m, self.config.searched_m / 2)
-        standing = self._watch.update(ends)
-        smooth_target = np.minimum(self.config.headroom * smooth, free)
-        target, asked = smooth_target, None
+        found = self._watch.update(ends)
+        standing = self.road.bottleneck_m if self.config.bottleneck == "known" else found
+        target, asked = np.minimum(self.config.headroom * smooth, free), None
         if standing is not None and self.policy is not None:
             asked = self._buffer_speed(self.policy, state.mean(axis=0), standing)
-            inside = buffer.in_buffer(self.grid.centres_m, standing)
-            target = np.where(inside, np.minimum(smooth_target, asked), smooth_target)
+            inside = buffer.in_buffer(self.grid.centres_m, standing, self.policy.length_m)
+            target = np.where(inside, np.minimum(target, asked), target)
         return SpeedPlan(time_s, target, state, self.grid.cell_m, standing, asked)
 
     def _buffer_speed(self, policy: BufferPolicy, state: FloatArray, standing: float) -> float:

@@ -18,14 +18,16 @@ from functools import partial
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
+from agents.speed_planning.buffer import RuleBuffer
 from agents.speed_planning.dissipation import (
     DESIGNS,
     FORECASTS,
     Arm,
     LeadIn,
     Morning,
+    SetPoints,
     buffer_policy,
     controlled,
     run,
@@ -150,8 +152,10 @@ def in_a_copy(what: str, work: Callable[[], None]) -> None:
 
 def settings_of(morning: Morning, forecaster: str) -> dict[str, Any]:
     """What a run depends on besides arm and seed, as plain JSON."""
-    settings: dict[str, Any] = json.loads(json.dumps({**dataclasses.asdict(morning), "forecaster": forecaster}))
-    return settings
+    rule = {one.name: getattr(RuleBuffer(), one.name) for one in dataclasses.fields(RuleBuffer) if one.init}
+    settings = {**dataclasses.asdict(morning), "rule": rule, "forecaster": forecaster}
+    plain: dict[str, Any] = json.loads(json.dumps(settings))
+    return plain
 
 
 def drive_all(
@@ -265,7 +269,7 @@ def main() -> None:
     parser.add_argument("--arms", nargs="*", default=list(ARMS), choices=list(ARMS), metavar="ARM")
     parser.add_argument("--penetration", type=float, default=default.penetration)
     parser.add_argument("--minutes", type=float, default=default.duration_s / 60, help="of control and measurement")
-    parser.add_argument("--set-points", choices=("plan", "learned"), default=default.set_points)
+    parser.add_argument("--set-points", choices=get_args(SetPoints), default=default.set_points)
     parser.add_argument("--kernel", type=float, default=default.planner.kernel_m, help="width of the forward kernel, m")
     parser.add_argument("--headroom", type=float, default=default.planner.headroom, help="factor on the smoothed state")
     parser.add_argument("--forecaster", default="sa-lstm", help="shipped name or file behind the forecast sa-lstm")

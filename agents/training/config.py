@@ -18,7 +18,7 @@ class RunConfig(Config):
     Attributes:
         seed: Decides weights, exploration, batches and the training episodes.
         steps: Environment steps; the run ends with the round that reaches them.
-        processes: Environments, one process each; 0: one environment in this process, for tasks without SUMO.
+        processes: Environments, one process each; 0: one environment in this process, which spares all waiting.
         evaluate_every: Environment steps between two evaluations on the held-out episodes.
         checkpoint_s: Wall-clock time between two checkpoints, s.
         device: Of torch, such as "cpu" or "cuda"; "auto" takes cuda where there is one.
@@ -55,9 +55,11 @@ class PpoConfig(Config):
         initial_std: Standard deviation of the actions at the start, where the action space is [-1, 1].
         gradient_norm: At most (ours).
         reward_scale: What the critic learns is the rewards times this (ours); returns are told without it.
+        normalised: Whether actor and critic see observations less their mean so far, in standard deviations (ours).
         hidden: Width of each hidden layer of actor and critic (ours).
         guided_share: p, the probability that an episode is driven by the task's expert, and stored as if on-policy
             (GPPO; the thesis tries up to 0.2).
+        imitated_steps: Steps before the first round in which the expert is imitated; 0: none (ours).
         guided_decay: Factor of p per round (ours; the thesis: p falls as the policy improves).
     """
 
@@ -74,8 +76,10 @@ class PpoConfig(Config):
     initial_std: Annotated[float, Field(gt=0)] = 1.0
     gradient_norm: Annotated[float, Field(gt=0)] = 0.5
     reward_scale: Annotated[float, Field(gt=0)] = 1.0
+    normalised: bool = False
     hidden: Annotated[tuple[Positive, ...], Field(min_length=1)] = (256, 256)
     guided_share: Share = 0.0
+    imitated_steps: Annotated[int, Field(ge=0)] = 0
     guided_decay: Annotated[float, Field(gt=0, le=1)] = 0.9995
 
     def guided_share_at(self, round_: int) -> float:

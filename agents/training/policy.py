@@ -18,6 +18,8 @@ from agents.training.task import Array
 from sumo_networks.errors import InvalidInputError
 
 SIZES = "sizes"
+FARTHEST = 10.0
+"""What is farther than this from the mean, in standard deviations, is an oddity."""
 
 
 class Actor(nn.Module):
@@ -28,10 +30,14 @@ class Actor(nn.Module):
         log_std: (A,) of its standard deviation, whatever the observation.
         low: (A,) of the action space.
         high: (A,) of the action space.
+        shift: (O,) taken from an observation before it is divided by `scale`, so that rare and small numbers count too.
+        scale: (O,).
     """
 
     low: Tensor
     high: Tensor
+    shift: Tensor
+    scale: Tensor
 
     def __init__(self, observations: int, low: Tensor, high: Tensor, hidden: Sequence[int], std: float = 1.0) -> None:
         """Draws weights from torch's generator.
@@ -49,15 +55,22 @@ class Actor(nn.Module):
         self.log_std = nn.Parameter(torch.full((len(low),), math.log(std)))
         self.register_buffer("low", low.float())
         self.register_buffer("high", high.float())
+        self.register_buffer("shift", torch.zeros(observations))
+        self.register_buffer("scale", torch.ones(observations))
 
     def forward(self, observation: Tensor) -> Tensor:
         """(..., O) -> (..., A) the mean action, in the action space."""
-        return self.scaled(self.body(observation))
+        return self.scaled(self.body(normalised(observation, self.shift, self.scale)))
 
     def gaussian(self, observation: Tensor) -> tuple[Tensor, Tensor]:
         """(..., O) -> mean and standard deviation (..., A), in [-1, 1]^A and beyond."""
-        mean = self.body(observation)
+        mean = self.body(normalised(observation, self.shift, self.scale))
         return mean, self.log_std.exp().expand_as(mean)
+
+    def normalise(self, shift: Tensor, scale: Tensor) -> None:
+        """From now on, takes (O,) from every observation, and divides by (O,)."""
+        self.shift.copy_(shift)
+        self.scale.copy_(scale)
 
     def scaled(self, unit: Tensor) -> Tensor:
         """(..., A) from [-1, 1]^A to the action space; what is beyond is cut off."""
@@ -108,6 +121,11 @@ def actor_for(observations: Box, actions: Box, hidden: Sequence[int], std: float
             raise InvalidInputError(f"expected {what} to be vectors of float32, got {space.dtype} {space.shape}")
     low, high = torch.as_tensor(actions.low), torch.as_tensor(actions.high)
     return Actor(observations.shape[0], low, high, hidden, std)
+
+
+def normalised(observation: Tensor, shift: Tensor, scale: Tensor) -> Tensor:
+    """(..., O) -> (..., O) what layers see: less (O,), divided by (O,), and never far beyond unit scale."""
+    return ((observation - shift) / scale).clamp(-FARTHEST, FARTHEST)
 
 
 def layers(sizes: Sequence[int], last_gain: float) -> nn.Sequential:

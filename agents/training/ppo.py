@@ -23,8 +23,10 @@ from torchrl.objectives.value import GAE
 
 from agents.training.config import PpoConfig, PpoRunConfig
 from agents.training.environments import Environments, Finished, Transition
+from agents.training.imitation import Imitation
 from agents.training.metrics import Number
-from agents.training.policy import Actor, actor_for, layers
+from agents.training.moments import Moments
+from agents.training.policy import Actor, actor_for, layers, normalised
 from agents.training.registry import Order, Trainer
 from agents.training.run import Run
 from agents.training.task import Array, Task
@@ -67,6 +69,23 @@ class _Gaussian(nn.Module):
         return self.actor.gaussian(observation)
 
 
+class _Value(nn.Module):
+    """A critic that sees what the actor's layers see: the two share shift and scale."""
+
+    shift: torch.Tensor
+    scale: torch.Tensor
+
+    def __init__(self, actor: Actor) -> None:
+        super().__init__()
+        self.body = layers((*actor.sizes[:-1], 1), last_gain=1.0)
+        self.register_buffer("shift", actor.shift)
+        self.register_buffer("scale", actor.scale)
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        value: torch.Tensor = self.body(normalised(observation, self.shift, self.scale))
+        return value
+
+
 class Ppo:
     """PPO on a task's environments.
 
@@ -95,8 +114,9 @@ class Ppo:
         """
         self._environments, self._config, self._device = environments, config, device
         self.actor = actor_for(task.observation_space, task.action_space, config.hidden, config.initial_std).to(device)
-        body = layers((*self.actor.sizes[:-1], 1), last_gain=1.0).to(device)
-        self._critic = ValueOperator(body, in_keys=["observation"])
+        self._value = _Value(self.actor).to(device)
+        self._critic = ValueOperator(self._value, in_keys=["observation"])
+        self._moments = Moments(self.actor.sizes[0])
         self._policy = ProbabilisticActor(
             TensorDictModule(_Gaussian(self.actor), in_keys=["observation"], out_keys=["loc", "scale"]),
             in_keys=["loc", "scale"],
@@ -132,13 +152,29 @@ class Ppo:
         row |= self._learn(batch)
         self._schedule.step()
         self.rounds += 1
+        self._look_back(batch["observation"].flatten(0, 1))
         std = float(self.actor.log_std.detach().exp().mean())
         return row | {"std": std, "updates": self.updates, "episodes": self._environments.finished_count}
 
     def begin(self) -> None:
-        """Begins the first episodes."""
+        """Begins the first episodes; before those of the first round, imitates the expert's."""
+        if self._config.imitated_steps:
+            self._environments.guided_share = 1.0
+            self._environments.begin()
+            self._imitate()
         self._environments.guided_share = self._config.guided_share_at(0)
         self._environments.begin()
+
+    def _imitate(self) -> None:
+        config = self._config
+        imitation = Imitation(self.actor, self._value, self._environments, config.gamma, config.reward_scale)
+        imitation.learn(config.imitated_steps, self._look_back)
+
+    def _look_back(self, seen: torch.Tensor) -> None:
+        """Takes (B, O) observations into what observations are normalised by."""
+        if self._config.normalised:
+            self._moments.add(seen)
+            self.actor.normalise(self._moments.mean, self._moments.scale)
 
     def act(self, observation: Array) -> Array:
         """One observation -> one action, without exploration."""
@@ -153,6 +189,7 @@ class Ppo:
             "schedule": self._schedule.state_dict(),
             "updates": self.updates,
             "rounds": self.rounds,
+            "moments": self._moments.state(),
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -162,6 +199,7 @@ class Ppo:
         self._optimizer.load_state_dict(state["optimizer"])
         self._schedule.load_state_dict(state["schedule"])
         self.updates, self.rounds = state["updates"], state["rounds"]
+        self._moments.restore(state["moments"])
 
     def _collect(self) -> tuple[TensorDict, list[Finished], int]:
         """A round: (N, T) transitions with advantages, the episodes that ended, and how many steps experts drove."""

@@ -82,9 +82,17 @@ class Run:
         """Time spent so far, over all sessions, s."""
         return self._earlier_s + time.monotonic() - self._began
 
-    def add_table(self, name: str, columns: Sequence[str]) -> None:
-        """Opens NAME.csv."""
-        keep = self.steps_before if self.state is not None else None
+    def add_table(self, name: str, columns: Sequence[str], known: int | None = None) -> None:
+        """Opens NAME.csv.
+
+        Args:
+            name: Of the table.
+            columns: Beside "steps".
+            known: In a run that is resumed, steps of the last row that its checkpoint knows of; None: the checkpoint's.
+        """
+        keep = None
+        if self.state is not None:
+            keep = self.steps_before if known is None else known
         self._tables[name] = Table(self.folder / f"{name}.csv", columns, keep)
 
     def log(self, name: str, steps: int, values: Mapping[str, Number]) -> None:

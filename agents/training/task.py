@@ -49,6 +49,11 @@ class Task(Protocol):
         """Names of what an episode's last `info` holds besides "success", floats; evaluations tell their means."""
         return ()
 
+    @property
+    def alone(self) -> bool:
+        """Whether a process can hold only one of its environments, as it is with SUMO."""
+        return False
+
     def make_env(self, seed: int, rank: int) -> Env:
         """An environment, not started yet; there may be one that uses SUMO per process.
 

@@ -100,7 +100,9 @@ class _Session:
         """See `train` of the module."""
         run, total = self._run, self._run.config.steps
         run.add_table("metrics", self._learner.columns)
-        run.add_table("evaluations", (*COLUMNS, "length", *self._task.measures))
+        # An evaluation at the checkpoint's own step may have come after it, and then comes again.
+        evaluated = int(run.state["last"].get("steps", -1)) if run.state is not None else None
+        run.add_table("evaluations", (*COLUMNS, "length", *self._task.measures), evaluated)
         run.add_table("timing", ("wall_s", "steps_per_s"))
         self._start()
         while True:

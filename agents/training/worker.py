@@ -292,15 +292,17 @@ def take_seats(task: Task, seed: int, processes: int) -> tuple[list[Seat], Seat]
     Args:
         task: What is learned.
         seed: Of the run.
-        processes: How many train, one process each; 0: one in this process, and the one for held-out episodes too.
+        processes: How many train, one process each; 0: one in this process, and the one for held-out episodes too
+            unless the task is `alone`.
 
     Raises:
         InvalidInputError: The task cannot travel to another process.
     """
-    kind: type[HereSeat] | type[ProcessSeat] = ProcessSeat if processes else HereSeat
+    kinds: list[type[HereSeat] | type[ProcessSeat]] = [ProcessSeat] * processes or [HereSeat]
+    kinds.append(ProcessSeat if processes or task.alone else HereSeat)
     taken: list[Seat] = []
     try:
-        taken.extend(kind(task, seed, rank) for rank in range(max(processes, 1) + 1))
+        taken.extend(kind(task, seed, rank) for rank, kind in enumerate(kinds))
     except (AttributeError, TypeError, pickle.PicklingError) as error:  # what pickle raises
         for seat in taken:
             seat.close()

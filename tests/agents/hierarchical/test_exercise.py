@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,11 +18,12 @@ from agents.hierarchical.journey import UNDER_RULES, Journey, JourneyTask
 from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre, deviation
 from agents.hierarchical.outlook import CRITICAL, FRESH, OPTIONS
 from agents.hierarchical.rewards import INFRACTION
-from agents.hierarchical.subpolicies import ManoeuvreTask
+from agents.hierarchical.tasks import ManoeuvreTask
 from agents.training.task import check_task
 from sumo_networks.errors import InvalidInputError, SimulationError
 from tests.agents.hierarchical.untrained import TWIN
 
+ROOT = Path(__file__).parents[3]
 STAND = np.array([-1.0, 0.0], np.float32)
 RACE = np.array([1.0, 0.0], np.float32)
 
@@ -162,3 +166,13 @@ def test_a_journey_tells_what_may_begin_and_takes_an_option_with_each_action(rul
         _, _, _, info = driven(env, np.array([1.0, 0.0, 3.0], np.float32), 600)
         assert set(task.measures) == {*MEASURES, *UNDER_RULES} <= info.keys()
         assert (info["rules_share"] > 0.0) is rules or info["rules_share"] == 0.0
+
+
+def test_the_processes_of_environments_do_not_load_torch():
+    code = "import sys, agents.hierarchical.tasks, agents.hierarchical.journey; assert 'torch' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
+
+
+def test_simulations_want_a_process_of_their_own():
+    assert ManoeuvreTask(Manoeuvre.LANE, TWIN).alone
+    assert JourneyTask(TWIN).alone

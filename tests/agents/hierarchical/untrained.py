@@ -11,7 +11,8 @@ from agents.hierarchical.hierarchy import CONFIG, FLAT, MASTER, WEIGHTS, read_su
 from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
 from agents.hierarchical.master import Master, master_of
 from agents.hierarchical.state import StateConfig
-from agents.hierarchical.subpolicies import ManoeuvreTask, SubPolicyConfig
+from agents.hierarchical.subpolicies import SubPolicyConfig
+from agents.hierarchical.tasks import ManoeuvreTask
 from agents.training.export import export
 from agents.training.policy import actor_for
 from agents.training.settings import as_toml

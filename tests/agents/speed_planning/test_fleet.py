@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.speed_planning.fleet import AccBased, Fleet
+from agents.speed_planning.fleet import AccBased, Controller, Fleet, Limiter
 from agents.speed_planning.planner import SpeedPlan
 from sumo_networks.errors import InvalidInputError
 from sumo_networks.freeway.road import load_freeway
@@ -37,25 +37,39 @@ def plan(speed: float) -> SpeedPlan:
     return SpeedPlan(0.0, state, state, 100.0)
 
 
-@pytest.mark.parametrize("acceleration_based", [0.0, 1.0])
-def test_alone_on_the_road_a_car_goes_to_the_plans_speed(acceleration_based: float) -> None:
-    fleet, speed = Fleet(0, AccBased(), acceleration_based), 20.0
+CONTROLLERS = pytest.mark.parametrize(
+    ("controller", "acceleration_based"), [(Limiter(), 0.0), (AccBased(), 0.0), (AccBased(), 1.0)]
+)
+
+
+@CONTROLLERS
+def test_alone_on_the_road_a_car_goes_to_the_plans_speed(controller: Controller, acceleration_based: float) -> None:
+    fleet, speed = Fleet(0, controller, acceleration_based), 20.0
     for step in range(120):
         told = fleet.commands(world(100 + step / 2, position_m=[2000.0], speed_mps=np.array([speed])), plan(14.0))
         speed = float(np.clip(told["v0"], speed - 1.0, speed + 0.7))
     assert speed == pytest.approx(14.0, abs=0.2)
 
 
-@pytest.mark.parametrize("acceleration_based", [0.0, 1.0])
-def test_near_a_leader_or_closing_in_fast_a_car_is_left_to_its_driver(acceleration_based: float) -> None:
+@CONTROLLERS
+def test_near_a_leader_or_closing_in_fast_a_car_is_left_to_its_driver(
+    controller: Controller, acceleration_based: float
+) -> None:
     """A person opens a gap that a cut-in shortened, and meets a queue, more smoothly than the cruise control would."""
-    fleet, linked = Fleet(0, AccBased(), acceleration_based), np.array([True, False])
+    fleet, linked = Fleet(0, controller, acceleration_based), np.array([True, False])
     near = world(position_m=[2000.0, 2013.0], speed_mps=np.array([10.0, 10.0]), connected=linked)
     closing = world(position_m=[2000.0, 2050.0], speed_mps=np.array([20.0, 0.0]), connected=linked)
     apart = world(position_m=[2000.0, 2050.0], speed_mps=np.array([20.0, 20.0]), connected=linked)
     assert fleet.commands(near, plan(30.0)) == {}
     assert fleet.commands(closing, plan(30.0)) == {}
     assert set(fleet.commands(apart, plan(30.0))) == {"v0"}
+
+
+def test_a_limit_keeps_no_distance_and_the_cruise_control_does() -> None:
+    """At 20 m/s and 25 m the cruise control falls back to its gap of 1.2 s; within a limit the driver decides."""
+    now = world(position_m=[2000.0, 2030.0], connected=np.array([True, False]))
+    limited, kept = (Fleet(0, one, 0.0).commands(now, plan(22.0))["v0"] for one in (Limiter(), AccBased()))
+    assert kept < 20.0 < limited <= 22.0
 
 
 def test_only_connected_cars_on_the_mainline_are_commanded() -> None:

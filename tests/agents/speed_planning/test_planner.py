@@ -6,7 +6,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from agents.speed_planning.buffer import CELLS, RuleBuffer, Squeeze, density_of_action, in_buffer, observation
+from agents.speed_planning.buffer import (
+    CELLS,
+    RELEASE_M,
+    RuleBuffer,
+    Squeeze,
+    density_of_action,
+    in_buffer,
+    observation,
+)
 from agents.speed_planning.fundamental_diagram import FREEWAY, FundamentalDiagram, Triangle
 from agents.speed_planning.planner import (
     ADVECTION_MPS,
@@ -32,6 +40,7 @@ STEP_PLAN = SpeedPlan(100.0, np.repeat(np.arange(114.0)[None] / 4, 4, axis=0), n
 class FixedDensity:
     asked: float
     seen: FloatArray | None = None
+    length_m: float = 2400.0
 
     def density(self, profile: FloatArray, squeeze: Squeeze, diagram: FundamentalDiagram) -> FloatArray:
         self.seen, self.squeeze = profile, squeeze
@@ -84,18 +93,29 @@ def test_unknown_segments_are_taken_for_free_and_known_ones_smoothed() -> None:
 
 
 def test_a_queue_that_stands_gets_a_buffer_before_it_and_the_target_is_the_lower() -> None:
-    policy = FixedDensity(FREEWAY.density(np.array(4.0)).item())
-    planner = SpeedPlanner(ROAD, policy)
+    policy, found = FixedDensity(FREEWAY.density(np.array(4.0)).item()), PlannerConfig(bottleneck="found")
+    planner, other = SpeedPlanner(ROAD, policy, found), SpeedPlanner(ROAD, None, found)
     plans = [planner.publish(60.0 * k, queue(), NOBODY) for k in range(5)]
+    without = [other.publish(60.0 * k, queue(), NOBODY).target_mps for k in range(5)][-1]
     assert plans[0].bottleneck_m is None
     last = plans[-1]
     assert last.bottleneck_m == pytest.approx(ROAD.bottleneck_m, abs=400)
     assert last.bottleneck_m is not None
     assert last.buffer_mps == pytest.approx(4.0)
-    inside = in_buffer(planner.grid.centres_m, last.bottleneck_m)
-    without = SpeedPlanner(ROAD, None).publish(0.0, queue(), NOBODY).target_mps
+    inside = in_buffer(planner.grid.centres_m, last.bottleneck_m, policy.length_m)
     assert last.target_mps[:, inside] == pytest.approx(np.minimum(without[:, inside], 4.0))
     assert last.target_mps[:, ~inside] == pytest.approx(without[:, ~inside])
+
+
+@pytest.mark.parametrize("length_m", [2400.0, 6000.0])
+def test_before_a_known_bottleneck_there_is_a_buffer_from_the_first_publication(length_m: float) -> None:
+    policy = FixedDensity(FREEWAY.density(np.array(12.0)).item(), length_m=length_m)
+    plan = SpeedPlanner(ROAD, policy).publish(0.0, None, NOBODY)
+    assert plan.bottleneck_m == ROAD.bottleneck_m
+    slow = np.flatnonzero(plan.target_mps[0] < 29.0)
+    assert plan.target_mps[:, slow] == pytest.approx(12.0)
+    assert len(slow) * plan.cell_m == length_m
+    assert (slow[-1] + 1) * plan.cell_m == pytest.approx(ROAD.bottleneck_m - RELEASE_M, abs=100)
 
 
 def test_a_faster_buffer_than_the_state_changes_nothing() -> None:
@@ -121,11 +141,11 @@ def test_the_rule_stores_more_minute_by_minute_while_it_is_too_dense_and_lets_go
     rule = RuleBuffer()
     crowded = np.full(CELLS, float(FREEWAY.density(np.array(8.0))))
     free = np.full(CELLS, FREEWAY.critical_density)
-    slower = [float(FREEWAY.speed(rule.density(crowded, Squeeze(4, 3), FREEWAY))) for _ in range(12)]
+    slower = [float(FREEWAY.speed(rule.density(crowded, Squeeze(4, 3), FREEWAY))) for _ in range(40)]
     assert slower[0] < 30.0
     assert all(after < before or after == pytest.approx(rule.slowest_mps) for before, after in pairwise(slower))
     assert slower[-1] == pytest.approx(rule.slowest_mps)
-    faster = [float(FREEWAY.speed(rule.density(free, Squeeze(4, 3), FREEWAY))) for _ in range(30)]
+    faster = [float(FREEWAY.speed(rule.density(free, Squeeze(4, 3), FREEWAY))) for _ in range(80)]
     assert faster[0] < faster[1]
     assert faster[-1] == pytest.approx(30.0)
 

@@ -18,7 +18,7 @@ from agents.training import environments as environments_module
 from agents.training.environments import Environments, training_seed
 from agents.training.evaluate import evaluate
 from agents.training.task import HELD_OUT_FROM, Task, check_task
-from agents.training.worker import TaskError, take_seats
+from agents.training.worker import HereSeat, TaskError, take_seats
 from sumo_networks.errors import InvalidInputError, SimulationError
 from tests.agents.training.problems import LENGTH, STEP, Lock, Point
 
@@ -46,6 +46,20 @@ def drive(where: Environments, steps: int, seed: int = 0) -> list[np.ndarray]:
 
 def same(one: list[np.ndarray], other: list[np.ndarray]) -> bool:
     return all((a == b).all() for a, b in zip(one, other, strict=True))
+
+
+class Alone(Point):
+    alone = True
+
+
+@pytest.mark.parametrize(("task", "processes", "kinds"), [(Point(), 0, "hh"), (Alone(), 0, "hp"), (Point(), 2, "ppp")])
+def test_a_process_holds_one_environment_where_there_can_be_no_more(task, processes, kinds):
+    seats, held_out = take_seats(task, 0, processes)
+    try:
+        assert "".join("h" if isinstance(seat, HereSeat) else "p" for seat in (*seats, held_out)) == kinds
+    finally:
+        for seat in (*seats, held_out):
+            seat.close()
 
 
 def test_training_seeds_differ_and_are_never_held_out():

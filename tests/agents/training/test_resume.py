@@ -15,7 +15,13 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
+from agents.training import training
+from agents.training.ppo import Ppo
+from agents.training.registry import Order
+from agents.training.report import no_report
+from agents.training.run import RunStoppedError
 from service.cli import main
+from tests.agents.training.toys import POINT, PointConfig
 
 ROOT = Path(__file__).parents[3]
 CURVES = ("metrics.csv", "evaluations.csv", "policy.onnx", "best.onnx")
@@ -72,11 +78,15 @@ def alive(pid: int) -> bool:
     return "Z" not in Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
 
 
+LEARNED_BEFORE = ("--set=ppo.imitated_steps=256", "--set=ppo.normalised=true")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("toy", "settings"),
     [
         ("POINT", ("--set=slow_s=0.002", "--set=ppo.guided_share=0.3", "--set=processes=2", "--set=ppo.horizon=64")),
+        ("POINT", ("--set=slow_s=0.002", *LEARNED_BEFORE, "--set=processes=2", "--set=ppo.horizon=64")),
         ("STREET", ("--set=processes=1", "--set=steps=640", "--set=evaluate_every=256", "--set=ppo.horizon=32")),
     ],
 )
@@ -111,3 +121,36 @@ def test_a_run_that_was_stopped_and_killed_gives_the_same_curve(toy, settings, t
         assert (out / name).read_bytes() == (whole / name).read_bytes(), name
     one, other = load_file(out / "policy.safetensors"), load_file(whole / "policy.safetensors")
     assert all(torch.equal(one[name], other[name]) for name in one | other)
+
+
+def test_an_evaluation_that_no_checkpoint_knows_of_is_told_once(tmp_path, monkeypatch):
+    """Stopped where an evaluation is due, and killed after it: it comes again, its row does not."""
+
+    def run(resume: bool) -> None:
+        POINT.train(PointConfig(), Order("toy", tmp_path / "run", resume, no_report))
+
+    def evaluated() -> list[str]:
+        with (tmp_path / "run" / "evaluations.csv").open() as file:
+            return [row["steps"] for row in csv.DictReader(file)]
+
+    whole = training.evaluate
+
+    def stopped(task, seat, act, stopping):
+        if evaluated():
+            raise RunStoppedError("stopped")
+        return whole(task, seat, act, stopping)
+
+    def dies(self):
+        raise RuntimeError("killed")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(training, "evaluate", stopped)
+        with pytest.raises(RunStoppedError):
+            run(resume=False)
+    with monkeypatch.context() as patched:
+        patched.setattr(Ppo, "round", dies)
+        with pytest.raises(RuntimeError, match="killed"):
+            run(resume=True)
+    assert evaluated() == ["0", "512"]
+    run(resume=True)
+    assert evaluated() == ["0", "512", "1024"]

@@ -1,0 +1,77 @@
+"""Tasks: each manoeuvre as something to learn. Without torch, since the processes of environments import this."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from gymnasium.spaces import Box
+
+from agents.hierarchical.actuation import ACTIONS, Steering
+from agents.hierarchical.exercise import MEASURES, Exercise
+from agents.hierarchical.rewards import Form
+from agents.hierarchical.state import StateConfig, StateEncoder
+from agents.hierarchical.views import rows_seen
+from agents.training.task import Array, Env, Task, held_out_seeds
+
+HELD_OUT = 20
+
+
+@dataclass(frozen=True)
+class ManoeuvreTask(Task):
+    """What one sub-policy learns, or the flat policy.
+
+    Attributes:
+        what: A `Manoeuvre`, or "drive".
+        state: What the policy sees.
+        form: Of the reward.
+        steering: Who steers.
+        held_out_count: Episodes of an evaluation.
+    """
+
+    what: str
+    state: StateConfig = field(default_factory=StateConfig)
+    form: Form = "product"
+    steering: Steering = Steering.POLICY
+    held_out_count: int = HELD_OUT
+
+    @property
+    def name(self) -> str:
+        """See `Task`."""
+        return f"hierarchical-{self.what}"
+
+    @cached_property
+    def observation_space(self) -> Box:
+        """The part of the state that the manoeuvre sees."""
+        return Box(-np.inf, np.inf, (len(rows_seen(StateEncoder(self.state), self.what)),), np.float32)
+
+    @cached_property
+    def action_space(self) -> Box:
+        """Pedals and steering, see `actuation.command`."""
+        return Box(-1.0, 1.0, (ACTIONS,), np.float32)
+
+    @property
+    def held_out(self) -> Sequence[int]:
+        """See `Task`."""
+        return held_out_seeds(self.held_out_count)
+
+    @property
+    def measures(self) -> tuple[str, ...]:
+        """See `exercise.MEASURES`."""
+        return MEASURES
+
+    @property
+    def alone(self) -> bool:
+        """See `Task`."""
+        return True
+
+    def make_env(self, seed: int, rank: int) -> Env:
+        """See `Task`."""
+        return Exercise(self)
+
+    def expert(self, env: Env) -> Array | None:
+        """What the rules would do."""
+        assert isinstance(env, Exercise)
+        return env.advice()

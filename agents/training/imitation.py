@@ -1,0 +1,121 @@
+"""Imitation: what the policy and the critic know before the first round of PPO, learned from the task's expert.
+
+It is watched on its own states first, and asked on those of the policy after that (DAgger, Ross et al. 2011).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from agents.training.environments import Environments
+from agents.training.policy import Actor
+from agents.training.task import Array
+
+PARTS = 6
+PASSES, LAST_PASSES = 10, 30
+BATCH, LEARNING_RATE, LAST_LEARNING_RATE = 128, 1e-3, 2e-4
+
+
+@dataclass(slots=True)
+class Lessons:
+    """What was seen and answered so far, one row per step and environment.
+
+    Attributes:
+        seen: (O,) each.
+        answers: (A,) each, in [-1, 1]: what the expert would have done.
+        returns: Discounted rewards from there to the end of the episode, or to that of the part.
+    """
+
+    seen: list[Array] = field(default_factory=list)
+    answers: list[Tensor] = field(default_factory=list)
+    returns: list[float] = field(default_factory=list)
+
+
+class Imitation:
+    """Fits an actor and a critic to an expert."""
+
+    def __init__(self, actor: Actor, critic: nn.Module, environments: Environments, gamma: float, scale: float) -> None:
+        """Prepares.
+
+        Args:
+            actor: Its mean is fitted.
+            critic: (B, O) -> (B, 1), fitted to the discounted returns.
+            environments: Of the training; all of their episodes are to be the expert's while this runs.
+            gamma: Discount per step.
+            scale: Of the rewards.
+        """
+        self._actor, self._critic, self._environments = actor, critic, environments
+        self._gamma, self._scale = gamma, scale
+        self._lessons = Lessons()
+        self._optimizer = torch.optim.Adam([*actor.body.parameters(), *critic.parameters()])
+
+    def learn(self, steps: int, look: Callable[[Tensor], None]) -> None:
+        """Watches and asks.
+
+        Args:
+            steps: Of all environments together.
+            look: Is shown (B, O), all that was seen of each part, before it is learned from.
+        """
+        ticks = max(steps // (PARTS * len(self._environments)), 1)
+        for part in range(PARTS):
+            before = len(self._lessons.seen)
+            self._collect(ticks, follow=part == 0)
+            if new := self._lessons.seen[before:]:
+                look(self._tensor(np.stack(new)))
+                self._fit(PASSES, LEARNING_RATE)
+        if self._lessons.seen:
+            self._fit(LAST_PASSES, LAST_LEARNING_RATE)
+
+    def _collect(self, ticks: int, follow: bool) -> None:
+        """Drives: as the expert does, or as the actor does; either way with the actor's noise."""
+        environments, count = self._environments, len(self._environments)
+        rewards, ends, asked = np.zeros((ticks, count)), np.zeros((ticks, count), np.bool_), []
+        for tick in range(ticks):
+            seen = environments.observation.copy()
+            with torch.no_grad():
+                mean, std = self._actor.gaussian(self._tensor(seen))
+            answers = mean.clone()
+            for rank, expert in enumerate(environments.expert):
+                if expert is not None:
+                    answers[rank] = self._actor.unscaled(self._tensor(expert))
+                    asked.append((tick, rank, seen[rank], answers[rank].cpu()))
+            driven = torch.normal(answers if follow else mean, std)
+            transition = environments.step(self._actor.scaled(driven).cpu().numpy())
+            rewards[tick], ends[tick] = transition.reward, transition.terminated | transition.truncated
+        returns = self._returns(rewards * self._scale, ends)
+        for tick, rank, row, answer in asked:
+            self._lessons.seen.append(row)
+            self._lessons.answers.append(answer)
+            self._lessons.returns.append(float(returns[tick, rank]))
+
+    def _returns(self, rewards: Array, ends: Array) -> Array:
+        """(T, N) discounted rewards to come; what comes after the last tick is what the critic says."""
+        with torch.no_grad():
+            after = self._critic(self._tensor(self._environments.observation))[:, 0].cpu().numpy().astype(np.float64)
+        returns = np.zeros_like(rewards)
+        for tick in reversed(range(len(rewards))):
+            after = rewards[tick] + self._gamma * np.where(ends[tick], 0.0, after)
+            returns[tick] = after
+        return returns
+
+    def _fit(self, passes: int, rate: float) -> None:
+        lessons = self._lessons
+        self._optimizer.param_groups[0]["lr"] = rate
+        seen = self._tensor(np.stack(lessons.seen))
+        answers, returns = torch.stack(lessons.answers).to(seen.device), self._tensor(np.array(lessons.returns))
+        for _ in range(passes):
+            for rows in torch.split(torch.randperm(len(seen)).to(seen.device), BATCH):
+                mean, value = self._actor.gaussian(seen[rows])[0], self._critic(seen[rows])[:, 0]
+                loss = nn.functional.smooth_l1_loss(mean, answers[rows], beta=0.1)
+                loss = loss + 0.1 * nn.functional.smooth_l1_loss(value, returns[rows])
+                self._optimizer.zero_grad(set_to_none=True)
+                loss.backward()  # type: ignore[no-untyped-call]
+                self._optimizer.step()
+
+    def _tensor(self, array: Array) -> Tensor:
+        return torch.as_tensor(array, dtype=torch.float32, device=self._actor.low.device)
