@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import math
 import shutil
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import plotly.graph_objects as go
-from playwright.sync_api import sync_playwright
 from plotly.subplots import make_subplots
 
 from evaluation.figures import template
+from evaluation.pictures import write_page
 from sumo_networks.arrays import FloatArray
 from sumo_networks.freeway import FreewayRoad
 
 WIDTH, HEIGHT = 1240, 520
 FREE_KMH = 115
+MOST_TICKS = 12
 SLOW_TO_FAST = ["#3B0A0A", "#7F1D1D", "#B3362E", "#DE7A3C", "#F2C878", "#FAF3DC"]
 ACCENT = "#5B4B8A"
 
@@ -71,11 +74,23 @@ def side_by_side(
         width=WIDTH,
         height=HEIGHT,
         margin={"t": 110 if any(one.title for one in maps) else 92, "b": 56, "l": 64, "r": 24},
-        title={"text": f"{title}<br><sup>{caption}</sup>", "x": 0.01},
+        title={"text": title, "subtitle": {"text": caption}},
     )
-    panels.update_xaxes(title="hour of the day")
+    for column, one in enumerate(maps, start=1):
+        panels.update_xaxes(title="time of day", **_clock(one), col=column)
     panels.update_yaxes(title="km from the first segment", col=1)
     return panels
+
+
+def _clock(one: SpeedMap) -> dict[str, list[float] | list[str]]:
+    """Ticks every quarter of an hour, as people read the time of day."""
+    quarters = range(math.ceil(4 * one.hour[0]), math.floor(4 * one.hour[-1]) + 1)
+    step = 1 if len(quarters) < MOST_TICKS else 4
+    shown = [quarter for quarter in quarters if quarter % step == 0]
+    return {
+        "tickvals": [quarter / 4 for quarter in shown],
+        "ticktext": [f"{quarter // 4}:{15 * (quarter % 4):02}" for quarter in shown],
+    }
 
 
 def write_picture(figure: go.Figure, path: Path) -> None:
@@ -84,14 +99,9 @@ def write_picture(figure: go.Figure, path: Path) -> None:
     Raises:
         SystemExit: There is no chromium.
     """
-    chromium = shutil.which("chromium") or shutil.which("google-chrome")
-    if chromium is None:
-        raise SystemExit("expected chromium on this machine")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
-        page = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
-        page.set_content(figure.to_html(include_plotlyjs=True, config={"displayModeBar": False}))
-        page.wait_for_selector(".main-svg")
-        page.locator(".plotly-graph-div").screenshot(path=str(path))
-        browser.close()
+    with tempfile.TemporaryDirectory() as folder:
+        _, *pictures = write_page(figure, Path(folder) / "figure.html", path.stem)
+        if not pictures:
+            raise SystemExit("expected chromium on this machine")
+        shutil.copyfile(pictures[0], path)
     print(f"picture: {path}")
