@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 from evaluation.record import InfractionKind
+from evaluation.spreadsheet import csv_text
 from service.leaderboard import Entry
 from service.scoring import Drive, estimate, scores_of, summarise_drives
-from service.tables import csv_text
 
 _LENGTHS: Final = ("km", "route_m", "driven_m", "duration_s")
 
