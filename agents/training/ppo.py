@@ -130,7 +130,7 @@ class Ppo:
             clip_epsilon=config.clip,
             entropy_coeff=config.entropy,
             critic_coeff=config.value_scale,
-            normalize_advantage=True,
+            normalize_advantage=False,  # over the round, not here: see `_learn`
         )
         self._parameters = [*self.actor.parameters(), *self._critic.parameters()]
         self._optimizer = torch.optim.Adam(self._parameters, lr=config.learning_rate)
@@ -253,12 +253,13 @@ class Ppo:
     def _learn(self, batch: TensorDict) -> dict[str, Number]:
         """Some passes over a round; means of the losses, and how much of the returns the critic explained."""
         data, sums = batch.reshape(-1), defaultdict[str, float](float)
+        # Few rows hold what a rare infraction taught; within a batch that has none, noise would count as much.
+        advantage = data["advantage"]
+        data["advantage"] = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
         row: dict[str, Number] = {"explained_variance": _explained(data["state_value"], data["value_target"])}
         before = self.updates
         for _ in range(self._config.epochs):
             for rows in torch.split(torch.randperm(len(data)), self._config.batch):
-                if len(rows) == 1 < len(data):  # has no variance to be normalised by
-                    continue
                 losses = self._loss(data[rows.to(self._device)])
                 total = losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]
                 self._optimizer.zero_grad(set_to_none=True)
