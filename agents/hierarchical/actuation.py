@@ -12,9 +12,9 @@ from sumo_networks.control import pure_pursuit, pursuit_distance
 from sumo_networks.vehicle import VehicleParameters
 
 ACTIONS = 2
-ACCELERATION_M_S2 = 5.0
-"""Full pedals, both ways: exploring with one standard deviation of the range then neither speeds up nor brakes on the
-whole, and what is learned under noise holds without it. Brakes harder than this are left to the rules."""
+ACCELERATION_M_S2 = 8.0
+"""Full pedals, both ways: what the rules may brake, a policy may; and exploring neither speeds up nor brakes on the
+whole, so that what is learned under noise holds without it."""
 SIDE_M_S2 = 3.5
 """What full steering may ask of the tyres: a step of the policy means as much at any speed."""
 RESIDUAL_SHARE = 0.3

@@ -8,14 +8,14 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from agents.hierarchical.manoeuvres import Manoeuvre
+from agents.hierarchical.manoeuvres import CHANGES
 from agents.hierarchical.options import choose
 from agents.hierarchical.outlook import OPTIONS
 from sumo_networks.arrays import BoolArray, Float32Array
 from sumo_networks.config import Config
 
 Ticks = Annotated[int, Field(ge=1, le=6000)]
-_LIGHTS = OPTIONS.index(Manoeuvre.LIGHTS)
+_CHANGES = tuple(OPTIONS.index(change) for change in CHANGES)
 
 
 class Tempo(Config):
@@ -82,7 +82,8 @@ class Conductor:
         if prospect.critical:
             self._interrupted = True
             return False
-        impossible = self.option == _LIGHTS and not prospect.available[_LIGHTS]
+        # A change that has begun is carried out, whoever comes; the others end where they may not begin.
+        impossible = self.option not in _CHANGES and not prospect.available[self.option]
         if self._interrupted or prospect.finished or impossible or self.ticks >= self._tempo.most_ticks:
             return True
         return self.ticks >= self._tempo.least_ticks and draw < float(prospect.beta[self.option])

@@ -1,19 +1,18 @@
-"""Curves of the trainings: success on held-out episodes and in training, by steps; a panel per policy.
+"""Curves of the trainings: a measure of held-out episodes by steps; a panel per policy, a line per arm.
 
-    python -m agents.hierarchical.curves runs/ghrl --out out/hierarchical/curves.html
+    python -m agents.hierarchical.curves runs/study --measure success --out out/hierarchical/curves.html
+    python -m agents.hierarchical.curves runs/study --table
 
-Of each run in the folder it reads config.toml, metrics.csv and evaluations.csv. With chromium and playwright on the
-machine a PNG is written beside the page.
+RUNS holds ARM/seed-N/POLICY, see `training_results`. With chromium and playwright on the machine a PNG is written
+beside the page.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
-import tomllib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,124 +20,169 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from agents.hierarchical.manoeuvres import Manoeuvre
-from evaluation.figures import OKABE_ITO, PALETTES, template
+from agents.hierarchical.training_results import ARMS, MEASURES, Results, TrainingRun, course, read_results, table
+from evaluation.figures import OKABE_ITO, PALETTES, label, number, template
 from evaluation.pictures import write_page
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import DohyoError, InvalidInputError
+from evaluation.statistics import Estimate
+from sumo_networks.errors import DohyoError
 
 RESULTS = Path(__file__).with_name("results") / "training"
-POLICIES = (*(one.value for one in Manoeuvre), "master")
-COLUMNS, SIZE = 3, (980, 560)
+COLUMNS, WIDTH, PANEL, HEAD, FOOT = 3, 980, 220, 120, 90
+"""Panels side by side; and sizes, px."""
+COLOURS = (*OKABE_ITO[:6], OKABE_ITO[7], OKABE_ITO[6])
+DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")
+SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "pentagon", "hexagon", "star")
 ROUNDS = 8
-"""That a point of the curve of the training is a mean over."""
+"""That a point of the curve of a training is a mean over."""
+_BAND = {"fill": "toself", "line_width": 0, "hoverinfo": "skip", "mode": "lines", "opacity": 0.16}
 
 
-@dataclass(frozen=True, slots=True)
-class Curve:
-    """One run.
+def draw(results: Results, measure: str = "return", training: bool = False) -> go.Figure:
+    """A panel per policy.
 
-    Attributes:
-        steps: (E,) at which it was evaluated.
-        success: (E, 3) of held-out episodes, in %, with its 95 % interval.
-        episodes: (E,) how many those were.
-        trained: (R, 2) steps, and the success in %, of the training's rounds in which episodes ended.
-        imitated: Steps before the first round.
-    """
-
-    steps: FloatArray
-    success: FloatArray
-    episodes: FloatArray
-    trained: FloatArray
-    imitated: int
-
-
-def read_curve(folder: Path) -> Curve:
-    """The curve of a run.
+    Args:
+        results: What was trained.
+        measure: Of `MEASURES`.
+        training: Also the returns, or successes, of each seed's episodes of training, as thin lines.
 
     Raises:
-        InvalidInputError: A file of it is missing, or the run was never evaluated.
+        InvalidInputError: A run does not have that measure.
     """
-    try:
-        config = tomllib.loads((folder / "config.toml").read_text())
-        held_out, rounds = (_rows(folder / name) for name in ("evaluations.csv", "metrics.csv"))
-    except OSError as error:
-        raise InvalidInputError(f"'{folder}' is no run: {error.strerror} ({error.filename})") from error
-    if not held_out:
-        raise InvalidInputError(f"'{folder}': expected a run that has been evaluated, evaluations.csv is empty")
-    names = ("success", "success_low", "success_high")
-    return Curve(
-        np.array([float(row["steps"]) for row in held_out]),
-        np.array([[float(row[name]) for name in names] for row in held_out]),
-        np.array([float(row["episodes"]) for row in held_out]),
-        np.array([(float(row["steps"]), float(row["success"])) for row in rounds if row["success"]]).reshape(-1, 2),
-        int(config.get("ppo", {}).get("imitated_steps", 0)),
-    )
-
-
-def draw(curves: Mapping[str, Curve]) -> go.Figure:
-    """A panel per policy: points with whiskers for held-out episodes, a line for training."""
-    rows = -(-len(curves) // COLUMNS)
-    drawn = make_subplots(rows=rows, cols=COLUMNS, subplot_titles=list(curves), vertical_spacing=0.16)
-    for place, (name, curve) in enumerate(curves.items()):
-        _add(drawn, curve, place // COLUMNS + 1, place % COLUMNS + 1, OKABE_ITO[POLICIES.index(name)])
-    drawn.update_yaxes(range=[0, 105], dtick=25)
-    drawn.update_yaxes(title_text="success, %", col=1)
-    drawn.update_xaxes(title_text="steps, thousands", row=rows, rangemode="tozero")
+    rows = -(-len(results) // COLUMNS)
+    height = HEAD + rows * PANEL + FOOT
+    columns = min(COLUMNS, len(results))
+    spacing = {"vertical_spacing": 64 / (rows * PANEL), "horizontal_spacing": 0.07}
+    drawn = make_subplots(rows=rows, cols=columns, subplot_titles=list(results), **spacing)
+    arms = [*ARMS, *sorted({arm for trained in results.values() for arm in trained} - ARMS.keys())]
+    for place, trained in enumerate(results.values()):
+        panel = {"row": place // COLUMNS + 1, "col": place % COLUMNS + 1}
+        for arm, runs in trained.items():
+            looks = arms.index(arm)
+            traces = [*(_trained(runs, measure, looks) if training else ()), *_arm(runs, measure, looks)]
+            drawn.add_traces(traces, rows=panel["row"], cols=panel["col"])
+        if imitated := max(run.imitated for runs in trained.values() for run in runs):
+            # At the end: plotly leaves out what is put into an empty panel.
+            grey = {"fillcolor": PALETTES["light"].line, "line_width": 0, "opacity": 0.6, "layer": "below"}
+            drawn.add_vrect(x0=0, x1=imitated / 1e3, **panel, **grey)
+    for key in _legend(results, arms):
+        drawn.add_trace(key, row=1, col=1)
+    if measure == "success":
+        drawn.update_yaxes(range=[0, 105], dtick=25)
+    drawn.update_yaxes(title_text=MEASURES[measure], col=1)
     drawn.update_xaxes(rangemode="tozero")
-    episodes = sorted({int(count) for curve in curves.values() for count in curve.episodes})
-    caption = (
-        f"Points: n = {' or '.join(map(str, episodes))} held-out episodes without exploration, 95 % intervals.<br>"
-        f"Lines: the last {ROUNDS} rounds of training, with exploration. Grey: steps in which the rules were imitated."
-    )
+    for place in range(max(len(results) - columns, 0), len(results)):
+        drawn.update_xaxes(title_text="steps, thousands", row=place // COLUMNS + 1, col=place % COLUMNS + 1)
     return drawn.update_layout(
         template=template(),
-        title={"text": _finding(curves), "subtitle": {"text": caption}},
-        width=SIZE[0], height=SIZE[1], showlegend=False, margin_t=130,
+        title={"text": finding(results, measure), "subtitle": {"text": _caption(results, training)}},
+        title_y=1 - 24 / height, title_yanchor="top", width=WIDTH, height=height, margin={"t": HEAD, "b": FOOT},
+        legend={"y": -56 / (rows * PANEL), "yanchor": "top", "itemwidth": 46},
     )  # fmt: skip
 
 
-def _add(drawn: go.Figure, curve: Curve, row: int, column: int, colour: str) -> None:
-    palette = PALETTES["light"]
-    if len(curve.trained):
-        counts = np.minimum(np.arange(1, len(curve.trained) + 1), ROUNDS)
-        sums = np.cumsum(curve.trained[:, 1])
-        sums[ROUNDS:] = sums[ROUNDS:] - sums[:-ROUNDS]
-        line = {"color": colour, "width": 1.6}
-        trace = go.Scatter(x=curve.trained[:, 0] / 1e3, y=sums / counts, mode="lines", line=line)
-        drawn.add_trace(trace, row, column)
-    middle, low, high = curve.success.T
-    whiskers = {"type": "data", "array": high - middle, "arrayminus": middle - low, "color": palette.quiet}
-    points = go.Scatter(
-        x=curve.steps / 1e3, y=middle, mode="markers", error_y={**whiskers, "thickness": 1.3, "width": 0},
-        marker={"color": colour},
-    )  # fmt: skip
-    drawn.add_trace(points, row, column)
-    if curve.imitated:  # at the end: plotly leaves out what is put into an empty panel
-        band = {"fillcolor": palette.line, "line_width": 0, "opacity": 0.6, "layer": "below"}
-        drawn.add_vrect(x0=0, x1=curve.imitated / 1e3, row=row, col=column, **band)
+def finding(results: Results, measure: str) -> str:
+    """Who ends highest in how many policies, and in how many of these its interval is above the next one's."""
+    ends = {
+        policy: sorted(
+            ((found[-1], arm) for arm, runs in arms.items() if (found := course(runs, measure)[1])),
+            key=lambda end: -(end[0].mean or 0.0),
+        )
+        for policy, arms in results.items()
+    }
+    what = MEASURES[measure].partition(",")[0]
+    contests = [found for found in ends.values() if len(found) > 1]
+    if not contests:
+        alone = (f"{policy} {number(found[0][0].mean or 0.0)}" for policy, found in ends.items() if found)
+        return f"Held-out {what} at the end: {', '.join(alone)}"
+    first = Counter("nobody" if found[0][0].mean == found[1][0].mean else label(found[0][1]) for found in contests)
+    told = ", ".join(f"{arm} in {times}" for arm, times in first.most_common())
+    apart = sum(_above(found[0][0], found[1][0]) for found in contests)
+    count = "1 policy" if len(contests) == 1 else f"{len(contests)} policies"
+    return f"Highest {what} at the end, of {count}: {told}; intervals apart in {apart}"
 
 
-def _finding(curves: Mapping[str, Curve]) -> str:
-    told = ", ".join(f"{name} {curve.success[-1, 0]:.0f} %" for name, curve in curves.items())
-    return f"Success at the end: {told}"
+def _above(one: Estimate, other: Estimate) -> bool:
+    return one.low is not None and other.high is not None and one.low > other.high
 
 
-def _rows(path: Path) -> list[dict[str, Any]]:
-    with path.open() as file:
-        return list(csv.DictReader(file))
+def _arm(runs: Sequence[TrainingRun], measure: str, place: int) -> list[go.Scatter]:
+    """Means over seeds with a band; whiskers where there is one seed, or one point."""
+    steps, found = course(runs, measure)
+    middle = np.array([one.mean for one in found], dtype=float)
+    low = np.array([one.mean if one.low is None else one.low for one in found], dtype=float)
+    high = np.array([one.mean if one.high is None else one.high for one in found], dtype=float)
+    x, colour = steps / 1e3, COLOURS[place % len(COLOURS)]
+    line = go.Scatter(x=x, y=middle, mode="lines+markers", showlegend=False, **_look(place))
+    if len(runs) == 1 or len(x) == 1:
+        whiskers = {"type": "data", "array": high - middle, "arrayminus": middle - low}
+        return [line.update(error_y={**whiskers, "color": colour, "thickness": 1.2, "width": 0})]
+    outline = {"x": [*x, *x[::-1]], "y": [*high, *low[::-1]]}
+    return [go.Scatter(**outline, **_BAND, fillcolor=colour, showlegend=False), line]
+
+
+def _trained(runs: Sequence[TrainingRun], measure: str, place: int) -> list[go.Scatter]:
+    """The last rounds of each seed, with exploration."""
+    lines = []
+    for run in runs:
+        if measure not in run.rounds:
+            continue
+        ended = np.isfinite(run.rounds[measure])
+        sums = np.cumsum(np.insert(run.rounds[measure][ended], 0, 0.0))
+        ends = np.arange(1, len(sums))
+        begins = np.maximum(ends - ROUNDS, 0)
+        means = (sums[ends] - sums[begins]) / (ends - begins)
+        line = {"color": COLOURS[place % len(COLOURS)], "width": 1.0}
+        x = run.rounds["steps"][ended] / 1e3
+        lines.append(go.Scatter(x=x, y=means, mode="lines", line=line, opacity=0.6, showlegend=False))
+    return lines
+
+
+def _look(place: int) -> dict[str, Any]:
+    colour = COLOURS[place % len(COLOURS)]
+    return {
+        "line": {"color": colour, "width": 1.8, "dash": DASHES[place % len(DASHES)]},
+        "marker": {"color": colour, "size": 7, "symbol": SYMBOLS[place % len(SYMBOLS)]},
+    }
+
+
+def _legend(results: Results, arms: Sequence[str]) -> list[go.Scatter]:
+    """A key per arm that is there, with how many seeds it has."""
+    keys = []
+    for place, arm in enumerate(arms):
+        counts = [len(trained[arm]) for trained in results.values() if arm in trained]
+        if counts:
+            seeds = f"{min(counts)}" if min(counts) == max(counts) else f"{min(counts)} to {max(counts)}"
+            what = f" ({ARMS[arm]})" if arm in ARMS else ""
+            name = f"{label(arm)}{what}, {seeds} seed{'' if max(counts) == 1 else 's'}"
+            keys.append(go.Scatter(x=[None], y=[None], mode="lines+markers", name=name, **_look(place)))
+    return keys
+
+
+def _caption(results: Results, training: bool) -> str:
+    runs = [run for arms in results.values() for trained in arms.values() for run in trained]
+    counts = sorted({int(n) for run in runs for n in run.evaluations.get("episodes", ()) if np.isfinite(n)})
+    said = f"n = {' or '.join(map(str, counts))} held-out episodes, without exploration. "
+    said += "Bands: 95 % over seeds (t); whiskers: 95 % over the episodes of a single seed.<br>"
+    said += "Grey: steps in which arms that imitate the rules do so."
+    return said + (f" Thin: the last {ROUNDS} rounds of each training, with exploration." if training else "")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", type=Path, nargs="?", default=RESULTS)
+    parser.add_argument("--measure", choices=[*MEASURES], default="return")
+    parser.add_argument("--training", action="store_true", help="also the episodes of training, as thin lines")
+    parser.add_argument("--table", action="store_true", help="print a table, and draw nothing")
     parser.add_argument("--out", type=Path, default=Path("out/hierarchical/curves.html"), help="the page")
     given = parser.parse_args(arguments)
-    curves = {name: read_curve(given.runs / name) for name in POLICIES if (given.runs / name).is_dir()}
-    if not curves:
-        raise InvalidInputError(f"'{given.runs}': expected runs named as one of {', '.join(POLICIES)}, found none")
-    for path in write_page(draw(curves), given.out, "How GHRL's policies learned"):
+    results, waiting = read_results(given.runs)
+    for folder in waiting:
+        print(f"not evaluated so far: {folder}", file=sys.stderr)
+    if given.table:
+        print(table(results))
+        return
+    for path in write_page(draw(results, given.measure, given.training), given.out, "How GHRL's policies learned"):
         print(f"figure: {path}")
 
 

@@ -11,7 +11,7 @@ from agents.experts.surroundings import Surroundings, warm_up
 from agents.hierarchical.actuation import action_of, command
 from agents.hierarchical.endings import End, Endings
 from agents.hierarchical.facts import SENSORS
-from agents.hierarchical.manoeuvres import CHANGES, DRIVE, Course, Manoeuvre, deviation, restraints_of
+from agents.hierarchical.manoeuvres import CHANGES, DRIVE, Course, Manoeuvre, deviation, line_near, restraints_of
 from agents.hierarchical.pace import Restraint, pace_of
 from agents.hierarchical.rewards import Form, reward, terms
 from agents.hierarchical.rules_only import RulesOnly
@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from agents.hierarchical.tasks import ManoeuvreTask
 
 EGO = "ego"
-ANOTHERS_LINE_M = 35.0
+UNLIT = (Manoeuvre.LANE, Manoeuvre.BRAKING)
+"""Who knows no lights."""
 MEASURES = ("distance_m", "deviation_m", "angle_rad", "speed_m_s", "infraction", "standing")
 """Of an episode: the thesis's five but the reward, and how it ended."""
 
@@ -91,7 +92,8 @@ class Ride(gymnasium.Env[Array, Array]):
         speed = float(after.egos.speed[0])
         lawful, own = pace_of(self.seen, around, self._all), pace_of(self.seen, around, self._restraints)
         # A light that is not green is another sub-policy's business: the episode is cut off before it.
-        elsewhere = self.what == Manoeuvre.LANE and lawful.line_m < ANOTHERS_LINE_M
+        elsewhere = self.what in UNLIT and line_near(self.seen["lights"])
+        self._reached |= elsewhere
         out = self._reached or self._late or elsewhere
         end = self._endings.update(self._before, after, lateral, lawful.held, arrived, out)
         value = reward(terms(speed, own, lateral, angle), end is End.INFRACTION, self._form)

@@ -63,6 +63,7 @@ class Ghrl(Agent):
         if rules is not None:
             self.files = (*self.files, *rules.files)
         self._outlook = Outlook(state, rules)
+        self.files = (*self.files, *self._outlook.encoder.files)
         if self._master is not None and self._master.size != self._outlook.encoder.size:
             raise InvalidInputError(
                 f"'{folder / MASTER}': expected a master of states of {self._outlook.encoder.size} numbers, "

@@ -21,7 +21,7 @@ LEAST_RAMP_M = 15.0
 AHEAD_M = 40.0
 STRIP_MARGIN_M = 0.3
 FREE_AHEAD_M, FREE_BEHIND_M, FREE_S = 12.0, 8.0, 2.0
-LIGHT_AHEAD_M = 60.0
+LIGHT_AHEAD_M, LINE_NEAR_M = 60.0, 35.0
 THERE_M, THERE_RAD = 0.4, 0.1
 _CAR = VehicleParameters()
 
@@ -45,7 +45,7 @@ RESTRAINTS: Mapping[Manoeuvre, frozenset[Restraint]] = MappingProxyType(
         Manoeuvre.LEFT: frozenset({Restraint.LEADER}),
         Manoeuvre.RIGHT: frozenset({Restraint.LEADER}),
         Manoeuvre.BRAKING: frozenset({Restraint.LEADER, Restraint.YIELD}),
-        Manoeuvre.LIGHTS: frozenset({Restraint.LEADER, Restraint.LINE}),
+        Manoeuvre.LIGHTS: frozenset({Restraint.LEADER, Restraint.YIELD, Restraint.LINE}),
     }
 )
 """What each must heed; the rest is another's business, and its reward does not know it."""
@@ -178,3 +178,12 @@ def light_ahead(lights: Float32Array) -> bool:
         lights: (4, 4), see `sensors.lights`.
     """
     return any(row[2] >= LightState.OFF and row[0] < LIGHT_AHEAD_M for row in lights)
+
+
+def line_near(lights: Float32Array) -> bool:
+    """Whether a light that is not green is so near that only `LIGHTS` is for it: nobody else has learned any.
+
+    Args:
+        lights: (4, 4), see `sensors.lights`.
+    """
+    return any(0.0 < row[0] < LINE_NEAR_M and int(row[2]) in (LightState.RED, LightState.YELLOW) for row in lights)

@@ -2,10 +2,10 @@
 
     dohyo train hierarchical-master --config agents/hierarchical/configs/master.toml --set options=runs/ghrl
 
-Per round: some ticks everywhere, epsilon-greedy; then Q-learning on the options that ended so far (SMDP, from a replay,
-with a target network), and one step each of the termination and the intra-option gradient on the round's own ticks.
-Rewards are scaled by 1 - gamma, so that a value is a mean reward per tick. Source: Albilani 2023, algorithm 11; Bacon
-et al. 2017; Harb et al. 2018.
+Per round: some ticks everywhere, epsilon-greedy; then Q-learning on the options that ended so far, from every state on
+their way (SMDP, from a replay, with a target network), and one step each of the termination and the intra-option
+gradient on the round's own ticks. Rewards are scaled by 1 - gamma, so that a value is a mean reward per tick. Source:
+Albilani 2023, algorithm 11; Bacon et al. 2017; Harb et al. 2018.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from agents.hierarchical.options import (
 )
 from agents.hierarchical.outlook import OPTIONS
 from agents.hierarchical.rewards import Form
+from agents.hierarchical.trail import Trail
 from agents.training.checkpoint import generator_of, generator_state
 from agents.training.config import Positive, RunConfig, Share
 from agents.training.environments import Environments, Finished
@@ -62,10 +63,11 @@ class OptionCriticConfig(Config):
         deliberation_cost: eta, in mean rewards per tick.
         learning_rate: Of Q_Omega.
         termination_learning_rate: Of beta.
+        termination_updates: Gradient steps of beta per round.
         intra_option_learning_rate: Of the sub-policies; 0: they stay as they were trained.
         batch: Options per gradient step of Q_Omega.
         updates: Gradient steps of Q_Omega per round.
-        replay: How many options are kept.
+        replay: How many ticks of options that ended are kept.
         target_share: How far the target network follows at each step.
         hidden: Width of each hidden layer.
         tempo: How long options last.
@@ -79,10 +81,11 @@ class OptionCriticConfig(Config):
     deliberation_cost: Rate = 0.005
     learning_rate: Rate = 3e-4
     termination_learning_rate: Rate = 1e-4
+    termination_updates: Positive = 1
     intra_option_learning_rate: Rate = 1e-5
     batch: Positive = 64
     updates: Positive = 16
-    replay: Positive = 50_000
+    replay: Positive = 200_000
     target_share: Share = 0.01
     hidden: Annotated[tuple[Positive, ...], Field(min_length=1)] = (256, 256)
     tempo: Tempo = Tempo()
@@ -109,21 +112,6 @@ class MasterConfig(RunConfig):
     form: Form = "product"
     held_out: Annotated[int, Field(gt=0, le=1000)] = HELD_OUT
     option_critic: OptionCriticConfig = OptionCriticConfig()
-
-
-@dataclass(slots=True)
-class _Running:
-    """The option that runs in one environment.
-
-    Attributes:
-        conductor: Which it is.
-        began: State in which it began.
-        total: Discounted rewards since.
-    """
-
-    conductor: Conductor
-    began: Float32Array = field(default_factory=lambda: np.zeros(0, dtype=np.float32))
-    total: float = 0.0
 
 
 @dataclass(slots=True)
@@ -167,7 +155,7 @@ class OptionCritic:
         self._environments, self._config, self._device = environments, config, device
         self.actor, self.updates = master.to(device), 0
         self._target = copy.deepcopy(master.values).to(device)
-        self._running = [_Running(Conductor(config.tempo)) for _ in range(len(environments))]
+        self._running = [Trail(Conductor(config.tempo)) for _ in range(len(environments))]
         self._judged = Conductor(config.tempo)
         self._replay = Replay(config.replay, master.size, len(OPTIONS))
         self._rng = np.random.default_rng([_CHOICES, seed])
@@ -221,8 +209,7 @@ class OptionCritic:
         for i, one in enumerate(told):
             reward = float(transition.reward[i]) * (1.0 - self._config.gamma)
             running, after = self._running[i], Told(transition.observation[i], self.actor.size)
-            running.total += self._config.gamma**running.conductor.ticks * reward
-            running.conductor.tick()
+            running.add(None if one.critical else one.state, reward)
             terminated = bool(transition.terminated[i])
             if terminated or transition.truncated[i]:
                 self._keep(running, after, terminated, ended)
@@ -248,17 +235,19 @@ class OptionCritic:
             return running.conductor.option
         if running.conductor.option is not None:
             self._keep(running, told, False, ended)
-        running.began, running.total = told.state, 0.0
         return running.conductor.begin(prospect, epsilon, self._rng)
 
-    def _keep(self, running: _Running, after: Told, terminated: bool, ended: list[int]) -> None:
-        """Puts an option that has ended into the replay."""
+    def _keep(self, running: Trail, after: Told, terminated: bool, ended: list[int]) -> None:
+        """Puts what an option that has ended teaches into the replay."""
         conductor = running.conductor
         assert conductor.option is not None
-        rows = (running.began, conductor.option, running.total, conductor.ticks, after.state, after.available)
-        self._replay.add(*rows, terminated)
+        for lesson in running.lessons(self._config.gamma):
+            self._replay.add(
+                lesson.state, conductor.option, lesson.total, lesson.ticks, after.state, after.available, terminated
+            )
         ended.append(conductor.ticks)
         conductor.reset()
+        running.clear()
 
     def _explored(self, option: int, state: Float32Array) -> Tensor:
         """(2,) an action of an option's policy: by chance where it is to learn, its mean where it is not."""
@@ -313,19 +302,27 @@ class OptionCritic:
         available = torch.from_numpy(np.stack(ticks.available)).to(self._device)
         q_after, betas = self.actor.values(after)
         column = options[:, None]
-        beta, q_option = betas.gather(1, column)[:, 0], q_after.gather(1, column)[:, 0].detach()
+        beta, q_option = betas.gather(1, column)[:, 0].detach(), q_after.gather(1, column)[:, 0].detach()
         best = best_value(q_after, available).detach()
         going = ~ended
-        row: dict[str, Number] = {"beta": float(beta.detach().mean())}
+        row: dict[str, Number] = {"beta": float(beta.mean())}
         if bool(going.any()):
-            loss = termination_loss(beta[going], q_option[going], best[going], config.deliberation_cost)
-            row["loss_beta"] = self._step("beta", loss)
+            row["loss_beta"] = self._learn_endings(after[going], column[going], q_option[going], best[going])
         if config.intra_option_learning_rate:
             with torch.no_grad():
                 arrived = rewards + config.gamma * torch.where(ended, 0.0, arrival_value(q_option, beta, best))
                 baseline = self.actor.values.values(before).gather(1, column)[:, 0]
             self._step("options", intra_option_loss(self._log_prob(before, options, ticks.units), arrived, baseline))
         return row
+
+    def _learn_endings(self, after: Tensor, column: Tensor, q_option: Tensor, best: Tensor) -> float:
+        """The gradient of terminations where options could go on; beta must keep up with Q, or they last too long."""
+        losses = []
+        for _ in range(self._config.termination_updates):
+            beta = torch.sigmoid(self.actor.values.endings(after)).gather(1, column)[:, 0]
+            loss = termination_loss(beta, q_option, best, self._config.deliberation_cost)
+            losses.append(self._step("beta", loss))
+        return sum(losses) / len(losses)
 
     def _log_prob(self, states: Tensor, options: Tensor, units: list[Tensor]) -> Tensor:
         """(N,) of the actions, by the policies of their options, but for a constant."""
@@ -353,10 +350,7 @@ class OptionCritic:
             "target": self._target.state_dict(),
             "optimizers": {name: optimizer.state_dict() for name, optimizer in self._optimizers.items()},
             "replay": self._replay.state(),
-            "running": [
-                {"conductor": one.conductor.state(), "began": torch.from_numpy(one.began), "total": one.total}
-                for one in self._running
-            ],
+            "running": [trail.state() for trail in self._running],
             "choices": generator_state(self._rng),
             "updates": self.updates,
         }
@@ -368,9 +362,8 @@ class OptionCritic:
         for name, optimizer in self._optimizers.items():
             optimizer.load_state_dict(state["optimizers"][name])
         self._replay.restore(state["replay"])
-        for one, kept in zip(self._running, state["running"], strict=True):
-            one.conductor.restore(kept["conductor"])
-            one.began, one.total = kept["began"].numpy(), kept["total"]
+        for trail, kept in zip(self._running, state["running"], strict=True):
+            trail.restore(kept)
         self._rng, self.updates = generator_of(state["choices"]), state["updates"]
 
 

@@ -20,15 +20,19 @@ from sumo_networks.sensors.path import BEHIND
 from sumo_networks.vehicle import VehicleParameters
 from sumo_networks.world import ActorKind, LightState
 
-SENSORS = ("objects", "path", "lanes", "lights", "speedometer")
+SENSORS = ("objects", "path", "lanes", "lights", "conflicts", "speedometer")
 IMPACT_M, EVENT_M = 50.0, 50.0
 """Farther than this, a distance is as good as infinite."""
 ACTORS, ACTOR_COLUMNS = 8, 9
+ASIDE_M = 8.0
 STRIPS, STRIP_COLUMNS = 3, 5
-JUNCTIONS, JUNCTION_COLUMNS = 2, 6
+JUNCTIONS, JUNCTION_COLUMNS = 2, 7
+CROSSINGS, CROSSING_COLUMNS = 6, 9
+SOON_S, SLOWEST_M_S = 8.0, 0.5
+SHORTEST_M, HARDEST_M_S2 = 0.1, 8.0
 MARGIN_M = 0.3
 LANES_READ = 40
-LENGTH_UNIT_M, WIDTH_UNIT_M, SPEED_UNIT_M_S = 10.0, 3.0, 15.0
+LENGTH_UNIT_M, SPEED_UNIT_M_S = 10.0, 15.0
 _RED, _YELLOW, _GREEN = int(LightState.RED), int(LightState.YELLOW), int(LightState.GREEN)
 _PEDESTRIAN = int(ActorKind.PEDESTRIAN)
 _ALIGNED = math.cos(math.radians(30.0))
@@ -49,17 +53,29 @@ def distances(observation: Observation) -> Float32Array:
     return _distances(boxes, _start(path), observation["lights"])
 
 
-def actors_near(objects: Float32Array) -> Float32Array:
-    """(8, 9) the nearest within 50 m, nearest first, in the ego's frame; zeros where there is nobody.
+def actors_near(observation: Observation) -> Float32Array:
+    """(8, 9) who is nearest along the path, beside the ego's front or ahead of it; zeros where there is nobody.
 
-    Columns: 1 for somebody, x [50 m], y [50 m], cosine and sine of the heading, speed [15 m/s], length [10 m], width
-    [3 m], on foot (0 or 1).
+    Nobody farther to the side than 8 m counts, nor farther ahead than 50 m. Columns: 1 for somebody, distance from the
+    ego's front (see `root`), right and left side of the body [8 m to the left of the path, from -1 to 1], cosine and
+    sine of its heading to the path's, speed [15 m/s], length [10 m], on foot (0 or 1).
 
     Args:
-        objects: (48, 8), see `sensors.objects`.
+        observation: With `objects` and `path`.
     """
+    path = observation["path"].astype(np.float64)
+    boxes, objects = boxes_on_path(observation["objects"], path), observation["objects"]
+    gap = np.maximum(boxes[:, 0] - _start(path) - 0.5 * _LENGTH_M, 0.0)
+    near = (boxes[:, 1] > boxes[:, 0]) & (boxes[:, 1] - _start(path) > -0.5 * _LENGTH_M) & (gap < IMPACT_M)
+    near &= (boxes[:, 2] < ASIDE_M) & (boxes[:, 3] > -ASIDE_M)
+    rows = np.flatnonzero(near)
+    rows = rows[np.argsort(gap[rows], kind="stable")][:ACTORS]
     out = np.zeros((ACTORS, ACTOR_COLUMNS), dtype=np.float32)
-    _fill_actors(objects, out)
+    of, what = boxes[rows], objects[rows]
+    sides = np.clip(of[:, 2:4] / ASIDE_M, -1.0, 1.0).T
+    speed, length = what[:, 4] / SPEED_UNIT_M_S, what[:, 5] / LENGTH_UNIT_M
+    columns = (np.ones(len(rows)), root(gap[rows] / IMPACT_M), *sides, of[:, 4], of[:, 5])
+    out[: len(rows)] = np.stack([*columns, speed, length, what[:, 0] == _PEDESTRIAN], axis=1)
     return out
 
 
@@ -67,7 +83,7 @@ def strips(observation: Observation) -> Float32Array:
     """(3, 5) the strip along the path, the one a lane's width to its left, and the one to its right.
 
     Columns: 1 where it is a lane of the road's own direction, distance from the ego's front to the first body ahead
-    [50 m], its speed along the path [15 m/s], distance from the ego's rear to the first body behind [50 m], its speed.
+    (see `root`), its speed along the path [15 m/s], distance from the ego's rear to the first body behind, its speed.
     Who is beside the ego is at distance 0 both ways. Nobody within 50 m: distance 1 and speed 0.
 
     Args:
@@ -75,21 +91,59 @@ def strips(observation: Observation) -> Float32Array:
     """
     path = observation["path"].astype(np.float64)
     boxes = boxes_on_path(observation["objects"], path)
-    return _strips(boxes, observation["objects"], path, observation["lanes"], _start(path))
+    out = _strips(boxes, observation["objects"], path, observation["lanes"], _start(path))
+    out[:, (1, 3)] = root(out[:, (1, 3)])
+    return out
 
 
-def junctions(lights: Float32Array) -> Float32Array:
-    """(2, 6) the next two junctions: distance [50 m, at most 1], red, yellow, green, to yield, to stop (0 or 1).
+def junctions(observation: Observation) -> Float32Array:
+    """(2, 7) the next two junctions, and whether the ego could still stop before them.
+
+    Columns: distance (see `root`), red, yellow, green, to yield, to stop (0 or 1), and the braking that stops there
+    [8 m/s^2, at most 1].
 
     Args:
-        lights: (4, 4), see `sensors.lights`.
+        observation: With `lights` and `speedometer`.
     """
     out = np.zeros((JUNCTIONS, JUNCTION_COLUMNS), dtype=np.float32)
-    near = lights[:JUNCTIONS]
-    out[:, 0] = np.clip(near[:, 0] / EVENT_M, -1.0, 1.0)
+    near, speed = observation["lights"][:JUNCTIONS], float(observation["speedometer"][0])
+    out[:, 0] = root(near[:, 0] / EVENT_M)
     for column, value in ((1, _RED), (2, _YELLOW), (3, _GREEN)):
         out[:, column] = near[:, 2] == value
     out[:, 4], out[:, 5] = near[:, 3] == YIELDS, near[:, 3] == STOPS
+    out[:, 6] = np.minimum(0.5 * speed**2 / np.maximum(near[:, 0], SHORTEST_M) / HARDEST_M_S2, 1.0)
+    return out
+
+
+def crossings(conflicts: Float32Array) -> Float32Array:
+    """(6, 9) who will cross or join the ego's path, nearest first; zeros where there is nobody.
+
+    Columns: 1 for somebody, distance to where the paths meet and to where the ego's rear has left (see `root`), the
+    other's distance to there, the times until it enters and has left [8 s, from -1 to 1], its speed [15 m/s], right of
+    way (1 the ego must give way, -1 the other must), on foot (0 or 1).
+
+    Args:
+        conflicts: (16, 8), see `sensors.conflicts`.
+    """
+    out = np.zeros((CROSSINGS, CROSSING_COLUMNS), dtype=np.float32)
+    ahead = conflicts[(conflicts[:, 6] >= 0) & (conflicts[:, 1] > 0.0) & (conflicts[:, 3] > 0.0)][:CROSSINGS]
+    enter, leave, other_enter, other_leave, speed, priority, kind = ahead[:, :7].T
+    seconds = np.stack([other_enter, other_leave]) / np.maximum(speed, SLOWEST_M_S)
+    columns = (
+        *(np.ones_like(speed), *root(np.stack([enter, leave, other_enter]) / IMPACT_M)),
+        *(*np.clip(seconds / SOON_S, -1.0, 1.0), speed / SPEED_UNIT_M_S, priority, kind == _PEDESTRIAN),
+    )
+    out[: len(ahead)] = np.stack(columns, axis=1)
+    return out
+
+
+def root(distance: FloatArray | Float32Array) -> Float32Array:
+    """Root of a distance [50 m], with its sign, from -1 to 1: the speed that can be braked away there goes with it.
+
+    The half metre that matters before a line is then a tenth of the range, not a hundredth.
+    """
+    near = np.clip(distance, -1.0, 1.0)
+    out: Float32Array = (np.sign(near) * np.sqrt(np.abs(near))).astype(np.float32)
     return out
 
 
@@ -109,17 +163,6 @@ def _distances(boxes: FloatArray, start: float, lights: Float32Array) -> Float32
         impact = min(impact, max(row[0] - start - half_length, 0.0))
     event = min(max(float(lights[0, 0]), 0.0), EVENT_M)
     return np.array([impact, event], dtype=np.float32)
-
-
-@njit(cache=True)
-def _fill_actors(objects: Float32Array, out: Float32Array) -> None:
-    for row in range(out.shape[0]):
-        kind, x, y, heading, speed, length, width, _ = objects[row]
-        if kind < 0 or math.hypot(x, y) > IMPACT_M:
-            break
-        out[row, 0], out[row, 1], out[row, 2] = 1.0, x / IMPACT_M, y / IMPACT_M
-        out[row, 3], out[row, 4], out[row, 5] = math.cos(heading), math.sin(heading), speed / SPEED_UNIT_M_S
-        out[row, 6], out[row, 7], out[row, 8] = length / LENGTH_UNIT_M, width / WIDTH_UNIT_M, kind == _PEDESTRIAN
 
 
 @njit(cache=True)

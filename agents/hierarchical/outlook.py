@@ -7,7 +7,7 @@ import numpy as np
 from agents.experts.surroundings import Surroundings, warm_up
 from agents.hierarchical.actuation import Steering, command
 from agents.hierarchical.facts import SENSORS
-from agents.hierarchical.manoeuvres import CHANGES, Course, Manoeuvre, light_ahead
+from agents.hierarchical.manoeuvres import CHANGES, Course, Manoeuvre, light_ahead, line_near
 from agents.hierarchical.rules_only import RulesOnly
 from agents.hierarchical.state import StateConfig, StateEncoder
 from evaluation.agent import Mission, Observation
@@ -89,9 +89,9 @@ class Outlook:
         located = self.encoder.located(observation)
         self.believed = self.seen if located is observation else self._course.seen(located)
         self.state = self.encoder.encode(self.believed)
-        free = {change: self._course.free(change, speed) for change in CHANGES}
-        lit = light_ahead(observation["lights"])
-        self.available = np.array([free.get(one, one is not Manoeuvre.LIGHTS or lit) for one in OPTIONS])
+        lit, line = light_ahead(observation["lights"]), line_near(observation["lights"])
+        may = {change: not line and self._course.free(change, speed) for change in CHANGES}
+        self.available = np.array([may.get(one, lit if one is Manoeuvre.LIGHTS else not line) for one in OPTIONS])
         self.finished = self._is_finished(observation, lit)
         self._speed, self._progress = speed, progress
         self._was_critical = self.critical

@@ -34,6 +34,8 @@ LIGHTLESS_M = 60.0
 CHANGE_ROOM_M = 130.0
 BLOCKED_AHEAD_M = (55.0, 85.0)
 WARM_UP_S = 8.0
+BUSY = (8, 20, 30)
+QUIET_SHARE, GIVING_WAY_SHARE = 0.4, 0.4
 LONGEST_CYCLE_S = 90.0
 TIME_LIMITS_S: Mapping[str, float] = MappingProxyType(
     {
@@ -47,6 +49,9 @@ TIME_LIMITS_S: Mapping[str, float] = MappingProxyType(
 )
 BRAKING_EVENTS: tuple[Mapping[str, object], ...] = (
     {"kind": "vehicle_appears", "stay_s": 8.0},
+    {"kind": "parking_cut_in"},
+    {"kind": "oncoming_in_lane"},
+    {"kind": "opposite_takes_priority"},
     {"kind": "pedestrian_steps_out"},
     {"kind": "dynamic_object_crossing"},
     {"kind": "lead_vehicle_brakes"},
@@ -83,16 +88,16 @@ def careful_speed(route: Route) -> float:
 
 
 def _lane(rng: np.random.Generator, seed: int) -> Scenario | None:
-    """Roads, bends and turns, alone or with a few cars; lights, which are not its business, are not near the start."""
+    """Roads, bends and turns, alone or in traffic; lights, which are not its business, are not near the start."""
     name = TOWN if rng.random() < 0.7 else DISTRICT
     network = load_network(name)
     start = _anywhere(rng, network)
     if _metres_to_light(network, start) < LIGHTLESS_M:
         return None
     found = _planned(network, Mission(start=start, goal=_anywhere(rng, network)), 120.0, 400.0)
-    if found is None or any(one.signal >= 0 and one.entry < LIGHTLESS_M for one in found[1].passages):
+    if found is None or _first_light(found[1]) < LIGHTLESS_M:
         return None
-    return _scenario(Manoeuvre.LANE, name, _moving(rng, *found), seed, vehicles=int(rng.choice([0, 0, 8])))
+    return _busy(rng, Manoeuvre.LANE, name, _moving(rng, *found), seed)
 
 
 def _change(manoeuvre: Manoeuvre) -> _Draw:
@@ -116,20 +121,24 @@ def _change(manoeuvre: Manoeuvre) -> _Draw:
 
 
 def _braking(rng: np.random.Generator, seed: int) -> Scenario | None:
-    """Something appears, steps out, crosses or brakes ahead, and goes away again."""
+    """Something appears, crosses, comes or brakes ahead, and goes away again; or there is traffic to give way to."""
     name = TOWN if rng.random() < 0.6 else DISTRICT
     network = load_network(name)
     found = _mission(rng, network, 130.0, 350.0)
-    if found is None:
+    if found is None or _first_light(found[1]) < LIGHTLESS_M:
         return None
+    if rng.random() < GIVING_WAY_SHARE:
+        mission = _moving(rng, *found)
+        vehicles = int(rng.choice(BUSY))
+        return _scenario(Manoeuvre.BRAKING, name, mission, seed, vehicles, pedestrians=2 * vehicles)
     event = _event(rng, network, found[1], 8.0, 50.0)
     if event is None:
         return None
-    return _scenario(Manoeuvre.BRAKING, name, _moving(rng, *found), seed, events=(event,))
+    return _busy(rng, Manoeuvre.BRAKING, name, _moving(rng, *found), seed, events=(event,))
 
 
 def _lights(rng: np.random.Generator, seed: int) -> Scenario | None:
-    """A light 30 to 100 m ahead, at any moment of its cycle, with or without others who queue."""
+    """A light 8 to 100 m ahead, at any moment of its cycle, with or without others who queue."""
     name = TOWN if rng.random() < 0.8 else DISTRICT
     network = load_network(name)
     lanes, connections = network.lanes, network.connections
@@ -137,14 +146,13 @@ def _lights(rng: np.random.Generator, seed: int) -> Scenario | None:
     lit = np.unique(lit[lanes.drivable[lit] & ~lanes.internal[lit] & (lanes.length[lit] > 45.0)])
     lane = int(rng.choice(lit))
     length = float(lanes.length[lane])
-    start = _at(network, lane, length - float(rng.uniform(30.0, min(length - 8.0, 100.0))))
+    start = _at(network, lane, length - float(rng.uniform(8.0, min(length - 8.0, 100.0))))
     goal = _anywhere(rng, network)
     found = _planned(network, Mission(start=start, goal=goal), 60.0, 500.0)
     if found is None or not found[1].passages or found[1].passages[0].signal < 0:
         return None
-    vehicles = int(rng.choice([0, 0, 12]))
     moving, waited = _moving(rng, *found), float(rng.uniform(0.0, LONGEST_CYCLE_S))
-    return _scenario(Manoeuvre.LIGHTS, name, moving, seed, vehicles, warm_up_s=round(waited, 1))
+    return _busy(rng, Manoeuvre.LIGHTS, name, moving, seed, warm_up_s=round(waited, 1))
 
 
 def _drive(rng: np.random.Generator, seed: int) -> Scenario | None:
@@ -168,6 +176,20 @@ _DRAWS: Mapping[str, _Draw] = MappingProxyType(
         DRIVE: _drive,
     }
 )
+
+
+def _busy(
+    rng: np.random.Generator,
+    what: str,
+    network: str,
+    mission: Mission,
+    seed: int,
+    warm_up_s: float = WARM_UP_S,
+    events: tuple[Event, ...] = (),
+) -> Scenario:
+    """Alone in some draws, in light to regular traffic with people on foot in the others."""
+    vehicles = 0 if rng.random() < QUIET_SHARE else int(rng.choice(BUSY))
+    return _scenario(what, network, mission, seed, vehicles, 2 * vehicles, warm_up_s, events)
 
 
 def _scenario(
@@ -244,6 +266,11 @@ def _point(network: RoadNetwork, place: Place) -> tuple[float, float]:
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))])
     x, y = (float(np.interp(place.position_m, arc, shape[:, i])) for i in (0, 1))
     return x, y
+
+
+def _first_light(route: Route) -> float:
+    """From a route's start to the first junction with lights, m; infinite where there is none."""
+    return min((passage.entry for passage in route.passages if passage.signal >= 0), default=math.inf)
 
 
 def _metres_to_light(network: RoadNetwork, place: Place) -> float:

@@ -27,6 +27,7 @@ from gymnasium.spaces import Box
 from pydantic import Field
 
 from agents.hierarchical import nearby
+from agents.hierarchical.rules_only import advised_speed
 from agents.hierarchical.vision.latents import SHIPPED, Encoder
 from agents.localization.view import LocalizedView
 from evaluation.agent import Observation
@@ -38,7 +39,7 @@ CAMERA = "camera_semantic"
 WAYPOINTS_M = (2, 5, 10, 15, 20, 30, 40, 60)
 AHEAD_UNIT_M, ASIDE_UNIT_M, DEVIATION_UNIT_M = 30.0, 10.0, 3.0
 SPEED_UNIT_M_S, PLACE_UNIT_M = 15.0, 500.0
-LIMIT_AHEAD_M = 30
+LIMIT_AHEAD_M, WALKING_M_S = 30, 1.0
 BELIEVED = "believed_pose"
 _LOCK_RAD = VehicleParameters().max_steering
 
@@ -73,12 +74,13 @@ class StateEncoder:
     The parts, in this order; a number in brackets is what a value of 1 stands for:
 
     * `z` (frames x 400): latents of the last pictures, oldest first. At first, the first picture's stand for all.
-    * or, without pictures, `actors`, `strips`, `junctions`, `distances`: see `nearby`, row by row.
+    * or, without pictures, `actors`, `strips`, `junctions`, `crossings`, `distances`: see `nearby`, row by row.
     * `waypoints` (16): x [30 m], y [10 m] of the path 2, 5, 10, 15, 20, 30, 40 and 60 m ahead, ego frame.
     * `deviation` (3): distance to the left of the path [3 m], sine and cosine of the heading to it.
-    * `limits` (2): speed limit here, and the lowest within 30 m [15 m/s].
+    * `limits` (3): speed limit here, the lowest within 30 m, and the speed from which gentle braking meets every limit
+      and bend ahead [15 m/s].
     * `place` (4): x, y [500 m], cosine and sine of the heading, in the frame of where the mission began.
-    * `motion` (2): speed [15 m/s], front wheel angle [full lock].
+    * `motion` (3): speed [15 m/s], the same up to walking pace [1 m/s, at most 1], front wheel angle [full lock].
     """
 
     def __init__(self, config: StateConfig | None = None) -> None:
@@ -90,11 +92,12 @@ class StateEncoder:
         self.config = config or StateConfig()
         self._encoder: Encoder | None = None
         parts = {"actors": nearby.ACTORS * nearby.ACTOR_COLUMNS, "strips": nearby.STRIPS * nearby.STRIP_COLUMNS}
-        parts |= {"junctions": nearby.JUNCTIONS * nearby.JUNCTION_COLUMNS, "distances": 2}
+        parts |= {"junctions": nearby.JUNCTIONS * nearby.JUNCTION_COLUMNS}
+        parts |= {"crossings": nearby.CROSSINGS * nearby.CROSSING_COLUMNS, "distances": 2}
         if self.config.vision == "semantic":
             self._encoder = Encoder(self.config.encoder or SHIPPED)
             parts = {"z": self.config.frames * self._encoder.size}
-        parts |= {"waypoints": 2 * len(WAYPOINTS_M), "deviation": 3, "limits": 2, "place": 4, "motion": 2}
+        parts |= {"waypoints": 2 * len(WAYPOINTS_M), "deviation": 3, "limits": 3, "place": 4, "motion": 3}
         ends = np.cumsum(list(parts.values())).tolist()
         slices = {name: slice(end - parts[name], end) for name, end in zip(parts, ends, strict=True)}
         self.layout: Mapping[str, slice] = MappingProxyType(slices)
@@ -106,6 +109,11 @@ class StateEncoder:
     def space(self) -> Box:
         """Of one state."""
         return Box(-np.inf, np.inf, (self.size,), np.float32)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """That decide what a state is: the encoder's, where there are pictures."""
+        return () if self._encoder is None else (self.config.encoder or SHIPPED,)
 
     @property
     def calibrating(self) -> bool:
@@ -154,19 +162,21 @@ class StateEncoder:
         if self._encoder is not None:
             out[layout["z"]] = self._last_latents(self._encoder, observation[CAMERA])
         else:
-            out[layout["actors"]] = nearby.actors_near(observation["objects"]).ravel()
+            out[layout["actors"]] = nearby.actors_near(observation).ravel()
             out[layout["strips"]] = nearby.strips(observation).ravel()
-            out[layout["junctions"]] = nearby.junctions(observation["lights"]).ravel()
-            out[layout["distances"]] = nearby.distances(observation) / (nearby.IMPACT_M, nearby.EVENT_M)
+            out[layout["junctions"]] = nearby.junctions(observation).ravel()
+            out[layout["crossings"]] = nearby.crossings(observation["conflicts"]).ravel()
+            out[layout["distances"]] = nearby.root(nearby.distances(observation) / (nearby.IMPACT_M, nearby.EVENT_M))
         points = route[WAYPOINTS_M, :2] / (AHEAD_UNIT_M, ASIDE_UNIT_M)
         out[layout["waypoints"]] = points.ravel()
         out[layout["deviation"]] = _deviation(route)
         limit = route[: LIMIT_AHEAD_M + 1, 4]
-        out[layout["limits"]] = limit[0] / SPEED_UNIT_M_S, limit.min() / SPEED_UNIT_M_S
+        speeds = limit[0], limit.min(), advised_speed(route)
+        out[layout["limits"]] = np.array(speeds) / SPEED_UNIT_M_S
         x, y, heading = (observation[BELIEVED] if self._view is not None else observation["ego_state"])[:3].tolist()
         out[layout["place"]] = x / PLACE_UNIT_M, y / PLACE_UNIT_M, math.cos(heading), math.sin(heading)
         speed, steering = observation["speedometer"].tolist()
-        out[layout["motion"]] = speed / SPEED_UNIT_M_S, steering / _LOCK_RAD
+        out[layout["motion"]] = speed / SPEED_UNIT_M_S, min(speed / WALKING_M_S, 1.0), steering / _LOCK_RAD
         return out
 
     def _last_latents(self, encoder: Encoder, picture: np.ndarray) -> Float32Array:

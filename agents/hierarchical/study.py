@@ -1,10 +1,14 @@
 """Study: the arms of GHRL on the same scenarios of a benchmark, or on a sample of it; run again, it goes on.
 
-    python -m agents.hierarchical.study --benchmark nocrash --cells town-test.empty.test --every 5 --out out/ghrl
     python -m agents.hierarchical.study --benchmark precrash --arms rules ghrl-r --out out/ghrl
+    python -m agents.hierarchical.study --benchmark nocrash --cells town-test. --every 5 --arms hrl ghrl ghrl-r \
+        --runs runs/study --seeds-of-training 0 1 2 --workers 2 --out out/ghrl
+    python -m agents.hierarchical.study --table --out out/ghrl
 
-Scenarios are sampled by their number in the benchmark, so every arm drives the same ones. A line per drive goes to
-OUT/BENCHMARK.jsonl: what `dohyo evaluate` counts, and the share of the time under rules, which no record holds.
+Scenarios are sampled by their number in the benchmark, so every arm drives the same ones. With --runs, an arm that
+learned is driven once for each training, RUNS/ARM/seed-N; without, what ships is. A line per drive goes to
+OUT/BENCHMARK.jsonl: what `dohyo evaluate` counts, and what the rules had to do, which no record holds. The tables are
+those of `study_tables`.
 """
 
 from __future__ import annotations
@@ -12,35 +16,107 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from functools import cache
+from multiprocessing import get_context
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from agents.hierarchical.ghrl import CHECKPOINT
+from agents.hierarchical.study_tables import Drive, read_drives, tables
+from agents.hierarchical.watch import STANDS_M_S, TICK_S
 from agents.registry import resolve_with
-from evaluation.agent import Agent, make_agent
+from evaluation.agent import Agent, Observation, make_agent
 from evaluation.benchmark import load_benchmark
-from evaluation.figures import interval
-from evaluation.record import EgoRecord
-from evaluation.runner import run_episode
+from evaluation.record import EgoRecord, Status
+from evaluation.runner import drive_episode
 from evaluation.scores.nocrash import drove, success
-from evaluation.statistics import Estimate, share_estimate
 from evaluation.store import write_atomically
 from sumo_networks.errors import DohyoError, InvalidInputError
 from sumo_networks.scenario import Scenario
 
-ARMS: Mapping[str, tuple[str, Mapping[str, Any]]] = MappingProxyType(
+DEADLOCK_S = 30.0
+"""So long an ego that got blocked or ran out of time must have stood within critical intervals at the end."""
+LOOKS_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """An agent, and whose training drives.
+
+    Attributes:
+        agent: Registered name.
+        settings: Of its constructor.
+        trained: Folder of RUNS that its trainings are in; None where nothing was learned.
+        watched: Whether RSS watches its drives.
+    """
+
+    agent: str
+    settings: Mapping[str, str] = field(default_factory=dict)
+    trained: str | None = None
+    watched: bool = False
+
+
+def _ghrl(arm: str, trained: str) -> Arm:
+    return Arm("ghrl", MappingProxyType({"arm": arm}), trained, watched=arm.endswith("-r"))
+
+
+ARMS: Mapping[str, Arm] = MappingProxyType(
     {
-        "rules": ("rules", {}),
-        "hrl": ("ghrl", {"arm": "hrl"}),
-        "ghrl": ("ghrl", {"arm": "ghrl"}),
-        "ghrl-r": ("ghrl", {"arm": "ghrl-r"}),
-        "flat": ("ghrl", {"arm": "flat"}),
-        "autopilot": ("autopilot", {}),
+        "rules": Arm("rules", watched=True),
+        "hrl": _ghrl("hrl", "hrl"),
+        "hrl-r": _ghrl("ghrl-r", "hrl"),
+        "ghrl": _ghrl("ghrl", "ghrl"),
+        "ghrl-r": _ghrl("ghrl-r", "ghrl"),
+        "flat": _ghrl("flat", "flat"),
+        "autopilot": Arm("autopilot"),
     }
 )
-Drive = dict[str, Any]
+"""`hrl-r`: what was learned without rules, which drive in critical intervals."""
+
+
+@dataclass(frozen=True, slots=True)
+class Driver:
+    """Who drives: an arm, and which training of it.
+
+    Attributes:
+        arm: Of `ARMS`.
+        seed: Of the training; None for what ships, and where nothing was learned.
+        checkpoint: Folder of the training; None for what ships.
+    """
+
+    arm: str
+    seed: int | None = None
+    checkpoint: Path | None = None
+
+
+def drivers(arms: Sequence[str], runs: Path | None, seeds: Sequence[int]) -> list[Driver]:
+    """Who drives in a study; a driver for each seed of the training where RUNS is given."""
+    found = []
+    for name in arms:
+        trained = ARMS[name].trained
+        if runs is None or trained is None:
+            found.append(Driver(name))
+        else:
+            found += [Driver(name, seed, runs / trained / f"seed-{seed}") for seed in seeds]
+    return found
+
+
+@cache
+def agent_of(driver: Driver) -> Agent:
+    """The agent, read once in each process.
+
+    Raises:
+        InvalidInputError: A part of the training is missing or damaged.
+    """
+    arm, checkpoint = ARMS[driver.arm], driver.checkpoint
+    if driver.arm == "hrl-r" and checkpoint is None:  # by itself the agent would take what ships for ghrl
+        checkpoint = CHECKPOINT / "hrl"
+    where = {} if checkpoint is None else {"checkpoint": str(checkpoint)}
+    return make_agent(*resolve_with(arm.agent, {**arm.settings, **where}))
 
 
 def scenarios_of(benchmark: str, cells: Sequence[str], seeds: Sequence[int], every: int) -> list[Scenario]:
@@ -60,16 +136,39 @@ def scenarios_of(benchmark: str, cells: Sequence[str], seeds: Sequence[int], eve
     return found
 
 
-def drive(arm: str, agent: Agent, scenario: Scenario) -> Drive:
+class Stand:
+    """How long an ego has stood within critical intervals up to now, looked at once a second.
+
+    Attributes:
+        seconds: That long.
+    """
+
+    def __init__(self, agent: Agent) -> None:
+        self._agent = agent
+        self.seconds = 0.0
+
+    def look(self, tick: int, observations: Mapping[str, Observation]) -> None:
+        """Goes on; called in every tick before the agent acts."""
+        if tick % round(LOOKS_S / TICK_S):
+            return
+        stands = all(float(seen["speedometer"][0]) < STANDS_M_S for seen in observations.values())
+        self.seconds = self.seconds + LOOKS_S if stands and _judgement(self._agent).get("critical") else 0.0
+
+
+def drive(driver: Driver, scenario: Scenario) -> Drive:
     """Drives one scenario; its line."""
-    record = run_episode(scenario, {scenario.missions[0].name: agent})
-    return line(arm, scenario, record.egos[0], agent)
+    agent, watched = agent_of(driver), ARMS[driver.arm].watched
+    stand = Stand(agent)
+    record, _ = drive_episode(scenario, {scenario.missions[0].name: agent}, show=stand.look if watched else None)
+    ego = record.egos[0]
+    return line(driver, scenario, ego) | (under_rules(ego.status, agent, stand.seconds) if watched else {})
 
 
-def line(arm: str, scenario: Scenario, ego: EgoRecord, agent: Agent) -> Drive:
+def line(driver: Driver, scenario: Scenario, ego: EgoRecord) -> Drive:
     """What is kept of one drive."""
     return {
-        "arm": arm,
+        "arm": driver.arm,
+        "training_seed": driver.seed,
         "cell": scenario.cell,
         "scenario": scenario.name,
         "seed": scenario.seed,
@@ -80,98 +179,92 @@ def line(arm: str, scenario: Scenario, ego: EgoRecord, agent: Agent) -> Drive:
         "progress": round(ego.progress_m / ego.route_length_m, 4),
         "infractions": [one.kind.value for one in ego.infractions],
         "duration_s": ego.duration_s,
-        **_under_rules(agent),
     }
 
 
-def _under_rules(agent: Agent) -> dict[str, float]:
-    told = agent.explain() or {}
-    watch = told.get("rss", told)
-    return {name: watch[name] for name in ("critical_share", "longest_standing_s") if name in watch}
+def under_rules(status: Status, agent: Agent, stood_s: float) -> Drive:
+    """What RSS and the rules came to in a drive; empty where the agent was never set up.
+
+    Args:
+        status: How it ended.
+        agent: After it.
+        stood_s: How long the ego had stood within critical intervals then.
+    """
+    judged = _judgement(agent)
+    if not judged:
+        return {}
+    kept = {name: judged[name] for name in ("critical_share", "longest_standing_s")}
+    return kept | {"deadlock": status in (Status.BLOCKED, Status.TIMED_OUT) and stood_s >= DEADLOCK_S}
 
 
-def successes(drives: Iterable[Drive]) -> Estimate:
-    """NoCrash success of some drives, %, with Wilson's 95 % interval; lost ones are in no mean."""
-    return share_estimate([bool(one["success"]) for one in drives if not one["status"].startswith("lost")])
+def _judgement(agent: Agent) -> Mapping[str, Any]:
+    judged: Mapping[str, Any] = (agent.explain() or {}).get("rss", {})
+    return judged
 
 
-def failures(drives: Iterable[Drive]) -> Counter[str]:
-    """How drives failed: by the collision's kind, or by how they ended."""
-    found: Counter[str] = Counter()
-    for one in drives:
-        if not one["success"]:
-            hits = [kind for kind in one["infractions"] if kind.startswith("collision")]
-            found[hits[0] if hits else one["status"].removeprefix("failed: ")] += 1
-    return found
+def drive_all(jobs: Sequence[tuple[Driver, Scenario]], workers: int) -> Iterator[Drive]:
+    """The lines of drives as they end: here, or in processes of their own, since SUMO is global in one."""
+    if workers == 1:
+        yield from (drive(*job) for job in jobs)
+        return
+    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+    try:
+        for done in as_completed([pool.submit(drive, *job) for job in jobs]):
+            yield done.result()
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
-def table(drives: Sequence[Drive]) -> str:
-    """Markdown: a row per cell and arm."""
-    rows = ["| cell | arm | success, % | failures | red lights | time in critical intervals |", "|" + "---|" * 6]
-    for cell in dict.fromkeys(one["cell"] for one in drives):
-        for arm in dict.fromkeys(one["arm"] for one in drives):
-            some = [one for one in drives if (one["cell"], one["arm"]) == (cell, arm)]
-            if some:
-                rows.append(f"| {cell} | {_row(arm, some)} |")
-    arms = dict.fromkeys(one["arm"] for one in drives)
-    rows += [f"| all | {_row(arm, [one for one in drives if one['arm'] == arm])} |" for arm in arms]
-    return "\n".join(rows)
+def run(path: Path, who: Sequence[Driver], scenarios: Sequence[Scenario], workers: int = 1) -> None:
+    """Drives what is not yet in a file, and appends it line by line.
 
-
-def _row(arm: str, some: Sequence[Drive]) -> str:
-    failed = ", ".join(f"{count} {kind}" for kind, count in failures(some).most_common()) or "none"
-    red = sum(one["infractions"].count("red_light") for one in some)
-    watched = [one for one in some if "critical_share" in one]
-    seconds = sum(one["duration_s"] for one in watched)
-    critical = sum(one["critical_share"] * one["duration_s"] for one in watched)
-    share = f"{100 * critical / seconds:.1f} %" if seconds else "not watched"
-    return f"{arm} | {interval(successes(some))} | {failed} | {red} | {share}"
-
-
-def read_drives(path: Path) -> list[Drive]:
-    """The lines so far; a torn last one is left out."""
-    drives = []
-    for text in path.read_text().splitlines() if path.exists() else ():
-        try:
-            drives.append(json.loads(text))
-        except json.JSONDecodeError:
-            continue
-    return drives
+    Raises:
+        InvalidInputError: An agent cannot be made; nothing has been driven then.
+    """
+    for driver in who:
+        agent_of(driver)
+    # Without a torn last line, and without what the simulation lost, which is driven again.
+    kept = [one for one in read_drives(path) if one["status"] != Status.SIMULATION.value]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, "".join(json.dumps(one) + "\n" for one in kept).encode())
+    done = {(one["arm"], one["training_seed"], one["scenario"], one["seed"]) for one in kept}
+    jobs = [
+        (driver, scenario)
+        for scenario in scenarios
+        for driver in who
+        if (driver.arm, driver.seed, scenario.name, scenario.seed) not in done
+    ]
+    with path.open("a") as file:
+        for one in drive_all(jobs, workers):
+            file.write(json.dumps({"benchmark": path.stem, **one}) + "\n")
+            file.flush()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--benchmark", required=True)
+    parser.add_argument("--benchmark", help="with --table: its tables alone")
     parser.add_argument("--cells", nargs="*", default=[], help="beginnings of their names; default: all")
-    parser.add_argument("--seeds", nargs="*", type=int, default=[0])
+    parser.add_argument("--seeds", nargs="*", type=int, default=[0], help="of the scenarios")
     parser.add_argument("--every", type=int, default=1, help="drive every n-th scenario")
     parser.add_argument("--arms", nargs="*", choices=[*ARMS], default=["rules", "ghrl", "ghrl-r"])
-    parser.add_argument("--checkpoint", help="folder of the runs; default: what ships")
+    parser.add_argument("--runs", type=Path, help="folder of ARM/seed-N; default: what ships")
+    parser.add_argument("--seeds-of-training", nargs="*", type=int, default=[0, 1, 2], help="N; only with --runs")
+    parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--out", type=Path, default=Path("out/hierarchical"))
+    parser.add_argument("--table", action="store_true", help="print the tables of what is there, and drive nothing")
     given = parser.parse_args(arguments)
-    scenarios = scenarios_of(given.benchmark, given.cells, given.seeds, given.every)
-    given.out.mkdir(parents=True, exist_ok=True)
-    path = given.out / f"{given.benchmark}.jsonl"
-    drives = read_drives(path)
-    write_atomically(path, "".join(json.dumps(one) + "\n" for one in drives).encode())  # without what was torn
-    done = {(one["arm"], one["cell"], one["scenario"], one["seed"]) for one in drives}
-    agents = {arm: _agent(arm, given.checkpoint) for arm in given.arms}
-    with path.open("a") as file:
-        for scenario in scenarios:
-            for arm, agent in agents.items():
-                if (arm, scenario.cell, scenario.name, scenario.seed) not in done:
-                    drives.append(drive(arm, agent, scenario))
-                    file.write(json.dumps(drives[-1]) + "\n")
-                    file.flush()
-    print(table(drives))
-
-
-def _agent(arm: str, checkpoint: str | None) -> Agent:
-    name, settings = ARMS[arm]
-    if name == "ghrl" and checkpoint:
-        settings = {**settings, "checkpoint": checkpoint}
-    return make_agent(*resolve_with(name, settings))
+    paths = [given.out / f"{given.benchmark}.jsonl"] if given.benchmark else sorted(given.out.glob("*.jsonl"))
+    if not given.table:
+        if given.benchmark is None:
+            raise InvalidInputError("expected --benchmark, or --table; got neither")
+        who = drivers(given.arms, given.runs, given.seeds_of_training)
+        scenarios = scenarios_of(given.benchmark, given.cells, given.seeds, given.every)
+        run(paths[0], who, scenarios, given.workers)
+    drives = [one for path in paths for one in read_drives(path)]
+    if not drives:
+        raise InvalidInputError(f"'{given.out}': expected drives in BENCHMARK.jsonl, found none")
+    print(tables(drives, ARMS))
 
 
 if __name__ == "__main__":

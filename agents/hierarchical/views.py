@@ -17,9 +17,9 @@ PARTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         Manoeuvre.LANE: ("z", "strips", "distances", *_WAY),
         Manoeuvre.LEFT: ("z", "strips", *_WAY),
         Manoeuvre.RIGHT: ("z", "strips", *_WAY),
-        Manoeuvre.BRAKING: ("z", "actors", "strips", "distances", *_WAY),
-        Manoeuvre.LIGHTS: ("z", "strips", "junctions", "distances", *_WAY),
-        DRIVE: ("z", "actors", "strips", "junctions", "distances", *_WAY),
+        Manoeuvre.BRAKING: ("z", "actors", "strips", "crossings", "distances", *_WAY),
+        Manoeuvre.LIGHTS: ("z", "strips", "junctions", "crossings", "distances", *_WAY),
+        DRIVE: ("z", "actors", "strips", "junctions", "crossings", "distances", *_WAY),
     }
 )
 """By `Manoeuvre`, or "drive": names of `StateEncoder.layout`, of which a state has only some. Nobody sees the place:

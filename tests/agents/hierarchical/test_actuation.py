@@ -9,7 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.hierarchical.actuation import ACCELERATION_M_S2, Steering, action_of, command, steering_limit
+from agents.hierarchical.actuation import (
+    ACCELERATION_M_S2,
+    Steering,
+    action_of,
+    command,
+    steering_limit,
+)
 from sumo_networks.vehicle import VehicleParameters
 
 CAR = VehicleParameters()
@@ -48,7 +54,7 @@ def test_an_experts_controls_become_the_action_that_gives_them(pedals, wheel, sp
 
 
 def test_what_no_action_gives_is_cut_off():
-    action = action_of(np.array([-8.0, 1.0]), 12.0, straight(), Steering.POLICY)
+    action = action_of(np.array([-9.0, 1.0]), 12.0, straight(), Steering.POLICY)
     assert action.tolist() == [-1.0, 1.0]
 
 

@@ -54,6 +54,12 @@ def test_lights_end_where_there_is_none_any_more():
     assert not running(LANE, 1).ends(prospect(lit=False), 0.99)
 
 
+def test_an_option_ends_where_it_may_not_begin_but_a_change_is_carried_out():
+    closed = Prospect(np.zeros(len(OPTIONS)), np.zeros(len(OPTIONS)), np.eye(len(OPTIONS))[LIGHTS] > 0, False, False)
+    assert running(LANE, 1).ends(closed, 0.99)
+    assert not running(OPTIONS.index(Manoeuvre.LEFT), 1).ends(closed, 0.99)
+
+
 def test_while_the_rules_drive_nothing_ends_and_after_them_the_master_chooses_anew():
     conductor = running(ticks=10)
     for _ in range(40):

@@ -1,59 +1,90 @@
-"""Curves of trainings, from what runs leave behind."""
+"""Curves of trainings: a panel per policy, a line per arm."""
 
 from __future__ import annotations
 
-import csv
-from pathlib import Path
+from types import MappingProxyType
 
+import numpy as np
 import pytest
 
 from agents.hierarchical import curves
+from agents.hierarchical.training_results import TrainingRun
 from sumo_networks.errors import InvalidInputError
 
-EVALUATED = [(4000, 20, 40.0, 22.0, 61.0), (8000, 20, 75.0, 53.0, 89.0)]
+HALF = 4.302653 * 10.0 / 3**0.5
+"""Of Student's interval of three values 10 apart."""
 
 
-def written(folder: Path) -> Path:
-    folder.mkdir(parents=True)
-    (folder / "config.toml").write_text("steps = 8000\n[ppo]\nimitated_steps = 4000\n")
-    with (folder / "evaluations.csv").open("w") as file:
-        table = csv.writer(file)
-        table.writerow(("steps", "episodes", "success", "success_low", "success_high"))
-        table.writerows(EVALUATED)
-    with (folder / "metrics.csv").open("w") as file:
-        table = csv.writer(file)
-        table.writerow(("steps", "success"))
-        table.writerows((4000 + 100 * i, "" if i % 2 else 10.0 * i) for i in range(1, 21))
-    return folder
+def a_run(seed: int, *returns: float, imitated: int = 4000) -> TrainingRun:
+    """Evaluated every 4000 steps."""
+    values = np.array(returns)
+    columns = {"steps": 4000.0 * np.arange(1, len(values) + 1), "episodes": np.full(len(values), 20.0)}
+    columns |= {"return": values, "return_low": values - 5.0, "return_high": values + 7.0}
+    rounds = {"steps": 100.0 * np.arange(10), "return": np.array([np.nan, *range(1, 10)])}
+    return TrainingRun(seed, imitated, MappingProxyType(columns), MappingProxyType(rounds))
 
 
-def test_a_curve_holds_what_the_run_wrote(tmp_path):
-    curve = curves.read_curve(written(tmp_path / "lane"))
-    assert curve.steps.tolist() == [4000, 8000]
-    assert curve.success[1].tolist() == [75.0, 53.0, 89.0]
-    assert curve.imitated == 4000
-    assert len(curve.trained) == 10
-    assert curve.trained[0].tolist() == [4200.0, 20.0]
+THREE = [a_run(0, 50.0, 90.0), a_run(1, 50.0, 100.0), a_run(2, 50.0, 110.0)]
+ONE = [a_run(0, 20.0, 30.0, imitated=0)]
 
 
-def test_a_panel_has_points_with_whiskers_and_a_mean_of_the_last_rounds(tmp_path):
-    drawn = curves.draw({name: curves.read_curve(written(tmp_path / name)) for name in ("lane", "lights")})
-    line, points, *_ = drawn.data
-    assert points.y.tolist() == [40.0, 75.0]
-    assert points.error_y.array.tolist() == [21.0, 14.0]
-    assert points.error_y.arrayminus.tolist() == [18.0, 22.0]
-    assert line.y[1] == pytest.approx(30.0)
-    assert line.y[-1] == pytest.approx(sum(20.0 * i for i in range(3, 11)) / 8)
-    assert drawn.layout.title.text == "Success at the end: lane 75 %, lights 75 %"
+def named(drawn, mode="lines+markers"):
+    return [trace for trace in drawn.data if trace.mode == mode and trace.x[0] is not None]
 
 
-def test_what_is_no_run_is_named(tmp_path):
-    with pytest.raises(InvalidInputError, match=r"'.*lane' is no run: .*config.toml"):
-        curves.read_curve(tmp_path / "lane")
-    folder = written(tmp_path / "left")
-    (folder / "evaluations.csv").write_text("steps,episodes,success\n")
-    with pytest.raises(InvalidInputError, match="has been evaluated"):
-        curves.read_curve(folder)
-    (tmp_path / "none").mkdir()
-    with pytest.raises(InvalidInputError, match="expected runs named as one of lane"):
-        curves.main([str(tmp_path / "none")])
+def test_an_arm_of_seeds_has_a_line_in_a_band_and_one_of_a_single_seed_has_whiskers():
+    drawn = curves.draw({"lane": {"ghrl": THREE, "hrl": ONE}})
+    many, single = named(drawn)
+    assert many.x.tolist() == [4.0, 8.0]
+    assert many.y.tolist() == [50.0, 100.0]
+    (band,) = [trace for trace in drawn.data if trace.fill == "toself"]
+    assert list(band.x) == [4.0, 8.0, 8.0, 4.0]
+    assert list(band.y) == pytest.approx([57.0, 100.0 + HALF, 100.0 - HALF, 45.0])
+    assert single.error_y.array.tolist() == [7.0, 7.0]
+    assert single.error_y.arrayminus.tolist() == [5.0, 5.0]
+    assert many.error_y.array is None
+
+
+def test_arms_differ_by_more_than_colour_and_keep_their_look_whoever_else_is_there():
+    everyone = dict.fromkeys(("ghrl", "hrl", "ghrl-0", "ghrl-5", "ghrl-20", "sum"), ONE)
+    looks = [(one.line.color, one.line.dash, one.marker.symbol) for one in named(curves.draw({"lane": everyone}))]
+    for part in zip(*looks, strict=True):
+        assert len(set(part)) == 6
+    (alone,) = named(curves.draw({"lights": {"ghrl-5": ONE}}))
+    assert (alone.line.color, alone.line.dash, alone.marker.symbol) == looks[3]
+
+
+def test_the_legend_names_each_arm_once_and_how_many_seeds_it_has():
+    drawn = curves.draw({"lane": {"ghrl": THREE, "other": ONE}, "master": {"ghrl": ONE}})
+    keys = [trace.name for trace in drawn.data if trace.showlegend is not False]
+    assert keys == ["ghrl (p = 10 %), 1 to 3 seeds", "other, 1 seed"]
+
+
+def test_imitation_is_grey_where_any_arm_imitates():
+    drawn = curves.draw({"lane": {"ghrl": THREE, "hrl": ONE}, "master": {"hrl": ONE}})
+    (grey,) = drawn.layout.shapes
+    assert (grey.x0, grey.x1) == (0, 4.0)
+
+
+def test_the_trainings_own_returns_are_means_of_the_last_rounds():
+    assert not named(curves.draw({"lane": {"ghrl": THREE}}), "lines")[1:]
+    *lines, _ = named(curves.draw({"lane": {"ghrl": THREE}}, training=True), "lines")
+    assert len(lines) == 3
+    assert lines[0].x.tolist() == [i / 10 for i in range(1, 10)]
+    assert lines[0].y.tolist() == [1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.5]
+
+
+def test_the_title_says_who_ends_highest_and_where_intervals_are_apart():
+    both = {"ghrl": THREE, "hrl": ONE}
+    near = {"ghrl": [a_run(0, 28.0)], "hrl": [a_run(0, 30.0)]}
+    tied = {"ghrl": ONE, "hrl": ONE}
+    results = {"lane": both, "left": both, "right": near, "lights": tied, "master": {"hrl": ONE}}
+    title = curves.finding(results, "return")
+    assert title == "Highest return at the end, of 4 policies: ghrl in 2, hrl in 1, nobody in 1; intervals apart in 2"
+    alone = curves.finding({"lane": {"ghrl": THREE}, "master": {"hrl": ONE}}, "return")
+    assert alone == "Held-out return at the end: lane 100, master 30.0"
+
+
+def test_a_measure_that_runs_do_not_have_is_named():
+    with pytest.raises(InvalidInputError, match="expected evaluations with a column 'success'"):
+        curves.draw({"lane": {"ghrl": ONE}}, "success")

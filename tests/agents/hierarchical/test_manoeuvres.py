@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agents.experts.surroundings import Surroundings
-from agents.hierarchical.manoeuvres import Course, Manoeuvre, deviation, lane_is_free, light_ahead
+from agents.hierarchical.manoeuvres import Course, Manoeuvre, deviation, lane_is_free, light_ahead, line_near
 from sumo_networks.sensors import make_sensors
 from sumo_networks.world import LightState
 from tests.worlds import LANE_M, Scene, lit_crossing, straight_road
@@ -124,3 +124,20 @@ def test_a_light_counts_from_60_m_before_it_until_its_junction_is_left():
           (line - 70.0, line - 55.0, line - 3.0, 0.0, 60.0)}  # fmt: skip
     assert list(at.values()) == [False, True, True, True, False]
     assert not light_ahead(seen(ego())["lights"])
+
+
+@pytest.mark.parametrize(
+    ("distance", "state", "near"),
+    [
+        (34.0, LightState.RED, True),
+        (34.0, LightState.YELLOW, True),
+        (36.0, LightState.RED, False),
+        (34.0, LightState.GREEN, False),
+        (-1.0, LightState.RED, False),
+    ],
+)
+def test_only_a_light_ahead_that_is_near_and_not_green_is_for_lights_alone(distance, state, near):
+    lights = np.full((4, 4), 1000.0, dtype=np.float32)
+    lights[:, 2] = -1
+    lights[0, 0], lights[0, 2] = distance, state
+    assert line_near(lights) is near

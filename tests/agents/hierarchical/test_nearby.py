@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.hierarchical.nearby import SENSORS, actors_near, distances, junctions, strips
+from agents.hierarchical.nearby import SENSORS, actors_near, crossings, distances, junctions, root, strips
 from sumo_networks.sensors import make_sensors
 from sumo_networks.world import ActorKind, LightState
 from tests.worlds import Scene, lit_crossing, stop_sign_crossing, straight_road
@@ -63,15 +63,22 @@ def test_an_event_is_as_far_as_the_stop_line_and_here_inside_the_junction() -> N
 )
 def test_the_light_of_the_route_is_told(state: LightState, column: int | None) -> None:
     scene = lit_crossing().with_ego(x=-60.0).with_lights(LightState.GREEN, s=state)
-    row = junctions(seen(scene)["lights"])[0]
+    row = junctions(seen(scene))[0]
     assert np.flatnonzero(row[1:4]).tolist() == ([] if column is None else [column - 1])
     assert 0.0 < row[0] < 1.0
 
 
 def test_a_stop_sign_is_told_and_no_junction_is_far() -> None:
-    first, second = junctions(seen(stop_sign_crossing().with_ego(x=-60.0))["lights"])
-    assert first[1:].tolist() == [0.0, 0.0, 0.0, 0.0, 1.0]
-    assert second.tolist() == [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    first, second = junctions(seen(stop_sign_crossing().with_ego(x=-60.0)))
+    assert first[1:].tolist() == [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    assert second.tolist() == [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(("speed", "expected"), [(0.0, 0.0), (6.0, 0.25), (12.0, 1.0), (20.0, 1.0)])
+def test_whether_the_ego_can_still_stop_is_told(speed: float, expected: float) -> None:
+    observation = seen(lit_crossing().with_ego(x=-60.0, speed=speed))
+    observation["lights"][0, 0] = 9.0
+    assert junctions(observation)[0, 6] == pytest.approx(expected)
 
 
 def test_strips_by_hand() -> None:
@@ -79,7 +86,7 @@ def test_strips_by_hand() -> None:
     scene = ego().with_actor(x=125.0, speed=3.0)
     scene = scene.with_actor(x=101.0, speed=8.0, left=3.2).with_actor(x=70.0, speed=12.0, left=3.2)
     own, left, right = strips(seen(scene))
-    assert own == pytest.approx([1.0, (25.0 - 2 * HALF_M) / 50.0, 0.2, 1.0, 0.0], abs=1e-3)
+    assert own == pytest.approx([1.0, math.sqrt((25.0 - 2 * HALF_M) / 50.0), 0.2, 1.0, 0.0], abs=1e-3)
     assert left == pytest.approx([1.0, 0.0, 8.0 / 15.0, 0.0, 8.0 / 15.0], abs=1e-3)
     assert right == pytest.approx([0.0, 1.0, 0.0, 1.0, 0.0], abs=1e-3)
 
@@ -97,11 +104,42 @@ def test_the_oncoming_lane_is_no_lane_to_change_to() -> None:
     assert left[2] == pytest.approx(-9.0 / 15.0), "it comes towards the ego"
 
 
+def test_a_root_keeps_sign_and_order_and_tells_half_metres_apart() -> None:
+    there = np.array([-80.0, -50.0, -2.0, 0.0, 0.5, 2.0, 18.0, 50.0, 1000.0]) / 50.0
+    assert root(there) == pytest.approx([-1.0, -1.0, -0.2, 0.0, 0.1, 0.2, 0.6, 1.0, 1.0])
+
+
+def test_crossings_by_hand() -> None:
+    """A car and somebody on foot who come, one who has left, and a car that joins 100 m ahead at 10 m/s."""
+    conflicts = np.full((16, 8), 1000.0, dtype=np.float32)
+    conflicts[:, 6:] = -1
+    conflicts[0] = (-5.0, -1.0, 2.0, 9.0, 8.0, 1.0, 0, 4)  # the ego has left
+    conflicts[1] = (4.0, 9.0, -3.0, -0.5, 8.0, 1.0, 0, 5)  # the other has
+    conflicts[2] = (8.0, 18.0, 20.0, 28.0, 5.0, 1.0, 0, 6)
+    conflicts[3] = (18.0, 24.5, 3.0, 5.0, 0.0, -1.0, int(ActorKind.PEDESTRIAN), 7)
+    conflicts[4] = (32.0, 1000.0, 40.0, 1000.0, 10.0, 0.0, 0, 8)
+    got = crossings(conflicts)
+    assert got[0] == pytest.approx([1, 0.4, 0.6, math.sqrt(0.4), 0.5, 0.7, 1 / 3, 1.0, 0.0], abs=1e-6)
+    assert got[1] == pytest.approx([1, 0.6, 0.7, math.sqrt(0.06), 0.75, 1.0, 0.0, -1.0, 1.0], abs=1e-6)
+    assert got[2] == pytest.approx([1, 0.8, 1.0, math.sqrt(0.8), 0.5, 1.0, 2 / 3, 0.0, 0.0], abs=1e-6)
+    assert not got[3:].any()
+
+
+def test_who_crosses_at_a_junction_is_told() -> None:
+    scene = lit_crossing().with_ego(x=-40.0, speed=8.0)
+    assert not crossings(seen(scene)["conflicts"]).any()
+    walker = (
+        straight_road().with_ego(x=100.0, speed=8.0).with_pedestrian(x=120.0, y=-4.8, heading=math.pi / 2, speed=1.5)
+    )
+    assert crossings(seen(walker)["conflicts"])[0, (0, 8)].tolist() == [1.0, 1.0]
+
+
 def test_actors_by_hand() -> None:
     scene = ego().with_actor(x=110.0, speed=6.0, heading=math.pi / 2, left=3.0).with_pedestrian(x=104.0, y=-4.8)
-    near = actors_near(seen(scene)["objects"])
-    assert near[0] == pytest.approx([1, 4 / 50, 0, 1, 0, 0, 0.03, 0.5 / 3, 1], abs=1e-4)
-    assert near[1] == pytest.approx([1, 0.2, 0.06, 0, 1, 0.4, 0.45, 0.6, 0], abs=1e-4)
+    near = actors_near(seen(scene))
+    walker, car = math.sqrt((4.0 - HALF_M - 0.15) / 50.0), math.sqrt((10.0 - HALF_M - 0.9) / 50.0)
+    assert near[0] == pytest.approx([1, walker, -0.25 / 8, 0.25 / 8, 1, 0, 0, 0.03, 1], abs=2e-3)
+    assert near[1] == pytest.approx([1, car, 0.75 / 8, 5.25 / 8, 0, 1, 0.4, 0.45, 0], abs=2e-3)
     assert not near[2:].any()
 
 
@@ -116,7 +154,7 @@ def test_everything_is_of_about_unit_scale(actors: list[tuple[float, float, floa
     for dx, side, heading, speed in actors:
         scene = scene.with_actor(x=200.0 + dx, left=side, heading=heading, speed=speed, kind=ActorKind.CAR)
     observation = seen(scene)
-    for array in (strips(observation), actors_near(observation["objects"]), junctions(observation["lights"])):
+    for array in (strips(observation), actors_near(observation), junctions(observation)):
         assert np.isfinite(array).all()
         assert np.abs(array).max() <= 2.0
     impact, event = distances(observation)

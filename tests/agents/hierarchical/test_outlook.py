@@ -95,4 +95,16 @@ def test_when_it_is_critical_the_rules_brake_and_without_rules_nothing_is_critic
 
 def test_an_option_gets_what_it_wants():
     outlook = opened(ego())
-    assert outlook.controls(np.array([0.4, 0.0], np.float32), Steering.POLICY) == pytest.approx([2.0, 0.0])
+    assert outlook.controls(np.array([0.25, 0.0], np.float32), Steering.POLICY) == pytest.approx([2.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("x", "state", "expected"),
+    [
+        (-30.0, LightState.RED, {"lights"}),
+        (-30.0, LightState.GREEN, {"lane", "braking", "lights"}),
+        (-55.0, LightState.RED, {"lane", "braking", "lights"}),
+    ],
+)
+def test_before_a_light_that_is_not_green_only_lights_may_begin(x, state, expected):
+    assert available(opened(lit_crossing().with_ego(x=x).with_lights(state))) - {"left", "right"} == expected

@@ -44,7 +44,7 @@ def test_the_layout_covers_the_vector_exactly(weights):
         assert rows.tolist() == list(range(encoder.size))
         assert encoder.space.shape == (encoder.size,)
     shared = ("waypoints", "deviation", "limits", "place", "motion")
-    assert tuple(StateEncoder(TWIN).layout) == ("actors", "strips", "junctions", "distances", *shared)
+    assert tuple(StateEncoder(TWIN).layout) == ("actors", "strips", "junctions", "crossings", "distances", *shared)
     assert tuple(StateEncoder(StateConfig(encoder=weights)).layout) == ("z", *shared)
     assert StateEncoder(StateConfig(encoder=weights)).layout["z"] == slice(0, 4 * 12)
 
@@ -83,8 +83,10 @@ def test_deviation_by_hand(x, left, heading):
 def test_motion_limits_and_place_by_hand():
     scene = straight_road().with_ego(x=100.0, left=0.5, heading=0.1, speed=6.0)
     encoder = StateEncoder(TWIN)
-    assert part(encoder, scene, "motion") == pytest.approx([0.4, 0.0])
-    assert part(encoder, scene, "limits") == pytest.approx([13.89 / 15.0] * 2)
+    assert part(encoder, scene, "motion") == pytest.approx([0.4, 1.0, 0.0])
+    creeping = straight_road().with_ego(x=100.0, speed=0.3)
+    assert part(encoder, creeping, "motion") == pytest.approx([0.02, 0.3, 0.0])
+    assert part(encoder, scene, "limits") == pytest.approx([13.89 / 15.0] * 3)
     x = 100.0 - straight_road().route.position[0, 0]
     assert part(encoder, scene, "place") == pytest.approx([x / 500, 0.001, math.cos(0.1), math.sin(0.1)], abs=1e-5)
 
@@ -146,3 +148,8 @@ def test_a_filter_stands_first_and_then_sees_nearly_what_is_true():
     for name, most in (("deviation", 0.2), ("place", 0.05), ("motion", 0.0), ("distances", 0.0)):
         assert errors[:, true.layout[name]].max() <= most, name
     assert errors[:, true.layout["deviation"]].max() > 0.0, "it is an estimate"
+
+
+def test_the_encoders_file_is_part_of_what_a_state_is(weights):
+    assert StateEncoder(StateConfig(encoder=weights)).files == (weights,)
+    assert StateEncoder(TWIN).files == ()

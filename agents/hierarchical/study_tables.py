@@ -1,0 +1,246 @@
+"""Tables of a study: success by cell and arm, failures, what the rules had to do, and paired differences.
+
+An interval is over drives and trainings: a crossed bootstrap, in which the scenarios and the seeds of the training are
+both drawn with replacement, each drive counting as often as its scenario times its training was drawn (the pigeonhole
+bootstrap; Owen 2007). Of one training it is Wilson's over drives. Where all drives ended alike, resampling is blind,
+and it is Wilson's over scenarios. With three trainings it tells of their spread what three values can.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from evaluation.figures import MARKS, MISSING, ending, interval, number
+from evaluation.record import InfractionKind, Status
+from evaluation.scores.nocrash import COLLISIONS
+from evaluation.statistics import N_RESAMPLES, SEED, Estimate, paired, share_estimate
+from sumo_networks.arrays import FloatArray
+
+Drive = dict[str, Any]
+Key = tuple[str, str, int]
+"""Benchmark, scenario, and the scenario's seed."""
+Matched = Mapping[Key, Mapping[int | None, float]]
+"""Values of drives, by seed of the training."""
+
+PAIRS: Final = (
+    ("ghrl", "hrl"), ("ghrl-r", "ghrl"), ("ghrl-r", "hrl"), ("hrl-r", "hrl"), ("ghrl-r", "hrl-r"), ("ghrl", "flat"),
+    ("ghrl-r", "rules"),
+)  # fmt: skip
+"""Who is held against whom."""
+_TAILS: Final = (0.025, 0.975)
+
+
+def read_drives(path: Path) -> list[Drive]:
+    """The lines so far; a torn last one is left out."""
+    drives = []
+    for text in path.read_text().splitlines() if path.exists() else ():
+        try:
+            drives.append({"training_seed": None, "benchmark": path.stem, **json.loads(text)})
+        except json.JSONDecodeError:
+            continue
+    return drives
+
+
+def tables(drives: Sequence[Drive], arms: Iterable[str]) -> str:
+    """All four as Markdown.
+
+    Args:
+        drives: Of any benchmarks.
+        arms: In the order of the columns; those that never drove are left out.
+    """
+    there = [arm for arm in arms if any(one["arm"] == arm for one in drives)]
+    parts = (success_table(drives, there), failure_table(drives, there), rules_table(drives, there), pair_table(drives))
+    return "\n\n".join(part for part in parts if part)
+
+
+def success_table(drives: Sequence[Drive], arms: Sequence[str]) -> str:
+    """A row per cell, or per kind of event where there are events, and one per benchmark; in () each training."""
+    rows: list[tuple[str, Sequence[Drive], bool]] = []
+    for benchmark in _named(drives, "benchmark"):
+        some = [one for one in drives if one["benchmark"] == benchmark]
+        groups = dict.fromkeys(map(_group, some))
+        rows += [(f"{benchmark}: {group}", [one for one in some if _group(one) == group], False) for group in groups]
+        if len(groups) > 1:
+            rows.append((f"{benchmark}, all", some, True))
+    if len(_named(drives, "benchmark")) > 1:
+        rows.append(("all", drives, True))
+    cells = [
+        [name, *(_success([one for one in some if one["arm"] == arm], each) for arm in arms)]
+        for name, some, each in rows
+    ]
+    return _markdown(["NoCrash success, %", *arms], cells)
+
+
+def failure_table(drives: Sequence[Drive], arms: Sequence[str]) -> str:
+    """A row per benchmark and arm: how drives failed, and red lights run."""
+    rows = []
+    for benchmark, arm, some in _by_arm(drives, arms):
+        lost = len(some) - len(_kept(some))
+        found = [f"{count} {kind}" for kind, count in failures(some).most_common()]
+        red = sum(one["infractions"].count("red_light") for one in _kept(some))
+        rows.append([benchmark, arm, str(len(_kept(some))), ", ".join(found) or "none", str(red), str(lost)])
+    return _markdown(["benchmark", "arm", "drives", "failures", "red lights run", "lost, not counted"], rows)
+
+
+def rules_table(drives: Sequence[Drive], arms: Sequence[str]) -> str:
+    """A row per benchmark and arm that RSS watched; empty without such."""
+    rows = []
+    for benchmark, arm, some in _by_arm(drives, arms):
+        watched = [one for one in _kept(some) if "critical_share" in one]
+        seconds = math.fsum(one["duration_s"] for one in watched)
+        if seconds:
+            critical = math.fsum(one["critical_share"] * one["duration_s"] for one in watched)
+            longest = max(one["longest_standing_s"] for one in watched)
+            told = [one["deadlock"] for one in watched if "deadlock" in one]
+            deadlocks = f"{sum(told)} of {len(told)}" if told else MISSING
+            rows.append([benchmark, arm, f"{100 * critical / seconds:.1f}", number(longest), deadlocks])
+    heads = ["benchmark", "arm", "time in critical intervals, %", "longest stand within one, s", "deadlocks, drives"]
+    return _markdown(heads, rows) if rows else ""
+
+
+def pair_table(drives: Sequence[Drive]) -> str:
+    """A row per pair of `PAIRS`, over all benchmarks and for each, on the drives both made; empty without any."""
+    names = _named(drives, "benchmark")
+    wheres = {"all": drives} if len(names) > 1 else {}
+    wheres |= {name: [one for one in drives if one["benchmark"] == name] for name in names}
+    rows = []
+    for above, below in PAIRS:
+        for where, some in wheres.items():
+            matched = differences(some, above, below)
+            if matched:
+                found = estimate(matched, _of_pairs)
+                each = ", ".join(f"{mean:+.0f}" for mean in _by_training(matched).values())
+                rows.append([f"{above} - {below}", where, interval(found), each, _verdict(found)])
+    heads = ["difference of successes, points", "benchmark", "mean", "each training", "told apart"]
+    return _markdown(heads, rows) if rows else ""
+
+
+def failures(drives: Iterable[Drive]) -> Counter[str]:
+    """How drives failed: whom they hit first, or how they ended; lost ones did not."""
+    found: Counter[str] = Counter()
+    for one in _kept(drives):
+        if not one["success"]:
+            hits = [kind for kind in map(InfractionKind, one["infractions"]) if kind in COLLISIONS]
+            found[MARKS[hits[0]].label if hits else ending(Status(one["status"]))] += 1
+    return found
+
+
+def successes(drives: Iterable[Drive]) -> Matched:
+    """NoCrash success, 0 or 100, of every drive that was not lost."""
+    found: dict[Key, dict[int | None, float]] = {}
+    for one in _kept(drives):
+        key = one["benchmark"], one["scenario"], one["seed"]
+        found.setdefault(key, {})[one["training_seed"]] = 100.0 * one["success"]
+    return found
+
+
+def differences(drives: Sequence[Drive], above: str, below: str) -> Matched:
+    """One arm's successes less another's where both drove a scenario, by trainings with the same seed.
+
+    Who did not learn, or drove as what ships, is held against every training of the other.
+    """
+    ours, theirs = (successes(one for one in drives if one["arm"] == arm) for arm in (above, below))
+    found: dict[Key, dict[int | None, float]] = {}
+    for key in ours.keys() & theirs.keys():
+        mine, other = ours[key], theirs[key]
+        for seed in {*mine, *other} - {None} or {None}:
+            a, b = mine.get(seed, mine.get(None)), other.get(seed, other.get(None))
+            if a is not None and b is not None:
+                found.setdefault(key, {})[seed] = a - b
+    return found
+
+
+def estimate(matched: Matched, alone: Callable[[Sequence[float]], Estimate]) -> Estimate:
+    """The mean over all drives, with an interval over scenarios and trainings; see the module.
+
+    Args:
+        matched: Values.
+        alone: Makes the estimate of independent values: of one training, or one per scenario where all are alike.
+    """
+    trainings = _trainings(matched)
+    table = np.array([[row.get(seed, math.nan) for seed in trainings] for _, row in sorted(matched.items())])
+    values = table[np.isfinite(table)]
+    if len(trainings) < 2:
+        return alone(values.tolist())
+    if values.min() == values.max():
+        found = alone([float(values[0])] * len(table))
+        return Estimate(found.mean, found.low, found.high, len(values))
+    low, high = np.quantile(_crossed(table), _TAILS)
+    return Estimate(float(values.mean()), float(low), float(high), len(values))
+
+
+def _crossed(table: FloatArray) -> FloatArray:
+    """(R,) means of (N, K) values, NaN where there is none, with rows and columns drawn with replacement."""
+    generator = np.random.default_rng(SEED)
+    rows, columns = (generator.multinomial(n, np.full(n, 1 / n), N_RESAMPLES) for n in table.shape)
+    there = np.isfinite(table)
+    sums = ((rows @ np.where(there, table, 0.0)) * columns).sum(axis=1)
+    counts = ((rows @ there.astype(float)) * columns).sum(axis=1)
+    means: FloatArray = sums[counts > 0] / counts[counts > 0]
+    return means
+
+
+def _of_successes(values: Sequence[float]) -> Estimate:
+    return share_estimate([value > 0.0 for value in values])
+
+
+def _of_pairs(values: Sequence[float]) -> Estimate:
+    return paired(values, [0.0] * len(values)).difference
+
+
+def _success(drives: Sequence[Drive], each: bool) -> str:
+    matched = successes(drives)
+    if not matched:
+        return MISSING
+    trainings = _by_training(matched)
+    told = f" ({', '.join(f'{mean:.0f}' for mean in trainings.values())})" if each and len(trainings) > 1 else ""
+    return interval(estimate(matched, _of_successes)) + told
+
+
+def _by_training(matched: Matched) -> dict[int | None, float]:
+    """The mean of each training."""
+    found = {seed: [row[seed] for row in matched.values() if seed in row] for seed in _trainings(matched)}
+    return {seed: math.fsum(values) / len(values) for seed, values in found.items()}
+
+
+def _trainings(matched: Matched) -> list[int | None]:
+    return sorted({seed for row in matched.values() for seed in row}, key=lambda seed: -1 if seed is None else seed)
+
+
+def _verdict(found: Estimate) -> str:
+    if found.low is None or found.high is None or found.low <= 0.0 <= found.high:
+        return "no"
+    return "above" if found.low > 0.0 else "below"
+
+
+def _by_arm(drives: Sequence[Drive], arms: Sequence[str]) -> Iterable[tuple[str, str, list[Drive]]]:
+    for benchmark in _named(drives, "benchmark"):
+        for arm in arms:
+            some = [one for one in drives if (one["benchmark"], one["arm"]) == (benchmark, arm)]
+            if some:
+                yield benchmark, arm, some
+
+
+def _group(one: Drive) -> str:
+    cell: str = one["cell"]
+    return cell.partition(".")[0] if one.get("event") else cell
+
+
+def _kept(drives: Iterable[Drive]) -> list[Drive]:
+    """Without those that the infrastructure lost, which are in no mean."""
+    return [one for one in drives if not one["status"].startswith("lost")]
+
+
+def _named(drives: Iterable[Drive], field: str) -> list[str]:
+    return list(dict.fromkeys(one[field] for one in drives))
+
+
+def _markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    return "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))

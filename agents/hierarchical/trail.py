@@ -1,0 +1,81 @@
+"""Trail: an option while it runs, and what it teaches once it has ended.
+
+An option that was carried out from one state was carried out from every state on its way, too, since neither its policy
+nor its end depends on when it began: each is a lesson of its own (every suffix is a sample of SMDP Q-learning). A lane
+change is not: begun again half way, it would lead one lane farther.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+
+from agents.hierarchical.conductor import Conductor
+from agents.hierarchical.manoeuvres import CHANGES
+from agents.hierarchical.outlook import OPTIONS
+from sumo_networks.arrays import Float32Array
+
+
+class Lesson(NamedTuple):
+    """An option from one state to its end.
+
+    Attributes:
+        state: In which it began.
+        total: Discounted rewards from there.
+        ticks: From there.
+    """
+
+    state: Float32Array
+    total: float
+    ticks: int
+
+
+@dataclass(slots=True)
+class Trail:
+    """The option that runs in one environment.
+
+    Attributes:
+        conductor: Which it is.
+        states: Before each of its ticks; None where the rules drove.
+        rewards: Of each of its ticks.
+    """
+
+    conductor: Conductor
+    states: list[Float32Array | None] = field(default_factory=list)
+    rewards: list[float] = field(default_factory=list)
+
+    def add(self, state: Float32Array | None, reward: float) -> None:
+        """One tick has been driven."""
+        self.states.append(state)
+        self.rewards.append(reward)
+        self.conductor.tick()
+
+    def lessons(self, gamma: float) -> Iterator[Lesson]:
+        """What it teaches now that it has ended, the last state first."""
+        total, option = 0.0, OPTIONS[self.conductor.option or 0]
+        for ticks, (state, reward) in enumerate(zip(self.states[::-1], self.rewards[::-1], strict=True), 1):
+            total = reward + gamma * total
+            if state is not None and (option not in CHANGES or ticks == len(self.states)):
+                yield Lesson(state, total, ticks)
+
+    def clear(self) -> None:
+        """Forgets it; the conductor goes on."""
+        self.states, self.rewards = [], []
+
+    def state(self) -> dict[str, Any]:
+        """What `restore` needs, as tensors and plain values."""
+        missing = [state is None for state in self.states]
+        known = [state for state in self.states if state is not None]
+        rows = torch.from_numpy(np.stack(known)) if known else torch.zeros(0)
+        return {"conductor": self.conductor.state(), "rows": rows, "missing": missing, "rewards": list(self.rewards)}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Goes on from there."""
+        rows = iter(state["rows"].numpy())
+        self.states = [None if missing else next(rows) for missing in state["missing"]]
+        self.rewards = list(state["rewards"])
+        self.conductor.restore(state["conductor"])

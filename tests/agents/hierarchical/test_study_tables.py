@@ -1,0 +1,142 @@
+"""The tables of a study, from hand-made drives."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from agents.hierarchical import study_tables as tables
+from evaluation.statistics import mean_estimate, share_estimate
+from tests.agents.hierarchical.drives import a_drive, drives_of
+
+
+def rows(table: str) -> list[list[str]]:
+    return [line.strip("| ").split(" | ") for line in table.splitlines()[2:]]
+
+
+def test_lines_are_read_but_for_a_torn_one_and_old_ones_are_of_no_training(tmp_path):
+    path = tmp_path / "precrash.jsonl"
+    assert tables.read_drives(path) == []
+    path.write_text(json.dumps({"arm": "ghrl", "training_seed": 2}) + '\n{"arm": "rules"}\n{"arm": "to')
+    assert tables.read_drives(path) == [
+        {"benchmark": "precrash", "arm": "ghrl", "training_seed": 2},
+        {"benchmark": "precrash", "arm": "rules", "training_seed": None},
+    ]
+
+
+def test_failures_are_counted_by_the_first_collision_or_by_the_ending():
+    drives = [
+        a_drive(),
+        a_drive(success=False, status="failed: collision", infractions=["red_light", "collision_pedestrian"]),
+        a_drive(success=False, status="failed: agent got blocked"),
+        a_drive(success=False, status="lost: traffic was gridlocked", infractions=["red_light"]),
+    ]
+    assert tables.failures(drives) == {"pedestrian hit": 1, "got blocked": 1}
+    told = "1 pedestrian hit, 1 got blocked"
+    assert rows(tables.failure_table(drives, ["rules"])) == [["precrash", "rules", "3", told, "1", "1"]]
+
+
+def test_of_one_training_success_has_wilsons_interval_over_drives_that_were_not_lost():
+    gone = a_drive(arm="ghrl", scenario="m9", status="lost: simulation failed")
+    drives = [*drives_of("ghrl", {0: [1, 1, 0, 1]}), gone]
+    found = tables.estimate(tables.successes(drives), lambda values: share_estimate([value > 0 for value in values]))
+    assert found == share_estimate([True, True, False, True])
+
+
+def test_drives_that_all_ended_alike_are_as_many_as_their_scenarios():
+    table = tables.success_table(drives_of("ghrl", {seed: [1] * 10 for seed in range(3)}), ["ghrl"])
+    low = share_estimate([True] * 10).low
+    assert rows(table) == [["precrash: a", f"100 [{low:.1f}, 100] n=30"]]
+
+
+def test_the_crossed_bootstrap_knows_how_far_trainings_and_scenarios_differ():
+    scenarios = [float(100 * (i % 2)) for i in range(40)]
+    same = {("b", f"m{i:02}", 0): dict.fromkeys(range(3), value) for i, value in enumerate(scenarios)}
+    by_scenario = tables.estimate(same, mean_estimate)
+    over_means = mean_estimate(scenarios)
+    # Three trainings that agree in every scenario are no more evidence than one.
+    assert by_scenario.n == 120
+    assert (by_scenario.low, by_scenario.high) == pytest.approx((over_means.low, over_means.high), abs=3.0)
+    apart = {key: {0: 0.0, 1: 50.0, 2: 100.0} for key in same}
+    by_training = tables.estimate(apart, mean_estimate)
+    # All three draws are the worst one in 1 of 27 cases.
+    assert (by_training.mean, by_training.low, by_training.high) == pytest.approx((50.0, 0.0, 100.0))
+
+
+def test_a_mean_is_over_the_drives_that_are_there():
+    holes = {("b", "m0", 0): {0: 100.0, 1: 0.0}, ("b", "m1", 0): {1: 0.0}, ("b", "m2", 0): {0: 100.0, 1: 100.0}}
+    found = tables.estimate(holes, mean_estimate)
+    assert found.mean == pytest.approx(60.0)
+    assert found.n == 5
+    assert all(math.isfinite(end) for end in (found.low, found.high))
+    table = np.array([[100.0, 0.0], [np.nan, 0.0], [100.0, 100.0]])
+    assert np.isfinite(tables._crossed(table)).all()
+
+
+def test_the_success_table_has_a_row_per_cell_or_kind_of_event_and_arms_in_order():
+    drives = [
+        *drives_of("ghrl", {0: [1, 1], 1: [1, 0]}, cell="oncoming.town", event="oncoming"),
+        *drives_of("ghrl", {0: [0, 0], 1: [1, 0]}, cell="oncoming.city", event="oncoming"),
+        *drives_of("rules", {None: [1, 1]}, cell="town.empty", benchmark="nocrash"),
+    ]
+    table = tables.success_table(drives, ["rules", "ghrl"])
+    assert table.splitlines()[0] == "| NoCrash success, % | rules | ghrl |"
+    first, second, every = rows(table)
+    assert first[:2] == ["precrash: oncoming", "\N{EM DASH}"]
+    assert first[2].startswith("50.0 [")
+    assert first[2].endswith("n=8")
+    assert second == ["nocrash: town.empty", "100 [34.2, 100] n=2", "\N{EM DASH}"]
+    assert every[0] == "all"
+    assert every[2].endswith("n=8 (50, 50)")
+
+
+def test_time_under_rules_is_weighed_by_duration_and_only_watched_drives_count():
+    drives = [
+        a_drive(critical_share=0.5, longest_standing_s=4.0, deadlock=False),
+        a_drive(critical_share=0.0, longest_standing_s=31.5, deadlock=True, duration_s=30.0),
+        a_drive(critical_share=1.0, longest_standing_s=99.0, deadlock=True, status="lost: simulation failed"),
+        a_drive(arm="autopilot"),
+    ]
+    assert rows(tables.rules_table(drives, ["rules", "autopilot"])) == [["precrash", "rules", "12.5", "31.5", "1 of 2"]]
+    assert tables.rules_table(drives, ["autopilot"]) == ""
+
+
+def test_arms_are_paired_by_scenario_and_training():
+    drives = [
+        *drives_of("ghrl-r", {0: [1, 1, 1], 1: [1, 1, 0]}),
+        *drives_of("ghrl", {0: [1, 0, 0], 1: [0, 1]}),
+        *drives_of("rules", {None: [1, 1, 1, 0]}),
+    ]
+    by_key = tables.differences(drives, "ghrl-r", "ghrl")
+    assert [by_key[("precrash", f"m{i}", 0)] for i in range(3)] == [{0: 0.0, 1: 100.0}, {0: 100.0, 1: 0.0}, {0: 100.0}]
+    against_one = tables.differences(drives, "ghrl-r", "rules")
+    assert against_one[("precrash", "m2", 0)] == {0: 0.0, 1: -100.0}
+    assert ("precrash", "m3", 0) not in against_one
+
+
+def test_a_pair_is_told_apart_where_its_interval_leaves_out_nothing_and_by_benchmark():
+    scenarios = 12
+    drives = [
+        *drives_of("ghrl", {seed: [1] * scenarios for seed in range(3)}),
+        *drives_of("hrl", {seed: [0] * 10 + [1] * 2 for seed in range(3)}),
+        *drives_of("ghrl", {0: [1, 0]}, benchmark="nocrash"),
+        *drives_of("hrl", {0: [0, 1]}, benchmark="nocrash"),
+    ]
+    every, precrash, nocrash = rows(tables.pair_table(drives))
+    assert every[:2] == ["ghrl - hrl", "all"]
+    assert precrash[1] == "precrash"
+    assert precrash[2].startswith("83.3 [")
+    assert precrash[3:] == ["+83, +83, +83", "above"]
+    assert nocrash[1:] == ["nocrash", "0 [-100, 100] n=2", "+0", "no"]
+    assert tables.pair_table(drives_of("ghrl", {0: [1]})) == ""
+
+
+def test_arms_that_never_drove_have_no_column_and_empty_tables_are_left_out():
+    text = tables.tables(drives_of("autopilot", {None: [1, 0]}), ["rules", "autopilot"])
+    assert [block.splitlines()[0] for block in text.split("\n\n")] == [
+        "| NoCrash success, % | autopilot |",
+        "| benchmark | arm | drives | failures | red lights run | lost, not counted |",
+    ]
