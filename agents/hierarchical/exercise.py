@@ -91,10 +91,9 @@ class Ride(gymnasium.Env[Array, Array]):
         lateral, angle = deviation(self.seen["path"])
         speed = float(after.egos.speed[0])
         lawful, own = pace_of(self.seen, around, self._all), pace_of(self.seen, around, self._restraints)
-        # A light that is not green is another sub-policy's business: the episode is cut off before it.
-        elsewhere = self.what in UNLIT and line_near(self.seen["lights"])
-        self._reached |= elsewhere
-        out = self._reached or self._late or elsewhere
+        # A light that is not green is another sub-policy's business: who has come there has done its part.
+        self._reached |= self.what in UNLIT and line_near(self.seen["lights"])
+        out = self._reached or self._late
         end = self._endings.update(self._before, after, lateral, lawful.held, arrived, out)
         value = reward(terms(speed, own, lateral, angle), end is End.INFRACTION, self._form)
         self._tally.add(float(after.egos.driven[0]), lateral, angle, speed)

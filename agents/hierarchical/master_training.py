@@ -3,9 +3,9 @@
     dohyo train hierarchical-master --config agents/hierarchical/configs/master.toml --set options=runs/ghrl
 
 Per round: some ticks everywhere, epsilon-greedy; then Q-learning on the options that ended so far, from every state on
-their way (SMDP, from a replay, with a target network), and one step each of the termination and the intra-option
-gradient on the round's own ticks. Rewards are scaled by 1 - gamma, so that a value is a mean reward per tick. Source:
-Albilani 2023, algorithm 11; Bacon et al. 2017; Harb et al. 2018.
+their way (SMDP, from a replay, with a target network), and some steps of the termination gradient and one of the
+intra-option gradient on the round's own ticks. Rewards are scaled by 1 - gamma, so that a value is a mean reward per
+tick. Source: Albilani 2023, algorithm 11; Bacon et al. 2017; Harb et al. 2018.
 """
 
 from __future__ import annotations

@@ -46,14 +46,12 @@ class Pace:
         most: Where the reward of the speed has fallen to 0: a fifth above the limit, whatever the target, so that
             braking for it pays from the first.
         stop_m: Distance from the ego's front to where it must stand, m; infinite where it need not.
-        line_m: The same to a line whose light is not green, m.
     """
 
     least: float
     target: float
     most: float
     stop_m: float = math.inf
-    line_m: float = math.inf
 
     @property
     def held(self) -> bool:
@@ -69,8 +67,7 @@ def pace_of(observation: Observation, around: Surroundings, restraints: frozense
         around: Made of it.
         restraints: Which of them count.
     """
-    lines = list(_lines(observation["lights"])) if Restraint.LINE in restraints else []
-    limits = list(lines)
+    limits = list(_lines(observation["lights"])) if Restraint.LINE in restraints else []
     if Restraint.LEADER in restraints:
         limits += _leaders(around)
     if Restraint.YIELD in restraints:
@@ -80,8 +77,8 @@ def pace_of(observation: Observation, around: Surroundings, restraints: frozense
     if target < STANDS_BELOW_M_S:
         target = 0.0
     most = max(target, float(observation["path"][BEHIND, 4])) * (1.0 + OVER_LIMIT)
-    stop, line = (min((distance for _, distance in some), default=math.inf) for some in (limits, lines))
-    return Pace(LEAST_SHARE * target, target, most, stop, line)
+    stop = min((distance for _, distance in limits), default=math.inf)
+    return Pace(LEAST_SHARE * target, target, most, stop)
 
 
 def following_speed(gap: float, pace: float) -> float:

@@ -254,8 +254,9 @@ class Ppo:
         """Some passes over a round; means of the losses, and how much of the returns the critic explained."""
         data, sums = batch.reshape(-1), defaultdict[str, float](float)
         # Few rows hold what a rare infraction taught; within a batch that has none, noise would count as much.
-        advantage = data["advantage"]
-        data["advantage"] = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
+        if len(data) > 1:  # one alone has no variance to be normalised by
+            advantage = data["advantage"]
+            data["advantage"] = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
         row: dict[str, Number] = {"explained_variance": _explained(data["state_value"], data["value_target"])}
         before = self.updates
         for _ in range(self._config.epochs):

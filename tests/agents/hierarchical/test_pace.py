@@ -42,7 +42,7 @@ def test_before_a_closed_light_the_ego_stands(light):
     assert found.target == 0.0
     assert found.most == pytest.approx(1.2 * LIMIT, abs=0.01)  # braking pays long before the ego stands
     assert found.held
-    assert found.line_m == pytest.approx(2.5, abs=0.3)
+    assert found.stop_m == pytest.approx(2.5, abs=0.3)
     assert pace(scene, frozenset({Restraint.LEADER})).target > 5.0
 
 
