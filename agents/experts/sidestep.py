@@ -10,30 +10,25 @@ RAMP_M = 12.0
 
 
 class Sidestep:
-    """An offset to the left of the route as a function of progress: knots, and smooth ramps between them.
+    """An offset to the left of the route as a function of progress: a smooth ramp from one to the next.
 
     Attributes:
         offset: Where it leads to, m to the left; 0 while it leads back or there is none.
     """
 
     def __init__(self) -> None:
-        self._knots: list[tuple[float, float]] = [(0.0, 0.0)]
+        self._from = self._to = (0.0, 0.0)
         self.offset = 0.0
 
     def at(self, progress: float) -> float:
         """Offset at a place of the route, m to the left."""
-        return float(self._offsets(np.array([progress]))[0])
-
-    def _offsets(self, progress: np.ndarray) -> np.ndarray:
-        s, d = np.array(self._knots).T
-        i = np.clip(np.searchsorted(s, progress, side="right"), 1, max(len(s) - 1, 1)) - 1
-        j = np.minimum(i + 1, len(s) - 1)
-        share = np.clip((progress - s[i]) / np.maximum(s[j] - s[i], 1e-6), 0.0, 1.0)
-        return np.asarray(d[i] + (d[j] - d[i]) * share * share * (3.0 - 2.0 * share))
+        (s, d), (end, offset) = self._from, self._to
+        share = min(max((progress - s) / max(end - s, 1e-6), 0.0), 1.0)
+        return d + (offset - d) * share * share * (3.0 - 2.0 * share)
 
     def lead(self, offset: float, progress: float, ramp: float = RAMP_M) -> None:
         """From here on to another offset, within a ramp [m]."""
-        self._knots = [(progress, self.at(progress)), (progress + ramp, offset)]
+        self._from, self._to = (progress, self.at(progress)), (progress + ramp, offset)
         self.offset = offset
 
     def back(self, progress: float, ramp: float = RAMP_M) -> None:
@@ -48,7 +43,7 @@ class Sidestep:
         """The `route` observation with its points moved aside; the headings follow."""
         if not self.aside(progress):
             return route
-        offsets = self._offsets(progress + np.arange(len(route), dtype=np.float64))
+        offsets = np.array([self.at(progress + ahead) for ahead in range(len(route))])
         out = route.copy()
         out[:, 0] -= offsets * np.sin(route[:, 2])
         out[:, 1] += offsets * np.cos(route[:, 2])

@@ -18,6 +18,8 @@ whole, so that what is learned under noise holds without it."""
 SIDE_M_S2 = 3.5
 """What full steering may ask of the tyres: a step of the policy means as much at any speed."""
 RESIDUAL_SHARE = 0.3
+STANDS_M_S, RELEASE_M_S2, HOLD_M_S2 = 0.1, 1.0, -2.0
+"""A stand is held, as cars do, until the pedal asks for more than that: noise about 0 would creep over every line."""
 _CAR = VehicleParameters()
 
 
@@ -44,7 +46,10 @@ def command(action: Float32Array, speed: float, route: Float32Array, steering: S
     angle = wheel * steering_limit(speed)
     if steering is Steering.RESIDUAL:
         angle = _pursuit(route, speed) + RESIDUAL_SHARE * angle
-    return np.array([pedals * ACCELERATION_M_S2, min(max(angle / _CAR.max_steering, -1.0), 1.0)])
+    acceleration = pedals * ACCELERATION_M_S2
+    if speed < STANDS_M_S and acceleration < RELEASE_M_S2:
+        acceleration = min(acceleration, HOLD_M_S2)
+    return np.array([acceleration, min(max(angle / _CAR.max_steering, -1.0), 1.0)])
 
 
 def action_of(controls: FloatArray, speed: float, route: Float32Array, steering: Steering) -> Float32Array:

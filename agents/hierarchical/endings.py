@@ -92,7 +92,8 @@ class Endings:
             # Into the lane, and a while along it: what comes after the change counts too.
             return self._held_s > HOLD_S - TICK_S / 2
         if self._what == Manoeuvre.LIGHTS:
-            return progress > world.routes[self._ego].passages[0].exit + LEFT_JUNCTION_M
+            lit = next(one for one in world.routes[self._ego].passages if one.signal >= 0)
+            return progress > lit.exit + LEFT_JUNCTION_M
         if self._what == Manoeuvre.BRAKING and world.events and over(world):
             self._resumed_from = progress if math.isnan(self._resumed_from) else self._resumed_from
             return progress > self._resumed_from + RESUMED_M

@@ -11,7 +11,7 @@ from agents.experts.surroundings import Surroundings, warm_up
 from agents.hierarchical.actuation import action_of, command
 from agents.hierarchical.endings import End, Endings
 from agents.hierarchical.facts import SENSORS
-from agents.hierarchical.manoeuvres import CHANGES, DRIVE, Course, Manoeuvre, deviation, line_near, restraints_of
+from agents.hierarchical.manoeuvres import CHANGES, DRIVE, Course, Manoeuvre, deviation, learned, restraints_of
 from agents.hierarchical.pace import Restraint, pace_of
 from agents.hierarchical.rewards import Form, reward, terms
 from agents.hierarchical.rules_only import RulesOnly
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from agents.hierarchical.tasks import ManoeuvreTask
 
 EGO = "ego"
-UNLIT = (Manoeuvre.LANE, Manoeuvre.BRAKING)
-"""Who knows no lights."""
+CUT_SHORT = (Manoeuvre.LANE, Manoeuvre.BRAKING)
+"""Whose exercises end where another sub-policy is to go on; changes are too short for that."""
 MEASURES = ("distance_m", "deviation_m", "angle_rad", "speed_m_s", "infraction", "standing")
 """Of an episode: the thesis's five but the reward, and how it ended."""
 
@@ -91,8 +91,8 @@ class Ride(gymnasium.Env[Array, Array]):
         lateral, angle = deviation(self.seen["path"])
         speed = float(after.egos.speed[0])
         lawful, own = pace_of(self.seen, around, self._all), pace_of(self.seen, around, self._restraints)
-        # A light that is not green is another sub-policy's business: who has come there has done its part.
-        self._reached |= self.what in UNLIT and line_near(self.seen["lights"])
+        if self.what in CUT_SHORT:  # who has come to what is another's business has done its part
+            self._reached |= not learned(Manoeuvre(self.what), self.seen, around)
         out = self._reached or self._late
         end = self._endings.update(self._before, after, lateral, lawful.held, arrived, out)
         value = reward(terms(speed, own, lateral, angle), end is End.INFRACTION, self._form)

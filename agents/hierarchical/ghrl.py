@@ -2,8 +2,9 @@
 
     dohyo evaluate --agent ghrl --set arm=ghrl-r --set checkpoint=runs/ghrl --benchmark nocrash
 
-Arms, and the part of the checkpoint that each reads: `hrl`, `ghrl` and `ghrl-r` the master's run, `flat` the flat
-policy's. HRL's sub-policies are trained without rules, which is a matter of the checkpoint; only in GHRL-R rules drive.
+Arms, and the part of the checkpoint that each reads: `flat` the flat policy's run, all others the master's. HRL's
+sub-policies are trained without rules, which is a matter of the checkpoint; only in GHRL-R rules drive. In `ghrl-s`
+(ours) they are a shield that is always on: the policies drive, and may brake more than the rules would, never less.
 Source: Albilani 2023, chapter 6.
 """
 
@@ -24,7 +25,7 @@ from evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from sumo_networks.arrays import Float32Array
 from sumo_networks.errors import InvalidInputError, UnknownNameError
 
-ARMS = ("hrl", "ghrl", "ghrl-r", "flat")
+ARMS = ("hrl", "ghrl", "ghrl-r", "ghrl-s", "flat")
 CHECKPOINT = Path(__file__).with_name("checkpoints")
 
 
@@ -50,6 +51,7 @@ class Ghrl(Agent):
             raise UnknownNameError("arm", arm, ARMS)
         folder, self._arm = _shipped(arm) if checkpoint is None else Path(checkpoint), arm
         rules = RulesOnly() if arm == "ghrl-r" else None
+        self._guard = RulesOnly() if arm == "ghrl-s" else None
         self._flat: SubPolicy | None = None
         self._master: Master | None = None
         if arm == FLAT:
@@ -60,8 +62,7 @@ class Ghrl(Agent):
             path = run_file(folder, MASTER, WEIGHTS)
             self._master, self.files = read_master(path), (path,)
             state, self._steering = self._master.manner.state, self._master.manner.steering
-        if rules is not None:
-            self.files = (*self.files, *rules.files)
+        self.files = (*self.files, *(file for one in (rules, self._guard) if one is not None for file in one.files))
         self._outlook = Outlook(state, rules)
         self.files = (*self.files, *self._outlook.encoder.files)
         if self._master is not None and self._master.size != self._outlook.encoder.size:
@@ -81,12 +82,14 @@ class Ghrl(Agent):
         """Forgets the last episode."""
         torch.set_num_threads(1)
         self._outlook.reset(mission, seed)
+        if self._guard is not None:
+            self._guard.reset(mission, seed)
         self._forget()
 
     def _forget(self) -> None:
         self._conductor = Conductor(self._master.manner.tempo) if self._master is not None else None
         self._prospect: Prospect | None = None
-        self._ruled = False
+        self._ruled = self._braked = False
 
     def act(self, observation: Observation) -> np.ndarray:
         """What the option wants that runs; or the rules, or the flat policy."""
@@ -98,7 +101,14 @@ class Ghrl(Agent):
             return outlook.obey_rules()
         if self._option is not None:
             outlook.follow(self._option)
-        return outlook.controls(action, self._steering)
+        controls = outlook.controls(action, self._steering)
+        return controls if self._guard is None else self._guarded(self._guard, controls)
+
+    def _guarded(self, guard: RulesOnly, controls: np.ndarray) -> np.ndarray:
+        """The controls with no more acceleration than the rules would have."""
+        most = float(guard.act(self._outlook.seen)[0])
+        self._braked = bool(most < controls[0])
+        return np.array([min(float(controls[0]), most), controls[1]])
 
     @property
     def _option(self) -> Manoeuvre | None:
@@ -144,6 +154,8 @@ class Ghrl(Agent):
                 "agent": self.spec.name,
                 "rss": rules.judgement(),
             }
+        if self._guard is not None:
+            out |= {"rules_brake": self._braked, "rss": self._guard.judgement()}
         return out
 
 
@@ -153,7 +165,7 @@ def _shipped(arm: str) -> Path:
     Raises:
         InvalidInputError: Nothing does.
     """
-    name = arm.removesuffix("-r")
+    name = arm.removesuffix("-r").removesuffix("-s")
     folder, trainer = CHECKPOINT / name, FLAT if arm == FLAT else MASTER
     if not folder.is_dir():
         raise InvalidInputError(

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from agents.experts.sidestep import Sidestep
 from agents.experts.surroundings import Lane, Surroundings
-from agents.hierarchical.pace import Restraint
+from agents.hierarchical.pace import Restraint, yields
 from evaluation.agent import Observation
 from sumo_networks.arrays import Float32Array
 from sumo_networks.sensors.path import BEHIND
@@ -21,7 +21,7 @@ LEAST_RAMP_M = 15.0
 AHEAD_M = 40.0
 STRIP_MARGIN_M = 0.3
 FREE_AHEAD_M, FREE_BEHIND_M, FREE_S = 12.0, 8.0, 2.0
-LIGHT_AHEAD_M, LINE_NEAR_M = 60.0, 35.0
+LIGHT_AHEAD_M, LINE_NEAR_M, YIELD_NEAR_M = 60.0, 35.0, 30.0
 THERE_M, THERE_RAD = 0.4, 0.1
 _CAR = VehicleParameters()
 
@@ -187,3 +187,30 @@ def line_near(lights: Float32Array) -> bool:
         lights: (4, 4), see `sensors.lights`.
     """
     return any(0.0 < row[0] < LINE_NEAR_M and int(row[2]) in (LightState.RED, LightState.YELLOW) for row in lights)
+
+
+def must_yield(conflicts: Float32Array, around: Surroundings) -> bool:
+    """Whether somebody on foot or with the right of way is about to cross the way nearby.
+
+    Args:
+        conflicts: (16, 8), see `sensors.conflicts`.
+        around: Of the same moment.
+    """
+    return any(distance < YIELD_NEAR_M for _, distance in yields(conflicts, around))
+
+
+def learned(manoeuvre: Manoeuvre, observation: Observation, around: Surroundings) -> bool:
+    """Whether a manoeuvre's exercises hold moments like this one: elsewhere its sub-policy has nothing to say.
+
+    Before a line that is closed there is only `LIGHTS`, and whoever must be given way to is for it or for `BRAKING`.
+
+    Args:
+        manoeuvre: Which.
+        observation: With the sensors "lights" and "conflicts".
+        around: Made of it.
+    """
+    if manoeuvre is Manoeuvre.LIGHTS:
+        return light_ahead(observation["lights"])
+    if line_near(observation["lights"]):
+        return False
+    return manoeuvre is Manoeuvre.BRAKING or not must_yield(observation["conflicts"], around)

@@ -7,7 +7,7 @@ import numpy as np
 from agents.experts.surroundings import Surroundings, warm_up
 from agents.hierarchical.actuation import Steering, command
 from agents.hierarchical.facts import SENSORS
-from agents.hierarchical.manoeuvres import CHANGES, Course, Manoeuvre, light_ahead, line_near
+from agents.hierarchical.manoeuvres import CHANGES, Course, Manoeuvre, learned, light_ahead
 from agents.hierarchical.rules_only import RulesOnly
 from agents.hierarchical.state import StateConfig, StateEncoder
 from evaluation.agent import Mission, Observation
@@ -89,10 +89,10 @@ class Outlook:
         located = self.encoder.located(observation)
         self.believed = self.seen if located is observation else self._course.seen(located)
         self.state = self.encoder.encode(self.believed)
-        lit, line = light_ahead(observation["lights"]), line_near(observation["lights"])
-        may = {change: not line and self._course.free(change, speed) for change in CHANGES}
-        self.available = np.array([may.get(one, lit if one is Manoeuvre.LIGHTS else not line) for one in OPTIONS])
-        self.finished = self._is_finished(observation, lit)
+        may = [learned(one, self.seen, self.around) for one in OPTIONS]
+        room = [one not in CHANGES or self._course.free(one, speed) for one in OPTIONS]
+        self.available = np.logical_and(may, room)
+        self.finished = self._is_finished(observation)
         self._speed, self._progress = speed, progress
         self._was_critical = self.critical
         if self.rules is not None:
@@ -127,7 +127,7 @@ class Outlook:
         flags = (self.finished, self.critical, self._fresh)
         return np.concatenate([self.state, self.available, flags], dtype=np.float32)
 
-    def _is_finished(self, observation: Observation, lit: bool) -> bool:
+    def _is_finished(self, observation: Observation) -> bool:
         if self._followed in CHANGES:
             return self._course.arrived(observation)
-        return self._followed is Manoeuvre.LIGHTS and not lit
+        return self._followed is Manoeuvre.LIGHTS and not light_ahead(observation["lights"])

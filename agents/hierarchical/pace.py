@@ -71,7 +71,7 @@ def pace_of(observation: Observation, around: Surroundings, restraints: frozense
     if Restraint.LEADER in restraints:
         limits += _leaders(around)
     if Restraint.YIELD in restraints:
-        limits += _yields(observation["conflicts"], around)
+        limits += yields(observation["conflicts"], around)
     target = min((speed for speed, _ in limits), default=math.inf)
     target = min(target, advised_speed(observation["route"]))
     if target < STANDS_BELOW_M_S:
@@ -118,8 +118,16 @@ def _lines(lights: Float32Array) -> Iterator[tuple[float, float]]:
             yield stopping_speed(distance, LINE_GAP_M), distance
 
 
-def _yields(conflicts: Float32Array, around: Surroundings) -> Iterator[tuple[float, float]]:
-    """To people on foot who come, and to vehicles that have the right of way and are near."""
+def yields(conflicts: Float32Array, around: Surroundings) -> Iterator[tuple[float, float]]:
+    """To people on foot who come, and to vehicles that have the right of way and are near.
+
+    Args:
+        conflicts: (16, 8), see `sensors.conflicts`.
+        around: Of the same moment.
+
+    Yields:
+        For each the speed that it allows [m/s], and how far ahead the ego must stand [m].
+    """
     unforeseen = crossers(around, 0.5 * _CAR.length, 0.5 * _CAR.width)
     for enter, _, other_enter, _, speed, priority, kind, _ in (*unforeseen.tolist(), *conflicts.tolist()):
         if kind < 0 or not 0.0 < enter < YIELD_SIGHT_M:

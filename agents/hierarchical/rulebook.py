@@ -13,6 +13,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import re
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -99,9 +100,9 @@ class Rule:
         """Whether it asks that something be not known."""
         return any(item.sign == Sign.Negation for item in self.statement.body if item.ast_type == ASTType.Literal)
 
-    def can_fire(self, known: Collection[Pattern]) -> bool:
-        """Whether each atom that it needs may be among some."""
-        return all(any(need.meets(one) for one in known) for need in self.needs)
+    def can_fire(self, known: Mapping[Signature, Collection[Pattern]]) -> bool:
+        """Whether each atom that it needs may be among some, which are sorted by their predicates."""
+        return all(any(need.meets(one) for one in known.get(need.signature, ())) for need in self.needs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,12 +125,17 @@ class Rulebook:
 
     def able(self, given: Collection[Pattern]) -> list[Rule]:
         """The rules that can fire at all where all facts look like one of those given."""
-        known, able, left = list(given), list[Rule](), list(self.rules)
-        while found := [rule for rule in left if rule.can_fire(known)]:
-            able += found
-            left = [rule for rule in left if rule not in found]
-            known += [rule.gives for rule in found if rule.gives is not None]
-        return sorted(able, key=lambda rule: rule.number)
+        known = defaultdict[Signature, set[Pattern]](set)
+        able, left, new = list[Rule](), list(self.rules), list(given)
+        while True:
+            for pattern in new:
+                known[pattern.signature].add(pattern)
+            found = {rule.number: rule for rule in left if rule.can_fire(known)}
+            if not found:
+                return sorted(able, key=lambda rule: rule.number)
+            able += found.values()
+            left = [rule for rule in left if rule.number not in found]
+            new = [rule.gives for rule in found.values() if rule.gives is not None]
 
     def plain(self, rules: Sequence[Rule]) -> list[AST]:
         """The statements of a program of some of the rules."""

@@ -26,7 +26,7 @@ from sumo_networks.network import RoadNetwork
 from sumo_networks.routing import Route, plan_route
 from sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
 
-ATTEMPTS = 500
+ATTEMPTS = 8000
 PLACES_TRIED = 8
 TOWN, DISTRICT = "town-train", "district"
 CURVE_M_S2, SLOWING_M_S2 = 2.0, 1.5
@@ -34,16 +34,17 @@ LIGHTLESS_M = 60.0
 CHANGE_ROOM_M = 130.0
 BLOCKED_AHEAD_M = (55.0, 85.0)
 WARM_UP_S = 8.0
-BUSY = (8, 20, 30)
-QUIET_SHARE, GIVING_WAY_SHARE = 0.4, 0.4
+BUSY = (8, 20, 40, 80)
+QUIET_SHARE = 0.4
 LONGEST_CYCLE_S = 90.0
+LIGHT_AHEAD_M = (8.0, 100.0)
 TIME_LIMITS_S: Mapping[str, float] = MappingProxyType(
     {
         Manoeuvre.LANE: 30.0,
         Manoeuvre.LEFT: 15.0,
         Manoeuvre.RIGHT: 15.0,
-        Manoeuvre.BRAKING: 40.0,
-        Manoeuvre.LIGHTS: 60.0,
+        Manoeuvre.BRAKING: 60.0,
+        Manoeuvre.LIGHTS: 90.0,
         DRIVE: 200.0,
     }
 )
@@ -52,11 +53,15 @@ BRAKING_EVENTS: tuple[Mapping[str, object], ...] = (
     {"kind": "parking_cut_in"},
     {"kind": "oncoming_in_lane"},
     {"kind": "opposite_takes_priority"},
+    {"kind": "left_turn_unsignalised"},
     {"kind": "pedestrian_steps_out"},
     {"kind": "dynamic_object_crossing"},
     {"kind": "lead_vehicle_brakes"},
     {"kind": "hard_brake", "stop_s": 5.0},
 )
+GIVING_WAY = 6
+"""So many exercises of braking without an event for one of each event."""
+NEVER_IN_TOWN = {"opposite_takes_priority", "left_turn_unsignalised"}
 _EVENT: TypeAdapter[Event] = TypeAdapter(Event)
 _Draw = Callable[[np.random.Generator, int], Scenario | None]
 
@@ -69,7 +74,7 @@ def draw_scenario(what: str, seed: int) -> Scenario:
         seed: Decides everything.
 
     Raises:
-        InvalidInputError: No scenario was found within 500 draws.
+        InvalidInputError: No scenario was found within `ATTEMPTS` draws.
     """
     rng = np.random.default_rng([zlib.crc32(what.encode()), seed])
     for _ in range(ATTEMPTS):
@@ -122,16 +127,19 @@ def _change(manoeuvre: Manoeuvre) -> _Draw:
 
 def _braking(rng: np.random.Generator, seed: int) -> Scenario | None:
     """Something appears, crosses, comes or brakes ahead, and goes away again; or there is traffic to give way to."""
-    name = TOWN if rng.random() < 0.6 else DISTRICT
+    which = seed % (len(BRAKING_EVENTS) + GIVING_WAY)  # not by chance: what fits in few places would be rare
+    kind = BRAKING_EVENTS[which] if which < len(BRAKING_EVENTS) else None
+    in_town = rng.random() < 0.6 and (kind is None or kind["kind"] not in NEVER_IN_TOWN)
+    name = TOWN if in_town else DISTRICT
     network = load_network(name)
     found = _mission(rng, network, 130.0, 350.0)
     if found is None or _first_light(found[1]) < LIGHTLESS_M:
         return None
-    if rng.random() < GIVING_WAY_SHARE:
+    if kind is None:
         mission = _moving(rng, *found)
         vehicles = int(rng.choice(BUSY))
         return _scenario(Manoeuvre.BRAKING, name, mission, seed, vehicles, pedestrians=2 * vehicles)
-    event = _event(rng, network, found[1], 8.0, 50.0)
+    event = _event(rng, kind, network, found[1], 8.0, 50.0)
     if event is None:
         return None
     return _busy(rng, Manoeuvre.BRAKING, name, _moving(rng, *found), seed, events=(event,))
@@ -141,28 +149,22 @@ def _lights(rng: np.random.Generator, seed: int) -> Scenario | None:
     """A light 8 to 100 m ahead, at any moment of its cycle, with or without others who queue."""
     name = TOWN if rng.random() < 0.8 else DISTRICT
     network = load_network(name)
-    lanes, connections = network.lanes, network.connections
-    lit = connections.source[connections.signal >= 0]
-    lit = np.unique(lit[lanes.drivable[lit] & ~lanes.internal[lit] & (lanes.length[lit] > 45.0)])
-    lane = int(rng.choice(lit))
-    length = float(lanes.length[lane])
-    start = _at(network, lane, length - float(rng.uniform(8.0, min(length - 8.0, 100.0))))
-    goal = _anywhere(rng, network)
-    found = _planned(network, Mission(start=start, goal=goal), 60.0, 500.0)
-    if found is None or not found[1].passages or found[1].passages[0].signal < 0:
+    found = _mission(rng, network, 60.0, 500.0)
+    if found is None or not LIGHT_AHEAD_M[0] < _first_light(found[1]) < LIGHT_AHEAD_M[1]:
         return None
     moving, waited = _moving(rng, *found), float(rng.uniform(0.0, LONGEST_CYCLE_S))
     return _busy(rng, Manoeuvre.LIGHTS, name, moving, seed, warm_up_s=round(waited, 1))
 
 
 def _drive(rng: np.random.Generator, seed: int) -> Scenario | None:
-    """A mission through town in light to regular traffic, as NoCrash's; something happens on every third."""
+    """A mission through town in any traffic, as NoCrash's; something happens on every third."""
     network = load_network(TOWN)
     found = _mission(rng, network, 300.0, 1000.0)
     if found is None:
         return None
-    event = _event(rng, network, found[1], 20.0, 200.0) if rng.random() < 1 / 3 else None
-    events, vehicles = () if event is None else (event,), int(rng.choice([0, 10, 20]))
+    kind = BRAKING_EVENTS[seed // 3 % len(BRAKING_EVENTS)]
+    event = _event(rng, kind, network, found[1], 20.0, 200.0) if seed % 3 == 0 else None
+    events, vehicles = () if event is None else (event,), int(rng.choice([0, 10, 20, 60]))
     return _scenario(DRIVE, TOWN, found[0], seed, vehicles, pedestrians=2 * vehicles, warm_up_s=20.0, events=events)
 
 
@@ -247,11 +249,17 @@ def _blocking(rng: np.random.Generator, route: Route) -> Obstacle:
     return Obstacle(x_m=x, y_m=y, heading_rad=float(route.heading[row]), length_m=4.5, width_m=1.8)
 
 
-def _event(rng: np.random.Generator, network: RoadNetwork, route: Route, low: float, high: float) -> Event | None:
-    """One of `BRAKING_EVENTS`, triggered within a range of the route [m]; None where it fits nowhere that was tried."""
-    numbers = BRAKING_EVENTS[int(rng.integers(len(BRAKING_EVENTS)))]
+def _event(
+    rng: np.random.Generator,
+    kind: Mapping[str, object],
+    network: RoadNetwork,
+    route: Route,
+    low: float,
+    high: float,
+) -> Event | None:
+    """An event triggered within a range of the route [m]; None where it fits nowhere that was tried."""
     for at in rng.uniform(low, high, PLACES_TRIED).round(1).tolist():
-        event = _EVENT.validate_python({"name": "event", "at_m": at, **numbers})
+        event = _EVENT.validate_python({"name": "event", "at_m": at, **kind})
         try:
             check_placement(event, "ego", network, route)
         except InvalidInputError:

@@ -61,7 +61,7 @@ class Arm:
 
 
 def _ghrl(arm: str, trained: str) -> Arm:
-    return Arm("ghrl", MappingProxyType({"arm": arm}), trained, watched=arm.endswith("-r"))
+    return Arm("ghrl", MappingProxyType({"arm": arm}), trained, watched=arm in ("ghrl-r", "ghrl-s"))
 
 
 ARMS: Mapping[str, Arm] = MappingProxyType(
@@ -71,6 +71,7 @@ ARMS: Mapping[str, Arm] = MappingProxyType(
         "hrl-r": _ghrl("ghrl-r", "hrl"),
         "ghrl": _ghrl("ghrl", "ghrl"),
         "ghrl-r": _ghrl("ghrl-r", "ghrl"),
+        "ghrl-s": _ghrl("ghrl-s", "ghrl"),
         "flat": _ghrl("flat", "flat"),
         "autopilot": Arm("autopilot"),
     }

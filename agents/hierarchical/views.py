@@ -18,7 +18,7 @@ PARTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         Manoeuvre.LEFT: ("z", "strips", *_WAY),
         Manoeuvre.RIGHT: ("z", "strips", *_WAY),
         Manoeuvre.BRAKING: ("z", "actors", "strips", "crossings", "distances", *_WAY),
-        Manoeuvre.LIGHTS: ("z", "strips", "junctions", "crossings", "distances", *_WAY),
+        Manoeuvre.LIGHTS: ("z", "actors", "strips", "junctions", "crossings", "distances", *_WAY),
         DRIVE: ("z", "actors", "strips", "junctions", "crossings", "distances", *_WAY),
     }
 )

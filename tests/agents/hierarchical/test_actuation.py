@@ -39,6 +39,13 @@ def test_full_pedals_and_what_is_beyond_them():
     assert (gas[0], brake[0]) == (ACCELERATION_M_S2, -ACCELERATION_M_S2)
 
 
+@pytest.mark.parametrize(("pedals", "expected"), [(0.0, -2.0), (0.1, -2.0), (-0.5, -4.0), (0.2, 1.6)])
+def test_a_stand_is_held_until_the_pedal_asks_for_more_than_1_m_s2(pedals, expected):
+    action = np.array([pedals, 0.0], np.float32)
+    assert command(action, 0.0, straight(), Steering.POLICY)[0] == pytest.approx(expected)
+    assert command(action, 0.2, straight(), Steering.POLICY)[0] == pytest.approx(8.0 * pedals)
+
+
 def test_full_steering_is_full_lock_at_a_crawl_and_a_bend_of_3_5_m_s2_at_speed():
     assert steering_limit(1.0) == CAR.max_steering
     curvature = math.tan(steering_limit(12.0)) / CAR.wheelbase

@@ -25,9 +25,10 @@ from agents.training.settings import as_toml
 from evaluation.agent import agent_info, make_agent
 from sumo_networks.env import DrivingEnv
 from sumo_networks.errors import InvalidInputError
+from sumo_networks.world import LightState
 from tests.agents.driving import drive, observed
 from tests.agents.hierarchical.untrained import TWIN, write_master, write_sub_policies
-from tests.worlds import straight_road
+from tests.worlds import lit_crossing, straight_road
 
 ENTRY = "agents.hierarchical.ghrl:Ghrl"
 
@@ -51,7 +52,16 @@ def test_every_arm_drives_and_explains_itself(runs, arm):
         assert told["option"] in set(Manoeuvre)
         assert Manoeuvre.LANE.value in told["available"]
         assert told["q"].keys() == told["beta"].keys() == {one.value for one in Manoeuvre}
-    assert ("rss" in told) is (arm == "ghrl-r")
+    assert ("rss" in told) is (arm in ("ghrl-r", "ghrl-s"))
+
+
+def test_a_shield_that_is_always_on_brakes_where_the_policy_would_not(runs):
+    scene = lit_crossing().with_ego(x=-40.0, speed=9.0).with_lights(LightState.RED)
+    free, shielded = (drive(Ghrl(arm, runs), scene, 8.0)[-1].egos for arm in ("ghrl", "ghrl-s"))
+    line = lit_crossing().stop_line("w_c_0")
+    assert float(free.position[0, 0]) > line
+    assert line - 8.0 < float(shielded.position[0, 0]) < line
+    assert float(shielded.speed[0]) == pytest.approx(0.0, abs=0.05)
 
 
 def test_the_same_episode_is_driven_the_same_way_again(runs):

@@ -48,6 +48,15 @@ def test_what_may_begin(scene, expected):
     assert available(opened(scene)) == expected
 
 
+def test_whoever_must_be_given_way_to_is_for_braking_alone():
+    assert available(opened(ego().with_pedestrian(120.0, 1.5, y=-8.5, heading=np.pi / 2))) == {"braking"}
+    assert available(opened(ego().with_pedestrian(150.0, 1.5, y=-8.5, heading=np.pi / 2))) == {
+        "lane",
+        "braking",
+        "left",
+    }
+
+
 def test_a_change_leads_the_path_once_and_is_finished_in_its_lane():
     outlook = opened(ego())
     for x in (100.0, 101.0, 102.0):

@@ -41,8 +41,8 @@ def test_no_start_is_too_fast_for_the_road_ahead(seed):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_lights_have_a_light_ahead(seed):
-    first = route_of(draw_scenario(Manoeuvre.LIGHTS, seed)).passages[0]
-    assert first.signal >= 0
+    passages = route_of(draw_scenario(Manoeuvre.LIGHTS, seed)).passages
+    first = next(one for one in passages if one.signal >= 0)
     assert 5.0 < first.entry < 105.0
 
 
