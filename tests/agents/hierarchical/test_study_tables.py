@@ -93,6 +93,17 @@ def test_the_success_table_has_a_row_per_cell_or_kind_of_event_and_arms_in_order
     assert every[2].endswith("n=8 (50, 50)")
 
 
+def test_long_drives_are_told_by_2500_m_before_any_collision():
+    drives = [
+        a_drive(success=success, drove_2500m=far) for success, far in ((False, True), (True, True), (False, None))
+    ]
+    name, told = rows(tables.success_table(drives, ["rules"]))[-1]
+    assert name == "2500 m before any collision"
+    assert told.startswith("100 [")
+    assert told.endswith("n=2")
+    assert "2500 m" not in tables.success_table([a_drive()], ["rules"])
+
+
 def test_time_under_rules_is_weighed_by_duration_and_only_watched_drives_count():
     drives = [
         a_drive(critical_share=0.5, longest_standing_s=4.0, deadlock=False),
