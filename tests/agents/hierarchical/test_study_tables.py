@@ -94,9 +94,8 @@ def test_the_success_table_has_a_row_per_cell_or_kind_of_event_and_arms_in_order
 
 
 def test_long_drives_are_told_by_2500_m_before_any_collision():
-    drives = [
-        a_drive(success=success, drove_2500m=far) for success, far in ((False, True), (True, True), (False, None))
-    ]
+    far = [(True, False), (True, True), (None, False)]
+    drives = [a_drive(scenario=f"m{i}", success=done, drove_2500m=m) for i, (m, done) in enumerate(far)]
     name, told = rows(tables.success_table(drives, ["rules"]))[-1]
     assert name == "2500 m before any collision"
     assert told.startswith("100 [")
