@@ -44,7 +44,7 @@ TIME_LIMITS_S: Mapping[str, float] = MappingProxyType(
         Manoeuvre.LEFT: 15.0,
         Manoeuvre.RIGHT: 15.0,
         Manoeuvre.BRAKING: 60.0,
-        Manoeuvre.LIGHTS: 90.0,
+        Manoeuvre.LIGHTS: 60.0,
         DRIVE: 200.0,
     }
 )

@@ -27,6 +27,7 @@ from gymnasium.spaces import Box
 from pydantic import Field
 
 from agents.hierarchical import nearby
+from agents.hierarchical.allowances import ALLOWANCES, allowances
 from agents.hierarchical.rules_only import advised_speed
 from agents.hierarchical.vision.latents import SHIPPED, Encoder
 from agents.localization.view import LocalizedView
@@ -74,7 +75,8 @@ class StateEncoder:
     The parts, in this order; a number in brackets is what a value of 1 stands for:
 
     * `z` (frames x 400): latents of the last pictures, oldest first. At first, the first picture's stand for all.
-    * or, without pictures, `actors`, `strips`, `junctions`, `crossings`, `distances`: see `nearby`, row by row.
+    * or, without pictures, `actors`, `strips`, `junctions`, `crossings`, `distances`: see `nearby`, row by row, and
+      `allowances`.
     * `waypoints` (16): x [30 m], y [10 m] of the path 2, 5, 10, 15, 20, 30, 40 and 60 m ahead, ego frame.
     * `deviation` (3): distance to the left of the path [3 m], sine and cosine of the heading to it.
     * `limits` (3): speed limit here, the lowest within 30 m, and the speed from which gentle braking meets every limit
@@ -94,6 +96,7 @@ class StateEncoder:
         parts = {"actors": nearby.ACTORS * nearby.ACTOR_COLUMNS, "strips": nearby.STRIPS * nearby.STRIP_COLUMNS}
         parts |= {"junctions": nearby.JUNCTIONS * nearby.JUNCTION_COLUMNS}
         parts |= {"crossings": nearby.CROSSINGS * nearby.CROSSING_COLUMNS, "distances": 2}
+        parts |= {"allowances": ALLOWANCES}
         if self.config.vision == "semantic":
             self._encoder = Encoder(self.config.encoder or SHIPPED)
             parts = {"z": self.config.frames * self._encoder.size}
@@ -163,9 +166,11 @@ class StateEncoder:
             out[layout["z"]] = self._last_latents(self._encoder, observation[CAMERA])
         else:
             out[layout["actors"]] = nearby.actors_near(observation).ravel()
-            out[layout["strips"]] = nearby.strips(observation).ravel()
+            strips, conflicts = nearby.strips(observation), observation["conflicts"]
+            out[layout["strips"]] = strips.ravel()
             out[layout["junctions"]] = nearby.junctions(observation).ravel()
-            out[layout["crossings"]] = nearby.crossings(observation["conflicts"]).ravel()
+            out[layout["crossings"]] = nearby.crossings(conflicts).ravel()
+            out[layout["allowances"]] = allowances(strips, observation["lights"], conflicts)
             out[layout["distances"]] = nearby.root(nearby.distances(observation) / (nearby.IMPACT_M, nearby.EVENT_M))
         points = route[WAYPOINTS_M, :2] / (AHEAD_UNIT_M, ASIDE_UNIT_M)
         out[layout["waypoints"]] = points.ravel()

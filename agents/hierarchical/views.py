@@ -14,16 +14,17 @@ from sumo_networks.arrays import IntArray
 _WAY = ("waypoints", "deviation", "limits", "motion")
 PARTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        Manoeuvre.LANE: ("z", "strips", "distances", *_WAY),
+        Manoeuvre.LANE: ("z", "strips", "distances", "allowances", *_WAY),
         Manoeuvre.LEFT: ("z", "strips", *_WAY),
         Manoeuvre.RIGHT: ("z", "strips", *_WAY),
-        Manoeuvre.BRAKING: ("z", "actors", "strips", "crossings", "distances", *_WAY),
-        Manoeuvre.LIGHTS: ("z", "actors", "strips", "junctions", "crossings", "distances", *_WAY),
-        DRIVE: ("z", "actors", "strips", "junctions", "crossings", "distances", *_WAY),
+        Manoeuvre.BRAKING: ("z", "strips", "crossings", "distances", "allowances", *_WAY),
+        Manoeuvre.LIGHTS: ("z", "strips", "junctions", "crossings", "distances", "allowances", *_WAY),
+        DRIVE: ("z", "actors", "strips", "junctions", "crossings", "distances", "allowances", *_WAY),
     }
 )
 """By `Manoeuvre`, or "drive": names of `StateEncoder.layout`, of which a state has only some. Nobody sees the place:
-what is to be done does not depend on it."""
+what is to be done does not depend on it. Nor do they see `actors`, but for
+the flat policy: of 200 episodes more is learned without."""
 
 
 def rows_seen(encoder: StateEncoder, what: str) -> IntArray:

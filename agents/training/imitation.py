@@ -19,6 +19,8 @@ from agents.training.task import Array
 PARTS = 6
 PASSES, LAST_PASSES = 10, 30
 BATCH, LEARNING_RATE, LAST_LEARNING_RATE = 128, 1e-3, 2e-4
+WEIGHT_DECAY = 0.3
+"""Ticks are many and episodes few: without it, errors on episodes never seen are a tenth larger."""
 
 
 @dataclass(slots=True)
@@ -52,7 +54,7 @@ class Imitation:
         self._actor, self._critic, self._environments = actor, critic, environments
         self._gamma, self._scale = gamma, scale
         self._lessons = Lessons()
-        self._optimizer = torch.optim.Adam([*actor.body.parameters(), *critic.parameters()])
+        self._optimizer = torch.optim.AdamW([*actor.body.parameters(), *critic.parameters()], weight_decay=WEIGHT_DECAY)
 
     def learn(self, steps: int, look: Callable[[Tensor], None]) -> None:
         """Watches and asks.

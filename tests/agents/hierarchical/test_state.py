@@ -44,7 +44,15 @@ def test_the_layout_covers_the_vector_exactly(weights):
         assert rows.tolist() == list(range(encoder.size))
         assert encoder.space.shape == (encoder.size,)
     shared = ("waypoints", "deviation", "limits", "place", "motion")
-    assert tuple(StateEncoder(TWIN).layout) == ("actors", "strips", "junctions", "crossings", "distances", *shared)
+    assert tuple(StateEncoder(TWIN).layout) == (
+        "actors",
+        "strips",
+        "junctions",
+        "crossings",
+        "distances",
+        "allowances",
+        *shared,
+    )
     assert tuple(StateEncoder(StateConfig(encoder=weights)).layout) == ("z", *shared)
     assert StateEncoder(StateConfig(encoder=weights)).layout["z"] == slice(0, 4 * 12)
 

@@ -1,0 +1,57 @@
+"""Allowances: how fast each that may hold the ego back lets it go, and how far ahead it must stand.
+
+Who crosses, and which light is closed, a policy is told row by row already; here is the least of each kind, so that
+what was learned of the one in the first row holds for the one in the second.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from agents.hierarchical.nearby import EVENT_M, IMPACT_M, SPEED_UNIT_M_S
+from agents.hierarchical.pace import (
+    LINE_GAP_M,
+    YIELD_GAP_M,
+    YIELD_S,
+    YIELD_SIGHT_M,
+    following_speed,
+    stopping_speed,
+)
+from sumo_networks.arrays import BoolArray, Float32Array
+from sumo_networks.world import ActorKind, LightState
+
+ALLOWANCES = 9
+
+
+def allowances(strips: Float32Array, lights: Float32Array, conflicts: Float32Array) -> Float32Array:
+    """(9,) speeds [15 m/s, at most 1] and roots of distances [50 m, at most 1]; 1 where nothing holds the ego back.
+
+    In this order: speed behind the first body ahead; speed and distance of the first line that is closed; the same of
+    who is about to cross the way first, on foot, with the right of way, and where neither has it.
+
+    Args:
+        strips: (3, 5), see `nearby.strips`.
+        lights: (4, 4), see `sensors.lights`.
+        conflicts: (16, 8), see `sensors.conflicts`.
+    """
+    free, gap = float(strips[0, 1]) >= 1.0, float(strips[0, 1]) ** 2 * IMPACT_M
+    leader = 1.0 if free else following_speed(gap, float(strips[0, 2]) * SPEED_UNIT_M_S) / SPEED_UNIT_M_S
+    closed = (lights[:, 0] > 0.0) & ((lights[:, 2] == LightState.RED) | (lights[:, 2] == LightState.YELLOW))
+    out = [min(leader, 1.0), *_stand(lights[closed, 0], LINE_GAP_M)]
+    enter, other_enter, speed, priority, kind = conflicts[:, (0, 2, 4, 5, 6)].T
+    comes = (kind >= 0) & (enter > 0.0) & (enter < YIELD_SIGHT_M)
+    comes &= (other_enter <= 0.0) | (other_enter < YIELD_S * speed)
+    on_foot: BoolArray = kind == ActorKind.PEDESTRIAN
+    for some in (on_foot, ~on_foot & (priority > 0.0), ~on_foot & (priority == 0.0)):
+        out += _stand(enter[comes & some], YIELD_GAP_M)
+    return np.array(out, dtype=np.float32)
+
+
+def _stand(distances: Float32Array, gap: float) -> tuple[float, float]:
+    """Speed and distance of the nearest place to stand before."""
+    nearest = float(distances.min()) if len(distances) else EVENT_M
+    if nearest >= EVENT_M:
+        return 1.0, 1.0
+    return min(stopping_speed(nearest, gap) / SPEED_UNIT_M_S, 1.0), math.sqrt(nearest / EVENT_M)
