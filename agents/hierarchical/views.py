@@ -23,8 +23,8 @@ PARTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     }
 )
 """By `Manoeuvre`, or "drive": names of `StateEncoder.layout`, of which a state has only some. Nobody sees the place:
-what is to be done does not depend on it. Nor do they see `actors`, but for
-the flat policy: of 200 episodes more is learned without."""
+what is to be done does not depend on it. Nor does a sub-policy see `actors`: from the few hundred episodes of an
+imitation, more is learned without."""
 
 
 def rows_seen(encoder: StateEncoder, what: str) -> IntArray:
