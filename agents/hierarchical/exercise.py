@@ -92,7 +92,7 @@ class Ride(gymnasium.Env[Array, Array]):
         speed = float(after.egos.speed[0])
         lawful, own = pace_of(self.seen, around, self._all), pace_of(self.seen, around, self._restraints)
         if self.what in CUT_SHORT:  # who has come to what is another's business has done its part
-            self._reached |= not learned(Manoeuvre(self.what), self.seen, around)
+            self._reached |= self.what not in learned(self.seen, around)
         out = self._reached or self._late
         end = self._endings.update(self._before, after, lateral, lawful.held, arrived, out)
         value = reward(terms(speed, own, lateral, angle), end is End.INFRACTION, self._form)

@@ -199,18 +199,18 @@ def must_yield(conflicts: Float32Array, around: Surroundings) -> bool:
     return any(distance < YIELD_NEAR_M for _, distance in yields(conflicts, around))
 
 
-def learned(manoeuvre: Manoeuvre, observation: Observation, around: Surroundings) -> bool:
-    """Whether a manoeuvre's exercises hold moments like this one: elsewhere its sub-policy has nothing to say.
+def learned(observation: Observation, around: Surroundings) -> frozenset[Manoeuvre]:
+    """The manoeuvres whose exercises hold moments like this one: elsewhere a sub-policy has nothing to say.
 
-    Before a line that is closed there is only `LIGHTS`, and whoever must be given way to is for it or for `BRAKING`.
+    Before a line that is closed that is `LIGHTS` alone, and whoever must be given way to is for it or for `BRAKING`.
 
     Args:
-        manoeuvre: Which.
         observation: With the sensors "lights" and "conflicts".
         around: Made of it.
     """
-    if manoeuvre is Manoeuvre.LIGHTS:
-        return light_ahead(observation["lights"])
+    lights = {Manoeuvre.LIGHTS} if light_ahead(observation["lights"]) else set()
     if line_near(observation["lights"]):
-        return False
-    return manoeuvre is Manoeuvre.BRAKING or not must_yield(observation["conflicts"], around)
+        return frozenset(lights)
+    if must_yield(observation["conflicts"], around):
+        return frozenset(lights | {Manoeuvre.BRAKING})
+    return frozenset(lights | {Manoeuvre.BRAKING, Manoeuvre.LANE, *CHANGES})

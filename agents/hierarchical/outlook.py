@@ -89,9 +89,9 @@ class Outlook:
         located = self.encoder.located(observation)
         self.believed = self.seen if located is observation else self._course.seen(located)
         self.state = self.encoder.encode(self.believed)
-        may = [learned(one, self.seen, self.around) for one in OPTIONS]
-        room = [one not in CHANGES or self._course.free(one, speed) for one in OPTIONS]
-        self.available = np.logical_and(may, room)
+        may = learned(self.seen, self.around)
+        room = {change: self._course.free(change, speed) for change in CHANGES}
+        self.available = np.array([one in may and room.get(one, True) for one in OPTIONS])
         self.finished = self._is_finished(observation)
         self._speed, self._progress = speed, progress
         self._was_critical = self.critical
