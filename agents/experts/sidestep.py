@@ -10,7 +10,7 @@ RAMP_M = 12.0
 
 
 class Sidestep:
-    """An offset to the left of the route as a function of progress: a smooth ramp from one to the next.
+    """An offset to the left of the route as a function of progress: a smooth ramp from the last one to the next.
 
     Attributes:
         offset: Where it leads to, m to the left; 0 while it leads back or there is none.

@@ -157,7 +157,7 @@ def _lights(rng: np.random.Generator, seed: int) -> Scenario | None:
 
 
 def _drive(rng: np.random.Generator, seed: int) -> Scenario | None:
-    """A mission through town in any traffic, as NoCrash's; something happens on every third."""
+    """A mission through town in any traffic, as NoCrash's; something may happen on every third."""
     network = load_network(TOWN)
     found = _mission(rng, network, 300.0, 1000.0)
     if found is None:

@@ -20,7 +20,7 @@ PARTS = 6
 PASSES, LAST_PASSES = 10, 30
 BATCH, LEARNING_RATE, LAST_LEARNING_RATE = 128, 1e-3, 2e-4
 WEIGHT_DECAY = 0.3
-"""Ticks are many and episodes few: without it, errors on episodes never seen are a tenth larger."""
+"""Ticks are many and episodes few: what is fitted to them must not be fitted too well."""
 
 
 @dataclass(slots=True)
