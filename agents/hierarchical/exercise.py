@@ -18,7 +18,7 @@ from agents.hierarchical.rules_only import RulesOnly
 from agents.hierarchical.scenarios import draw_scenario
 from agents.hierarchical.state import StateEncoder
 from agents.hierarchical.views import rows_seen
-from agents.training.task import Array
+from agents.training.task import HELD_OUT_FROM, Array
 from evaluation.agent import Observation
 from sumo_networks.arrays import Float32Array, FloatArray
 from sumo_networks.env import DrivingEnv
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 EGO = "ego"
 CUT_SHORT = (Manoeuvre.LANE, Manoeuvre.BRAKING)
 """Whose exercises end where another sub-policy is to go on; changes are too short for that."""
+JUDGED_BY: Form = "product"
+"""The reward of held-out episodes, whatever a policy learns from: so returns of all arms can be compared."""
 MEASURES = ("distance_m", "deviation_m", "angle_rad", "speed_m_s", "infraction", "standing")
 """Of an episode: the thesis's five but the reward, and how it ended."""
 
@@ -71,6 +73,7 @@ class Ride(gymnasium.Env[Array, Array]):
     def _begin(self, seed: int) -> Observation:
         """Begins the scenario of a seed; the first observation."""
         self.close()
+        self._judged_by = JUDGED_BY if seed >= HELD_OUT_FROM else self._form
         self._driving = DrivingEnv(draw_scenario(self.what, seed), self._sensors, "acceleration_steering", reward=None)
         observations, _ = self._driving.reset()
         self._endings, self._tally = Endings(self.what, self._driving.world), _Tally()
@@ -95,7 +98,7 @@ class Ride(gymnasium.Env[Array, Array]):
             self._reached |= self.what not in learned(self.seen, around)
         out = self._reached or self._late
         end = self._endings.update(self._before, after, lateral, lawful.held, arrived, out)
-        value = reward(terms(speed, own, lateral, angle), end is End.INFRACTION, self._form)
+        value = reward(terms(speed, own, lateral, angle), end is End.INFRACTION, self._judged_by)
         self._tally.add(float(after.egos.driven[0]), lateral, angle, speed)
         if end is None:
             return value, False, False, {}

@@ -35,7 +35,7 @@ class JourneyTask(Task):
     Attributes:
         state: What it sees.
         steering: Of the sub-policies.
-        form: Of the reward.
+        form: Of the reward, in training; held-out episodes are judged by the product.
         rules_when_critical: Whether the rules drive in critical intervals (GHRL-R).
         held_out_count: Episodes of an evaluation.
     """

@@ -102,7 +102,7 @@ class MasterConfig(RunConfig):
     Attributes:
         options: Folder of the sub-policies' runs.
         rules_when_critical: Whether the rules drive in critical intervals (GHRL-R).
-        form: Of the reward.
+        form: Of the reward, in training; held-out episodes are judged by the product.
         held_out: Episodes of an evaluation.
         option_critic: Of the learner.
     """

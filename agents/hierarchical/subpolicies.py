@@ -28,7 +28,7 @@ class SubPolicyConfig(PpoRunConfig):
 
     Attributes:
         state: What the policy sees.
-        form: Of the reward: the terms' "product", or their "sum".
+        form: Of the reward in training: the terms' "product", or their "sum"; the product judges held-out episodes.
         steering: "policy", or "residual": pure pursuit steers, and the policy corrects it.
         held_out: Episodes of an evaluation.
     """

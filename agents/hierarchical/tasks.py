@@ -26,7 +26,7 @@ class ManoeuvreTask(Task):
     Attributes:
         what: A `Manoeuvre`, or "drive".
         state: What the policy sees.
-        form: Of the reward.
+        form: Of the reward, in training; held-out episodes are judged by the product.
         steering: Who steers.
         held_out_count: Episodes of an evaluation.
     """

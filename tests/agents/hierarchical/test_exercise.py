@@ -20,7 +20,7 @@ from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre, deviation, learned
 from agents.hierarchical.outlook import CRITICAL, FRESH, OPTIONS
 from agents.hierarchical.rewards import INFRACTION
 from agents.hierarchical.tasks import ManoeuvreTask
-from agents.training.task import check_task
+from agents.training.task import HELD_OUT_FROM, check_task
 from sumo_networks.errors import InvalidInputError, SimulationError
 from tests.agents.hierarchical.untrained import TWIN
 
@@ -83,6 +83,16 @@ def test_who_races_without_steering_leaves_the_road_and_pays_for_it():
             ends.append((rewards[-1], terminated, info["end"], info["infraction"]))
             assert all(0.0 <= reward <= 1.0 for reward in rewards[:-1])
     assert (INFRACTION, True, "infraction", 1.0) in ends
+
+
+def test_the_sum_pays_in_training_and_the_product_judges_held_out_episodes():
+    def first(form: str, seed: int) -> float:
+        with opened(exercise(Manoeuvre.LANE, form=form)) as env:
+            env.reset(seed=seed)
+            return env.step(STAND)[1]
+
+    assert first("sum", 5) > first("product", 5) + 0.1
+    assert first("sum", HELD_OUT_FROM) == first("product", HELD_OUT_FROM)
 
 
 def test_who_stands_on_a_free_road_is_ended_after_5_s_without_reward():
