@@ -10,6 +10,7 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
 from evaluation.store import write_atomically
+from sumo_networks.errors import InvalidInputError
 
 _MARGIN_PX, _SETTLED_MS = 16, 1000
 
@@ -19,12 +20,17 @@ def write_page(drawn: go.Figure, path: Path, title: str) -> list[Path]:
 
     Args:
         drawn: With a width and a height, px.
-        path: Of the page; its folder is made.
+        path: Of the page, *.html; its folder is made.
         title: Of the page, for the browser's tab.
 
     Returns:
         What was written.
+
+    Raises:
+        InvalidInputError: The name is not that of a page.
     """
+    if path.suffix != ".html":
+        raise InvalidInputError(f"expected a page's name that ends in .html, got '{path}'; its picture goes beside it")
     body = drawn.to_html(full_html=False, include_plotlyjs=False, config={"displayModeBar": False})
     head = f'<meta charset="utf-8"><title>{html.escape(title)}</title><script>{get_plotlyjs()}</script>'
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,7 @@
 """Curves of the trainings: a measure of held-out episodes by steps; a panel per policy, a line per arm.
 
     python -m agents.hierarchical.curves runs/study --measure success --out out/hierarchical/curves.html
-    python -m agents.hierarchical.curves runs/study --table
+    python -m agents.hierarchical.curves runs/study --arms hrl p-5 p-20 --table
 
 RUNS holds ARM/seed-N/POLICY, see `training_results`. With chromium and playwright on the machine a PNG is written
 beside the page.
@@ -20,7 +20,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from agents.hierarchical.training_results import ARMS, MEASURES, Results, TrainingRun, course, read_results, table
+from agents.hierarchical.training_results import ARMS, MEASURES, Results, TrainingRun, course, only, read_results, table
 from evaluation.figures import OKABE_ITO, PALETTES, label, number, template
 from evaluation.pictures import write_page
 from evaluation.statistics import Estimate
@@ -172,6 +172,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", type=Path, nargs="?", default=RESULTS)
     parser.add_argument("--measure", choices=[*MEASURES], default="return")
+    parser.add_argument("--arms", nargs="+", help="default: all that are there")
     parser.add_argument("--training", action="store_true", help="also the episodes of training, as thin lines")
     parser.add_argument("--table", action="store_true", help="print a table, and draw nothing")
     parser.add_argument("--out", type=Path, default=Path("out/hierarchical/curves.html"), help="the page")
@@ -179,6 +180,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     results, waiting = read_results(given.runs)
     for folder in waiting:
         print(f"not evaluated so far: {folder}", file=sys.stderr)
+    if given.arms:
+        results = only(results, given.arms)
     if given.table:
         print(table(results))
         return

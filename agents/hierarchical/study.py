@@ -71,12 +71,15 @@ ARMS: Mapping[str, Arm] = MappingProxyType(
         "hrl-r": _ghrl("ghrl-r", "hrl"),
         "ghrl": _ghrl("ghrl", "ghrl"),
         "ghrl-r": _ghrl("ghrl-r", "ghrl"),
+        "ghrl-r-trained": _ghrl("ghrl-r", "ghrl-r"),
         "ghrl-s": _ghrl("ghrl-s", "ghrl"),
         "flat": _ghrl("flat", "flat"),
+        "flat-guided": _ghrl("flat", "flat-guided"),
         "autopilot": Arm("autopilot"),
     }
 )
-"""`hrl-r`: what was learned without rules, which drive in critical intervals."""
+"""`hrl-r`: what was learned without rules, which drive in critical intervals; `ghrl-r-trained`: a master that learned
+while they did."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,8 +30,8 @@ Matched = Mapping[Key, Mapping[int | None, float]]
 """Values of drives, by seed of the training."""
 
 PAIRS: Final = (
-    ("ghrl", "hrl"), ("ghrl-r", "ghrl"), ("ghrl-r", "hrl"), ("hrl-r", "hrl"), ("ghrl-r", "hrl-r"), ("ghrl", "flat"),
-    ("ghrl-s", "ghrl-r"), ("ghrl-r", "rules"),
+    ("ghrl", "hrl"), ("ghrl-r", "ghrl"), ("ghrl-r", "hrl"), ("hrl-r", "hrl"), ("ghrl-r", "hrl-r"), ("hrl", "flat"),
+    ("ghrl", "flat-guided"), ("ghrl-r-trained", "ghrl-r"), ("ghrl-s", "ghrl-r"), ("ghrl-r", "rules"),
 )  # fmt: skip
 """Who is held against whom."""
 _TAILS: Final = (0.025, 0.975)

@@ -27,13 +27,15 @@ from sumo_networks.errors import InvalidInputError
 POLICIES = ("lane", "left", "right", "braking", "lights", "master", "flat")
 ARMS: Mapping[str, str] = MappingProxyType(
     {
-        "ghrl": "p = 10 %",
-        "hrl": "no rules",
-        "ghrl-0": "p = 0",
-        "ghrl-5": "p = 5 %",
-        "ghrl-20": "p = 20 %",
-        "sum": "terms summed",
-        "flat": "one policy",
+        "ghrl": "rules imitated, then p = 10 %",
+        "ghrl-r": "a master trained with rules",
+        "hrl": "PPO alone",
+        "p-5": "PPO, p = 5 %",
+        "p-10": "PPO, p = 10 %",
+        "p-20": "PPO, p = 20 %",
+        "p-10-sum": "p = 10 %, terms summed",
+        "flat": "one policy, PPO alone",
+        "flat-guided": "one policy, rules imitated, then p = 10 %",
     }
 )
 """Arms in the order in which they are told, and what is particular to each; others follow."""
@@ -126,6 +128,19 @@ def read_results(runs: Path) -> tuple[Results, list[Path]]:
     return found, waiting
 
 
+def only(results: Results, arms: Sequence[str]) -> Results:
+    """What some arms were trained to; policies that none of them has are left out.
+
+    Raises:
+        InvalidInputError: There is no such arm.
+    """
+    there = {arm for trained in results.values() for arm in trained}
+    if unknown := [arm for arm in arms if arm not in there]:
+        raise InvalidInputError(f"expected arms of {', '.join(_in_order(there))}; got '{unknown[0]}'")
+    kept = {policy: {arm: runs for arm, runs in trained.items() if arm in arms} for policy, trained in results.items()}
+    return {policy: trained for policy, trained in kept.items() if trained}
+
+
 def read_run(folder: Path, seed: int) -> TrainingRun | None:
     """A run; None where it has not been evaluated so far.
 
@@ -185,8 +200,11 @@ def course(runs: Sequence[TrainingRun], measure: str) -> tuple[FloatArray, list[
 
 
 def table(results: Results) -> str:
-    """Markdown: a row per policy and arm. The best evaluation is chosen by the episodes that measure it."""
-    told = ("return, last", "success, last, %", "return, best", "success then, %")
+    """Markdown: a row per policy and arm. The best evaluation is chosen by the episodes that measure it.
+
+    Infractions are the share of episodes that ended with one.
+    """
+    told = ("return, last", "success, last, %", "infractions, last", "return, best", "success then, %")
     heads = ("policy", "arm", "seeds", "steps", "of these imitating", *told)
     rows = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for policy, arms in results.items():
@@ -198,7 +216,8 @@ def table(results: Results) -> str:
                 ", ".join(str(run.seed) for run in runs),
                 _range([int(run.last) for run in runs]),
                 _range([run.imitated for run in runs]),
-                *(_told(runs, name, chosen) for chosen in (last, best) for name in ("return", "success")),
+                *(_told(runs, name, last) for name in ("return", "success", "infraction")),
+                *(_told(runs, name, best) for name in ("return", "success")),
             ]
             rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows)

@@ -10,6 +10,7 @@ import plotly.graph_objects as go
 import pytest
 
 from evaluation.pictures import write_page
+from sumo_networks.errors import InvalidInputError
 
 
 def square() -> go.Figure:
@@ -25,6 +26,12 @@ def test_the_page_needs_no_network(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert "<title>&lt;a&gt; &amp; b</title>" in text
     assert "Plotly.newPlot" in text
     assert "<script src" not in text
+
+
+def test_a_page_is_not_written_under_the_name_of_a_picture(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInputError, match=r"expected a page's name that ends in .html, got '.*curves.png'"):
+        write_page(square(), tmp_path / "curves.png", "square")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium")

@@ -46,18 +46,18 @@ def test_an_arm_of_seeds_has_a_line_in_a_band_and_one_of_a_single_seed_has_whisk
 
 
 def test_arms_differ_by_more_than_colour_and_keep_their_look_whoever_else_is_there():
-    everyone = dict.fromkeys(("ghrl", "hrl", "ghrl-0", "ghrl-5", "ghrl-20", "sum"), ONE)
+    everyone = dict.fromkeys(("ghrl", "ghrl-r", "hrl", "p-5", "p-10", "p-20"), ONE)
     looks = [(one.line.color, one.line.dash, one.marker.symbol) for one in named(curves.draw({"lane": everyone}))]
     for part in zip(*looks, strict=True):
         assert len(set(part)) == 6
-    (alone,) = named(curves.draw({"lights": {"ghrl-5": ONE}}))
+    (alone,) = named(curves.draw({"lights": {"p-5": ONE}}))
     assert (alone.line.color, alone.line.dash, alone.marker.symbol) == looks[3]
 
 
 def test_the_legend_names_each_arm_once_and_how_many_seeds_it_has():
     drawn = curves.draw({"lane": {"ghrl": THREE, "other": ONE}, "master": {"ghrl": ONE}})
     keys = [trace.name for trace in drawn.data if trace.showlegend is not False]
-    assert keys == ["ghrl (p = 10 %), 1 to 3 seeds", "other, 1 seed"]
+    assert keys == ["ghrl (rules imitated, then p = 10 %), 1 to 3 seeds", "other, 1 seed"]
 
 
 def test_imitation_is_grey_where_any_arm_imitates():

@@ -21,6 +21,7 @@ HEAD = (
     "success_low",
     "success_high",
     "standing",
+    "infraction",
 )
 T_2, T_1 = 4.302653, 12.706205
 """Student's quantiles at 97.5 % with 2 and 1 degrees of freedom, from a printed table."""
@@ -35,7 +36,18 @@ def written(folder: Path, rows: list[tuple[int, float, float]], imitated: int = 
         table.writerow(HEAD)
         for steps, value, success in rows:
             table.writerow(
-                (steps, 20, value, value - 10, value + 10, success, success - 15, min(success + 5, 100), 0.1)
+                (
+                    steps,
+                    20,
+                    value,
+                    value - 10,
+                    value + 10,
+                    success,
+                    success - 15,
+                    min(success + 5, 100),
+                    0.1,
+                    1.0 - success / 100.0,
+                )
             )
     with (folder / "metrics.csv").open("w", newline="") as file:
         table = csv.writer(file)
@@ -124,6 +136,13 @@ def test_a_course_goes_as_far_as_all_seeds_and_straight_between_evaluations(tmp_
         results.course([run for run in runs if run], "speed_m_s")
 
 
+def test_some_arms_can_be_told_alone_and_an_unknown_one_is_named(runs):
+    found, _ = results.read_results(runs)
+    assert {policy: list(arms) for policy, arms in results.only(found, ["hrl"]).items()} == {"lane": ["hrl"]}
+    with pytest.raises(InvalidInputError, match="expected arms of ghrl, hrl; got 'p-7'"):
+        results.only(found, ["hrl", "p-7"])
+
+
 def test_seeds_that_never_met_have_no_course(tmp_path):
     early = results.read_run(written(tmp_path / "a", [(2000, 10.0, 0.0)]), 0)
     late = results.read_run(written(tmp_path / "b", [(4000, 40.0, 0.0)]), 1)
@@ -138,8 +157,8 @@ def test_the_table_has_the_last_evaluation_and_the_one_of_the_highest_return(run
     rows = results.table(results.read_results(runs)[0]).splitlines()[2:]
     half = T_2 * 10.0 / 3**0.5
     last = f"100 [{100 - half:.1f}, {100 + half:.0f}] | 100 [85.0, 100]"
-    assert rows[0] == f"| lane | ghrl | 0, 1, 2 | 8,000 | 4,000 | {last} | {last} |"
-    assert rows[1] == "| lane | hrl | 2 | 8,000 | 0 | 20.0 [10.0, 30.0] | 10.0 [-5.00, 15.0] | " + (
+    assert rows[0] == f"| lane | ghrl | 0, 1, 2 | 8,000 | 4,000 | {last} | 0 | {last} |"
+    assert rows[1] == "| lane | hrl | 2 | 8,000 | 0 | 20.0 [10.0, 30.0] | 10.0 [-5.00, 15.0] | 0.900 | " + (
         "30.0 [20.0, 40.0] | 20.0 [5.00, 25.0] |"
     )
     assert rows[2].startswith("| master | ghrl | 1 | 4,000 | 0 | 7.00 [-3.00, 17.0]")
