@@ -11,16 +11,9 @@ import math
 import numpy as np
 
 from agents.hierarchical.nearby import EVENT_M, IMPACT_M, SPEED_UNIT_M_S
-from agents.hierarchical.pace import (
-    LINE_GAP_M,
-    YIELD_GAP_M,
-    YIELD_S,
-    YIELD_SIGHT_M,
-    following_speed,
-    stopping_speed,
-)
+from agents.hierarchical.pace import LINE_GAP_M, YIELD_GAP_M, closed, coming, following_speed, stopping_speed
 from sumo_networks.arrays import BoolArray, Float32Array
-from sumo_networks.world import ActorKind, LightState
+from sumo_networks.world import ActorKind
 
 ALLOWANCES = 9
 
@@ -38,11 +31,9 @@ def allowances(strips: Float32Array, lights: Float32Array, conflicts: Float32Arr
     """
     free, gap = float(strips[0, 1]) >= 1.0, float(strips[0, 1]) ** 2 * IMPACT_M
     leader = 1.0 if free else following_speed(gap, float(strips[0, 2]) * SPEED_UNIT_M_S) / SPEED_UNIT_M_S
-    closed = (lights[:, 0] > 0.0) & ((lights[:, 2] == LightState.RED) | (lights[:, 2] == LightState.YELLOW))
-    out = [min(leader, 1.0), *_stand(lights[closed, 0], LINE_GAP_M)]
-    enter, other_enter, speed, priority, kind = conflicts[:, (0, 2, 4, 5, 6)].T
-    comes = (kind >= 0) & (enter > 0.0) & (enter < YIELD_SIGHT_M)
-    comes &= (other_enter <= 0.0) | (other_enter < YIELD_S * speed)
+    out = [min(leader, 1.0), *_stand(lights[closed(lights), 0], LINE_GAP_M)]
+    enter, priority, kind = conflicts[:, (0, 5, 6)].T
+    comes = coming(conflicts)
     on_foot: BoolArray = kind == ActorKind.PEDESTRIAN
     for some in (on_foot, ~on_foot & (priority > 0.0), ~on_foot & (priority == 0.0)):
         out += _stand(enter[comes & some], YIELD_GAP_M)

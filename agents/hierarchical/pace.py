@@ -7,11 +7,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
 from agents.experts.crossing import crossers
 from agents.experts.surroundings import Surroundings
 from agents.hierarchical.rules_only import advised_speed
 from evaluation.agent import Observation
-from sumo_networks.arrays import Float32Array
+from sumo_networks.arrays import BoolArray, Float32Array
 from sumo_networks.sensors.path import BEHIND
 from sumo_networks.vehicle import VehicleParameters
 from sumo_networks.world import ActorKind, LightState
@@ -100,6 +102,23 @@ def stopping_speed(distance: float, gap: float) -> float:
     return min(math.sqrt(2.0 * BRAKING_M_S2 * left), LINE_GAIN * left)
 
 
+def closed(lights: Float32Array) -> BoolArray:
+    """(N,) whether a line is ahead, and its light red or yellow; `lights`: (N, 4), see `sensors.lights`.
+
+    Who cannot stop gently before a yellow light drives on, and who is past the line is past it.
+    """
+    stops: BoolArray = (lights[:, 2] == LightState.RED) | (lights[:, 2] == LightState.YELLOW)
+    return stops & (lights[:, 0] > 0.0)
+
+
+def coming(conflicts: Float32Array) -> BoolArray:
+    """(N,) whether somebody is about to cross the way within sight; `conflicts`: (N, 8), see `sensors.conflicts`."""
+    enter, other_enter, speed, kind = conflicts[:, (0, 2, 4, 6)].T
+    soon: BoolArray = (other_enter <= 0.0) | (other_enter < YIELD_S * speed)
+    here: BoolArray = (kind >= 0) & (enter > 0.0) & (enter < YIELD_SIGHT_M)
+    return here & soon
+
+
 # Each restraint: the speed it allows [m/s], and how far ahead the ego must stand [m].
 
 
@@ -112,10 +131,8 @@ def _leaders(around: Surroundings) -> Iterator[tuple[float, float]]:
 
 
 def _lines(lights: Float32Array) -> Iterator[tuple[float, float]]:
-    for distance, _, signal, _ in lights.tolist():
-        # Who cannot stop gently before a yellow light drives on, and who is past the line is past it.
-        if distance > 0.0 and int(signal) in (LightState.RED, LightState.YELLOW):
-            yield stopping_speed(distance, LINE_GAP_M), distance
+    for distance in lights[closed(lights), 0].tolist():
+        yield stopping_speed(distance, LINE_GAP_M), distance
 
 
 def yields(conflicts: Float32Array, around: Surroundings) -> Iterator[tuple[float, float]]:
@@ -129,9 +146,7 @@ def yields(conflicts: Float32Array, around: Surroundings) -> Iterator[tuple[floa
         For each the speed that it allows [m/s], and how far ahead the ego must stand [m].
     """
     unforeseen = crossers(around, 0.5 * _CAR.length, 0.5 * _CAR.width)
-    for enter, _, other_enter, _, speed, priority, kind, _ in (*unforeseen.tolist(), *conflicts.tolist()):
-        if kind < 0 or not 0.0 < enter < YIELD_SIGHT_M:
-            continue
-        soon = other_enter <= 0.0 or other_enter < YIELD_S * speed
-        if soon and (priority > 0.0 or kind == ActorKind.PEDESTRIAN):
-            yield stopping_speed(enter, YIELD_GAP_M), enter
+    rows = np.concatenate((unforeseen, conflicts))
+    first = (rows[:, 5] > 0.0) | (rows[:, 6] == ActorKind.PEDESTRIAN)
+    for enter in rows[coming(rows) & first, 0].tolist():
+        yield stopping_speed(enter, YIELD_GAP_M), enter
