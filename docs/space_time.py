@@ -12,7 +12,7 @@ from pathlib import Path
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from evaluation.figures import template
+from evaluation.look import template
 from evaluation.pictures import write_page
 from sumo_networks.arrays import FloatArray
 from sumo_networks.freeway import FreewayRoad

@@ -8,9 +8,9 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from evaluation.figures import MISSING, number
 from evaluation.freeway_benchmark import ForecastBenchmark
 from evaluation.freeway_result import RESULT, FreewayResult, Row, rows
+from evaluation.look import MISSING, number
 from evaluation.store import write_atomically
 from sumo_networks.errors import InvalidInputError
 

@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from evaluation import figures
+from evaluation import figures, look
 from evaluation.closed_loop import (
     ClosedLoopSummary,
     applies,
@@ -23,7 +23,7 @@ from evaluation.closed_loop import (
     score_records,
     summarise_closed_loop,
 )
-from evaluation.figures import ENDINGS, MARKS, MISSING, number
+from evaluation.look import ENDINGS, MARKS, MISSING, number
 from evaluation.record import Infraction, InfractionKind
 from evaluation.report_rows import (
     Contender,
@@ -166,7 +166,7 @@ def _environment() -> Environment:
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    palettes = {scheme: figures.template(scheme).to_plotly_json() for scheme in figures.PALETTES}
+    palettes = {scheme: look.template(scheme).to_plotly_json() for scheme in look.PALETTES}
     environment.globals.update(
         marks=MARKS,
         missing=MISSING,
@@ -178,7 +178,7 @@ def _environment() -> Environment:
     environment.filters.update(
         number=number,
         share=lambda value, top: f"{100 * min(1.0, max(0.0, value / top)):.2f}%",
-        ending=figures.ending,
+        ending=look.ending,
         meaning=lambda status: ENDINGS[status][0],
         spot_text=_spot_text,
         route_text=_route_text,

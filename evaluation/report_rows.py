@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
-from evaluation import figures
-from evaluation.figures import MARKS, number
+from evaluation import figures, look
+from evaluation.look import MARKS, number
 from evaluation.record import EgoRecord, EpisodeRecord
 from evaluation.scores.driving import (
     IrsLength,
@@ -96,7 +96,7 @@ class Pair:
 
 def make_contenders(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLength) -> list[Contender]:
     """Best driving score first; agents without any score last."""
-    colours = figures.agent_colours(one.agent for one in evaluations)
+    colours = look.agent_colours(one.agent for one in evaluations)
     found = [(one, summarise(one.records, rules=rules, irs_length=irs_length)) for one in evaluations]
     found.sort(key=lambda pair: (-_mean(pair[1].scores["driving_score"]), pair[0].agent))
     return [Contender(place, one.agent, colours[one.agent], one, summary) for place, (one, summary) in enumerate(found)]

@@ -20,7 +20,7 @@ from agents.forecasting.gaps import fill
 from agents.forecasting.reading import read_data
 from agents.forecasting.registry import load_forecaster
 from agents.forecasting.windows import HORIZON, Windows, make_windows
-from evaluation.figures import OKABE_ITO, PALETTES, template
+from evaluation.look import OKABE_ITO, PALETTES, template
 from evaluation.pictures import write_page
 from sumo_networks.arrays import Float32Array
 from sumo_networks.errors import InvalidInputError

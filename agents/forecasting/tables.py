@@ -11,7 +11,7 @@ import numpy as np
 from agents.forecasting.registry import SIMPLE
 from agents.forecasting.scores import crossed
 from agents.forecasting.study import LONG
-from evaluation.figures import MISSING, number
+from evaluation.look import MISSING, number
 from evaluation.store import write_atomically
 from sumo_networks.arrays import FloatArray
 from sumo_networks.errors import InvalidInputError

@@ -21,7 +21,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from agents.hierarchical.training_results import ARMS, MEASURES, Results, TrainingRun, course, only, read_results, table
-from evaluation.figures import OKABE_ITO, PALETTES, label, number, template
+from evaluation.look import OKABE_ITO, PALETTES, label, number, template
 from evaluation.pictures import write_page
 from evaluation.statistics import Estimate
 from sumo_networks.errors import DohyoError

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from evaluation.figures import MARKS, MISSING, ending, interval, number
+from evaluation.look import MARKS, MISSING, ending, interval, number
 from evaluation.record import InfractionKind, Status
 from evaluation.scores.nocrash import COLLISIONS
 from evaluation.statistics import N_RESAMPLES, SEED, Estimate, paired, share_estimate

@@ -19,7 +19,7 @@ from types import MappingProxyType
 import numpy as np
 from scipy.special import stdtrit  # type: ignore[import-untyped]
 
-from evaluation.figures import MISSING, interval
+from evaluation.look import MISSING, interval
 from evaluation.statistics import Estimate
 from sumo_networks.arrays import FloatArray
 from sumo_networks.errors import InvalidInputError

@@ -12,7 +12,7 @@ from plotly.subplots import make_subplots
 
 from agents.localization.logs import PositionLog
 from agents.localization.track import Track
-from evaluation.figures import OKABE_ITO, PALETTES, number, template
+from evaluation.look import OKABE_ITO, PALETTES, number, template
 from sumo_networks.arrays import FloatArray
 
 ESTIMATE, FIXES, TRUTH = OKABE_ITO[0], OKABE_ITO[1], OKABE_ITO[2]

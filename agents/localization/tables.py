@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.localization.figures import grid_figure, page
-from evaluation.figures import number
+from evaluation.look import number
 from evaluation.store import write_atomically
 
 ARMS = ("none", "calibrated", "calibrated + low-pass")

@@ -16,7 +16,7 @@ from typing import Any
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from evaluation.figures import OKABE_ITO, PALETTES, template
+from evaluation.look import OKABE_ITO, PALETTES, template
 from evaluation.pictures import write_page
 from sumo_networks.errors import DohyoError, InvalidInputError
 

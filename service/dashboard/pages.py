@@ -22,7 +22,7 @@ from markupsafe import Markup
 from starlette.responses import Response
 from starlette.types import Scope
 
-from evaluation.figures import ENDINGS, MARKS, agent_colours
+from evaluation.look import ENDINGS, MARKS, agent_colours
 from service.dashboard.session import COOKIE, same_origin
 from service.database.tokens import find_token
 from service.state import ServicesOf

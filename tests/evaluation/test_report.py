@@ -15,7 +15,7 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
-from evaluation import figures
+from evaluation import figures, look
 from evaluation.record import AgentInfo, EpisodeRecord, Infraction, InfractionKind, Status
 from evaluation.report import COLUMNS, write_report
 from evaluation.report_rows import Evaluation
@@ -134,11 +134,11 @@ def test_every_number_of_the_summaries_and_comparisons_is_there(two: list[Evalua
         summary = summarise(one.records)
         shown = [summary.scores[column.key] for column in COLUMNS]
         for estimate in (*shown, *(rate for rate in summary.per_km.values() if rate.mean)):
-            assert figures.interval(estimate) in page.text
+            assert look.interval(estimate) in page.text
     comparisons = compare(two[0].records, two[1].records)
     for column in COLUMNS:
         comparison = comparisons[column.key]
-        assert f"{figures.interval(comparison.difference)} {comparison.verdict} p=" in page.text
+        assert f"{look.interval(comparison.difference)} {comparison.verdict} p=" in page.text
 
 
 def test_each_infraction_that_counts_is_on_the_map_once(two: list[Evaluation], tmp_path: Path) -> None:
@@ -266,7 +266,7 @@ def test_lost_episodes_stand_apart_and_enter_no_mean(two: list[Evaluation], tmp_
     _, lost_part = page.text.split("Lost to the infrastructure")
     assert "SUMO lost the ego" in lost_part
     assert page.text.count("SUMO lost the ego") == 1
-    assert figures.interval(summarise(two[1].records[:3]).scores["driving_score"]) in page.text
+    assert look.interval(summarise(two[1].records[:3]).scores["driving_score"]) in page.text
 
 
 def test_an_agents_failure_is_told_in_its_own_words(tmp_path: Path) -> None:
@@ -337,11 +337,11 @@ def test_a_browser_opens_what_is_nearly_empty(records: list[EpisodeRecord], tmp_
 
 def test_an_agent_keeps_its_colour_whoever_stands_beside_it() -> None:
     agents = [f"agent {i}" for i in range(8)]
-    colours = figures.agent_colours(agents)
-    assert sorted(colours.values()) == sorted(figures.OKABE_ITO)
-    assert colours == figures.agent_colours(agents[::-1])
-    assert figures.agent_colours(["mcts"])["mcts"] == figures.agent_colours(["mcts", "idm"])["mcts"]
-    assert len(figures.agent_colours(map(str, range(20)))) == 20
+    colours = look.agent_colours(agents)
+    assert sorted(colours.values()) == sorted(look.OKABE_ITO)
+    assert colours == look.agent_colours(agents[::-1])
+    assert look.agent_colours(["mcts"])["mcts"] == look.agent_colours(["mcts", "idm"])["mcts"]
+    assert len(look.agent_colours(map(str, range(20)))) == 20
 
 
 @pytest.mark.parametrize(
@@ -349,7 +349,7 @@ def test_an_agent_keeps_its_colour_whoever_stands_beside_it() -> None:
     [(0.0, "0"), (78.44, "78.4"), (100.0, "100"), (99.96, "100"), (0.5, "0.500"), (1234.5, "1234"), (-3.456, "-3.46")],
 )
 def test_numbers_have_three_significant_digits(value: float, expected: str) -> None:
-    assert figures.number(value) == expected
+    assert look.number(value) == expected
 
 
 @pytest.mark.parametrize(
@@ -361,7 +361,7 @@ def test_numbers_have_three_significant_digits(value: float, expected: str) -> N
     ],
 )
 def test_an_estimate_reads_as_mean_interval_and_n(estimate: Estimate, expected: str) -> None:
-    assert figures.interval(estimate) == expected
+    assert look.interval(estimate) == expected
 
 
 def test_scores_by_mission_stand_with_the_hardest_first() -> None:
@@ -398,7 +398,7 @@ def _mission(name: str, progress_m: float) -> EpisodeRecord:
 
 
 def test_every_kind_and_status_has_a_look_of_its_own() -> None:
-    assert set(figures.MARKS) == set(InfractionKind)
-    assert set(figures.ENDINGS) == set(Status)
-    assert len({mark.symbol for mark in figures.MARKS.values()}) == len(InfractionKind)
-    assert len(set(figures.ENDINGS.values())) == len(Status)
+    assert set(look.MARKS) == set(InfractionKind)
+    assert set(look.ENDINGS) == set(Status)
+    assert len({mark.symbol for mark in look.MARKS.values()}) == len(InfractionKind)
+    assert len(set(look.ENDINGS.values())) == len(Status)

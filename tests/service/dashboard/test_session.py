@@ -10,7 +10,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from evaluation.figures import MARKS
+from evaluation.look import MARKS
 from service import dashboard
 from tests.service.dashboard import fake as fakes
 from tests.service.dashboard.conftest import Site
