@@ -17,7 +17,8 @@ from sumo_networks.errors import InvalidInputError, UnknownNameError
 from sumo_networks.events import Event
 from sumo_networks.events.auto import EVERY_M, auto_events
 from sumo_networks.events.director import check_placement, trigger_of
-from sumo_networks.routing import Route, plan_route
+from sumo_networks.route import Route
+from sumo_networks.routing import plan_route
 from sumo_networks.scenario import Config, Mission, Name, Scenario, Traffic, content_hash
 
 BENCHMARKS = Path(__file__).with_name("benchmarks")

@@ -18,7 +18,7 @@ import numpy as np
 from sumo_networks.arrays import BoolArray, FloatArray
 from sumo_networks.log import Log
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Command, Route
+from sumo_networks.route import Command, Route
 from sumo_networks.world import ActorKind, Actors
 
 TICK_S = 0.1

@@ -16,7 +16,7 @@ from sumo_networks.control import Control, InvalidActionError, make_control
 from sumo_networks.errors import InvalidInputError
 from sumo_networks.log import LogRecorder
 from sumo_networks.reward import Reward, make_reward
-from sumo_networks.routing import Route
+from sumo_networks.route import Route
 from sumo_networks.scenario import Scenario
 from sumo_networks.sensors import Sensor, SensorConfig, Track, make_sensors
 from sumo_networks.simulation import TICK_S, Replay, Simulation

@@ -12,7 +12,7 @@ from sumo_networks.arrays import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from sumo_networks.network import RoadNetwork
-    from sumo_networks.routing import Route
+    from sumo_networks.route import Route
 
 SIGHT_M = 100.0
 """How far around an ego the world is known, m."""

@@ -33,7 +33,8 @@ from evaluation.record import Infraction, InfractionKind
 from sumo_networks.arrays import FloatArray, IntArray
 from sumo_networks.geometry import boxes_overlap, wrap_angle
 from sumo_networks.network import RoadNetwork, cache_folder, read_network
-from sumo_networks.routing import Route, plan_route
+from sumo_networks.route import Route
+from sumo_networks.routing import plan_route
 from sumo_networks.scenario import Mission, Place, Scenario
 from sumo_networks.world import ActorKind, Actors, Contact, Egos, LightState, World
 

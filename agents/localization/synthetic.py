@@ -17,7 +17,8 @@ from sumo_networks.arrays import FloatArray
 from sumo_networks.catalog import load_network
 from sumo_networks.control import SpeedPid, pure_pursuit, pursuit_distance
 from sumo_networks.errors import UnknownNameError
-from sumo_networks.routing import Route, plan_route
+from sumo_networks.route import Route
+from sumo_networks.routing import plan_route
 from sumo_networks.scenario import Mission, Place
 from sumo_networks.sensors.gnss import GnssErrors, GnssNoise
 from sumo_networks.sensors.imu import ImuErrors, ImuNoise, specific_force_and_rate

@@ -20,7 +20,8 @@ from sumo_networks.errors import InvalidInputError
 from sumo_networks.events import Event
 from sumo_networks.events.director import check_placement
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Route, plan_route
+from sumo_networks.route import Route
+from sumo_networks.routing import plan_route
 from sumo_networks.scenario import Mission, Place
 
 Value = str | float | int

@@ -15,7 +15,8 @@ import numpy as np
 from sumo_networks.catalog import load_network
 from sumo_networks.errors import InvalidInputError
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Command, Route, plan_route
+from sumo_networks.route import Command, Route
+from sumo_networks.routing import plan_route
 from sumo_networks.scenario import Mission, Place
 
 COUNT = 25

@@ -20,7 +20,8 @@ from sumo_networks.errors import InvalidInputError, SimulationError
 from sumo_networks.geometry import boxes_overlap, wrap
 from sumo_networks.log import write_log
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Route, plan_route
+from sumo_networks.route import Route
+from sumo_networks.routing import plan_route
 from sumo_networks.scenario import Mission, Place, Scenario, Traffic
 from sumo_networks.simulation import Simulation
 from sumo_networks.world import ActorKind, Actors, LightState, World

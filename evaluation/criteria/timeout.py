@@ -9,7 +9,7 @@ import numpy as np
 
 from evaluation.criteria.base import Criterion, infraction
 from evaluation.record import Infraction, InfractionKind
-from sumo_networks.routing import Route
+from sumo_networks.route import Route
 from sumo_networks.world import World
 
 

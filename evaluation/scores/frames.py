@@ -16,7 +16,8 @@ from sumo_networks.arrays import BoolArray, FloatArray, IntArray
 from sumo_networks.errors import InvalidInputError
 from sumo_networks.geometry import boxes_overlap
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Route, plan_route
+from sumo_networks.route import Route
+from sumo_networks.routing import plan_route
 from sumo_networks.world import ActorKind, Actors, Egos, World
 
 TICK_S = 0.1

@@ -13,7 +13,7 @@ from sumo_networks.events.configs import KINDS, Event
 from sumo_networks.events.director import make_script
 from sumo_networks.events.script import Unfit
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Route
+from sumo_networks.route import Route
 
 EVERY_M = (200.0, 300.0)
 FIRST_M = 30.0

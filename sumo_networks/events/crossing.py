@@ -13,7 +13,7 @@ from sumo_networks.events.roads import Section, crossing_after, need_kerb, next_
 from sumo_networks.events.script import Moment, Script, Unfit
 from sumo_networks.geometry import boxes_overlap
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Route
+from sumo_networks.route import Route
 from sumo_networks.world import ActorKind
 
 BEHIND_JUNCTION = ("pedestrian_group_crossing", "cyclist_after_turn", "pedestrian_after_turn", "crossing_bicycle_flow")

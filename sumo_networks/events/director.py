@@ -35,7 +35,7 @@ from sumo_networks.events.rival import RivalScript
 from sumo_networks.events.script import Moment, Script, Unfit
 from sumo_networks.events.stage import Stage
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Route
+from sumo_networks.route import Route
 from sumo_networks.scenario import Scenario
 from sumo_networks.world import SIGHT_M, Egos, EventPhase, EventState, World
 

@@ -12,7 +12,7 @@ from sumo_networks.events.puppet import VEHICLES, Puppet
 from sumo_networks.events.roads import section
 from sumo_networks.events.script import Moment, Script, Unfit
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Route
+from sumo_networks.route import Route
 
 CLOSE_M = 25.0
 PASSED_M = 5.0

@@ -12,7 +12,7 @@ from sumo_networks.events.roads import Stream, next_passage, section, streams
 from sumo_networks.events.script import Moment, Script, Unfit
 from sumo_networks.events.stage import Entry
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Command, Passage, Route
+from sumo_networks.route import Command, Passage, Route
 
 INTERURBAN_MPS = 50 / 3.6 - 0.1
 VEHICLE_M = 4.6

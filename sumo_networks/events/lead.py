@@ -11,7 +11,7 @@ from sumo_networks.events.puppet import VEHICLES, Puppet
 from sumo_networks.events.roads import need_clear_road, section
 from sumo_networks.events.script import Moment, Script, Unfit
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Route
+from sumo_networks.route import Route
 from sumo_networks.world import ActorKind
 
 SETTLE_S = 3.0

@@ -12,7 +12,7 @@ from sumo_networks.events.puppet import VEHICLES, Puppet
 from sumo_networks.events.roads import need_clear_road, section
 from sumo_networks.events.script import Moment, Script, Unfit
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Route
+from sumo_networks.route import Route
 
 CHANGE_S = 1.2
 BACK_M = 15.0

@@ -9,7 +9,7 @@ from sumo_networks.events.puppet import VEHICLES, Puppet
 from sumo_networks.events.roads import Stream, next_passage, streams
 from sumo_networks.events.script import Moment, Script, Unfit
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Route
+from sumo_networks.route import Route
 
 CATCH_UP = 1.5
 

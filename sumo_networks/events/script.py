@@ -17,7 +17,7 @@ from sumo_networks.events.paths import Path
 from sumo_networks.events.puppet import Puppet
 from sumo_networks.events.stage import Stage
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Route
+from sumo_networks.route import Route
 from sumo_networks.world import Egos, LightState, World
 
 

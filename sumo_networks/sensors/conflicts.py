@@ -14,7 +14,7 @@ from numba import njit
 
 from sumo_networks.arrays import Float32Array, FloatArray
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Passage
+from sumo_networks.route import Passage
 from sumo_networks.sensors.base import Sensor, Track
 from sumo_networks.world import ActorKind, LightState, World
 

@@ -12,7 +12,7 @@ from numba import njit
 
 from sumo_networks.arrays import Float32Array, FloatArray, IntArray
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Route
+from sumo_networks.route import Route
 from sumo_networks.sensors.base import Sensor, Track
 from sumo_networks.world import World
 

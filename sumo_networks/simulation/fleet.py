@@ -9,7 +9,7 @@ import numpy as np
 from sumo_networks.arrays import BoolArray, FloatArray
 from sumo_networks.geometry import wrap
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Route
+from sumo_networks.route import Route
 from sumo_networks.vehicle import ACCELERATION, HEADING, SPEED, STEERING, YAW_RATE, VehicleParameters, Vehicles
 from sumo_networks.world import Egos
 

@@ -12,7 +12,7 @@ from numba import njit
 
 from sumo_networks.arrays import FloatArray, IntArray
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Route
+from sumo_networks.route import Route
 from sumo_networks.scenario import Scenario
 from sumo_networks.simulation.surroundings import Surroundings
 from sumo_networks.vehicle import VehicleParameters

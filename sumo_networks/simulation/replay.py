@@ -11,7 +11,8 @@ from sumo_networks.conditions import conditions_named
 from sumo_networks.errors import InvalidInputError, SimulationError
 from sumo_networks.log import Log, logs_folder, read_log
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Route, plan_route
+from sumo_networks.route import Route
+from sumo_networks.routing import plan_route
 from sumo_networks.scenario import Scenario
 from sumo_networks.simulation.contacts import contacts
 from sumo_networks.simulation.fleet import Fleet

@@ -24,7 +24,8 @@ from sumo_networks.geometry import boxes_overlap
 from sumo_networks.jaywalkers import Jaywalkers
 from sumo_networks.log import LogRecorder
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Route, plan_route
+from sumo_networks.route import Route
+from sumo_networks.routing import plan_route
 from sumo_networks.scenario import Scenario
 from sumo_networks.simulation.contacts import contacts
 from sumo_networks.simulation.fleet import Fleet

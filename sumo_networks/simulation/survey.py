@@ -11,7 +11,7 @@ import numpy as np
 from sumo_networks.arrays import FloatArray
 from sumo_networks.events.puppet import Puppet
 from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import Route
+from sumo_networks.route import Route
 from sumo_networks.simulation.registry import INDICATOR, KINDS
 from sumo_networks.world import SIGHT_M, ActorKind, Actors
 

@@ -18,7 +18,8 @@ from service.cli import app
 from sumo_networks.catalog import load_network, network_path
 from sumo_networks.errors import InvalidInputError
 from sumo_networks.importing import import_network
-from sumo_networks.routing import Route, plan_route
+from sumo_networks.route import Route
+from sumo_networks.routing import plan_route
 from sumo_networks.scenario import Mission, Place
 
 Points = list[tuple[float, float]]

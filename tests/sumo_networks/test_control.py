@@ -19,7 +19,7 @@ from sumo_networks.control import (
     pure_pursuit,
 )
 from sumo_networks.errors import AgentError, UnknownNameError
-from sumo_networks.routing import Route
+from sumo_networks.route import Route
 from sumo_networks.vehicle import HEADING, SPEED, VehicleParameters, Vehicles
 from sumo_networks.world import World
 from tests.worlds import straight_road

@@ -13,14 +13,12 @@ from hypothesis import strategies as st
 from sumo_networks.catalog import load_network
 from sumo_networks.errors import InvalidInputError
 from sumo_networks.network import RoadNetwork
+from sumo_networks.route import COMMAND_LEAD_M, Command, Route
 from sumo_networks.routing import (
-    COMMAND_LEAD_M,
     LANE_CHANGE_COST_S,
     MIN_LANE_CHANGE_M,
     SHORT_LANE_CHANGE_COST_S,
     TURNAROUND_COST_S,
-    Command,
-    Route,
     _search,
     plan_route,
 )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.routing import Command
+from sumo_networks.route import Command
 from sumo_networks.scenario import Mission, Place
 from sumo_networks.sensors import PRESETS, SENSORS, Track, make_sensors
 from sumo_networks.sensors.lights import MAJOR, STOPS

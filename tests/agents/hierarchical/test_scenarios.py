@@ -11,7 +11,8 @@ from agents.hierarchical.scenarios import BRAKING_EVENTS, LIGHTLESS_M, TIME_LIMI
 from agents.training.task import HELD_OUT_FROM
 from sumo_networks.catalog import load_network
 from sumo_networks.env import DrivingEnv
-from sumo_networks.routing import Route, plan_route
+from sumo_networks.route import Route
+from sumo_networks.routing import plan_route
 from sumo_networks.scenario import Scenario
 
 SEEDS = range(12)

@@ -14,7 +14,8 @@ from sumo_networks.arrays import FloatArray
 from sumo_networks.catalog import load_network
 from sumo_networks.env import DrivingEnv
 from sumo_networks.events import Event
-from sumo_networks.routing import Route, plan_route
+from sumo_networks.route import Route
+from sumo_networks.routing import plan_route
 from sumo_networks.scenario import Mission, Place, Scenario
 from sumo_networks.world import EventPhase, EventState, World
 
