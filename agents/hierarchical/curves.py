@@ -20,7 +20,8 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from agents.hierarchical.training_results import ARMS, MEASURES, Results, TrainingRun, course, only, read_results, table
+from agents.hierarchical.arms import ARMS
+from agents.hierarchical.training_results import MEASURES, Results, TrainingRun, course, only, read_results, table
 from evaluation.look import OKABE_ITO, PALETTES, label, number, template
 from evaluation.pictures import write_page
 from evaluation.statistics import Estimate
@@ -152,7 +153,7 @@ def _legend(results: Results, arms: Sequence[str]) -> list[go.Scatter]:
         counts = [len(trained[arm]) for trained in results.values() if arm in trained]
         if counts:
             seeds = f"{min(counts)}" if min(counts) == max(counts) else f"{min(counts)} to {max(counts)}"
-            what = f" ({ARMS[arm]})" if arm in ARMS else ""
+            what = f" ({ARMS[arm].told})" if arm in ARMS else ""
             name = f"{label(arm)}{what}, {seeds} seed{'' if max(counts) == 1 else 's'}"
             keys.append(go.Scatter(x=[None], y=[None], mode="lines+markers", name=name, **_look(place)))
     return keys

@@ -19,26 +19,12 @@ from types import MappingProxyType
 import numpy as np
 from scipy.special import stdtrit  # type: ignore[import-untyped]
 
+from agents.hierarchical.arms import ARMS, POLICIES
 from evaluation.look import MISSING, interval
 from evaluation.statistics import Estimate
 from sumo_networks.arrays import FloatArray
 from sumo_networks.errors import InvalidInputError
 
-POLICIES = ("lane", "left", "right", "braking", "lights", "master", "flat")
-ARMS: Mapping[str, str] = MappingProxyType(
-    {
-        "ghrl": "rules imitated, then p = 10 %",
-        "ghrl-r": "a master trained with rules",
-        "hrl": "PPO alone",
-        "p-5": "PPO, p = 5 %",
-        "p-10": "PPO, p = 10 %",
-        "p-20": "PPO, p = 20 %",
-        "p-10-sum": "p = 10 %, terms summed",
-        "flat": "one policy, PPO alone",
-        "flat-guided": "one policy, rules imitated, then p = 10 %",
-    }
-)
-"""Arms in the order in which they are told, and what is particular to each; others follow."""
 MEASURES: Mapping[str, str] = MappingProxyType(
     {
         "return": "return",

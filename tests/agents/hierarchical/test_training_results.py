@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from agents.hierarchical import arms
 from agents.hierarchical import training_results as results
 from evaluation.statistics import Estimate
 from sumo_networks.errors import InvalidInputError
@@ -70,7 +71,7 @@ def test_policies_are_those_that_can_be_trained():
     from agents.hierarchical.hierarchy import FLAT, MASTER
     from agents.hierarchical.manoeuvres import Manoeuvre
 
-    assert (*(one.value for one in Manoeuvre), MASTER, FLAT) == results.POLICIES
+    assert (*(one.value for one in Manoeuvre), MASTER, FLAT) == arms.POLICIES
 
 
 def test_runs_are_found_by_policy_arm_and_seed_and_other_folders_are_left_alone(runs):

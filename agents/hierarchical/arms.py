@@ -1,0 +1,97 @@
+"""Arms: what is trained for each curve and each driver of the study, and with which settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
+from agents.training.registry import Trainer, trainer_named
+from agents.training.settings import read_settings
+from sumo_networks.config import Config
+
+MASTER, FLAT = "master", "flat"
+CONFIGS = Path(__file__).with_name("configs")
+SUB_POLICIES = tuple(manoeuvre.value for manoeuvre in Manoeuvre)
+POLICIES = (*SUB_POLICIES, MASTER, FLAT)
+PPO_ALONE = ("ppo.imitated_steps=0", "ppo.learning_rate=3e-4", "ppo.epochs=10")
+"""It has farther to go than what begins by imitating."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrainedArm:
+    """What is trained for an arm.
+
+    Attributes:
+        told: What is particular to it, in a legend.
+        policies: Of `POLICIES`.
+        settings: Of all of them but the master, on top of their file in `CONFIGS`.
+        master: The master's.
+        options: The arm whose sub-policies its master chooses among; None: its own.
+    """
+
+    told: str
+    policies: tuple[str, ...]
+    settings: tuple[str, ...] = ()
+    master: tuple[str, ...] = ()
+    options: str | None = None
+
+
+def _guided(percent: int) -> tuple[str, ...]:
+    return (*PPO_ALONE, f"ppo.guided_share={percent / 100}")
+
+
+_LEARNS = ("lane", "braking", "lights")
+ARMS: Mapping[str, TrainedArm] = MappingProxyType(
+    {
+        "ghrl": TrainedArm("rules imitated, then p = 10 %", (*SUB_POLICIES, MASTER)),
+        "ghrl-r": TrainedArm(
+            "a master trained with rules", (MASTER,), master=("rules_when_critical=true",), options="ghrl"
+        ),
+        "hrl": TrainedArm("PPO alone", (*SUB_POLICIES, MASTER), _guided(0)),
+        "p-5": TrainedArm("PPO, p = 5 %", _LEARNS, _guided(5)),
+        "p-10": TrainedArm("PPO, p = 10 %", _LEARNS, _guided(10)),
+        "p-20": TrainedArm("PPO, p = 20 %", _LEARNS, _guided(20)),
+        "p-10-sum": TrainedArm("p = 10 %, terms summed", _LEARNS, (*_guided(10), "form=sum")),
+        "flat": TrainedArm("one policy, PPO alone", (FLAT,), (*_guided(0), "steps=480000")),
+        "flat-guided": TrainedArm("one policy, rules imitated, then p = 10 %", (FLAT,)),
+        "ghrl-pictures": TrainedArm("as ghrl, from pictures", ("lights",), ("state.vision=semantic",)),
+    }
+)
+"""In the order in which they are told. `flat` has as many steps as HRL's five sub-policies and master together."""
+
+
+def run_folder(runs: Path, arm: str, seed: int, policy: str) -> Path:
+    """Where a training of an arm is: RUNS/ARM/seed-N/POLICY."""
+    return runs / arm / f"seed-{seed}" / policy
+
+
+def trainer_of(policy: str) -> Trainer[Any]:
+    """What trains a policy."""
+    return trainer_named(f"hierarchical-{policy}")
+
+
+def config_of(runs: Path, arm: str, seed: int, policy: str, more: tuple[str, ...] = ()) -> Config:
+    """The whole configuration of a training.
+
+    Args:
+        runs: Folder of all; a master's sub-policies are there.
+        arm: Of `ARMS`.
+        seed: Of the training.
+        policy: Of the arm's.
+        more: Settings on top, as "key=value".
+
+    Raises:
+        InvalidInputError: A setting does not exist, or its value is wrong.
+    """
+    one = ARMS[arm]
+    given = [f"seed={seed}", *one.settings]
+    if policy == MASTER:
+        options = run_folder(runs, one.options or arm, seed, policy).parent
+        given = [f"seed={seed}", *one.master, f"options='{options}'"]
+    path = CONFIGS / f"{DRIVE if policy == FLAT else policy}.toml"
+    config: Config = read_settings(trainer_of(policy).config, path, [*given, *more])
+    return config
