@@ -1,9 +1,6 @@
 """Tables of a study: success by cell and arm, failures, what the rules had to do, and paired differences.
 
-An interval is over drives and trainings: a crossed bootstrap, in which the scenarios and the seeds of the training are
-both drawn with replacement, each drive counting as often as its scenario times its training was drawn (the pigeonhole
-bootstrap; Owen 2007). Of one training it is Wilson's over drives. Where all drives ended alike, resampling is blind,
-and it is Wilson's over scenarios. With three trainings it tells of their spread what three values can.
+Intervals are those of `crossed`; of one training, and where all drives ended alike, Wilson's.
 """
 
 from __future__ import annotations
@@ -11,30 +8,23 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
+from agents.hierarchical.crossed import Matched, by_training, difference, estimate, of_pairs, verdict
 from evaluation.look import MARKS, MISSING, ending, interval, number
 from evaluation.record import InfractionKind, Status
 from evaluation.scores.nocrash import COLLISIONS
-from evaluation.statistics import N_RESAMPLES, SEED, Estimate, paired, share_estimate
-from sumo_networks.arrays import FloatArray
+from evaluation.statistics import Estimate, share_estimate
 
 Drive = dict[str, Any]
-Key = tuple[str, str, int]
-"""Benchmark, scenario, and the scenario's seed."""
-Matched = Mapping[Key, Mapping[int | None, float]]
-"""Values of drives, by seed of the training."""
 
 PAIRS: Final = (
     ("ghrl", "hrl"), ("ghrl-r", "ghrl"), ("ghrl-r", "hrl"), ("hrl-r", "hrl"), ("ghrl-r", "hrl-r"), ("hrl", "flat"),
     ("ghrl", "flat-guided"), ("ghrl-r-trained", "ghrl-r"), ("ghrl-s", "ghrl-r"), ("ghrl-r", "rules"),
 )  # fmt: skip
 """Who is held against whom."""
-_TAILS: Final = (0.025, 0.975)
 
 
 def read_drives(path: Path) -> list[Drive]:
@@ -121,9 +111,9 @@ def pair_table(drives: Sequence[Drive]) -> str:
         for where, some in wheres.items():
             matched = differences(some, above, below)
             if matched:
-                found = estimate(matched, _of_pairs)
-                each = ", ".join(f"{mean:+.0f}" for mean in _by_training(matched).values())
-                rows.append([f"{above} - {below}", where, interval(found), each, _verdict(found)])
+                found = estimate(matched, of_pairs)
+                each = ", ".join(f"{mean:+.0f}" for mean in by_training(matched).values())
+                rows.append([f"{above} - {below}", where, interval(found), each, verdict(found)])
     heads = ["difference of successes, points", "benchmark", "mean", "each training", "told apart"]
     return _markdown(heads, rows) if rows else ""
 
@@ -140,7 +130,7 @@ def failures(drives: Iterable[Drive]) -> Counter[str]:
 
 def successes(drives: Iterable[Drive]) -> Matched:
     """NoCrash success, 0 or 100, of every drive that was not lost."""
-    found: dict[Key, dict[int | None, float]] = {}
+    found: dict[tuple[Any, ...], dict[int | None, float]] = {}
     for one in _kept(drives):
         key = one["benchmark"], one["scenario"], one["seed"]
         found.setdefault(key, {})[one["training_seed"]] = 100.0 * one["success"]
@@ -148,82 +138,22 @@ def successes(drives: Iterable[Drive]) -> Matched:
 
 
 def differences(drives: Sequence[Drive], above: str, below: str) -> Matched:
-    """One arm's successes less another's where both drove a scenario, by trainings with the same seed.
-
-    Who did not learn, or drove as what ships, is held against every training of the other.
-    """
+    """One arm's successes less another's where both drove a scenario, see `crossed.difference`."""
     ours, theirs = (successes(one for one in drives if one["arm"] == arm) for arm in (above, below))
-    found: dict[Key, dict[int | None, float]] = {}
-    for key in ours.keys() & theirs.keys():
-        mine, other = ours[key], theirs[key]
-        for seed in {*mine, *other} - {None} or {None}:
-            a, b = mine.get(seed, mine.get(None)), other.get(seed, other.get(None))
-            if a is not None and b is not None:
-                found.setdefault(key, {})[seed] = a - b
-    return found
-
-
-def estimate(matched: Matched, alone: Callable[[Sequence[float]], Estimate]) -> Estimate:
-    """The mean over all drives, with an interval over scenarios and trainings; see the module.
-
-    Args:
-        matched: Values.
-        alone: Makes the estimate of independent values: of one training, or one per scenario where all are alike.
-    """
-    trainings = _trainings(matched)
-    table = np.array([[row.get(seed, math.nan) for seed in trainings] for _, row in sorted(matched.items())])
-    values = table[np.isfinite(table)]
-    if len(trainings) < 2:
-        return alone(values.tolist())
-    if values.min() == values.max():
-        found = alone([float(values[0])] * len(table))
-        return Estimate(found.mean, found.low, found.high, len(values))
-    low, high = np.quantile(_crossed(table), _TAILS)
-    return Estimate(float(values.mean()), float(low), float(high), len(values))
-
-
-def _crossed(table: FloatArray) -> FloatArray:
-    """(R,) means of (N, K) values, NaN where there is none, with rows and columns drawn with replacement."""
-    generator = np.random.default_rng(SEED)
-    rows, columns = (generator.multinomial(n, np.full(n, 1 / n), N_RESAMPLES) for n in table.shape)
-    there = np.isfinite(table)
-    sums = ((rows @ np.where(there, table, 0.0)) * columns).sum(axis=1)
-    counts = ((rows @ there.astype(float)) * columns).sum(axis=1)
-    means: FloatArray = sums[counts > 0] / counts[counts > 0]
-    return means
+    return difference(ours, theirs)
 
 
 def _of_successes(values: Sequence[float]) -> Estimate:
     return share_estimate([value > 0.0 for value in values])
 
 
-def _of_pairs(values: Sequence[float]) -> Estimate:
-    return paired(values, [0.0] * len(values)).difference
-
-
 def _success(drives: Sequence[Drive], each: bool) -> str:
     matched = successes(drives)
     if not matched:
         return MISSING
-    trainings = _by_training(matched)
+    trainings = by_training(matched)
     told = f" ({', '.join(f'{mean:.0f}' for mean in trainings.values())})" if each and len(trainings) > 1 else ""
     return interval(estimate(matched, _of_successes)) + told
-
-
-def _by_training(matched: Matched) -> dict[int | None, float]:
-    """The mean of each training."""
-    found = {seed: [row[seed] for row in matched.values() if seed in row] for seed in _trainings(matched)}
-    return {seed: math.fsum(values) / len(values) for seed, values in found.items()}
-
-
-def _trainings(matched: Matched) -> list[int | None]:
-    return sorted({seed for row in matched.values() for seed in row}, key=lambda seed: -1 if seed is None else seed)
-
-
-def _verdict(found: Estimate) -> str:
-    if found.low is None or found.high is None or found.low <= 0.0 <= found.high:
-        return "no"
-    return "above" if found.low > 0.0 else "below"
 
 
 def _by_arm(drives: Sequence[Drive], arms: Sequence[str]) -> Iterable[tuple[str, str, list[Drive]]]:

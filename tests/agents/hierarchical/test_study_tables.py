@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import json
-import math
-
-import numpy as np
-import pytest
 
 from agents.hierarchical import study_tables as tables
-from evaluation.statistics import mean_estimate, share_estimate
+from agents.hierarchical.crossed import estimate
+from evaluation.statistics import share_estimate
 from tests.agents.hierarchical.drives import a_drive, drives_of
 
 
@@ -42,7 +39,7 @@ def test_failures_are_counted_by_the_first_collision_or_by_the_ending():
 def test_of_one_training_success_has_wilsons_interval_over_drives_that_were_not_lost():
     gone = a_drive(arm="ghrl", scenario="m9", status="lost: simulation failed")
     drives = [*drives_of("ghrl", {0: [1, 1, 0, 1]}), gone]
-    found = tables.estimate(tables.successes(drives), lambda values: share_estimate([value > 0 for value in values]))
+    found = estimate(tables.successes(drives), lambda values: share_estimate([value > 0 for value in values]))
     assert found == share_estimate([True, True, False, True])
 
 
@@ -50,30 +47,6 @@ def test_drives_that_all_ended_alike_are_as_many_as_their_scenarios():
     table = tables.success_table(drives_of("ghrl", {seed: [1] * 10 for seed in range(3)}), ["ghrl"])
     low = share_estimate([True] * 10).low
     assert rows(table) == [["precrash: a", f"100 [{low:.1f}, 100] n=30"]]
-
-
-def test_the_crossed_bootstrap_knows_how_far_trainings_and_scenarios_differ():
-    scenarios = [float(100 * (i % 2)) for i in range(40)]
-    same = {("b", f"m{i:02}", 0): dict.fromkeys(range(3), value) for i, value in enumerate(scenarios)}
-    by_scenario = tables.estimate(same, mean_estimate)
-    over_means = mean_estimate(scenarios)
-    # Three trainings that agree in every scenario are no more evidence than one.
-    assert by_scenario.n == 120
-    assert (by_scenario.low, by_scenario.high) == pytest.approx((over_means.low, over_means.high), abs=3.0)
-    apart = {key: {0: 0.0, 1: 50.0, 2: 100.0} for key in same}
-    by_training = tables.estimate(apart, mean_estimate)
-    # All three draws are the worst one in 1 of 27 cases.
-    assert (by_training.mean, by_training.low, by_training.high) == pytest.approx((50.0, 0.0, 100.0))
-
-
-def test_a_mean_is_over_the_drives_that_are_there():
-    holes = {("b", "m0", 0): {0: 100.0, 1: 0.0}, ("b", "m1", 0): {1: 0.0}, ("b", "m2", 0): {0: 100.0, 1: 100.0}}
-    found = tables.estimate(holes, mean_estimate)
-    assert found.mean == pytest.approx(60.0)
-    assert found.n == 5
-    assert all(math.isfinite(end) for end in (found.low, found.high))
-    table = np.array([[100.0, 0.0], [np.nan, 0.0], [100.0, 100.0]])
-    assert np.isfinite(tables._crossed(table)).all()
 
 
 def test_the_success_table_has_a_row_per_cell_or_kind_of_event_and_arms_in_order():

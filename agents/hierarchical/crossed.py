@@ -1,0 +1,89 @@
+"""Crossed: means over scenarios and trainings, where each training drove each scenario.
+
+An interval is over both: a crossed bootstrap, in which the scenarios and the seeds of the training are both drawn with
+replacement, each value counting as often as its scenario times its training was drawn (the pigeonhole bootstrap; Owen
+2007). Of one training it is that of independent values. Where all are alike, resampling is blind, and it is that of
+independent values, one per scenario. With three trainings it tells of their spread what three values can.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from evaluation.statistics import N_RESAMPLES, SEED, Estimate, paired
+from sumo_networks.arrays import FloatArray
+
+Matched = Mapping[tuple[Any, ...], Mapping[int | None, float]]
+"""Values by scenario, by seed of the training; None where nothing was learned."""
+_TAILS: Final = (0.025, 0.975)
+
+
+def estimate(matched: Matched, alone: Callable[[Sequence[float]], Estimate]) -> Estimate:
+    """The mean over all drives, with an interval over scenarios and trainings; see the module.
+
+    Args:
+        matched: Values.
+        alone: Makes the estimate of independent values: of one training, or one per scenario where all are alike.
+    """
+    trainings = _trainings(matched)
+    table = np.array([[row.get(seed, math.nan) for seed in trainings] for _, row in sorted(matched.items())])
+    values = table[np.isfinite(table)]
+    if len(trainings) < 2:
+        return alone(values.tolist())
+    if values.min() == values.max():
+        found = alone([float(values[0])] * len(table))
+        return Estimate(found.mean, found.low, found.high, len(values))
+    low, high = np.quantile(_crossed(table), _TAILS)
+    return Estimate(float(values.mean()), float(low), float(high), len(values))
+
+
+def _crossed(table: FloatArray) -> FloatArray:
+    """(R,) means of (N, K) values, NaN where there is none, with rows and columns drawn with replacement."""
+    generator = np.random.default_rng(SEED)
+    rows, columns = (generator.multinomial(n, np.full(n, 1 / n), N_RESAMPLES) for n in table.shape)
+    there = np.isfinite(table)
+    sums = ((rows @ np.where(there, table, 0.0)) * columns).sum(axis=1)
+    counts = ((rows @ there.astype(float)) * columns).sum(axis=1)
+    means: FloatArray = sums[counts > 0] / counts[counts > 0]
+    return means
+
+
+def of_pairs(values: Sequence[float]) -> Estimate:
+    """The estimate of independent differences."""
+    return paired(values, [0.0] * len(values)).difference
+
+
+def difference(mine: Matched, other: Matched) -> Matched:
+    """One's values less another's where both have some, by trainings with the same seed.
+
+    Who did not learn, or drove as what ships, is held against every training of the other.
+    """
+    found: dict[tuple[Any, ...], dict[int | None, float]] = {}
+    for key in mine.keys() & other.keys():
+        ours, theirs = mine[key], other[key]
+        for seed in {*ours, *theirs} - {None} or {None}:
+            a, b = ours.get(seed, ours.get(None)), theirs.get(seed, theirs.get(None))
+            if a is not None and b is not None:
+                found.setdefault(key, {})[seed] = a - b
+    return found
+
+
+def by_training(matched: Matched) -> dict[int | None, float]:
+    """The mean of each training."""
+    found = {seed: [row[seed] for row in matched.values() if seed in row] for seed in _trainings(matched)}
+    return {seed: math.fsum(values) / len(values) for seed, values in found.items()}
+
+
+def _trainings(matched: Matched) -> list[int | None]:
+    return sorted({seed for row in matched.values() for seed in row}, key=lambda seed: -1 if seed is None else seed)
+
+
+def verdict(found: Estimate) -> str:
+    """Whether an interval of a difference leaves out 0, and on which side."""
+    if found.low is None or found.high is None or found.low <= 0.0 <= found.high:
+        return "no"
+    return "above" if found.low > 0.0 else "below"
