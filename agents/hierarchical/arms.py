@@ -58,7 +58,7 @@ ARMS: Mapping[str, TrainedArm] = MappingProxyType(
         "p-10-sum": TrainedArm("p = 10 %, terms summed", _LEARNS, (*_guided(10), "form=sum")),
         "flat": TrainedArm("one policy, PPO alone", (FLAT,), (*_guided(0), "steps=480000")),
         "flat-guided": TrainedArm("one policy, rules imitated, then p = 10 %", (FLAT,)),
-        "ghrl-pictures": TrainedArm("as ghrl, from pictures", ("lights",), ("state.vision=semantic",)),
+        "ghrl-pictures": TrainedArm("as ghrl, from pictures", (*SUB_POLICIES, MASTER), ("state.vision=semantic",)),
     }
 )
 """In the order in which they are told. `flat` has as many steps as HRL's five sub-policies and master together."""

@@ -75,6 +75,8 @@ ARMS: Mapping[str, Arm] = MappingProxyType(
         "ghrl-s": _ghrl("ghrl-s", "ghrl"),
         "flat": _ghrl("flat", "flat"),
         "flat-guided": _ghrl("flat", "flat-guided"),
+        "ghrl-pictures": _ghrl("ghrl", "ghrl-pictures"),
+        "ghrl-r-pictures": _ghrl("ghrl-r", "ghrl-pictures"),
         "autopilot": Arm("autopilot"),
     }
 )
