@@ -22,7 +22,8 @@ Drive = dict[str, Any]
 
 PAIRS: Final = (
     ("ghrl", "hrl"), ("ghrl-r", "ghrl"), ("ghrl-r", "hrl"), ("hrl-r", "hrl"), ("ghrl-r", "hrl-r"), ("hrl", "flat"),
-    ("ghrl", "flat-guided"), ("ghrl", "ghrl-pictures"), ("ghrl-r-pictures", "ghrl-pictures"), ("ghrl-r-trained", "ghrl-r"), ("ghrl-s", "ghrl-r"), ("ghrl-r", "rules"),
+    ("ghrl", "flat-guided"), ("ghrl", "ghrl-pictures"), ("ghrl-r-pictures", "ghrl-pictures"),
+    ("ghrl-r-trained", "ghrl-r"), ("ghrl-s", "ghrl-r"), ("ghrl-r", "rules"),
 )  # fmt: skip
 """Who is held against whom."""
 
