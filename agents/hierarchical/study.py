@@ -3,7 +3,7 @@
     python -m agents.hierarchical.study --benchmark precrash --arms rules ghrl-r --out out/ghrl
     python -m agents.hierarchical.study --benchmark nocrash --cells town-test. --every 5 --arms hrl ghrl ghrl-r \
         --runs runs/study --seeds-of-training 0 1 2 --workers 2 --out out/ghrl
-    python -m agents.hierarchical.study --table --out out/ghrl
+    python -m agents.hierarchical.study --table --arms ghrl ghrl-r --out out/ghrl
 
 Scenarios are sampled by their number in the benchmark, so every arm drives the same ones. With --runs, an arm that
 learned is driven once for each training, RUNS/ARM/seed-N; without, what ships is. A line per drive goes to
@@ -82,6 +82,8 @@ ARMS: Mapping[str, Arm] = MappingProxyType(
 )
 """`hrl-r`: what was learned without rules, which drive in critical intervals; `ghrl-r-trained`: a master that learned
 while they did."""
+
+BY_DEFAULT = ("rules", "ghrl", "ghrl-r")
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +255,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--cells", nargs="*", default=[], help="beginnings of their names; default: all")
     parser.add_argument("--seeds", nargs="*", type=int, default=[0], help="of the scenarios")
     parser.add_argument("--every", type=int, default=1, help="drive every n-th scenario")
-    parser.add_argument("--arms", nargs="*", choices=[*ARMS], default=["rules", "ghrl", "ghrl-r"])
+    parser.add_argument("--arms", nargs="+", choices=[*ARMS], help="default: rules, ghrl and ghrl-r; with --table: all")
     parser.add_argument("--runs", type=Path, help="folder of ARM/seed-N; default: what ships")
     parser.add_argument("--seeds-of-training", nargs="*", type=int, default=[0, 1, 2], help="N; only with --runs")
     parser.add_argument("--workers", type=int, default=1, help="processes")
@@ -264,13 +266,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if not given.table:
         if given.benchmark is None:
             raise InvalidInputError("expected --benchmark, or --table; got neither")
-        who = drivers(given.arms, given.runs, given.seeds_of_training)
+        who = drivers(given.arms or BY_DEFAULT, given.runs, given.seeds_of_training)
         scenarios = scenarios_of(given.benchmark, given.cells, given.seeds, given.every)
         run(paths[0], who, scenarios, given.workers)
-    drives = [one for path in paths for one in read_drives(path)]
+    arms = given.arms if given.table and given.arms else [*ARMS]
+    drives = [one for path in paths for one in read_drives(path) if one["arm"] in arms]
     if not drives:
         raise InvalidInputError(f"'{given.out}': expected drives in BENCHMARK.jsonl, found none")
-    print(tables(drives, ARMS))
+    print(tables(drives, arms))
 
 
 if __name__ == "__main__":

@@ -123,6 +123,13 @@ def test_what_was_driven_is_not_driven_again_but_what_the_simulation_lost_is(tmp
     assert len(driven) == 5
 
 
+def test_tables_may_be_of_some_arms_alone(tmp_path, capsys):
+    drives = [a_drive(arm=arm) for arm in ("rules", "ghrl", "ghrl-r")]
+    (tmp_path / "precrash.jsonl").write_text("".join(json.dumps(one) + "\n" for one in drives))
+    study.main(["--table", "--arms", "ghrl", "ghrl-r", "--out", str(tmp_path)])
+    assert capsys.readouterr().out.startswith("| NoCrash success, % | ghrl | ghrl-r |\n")
+
+
 def test_tables_alone_are_of_every_benchmark_there_is(tmp_path, capsys):
     for name in ("nocrash", "precrash"):
         (tmp_path / f"{name}.jsonl").write_text(json.dumps(a_drive(benchmark=name)) + "\n")
