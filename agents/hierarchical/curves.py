@@ -1,7 +1,7 @@
 """Curves of the trainings: a measure of held-out episodes by steps; a panel per policy, a line per arm.
 
     python -m agents.hierarchical.curves runs/study --measure success --out out/hierarchical/curves.html
-    python -m agents.hierarchical.curves runs/study --arms hrl p-5 p-20 --table
+    python -m agents.hierarchical.curves runs/study --arms hrl p-5 p-20 --policies lights --table
 
 RUNS holds ARM/seed-N/POLICY, see `training_results`. With chromium and playwright on the machine a PNG is written
 beside the page.
@@ -20,12 +20,12 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from agents.hierarchical.arms import ARMS
+from agents.hierarchical.arms import ARMS, POLICIES
 from agents.hierarchical.training_results import MEASURES, Results, TrainingRun, course, only, read_results, table
 from evaluation.look import OKABE_ITO, PALETTES, label, number, template
 from evaluation.pictures import write_page
 from evaluation.statistics import Estimate
-from sumo_networks.errors import DohyoError
+from sumo_networks.errors import DohyoError, InvalidInputError
 
 RESULTS = Path(__file__).with_name("results") / "training"
 COLUMNS, WIDTH, PANEL, HEAD, FOOT = 3, 980, 220, 120, 90
@@ -174,6 +174,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("runs", type=Path, nargs="?", default=RESULTS)
     parser.add_argument("--measure", choices=[*MEASURES], default="return")
     parser.add_argument("--arms", nargs="+", help="default: all that are there")
+    parser.add_argument("--policies", nargs="+", choices=POLICIES, default=POLICIES)
     parser.add_argument("--training", action="store_true", help="also the episodes of training, as thin lines")
     parser.add_argument("--table", action="store_true", help="print a table, and draw nothing")
     parser.add_argument("--out", type=Path, default=Path("out/hierarchical/curves.html"), help="the page")
@@ -183,6 +184,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"not evaluated so far: {folder}", file=sys.stderr)
     if given.arms:
         results = only(results, given.arms)
+    results = {policy: trained for policy, trained in results.items() if policy in given.policies}
+    if not results:
+        raise InvalidInputError(f"'{given.runs}': expected runs of {', '.join(given.policies)}, found none")
     if given.table:
         print(table(results))
         return

@@ -88,3 +88,11 @@ def test_the_title_says_who_ends_highest_and_where_intervals_are_apart():
 def test_a_measure_that_runs_do_not_have_is_named():
     with pytest.raises(InvalidInputError, match="expected evaluations with a column 'success'"):
         curves.draw({"lane": {"ghrl": ONE}}, "success")
+
+
+def test_the_command_tells_of_some_arms_and_policies_alone(capsys):
+    curves.main(["--table", "--arms", "hrl", "p-20", "--policies", "lights"])
+    rows = capsys.readouterr().out.splitlines()[2:]
+    assert [row.split(" | ")[:2] for row in rows] == [["| lights", "hrl"], ["| lights", "p-20"]]
+    with pytest.raises(InvalidInputError, match="expected runs of flat, found none"):
+        curves.main(["--table", "--arms", "hrl", "--policies", "flat"])
