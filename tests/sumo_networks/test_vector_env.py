@@ -276,11 +276,13 @@ def test_a_forgotten_environment_ends_its_processes() -> None:
 
 
 PROGRAM = """
+import signal
 import sys
 import numpy as np
 from sumo_networks.vector_env import VectorDrivingEnv
 from tests.sumo_networks.test_vector_env import scenario
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores it
     env = VectorDrivingEnv([scenario(5.0, limit_s=1e6)], 1)
     env.reset(seed=0)
     print(*env.pids, flush=True)
