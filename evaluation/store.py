@@ -78,6 +78,17 @@ def write_record(directory: Path, stem: str, record: EpisodeRecord, trajectory: 
     return facts
 
 
+def read_lines(path: Path) -> list[dict[str, Any]]:
+    """The JSON objects of a file, one per line, as far as it was written: a torn line is left out; none without it."""
+    found = []
+    for text in path.read_text().splitlines() if path.exists() else ():
+        try:
+            found.append(json.loads(text))
+        except json.JSONDecodeError:
+            continue
+    return found
+
+
 def write_atomically(path: Path, content: bytes) -> None:
     """Writes a file that is either as it was or whole, even if the machine stops half-way.
 

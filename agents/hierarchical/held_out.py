@@ -29,9 +29,9 @@ from agents.hierarchical.exercise import Exercise
 from agents.hierarchical.hierarchy import read_sub_policies
 from agents.hierarchical.tasks import ManoeuvreTask
 from agents.training.task import HELD_OUT_FROM
-from evaluation.look import interval
+from evaluation.look import interval, markdown
 from evaluation.statistics import mean_estimate
-from evaluation.store import write_atomically
+from evaluation.store import read_lines, write_atomically
 from sumo_networks.arrays import Float32Array
 from sumo_networks.errors import DohyoError, InvalidInputError, SimulationError
 
@@ -110,17 +110,6 @@ def chosen(actor: torch.nn.Module, state: Float32Array) -> Float32Array:
     return action
 
 
-def read_lines(path: Path) -> list[Line]:
-    """What was driven so far; a torn last line is left out."""
-    lines = []
-    for text in path.read_text().splitlines() if path.exists() else ():
-        try:
-            lines.append(json.loads(text))
-        except json.JSONDecodeError:
-            continue
-    return lines
-
-
 def run(out: Path, candidates: Sequence[Candidate], episodes: int, workers: int = 1) -> None:
     """Drives what is not yet in OUT/POLICY.jsonl, and appends it, candidate by candidate.
 
@@ -130,13 +119,10 @@ def run(out: Path, candidates: Sequence[Candidate], episodes: int, workers: int 
     for one in candidates:
         read_sub_policies(one.folder.parent, (one.policy,))
     out.mkdir(parents=True, exist_ok=True)
-    done = {
-        (policy, line["arm"], line["training_seed"], line["episode"])
-        for policy in {one.policy for one in candidates}
-        for line in read_lines(out / f"{policy}.jsonl")
-    }
-    for path in {out / f"{one.policy}.jsonl" for one in candidates}:
-        write_atomically(path, "".join(json.dumps(line) + "\n" for line in read_lines(path)).encode())
+    driven = {one.policy: read_lines(out / f"{one.policy}.jsonl") for one in candidates}
+    for policy, lines in driven.items():  # without a torn last line
+        write_atomically(out / f"{policy}.jsonl", "".join(json.dumps(line) + "\n" for line in lines).encode())
+    done = {(name, line["arm"], line["training_seed"], line["episode"]) for name in driven for line in driven[name]}
     jobs = {
         one: left
         for one in candidates
@@ -161,9 +147,9 @@ def tables(results: Mapping[str, Sequence[Line]]) -> str:
     sums = [[policy, arm, *_told(lines, arm)] for policy, lines in results.items() for arm in _arms(lines)]
     pairs = [row for policy, lines in results.items() for row in _pairs(policy, lines)]
     heads = ["policy", "arm", "trainings", *MEASURES.values()]
-    found = [_markdown(heads, sums)]
+    found = [markdown(heads, sums)]
     if pairs:
-        found.append(_markdown(["policy", "difference", "of", "mean", "each training", "told apart"], pairs))
+        found.append(markdown(["policy", "difference", "of", "mean", "each training", "told apart"], pairs))
     return "\n\n".join(found)
 
 
@@ -195,10 +181,6 @@ def _pairs(policy: str, lines: Sequence[Line]) -> Iterator[list[str]]:
 def _arms(lines: Iterable[Line]) -> list[str]:
     there = {line["arm"] for line in lines}
     return [arm for arm in ARMS if arm in there]
-
-
-def _markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    return "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

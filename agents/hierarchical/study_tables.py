@@ -5,7 +5,6 @@ Intervals are those of `crossed`; of one training, and where all drives ended al
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -13,10 +12,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from agents.hierarchical.crossed import Matched, by_training, difference, estimate, of_pairs, verdict
-from evaluation.look import MARKS, MISSING, ending, interval, number
+from evaluation.look import MARKS, MISSING, ending, interval, markdown, number
 from evaluation.record import InfractionKind, Status
 from evaluation.scores.nocrash import COLLISIONS
 from evaluation.statistics import Estimate, share_estimate
+from evaluation.store import read_lines
 
 Drive = dict[str, Any]
 
@@ -30,13 +30,7 @@ PAIRS: Final = (
 
 def read_drives(path: Path) -> list[Drive]:
     """The lines so far; a torn last one is left out."""
-    drives = []
-    for text in path.read_text().splitlines() if path.exists() else ():
-        try:
-            drives.append({"training_seed": None, "benchmark": path.stem, **json.loads(text)})
-        except json.JSONDecodeError:
-            continue
-    return drives
+    return [{"training_seed": None, "benchmark": path.stem, **line} for line in read_lines(path)]
 
 
 def tables(drives: Sequence[Drive], arms: Iterable[str]) -> str:
@@ -72,7 +66,7 @@ def success_table(drives: Sequence[Drive], arms: Sequence[str]) -> str:
         [name, *(_success([one for one in some if one["arm"] == arm], each) for arm in arms)]
         for name, some, each in rows
     ]
-    return _markdown(["NoCrash success, %", *arms], cells)
+    return markdown(["NoCrash success, %", *arms], cells)
 
 
 def failure_table(drives: Sequence[Drive], arms: Sequence[str]) -> str:
@@ -83,7 +77,7 @@ def failure_table(drives: Sequence[Drive], arms: Sequence[str]) -> str:
         found = [f"{count} {kind}" for kind, count in failures(some).most_common()]
         red = sum(one["infractions"].count("red_light") for one in _kept(some))
         rows.append([benchmark, arm, str(len(_kept(some))), ", ".join(found) or "none", str(red), str(lost)])
-    return _markdown(["benchmark", "arm", "drives", "failures", "red lights run", "lost, not counted"], rows)
+    return markdown(["benchmark", "arm", "drives", "failures", "red lights run", "lost, not counted"], rows)
 
 
 def rules_table(drives: Sequence[Drive], arms: Sequence[str]) -> str:
@@ -99,7 +93,7 @@ def rules_table(drives: Sequence[Drive], arms: Sequence[str]) -> str:
             deadlocks = f"{sum(told)} of {len(told)}" if told else MISSING
             rows.append([benchmark, arm, f"{100 * critical / seconds:.1f}", number(longest), deadlocks])
     heads = ["benchmark", "arm", "time in critical intervals, %", "longest stand within one, s", "deadlocks, drives"]
-    return _markdown(heads, rows) if rows else ""
+    return markdown(heads, rows) if rows else ""
 
 
 def pair_table(drives: Sequence[Drive]) -> str:
@@ -116,7 +110,7 @@ def pair_table(drives: Sequence[Drive]) -> str:
                 each = ", ".join(f"{mean:+.0f}" for mean in by_training(matched).values())
                 rows.append([f"{above} - {below}", where, interval(found), each, verdict(found)])
     heads = ["difference of successes, points", "benchmark", "mean", "each training", "told apart"]
-    return _markdown(heads, rows) if rows else ""
+    return markdown(heads, rows) if rows else ""
 
 
 def failures(drives: Iterable[Drive]) -> Counter[str]:
@@ -177,7 +171,3 @@ def _kept(drives: Iterable[Drive]) -> list[Drive]:
 
 def _named(drives: Iterable[Drive], field: str) -> list[str]:
     return list(dict.fromkeys(one[field] for one in drives))
-
-
-def _markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    return "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))

@@ -10,6 +10,7 @@ from agents.hierarchical.hierarchy import read_sub_policies
 from agents.hierarchical.tasks import ManoeuvreTask
 from agents.training.evaluate import evaluate
 from agents.training.worker import take_seats
+from evaluation.store import read_lines
 from sumo_networks.errors import InvalidInputError
 from tests.agents.hierarchical.untrained import write_sub_policies
 
@@ -36,7 +37,7 @@ def command(runs, out, *more):
 
 def test_each_training_drives_each_exercise_once_and_more_go_on_where_it_was(runs, tmp_path, capsys):
     command(runs, tmp_path, "--arms", "hrl", "p-20", "--episodes", "2", "--workers", "2")
-    lines = held_out.read_lines(tmp_path / "lane.jsonl")
+    lines = read_lines(tmp_path / "lane.jsonl")
     assert sorted((one["arm"], one["training_seed"], one["episode"]) for one in lines) == [
         (arm, seed, episode) for arm in ("hrl", "p-20") for seed in (0, 1) for episode in (0, 1)
     ]
@@ -46,7 +47,7 @@ def test_each_training_drives_each_exercise_once_and_more_go_on_where_it_was(run
     before = (tmp_path / "lane.jsonl").read_text()
     (tmp_path / "lane.jsonl").write_text(before + '{"arm": "hr')
     command(runs, tmp_path, "--arms", "hrl", "--episodes", "3")
-    lines = held_out.read_lines(tmp_path / "lane.jsonl")
+    lines = read_lines(tmp_path / "lane.jsonl")
     assert sorted(one["episode"] for one in lines if one["arm"] == "hrl") == [0, 0, 1, 1, 2, 2]
 
 
