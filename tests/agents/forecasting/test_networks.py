@@ -169,13 +169,13 @@ def test_an_untrained_network_is_persistence(name: str) -> None:
 
 @pytest.mark.parametrize("name", NETWORKS)
 def test_the_first_rows_are_the_same_however_many_are_asked_for(name: str) -> None:
-    network = randomised(make_network(name, N))
+    network = randomised(make_network(name, N)).double()  # large random weights make much of a float's last digit
     assert isinstance(network, SpeedNetwork)
-    history = torch.randn(3, 8, N)
+    history = torch.randn(3, 8, N, dtype=torch.float64)
     whole = network(history)
     assert whole.shape == (3, 3, N)
     torch.testing.assert_close(network.ahead(history, 1), whole[:, :1])
-    torch.testing.assert_close(torch.cat([network(one[None]) for one in history]), whole, rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(torch.cat([network(one[None]) for one in history]), whole)
 
 
 def test_a_transformers_tokens_are_minutes_and_an_sa_convlstms_segments() -> None:
