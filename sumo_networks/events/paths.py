@@ -13,6 +13,7 @@ from sumo_networks.network import RoadNetwork
 
 SPACING_M = 1.0
 MEETING_M = 1.0
+CHORD_M = 6
 
 
 class Path:
@@ -51,6 +52,11 @@ class Path:
         x += beyond * math.cos(heading) - left * math.sin(heading)
         y += beyond * math.sin(heading) + left * math.cos(heading)
         return x, y, wrap(heading)
+
+    def curvature(self, first_m: float, last_m: float) -> float:
+        """The sharpest bend of a part of the path, over 6 m since lanes are drawn with corners, 1/m."""
+        heading = np.interp(np.arange(max(first_m, 0.0), min(last_m, self.length)), self.arc, self._heading)
+        return float(np.abs(heading[CHORD_M:] - heading[:-CHORD_M]).max(initial=0.0)) / CHORD_M
 
     def project(self, points: FloatArray, first_m: float, last_m: float) -> tuple[FloatArray, FloatArray]:
         """Where points are along a part of the path.

@@ -44,6 +44,7 @@ class Puppet:
         drift: To the left, m/s.
         skew: Its heading minus the path's, for things that stand askew, rad.
         across: Whether it moves across the road; its image is then turned along the lane.
+        indicator: 1 left, -1 right; 0: off, but for who drifts.
         on_stage: Whether it is in the world.
     """
 
@@ -58,6 +59,7 @@ class Puppet:
     drift: float = 0.0
     skew: float = 0.0
     across: bool = False
+    indicator: int = 0
     on_stage: bool = False
     x: float = field(default=math.nan, init=False)
     y: float = field(default=math.nan, init=False)

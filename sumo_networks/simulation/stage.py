@@ -121,7 +121,7 @@ class SumoStage:
             length=_joined(actors.length, [one.length for one in seen]),
             width=_joined(actors.width, [one.width for one in seen]),
             lane=np.concatenate([actors.lane, [self._lane(one) for one in seen]]),
-            indicator=np.concatenate([actors.indicator, [int(np.sign(one.drift)) for one in seen]]),
+            indicator=np.concatenate([actors.indicator, [one.indicator or int(np.sign(one.drift)) for one in seen]]),
         )
         order = np.argsort(table.key, kind="stable")
         return Actors(**{name: getattr(table, name)[order] for name in Actors.__slots__})

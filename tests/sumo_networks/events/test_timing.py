@@ -8,9 +8,21 @@ import math
 import numpy as np
 import pytest
 
+from sumo_networks.env import DrivingEnv
 from sumo_networks.world import ActorKind, EventPhase, World
 from tests.conftest import MakeEnv
-from tests.sumo_networks.events.stories import STORIES, boxes_of, careful, drive, over, rows_of, state, touched
+from tests.sumo_networks.events.stories import (
+    STORIES,
+    Story,
+    boxes_of,
+    careful,
+    drive,
+    mission,
+    over,
+    rows_of,
+    state,
+    touched,
+)
 
 CROSSINGS = [
     "dynamic_object_crossing",
@@ -105,6 +117,35 @@ def test_the_rival_is_at_the_meeting_point_with_the_ego(kind: str, make_env: Mak
     before = [world for world in worlds if world.time < hit.time and rows_of(world)]
     gaps = [math.dist(world.actors.position[rows_of(world)[0]], hit.actors.position[row]) for world in before]
     assert all(a >= b - 0.01 for a, b in itertools.pairwise(gaps))  # it only ever comes nearer
+
+
+def rival_of(env: DrivingEnv, cruise: float) -> list[tuple[float, float, int]]:
+    """Speed [m/s], heading [rad] and indicator of the rival in each world in which it is to be seen."""
+    worlds = drive(env, lambda _: cruise, 60, over)
+    actors = [(world.actors, rows_of(world)[0]) for world in worlds if rows_of(world)]
+    return [(float(a.speed[i]), float(a.heading[i]), int(a.indicator[i])) for a, i in actors]
+
+
+def test_a_rival_that_turns_indicates_and_drives_no_faster_than_its_bend_allows(make_env: MakeEnv) -> None:
+    from_the_stem = ("town-test", mission("-bridge_lane_1", 28.4, "-baker_street_3_1"))  # only left turns meet it
+    story = Story("opposite_runs_red_light", from_the_stem, 51.0)
+    seen = rival_of(make_env(story.scenario(), control="lane_command", reward=None), story.speed)
+    headings = np.unwrap([heading for _, heading, _ in seen])
+    assert headings[-1] - headings[0] > 1.0
+    assert {indicator for *_, indicator in seen[:-1]} == {1}
+    turned = (headings[6:] - headings[:-6]) / 0.6
+    lateral = np.array([speed for speed, *_ in seen[3:-3]]) * turned
+    assert 2.0 < lateral.max() < 4.5
+
+
+def test_a_rival_goes_straight_on_where_a_way_does(make_env: MakeEnv) -> None:
+    crossing = ("district", mission("avenue_4_far_west_2", 198.7, "avenue_5_1"))  # left turns have a longer approach
+    story = Story("opposite_runs_red_light", crossing, 115.6)
+    seen = rival_of(make_env(story.scenario(), control="lane_command", reward=None), story.speed)
+    headings = np.unwrap([heading for _, heading, _ in seen])
+    assert np.ptp(headings) < 0.3
+    assert {indicator for *_, indicator in seen} == {0}
+    assert seen[-1][0] == pytest.approx(60 / 3.6)
 
 
 def test_the_rival_waits_for_an_ego_that_stops_and_is_gone_in_the_end(make_env: MakeEnv) -> None:
