@@ -13,9 +13,11 @@ import argparse
 import json
 import signal
 import sys
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Generator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import closing
 from dataclasses import dataclass
+from itertools import islice
 from multiprocessing import active_children, get_context
 from pathlib import Path
 from types import FrameType
@@ -100,21 +102,30 @@ def train_all(jobs: Sequence[Job], workers: int) -> None:
         DohyoError: A training failed; those of its kind have gone on to their end.
     """
     for some in ([job for job in jobs if job.policy != MASTER], [job for job in jobs if job.policy == MASTER]):
-        # A child per job: SUMO and torch's random state are global in a process.
-        pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), max_tasks_per_child=1)
         failed: list[DohyoError] = []
-        try:
-            for done in as_completed([pool.submit(train, job) for job in some]):
+        with closing(_trained(some, workers)) as all_ended:
+            for ended in all_ended:
                 try:
-                    print(f"trained: {done.result()}", flush=True)
+                    print(f"trained: {ended.result()}", flush=True)
                 except RunStoppedError:
                     raise
                 except DohyoError as error:
                     failed.append(error)
-        finally:
-            pool.shutdown(cancel_futures=True)
         if failed:
             raise failed[0]
+
+
+def _trained(jobs: Sequence[Job], workers: int) -> Generator[Future[Path]]:
+    """The trainings as they end; never more begun than there are workers, since a pool starts what it was handed."""
+    # A child per job: SUMO and torch's random state are global in a process.
+    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), max_tasks_per_child=1)
+    waiting, going = iter(jobs), set[Future[Path]]()
+    try:
+        while going := going | {pool.submit(train, job) for job in islice(waiting, workers - len(going))}:
+            done, going = wait(going, return_when=FIRST_COMPLETED)
+            yield from done
+    finally:
+        pool.shutdown()
 
 
 def _stop(number: int, frame: FrameType | None) -> None:

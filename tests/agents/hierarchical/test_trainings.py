@@ -67,7 +67,7 @@ def test_one_command_trains_two_arms_and_once_more_it_has_nothing_to_do(tmp_path
 
 
 def test_a_command_that_is_stopped_has_its_trainings_write_checkpoints_and_goes_on(tmp_path):
-    command = [*COMMAND, "--arms", "hrl", "--out", str(tmp_path), "--set", *TINY, "steps=100000"]
+    command = [*COMMAND, "--arms", "hrl", "--seeds", "0", "1", "--out", str(tmp_path), "--set", *TINY, "steps=100000"]
     going = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     table = tmp_path / "hrl" / "seed-0" / "right" / "metrics.csv"
     while not table.exists() or len(table.read_text().splitlines()) < 3:
@@ -76,8 +76,9 @@ def test_a_command_that_is_stopped_has_its_trainings_write_checkpoints_and_goes_
     going.send_signal(signal.SIGTERM)
     _, said = going.communicate(timeout=60)
     assert (going.returncode, said) == (130, "trainings: stopped; the same command goes on\n")
+    assert not (tmp_path / "hrl" / "seed-1").exists()  # what had not begun does not begin
     steps = int(table.read_text().splitlines()[-1].partition(",")[0])
     finished = subprocess.run([*command, f"steps={steps + 12}"], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert finished.stdout.endswith(f"all 1 trained: {tmp_path}\n")
+    assert finished.stdout.endswith(f"all 2 trained: {tmp_path}\n")
     result = json.loads((table.parent / "result.json").read_text())
     assert (result["finished"], result["steps"]) == (True, steps + 12)
