@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from evaluation.lock import held as folder_held
 from service.policies.agent import FOLDER_VARIABLE
 from service.settings import Settings
 from sumo_networks.errors import InvalidInputError
@@ -22,14 +22,9 @@ def held(settings: Settings) -> Iterator[None]:
     try:
         for folder in (settings.data, settings.records, settings.staging, settings.policies):
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        lock = (settings.data / ".lock").open("w")
     except OSError as error:
         raise InvalidInputError(f"data folder '{settings.data}' cannot be used: {error.strerror}") from error
-    with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise InvalidInputError(f"data folder '{settings.data}' is in use by another service") from error
+    with folder_held(settings.data, "data folder"):
         yield
 
 

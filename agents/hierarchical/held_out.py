@@ -29,6 +29,7 @@ from agents.hierarchical.exercise import Exercise
 from agents.hierarchical.hierarchy import read_sub_policies
 from agents.hierarchical.tasks import ManoeuvreTask
 from agents.training.task import HELD_OUT_FROM
+from evaluation.lock import held
 from evaluation.look import interval, markdown
 from evaluation.statistics import mean_estimate
 from evaluation.store import read_lines, write_atomically
@@ -114,11 +115,15 @@ def run(out: Path, candidates: Sequence[Candidate], episodes: int, workers: int 
     """Drives what is not yet in OUT/POLICY.jsonl, and appends it, candidate by candidate.
 
     Raises:
-        InvalidInputError: A candidate is missing or damaged.
+        InvalidInputError: A candidate is missing or damaged, or another process drives into the same folder.
     """
     for one in candidates:
         read_sub_policies(one.folder.parent, (one.policy,))
-    out.mkdir(parents=True, exist_ok=True)
+    with held(out):
+        _go_on(out, candidates, episodes, workers)
+
+
+def _go_on(out: Path, candidates: Sequence[Candidate], episodes: int, workers: int) -> None:
     driven = {one.policy: read_lines(out / f"{one.policy}.jsonl") for one in candidates}
     for policy, lines in driven.items():  # without a torn last line
         write_atomically(out / f"{policy}.jsonl", "".join(json.dumps(line) + "\n" for line in lines).encode())

@@ -31,6 +31,7 @@ from agents.hierarchical.watch import STANDS_M_S, TICK_S
 from agents.registry import resolve_with
 from evaluation.agent import Agent, Observation, make_agent
 from evaluation.benchmark import load_benchmark
+from evaluation.lock import held
 from evaluation.record import EgoRecord, Status
 from evaluation.runner import drive_episode
 from evaluation.scores.nocrash import drove, success
@@ -227,13 +228,18 @@ def run(path: Path, who: Sequence[Driver], scenarios: Sequence[Scenario], worker
     """Drives what is not yet in a file, and appends it line by line.
 
     Raises:
-        InvalidInputError: An agent cannot be made; nothing has been driven then.
+        InvalidInputError: An agent cannot be made, or another process drives into the same folder; nothing has been
+            driven then.
     """
     for driver in who:
         agent_of(driver)
+    with held(path.parent):
+        _go_on(path, who, scenarios, workers)
+
+
+def _go_on(path: Path, who: Sequence[Driver], scenarios: Sequence[Scenario], workers: int) -> None:
     # Without a torn last line, and without what the simulation lost, which is driven again.
     kept = [one for one in read_drives(path) if one["status"] != Status.SIMULATION.value]
-    path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, "".join(json.dumps(one) + "\n" for one in kept).encode())
     done = {(one["arm"], one["training_seed"], one["scenario"], one["seed"]) for one in kept}
     jobs = [

@@ -11,7 +11,6 @@ result.json        what came out
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import platform
@@ -20,7 +19,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import FrameType
@@ -32,6 +31,7 @@ from agents.training.checkpoint import load_checkpoint, save_checkpoint
 from agents.training.config import RunConfig
 from agents.training.metrics import Board, Number, Table
 from agents.training.settings import as_toml, differences, read_settings
+from evaluation.lock import held
 from evaluation.store import write_atomically
 from sumo_networks.errors import DohyoError, InvalidInputError
 
@@ -62,8 +62,8 @@ class Run:
         """
         self.trainer, self.folder, self.config, self.device = trainer, folder, config, device_of(config.device)
         self._check(resume)
-        folder.mkdir(parents=True, exist_ok=True)
-        self._lock = _locked(folder)
+        self._held = ExitStack()
+        self._held.enter_context(held(folder))
         for scrap in folder.glob(".*.tmp"):  # of a session that was killed while it wrote
             scrap.unlink()
         self.state = load_checkpoint(folder) if resume else None
@@ -121,7 +121,7 @@ class Run:
         for table in self._tables.values():
             table.close()
         self._board.close()
-        os.close(self._lock)
+        self._held.close()
 
     def _check(self, resume: bool) -> None:
         stored = stored_config(self.folder, self.trainer)
@@ -223,14 +223,3 @@ def _version(package: str) -> str | None:
         return version(package)
     except PackageNotFoundError:
         return None
-
-
-def _locked(folder: Path) -> int:
-    """A lock on a folder that ends with this process."""
-    handle = os.open(folder / ".lock", os.O_CREAT | os.O_RDWR)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        os.close(handle)
-        raise InvalidInputError(f"another process is training in '{folder}'") from error
-    return handle

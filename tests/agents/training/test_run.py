@@ -171,7 +171,7 @@ def test_a_run_of_another_trainer_is_refused(folder, monkeypatch, capsys):
 
 def test_one_process_trains_at_a_time(tmp_path):
     run = Run("toy", tmp_path, RunConfig(tensorboard=False))
-    with pytest.raises(InvalidInputError, match="another process is training in"):
+    with pytest.raises(InvalidInputError, match="is in use by another process"):
         Run("toy", tmp_path, RunConfig(tensorboard=False), resume=True)
     run.close()
     Run("toy", tmp_path, RunConfig(tensorboard=False), resume=True).close()
