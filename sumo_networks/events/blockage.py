@@ -143,16 +143,21 @@ class BlockageScript(Script):
             super().prepare(moment)
             if self._door is not None:
                 self._door.on_stage = False
-        self.await_trigger(moment)
+        self._emit(moment)
 
-    def await_trigger(self, moment: Moment) -> None:
-        """The flow beside it comes."""
+    def _emit(self, moment: Moment) -> None:
         if self.flow is not None:
             self.flow.emit(self.name, moment, self.rng)
 
+    def await_trigger(self, moment: Moment) -> None:
+        """The flow beside it comes; what blocks a junction leaves, if the ego cannot come near for those who wait."""
+        self._emit(moment)
+        if self.kind == "blocked_intersection" and self._leaves(moment):
+            self.after(moment)
+
     def act(self, moment: Moment) -> bool:
         """Stands there until the ego is past, or its time is over."""
-        self.await_trigger(moment)
+        self._emit(moment)
         if self._began == math.inf:
             self._began = moment.time
             if self.kind == "vehicle_appears":
@@ -167,7 +172,7 @@ class BlockageScript(Script):
     def _leaves(self, moment: Moment) -> bool:
         if self.event.stay_s is None:
             return False
-        if moment.distance_to(self.place) < NEAR_M or self.kind != "blocked_intersection":
+        if self.kind != "blocked_intersection" or self._is_near(moment):
             self._near_since = min(self._near_since, moment.time)
         if moment.time - self._near_since < self.event.stay_s:
             return False
@@ -175,6 +180,9 @@ class BlockageScript(Script):
             for puppet in self.puppets:
                 puppet.on_stage = False
         return True
+
+    def _is_near(self, moment: Moment) -> bool:
+        return moment.distance_to(self.place) < NEAR_M or self.queues(moment, self.place)
 
     def after(self, moment: Moment) -> None:
         """A single vehicle that stood for a while drives on."""

@@ -154,8 +154,8 @@ class Blockage(BaseEvent):
         actor: What stands there, where it is one vehicle.
         length_m: Of the standing vehicle; None: that of its type.
         width_m: Of the standing vehicle; None: that of its type.
-        stay_s: It goes so long after the trigger (blocked_intersection: after the ego has come within 25 m); None: it
-            stays until the ego has passed.
+        stay_s: It goes so long after the trigger (blocked_intersection: after the ego has come within 25 m, or
+            queues before it); None: it stays until the ego has passed.
         reaction_time_s: A door opens when the ego is so near in time.
         minimum_distance_m: Or so near in space.
         gap_m: Smallest and largest gap of the vehicles in the lane through which the ego must go round; None: there

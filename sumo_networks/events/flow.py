@@ -163,12 +163,13 @@ class FlowScript(Script):
         self.source.emit(self.name, moment, self.rng)
 
     def await_trigger(self, moment: Moment) -> None:
-        """So do others, so that the road is full when the ego comes."""
-        self.source.emit(self.name, moment, self.rng)
+        """So do others, so that the road is full when the ego comes; but not while they keep others before it."""
+        if not self.queues(moment, self.meeting):
+            self.source.emit(self.name, moment, self.rng)
 
     def act(self, moment: Moment) -> bool:
         """They keep coming until the ego is past them."""
-        self.source.emit(self.name, moment, self.rng)
+        self.await_trigger(moment)
         return moment.distance_to(self.meeting) < -self.event.past_m
 
     def withdraw(self, moment: Moment) -> None:

@@ -20,6 +20,10 @@ from sumo_networks.network import RoadNetwork
 from sumo_networks.route import Route
 from sumo_networks.world import Egos, LightState, World
 
+STANDS_MPS = 0.5
+IN_LANE_M = 1.5
+QUEUED_S = 30.0
+
 
 class Unfit(Exception):  # noqa: N818 - not an error of the program: an answer
     """An event does not fit the place it was given; the message says why."""
@@ -108,6 +112,7 @@ class Script(ABC):
         self.network, self.route, self.rng = network, route, rng
         self.path = Path(route.position)
         self.puppets: list[Puppet] = []
+        self._queued_since = math.inf
 
     @property
     def entered(self) -> Sequence[str]:
@@ -138,6 +143,24 @@ class Script(ABC):
     def ahead(self, moment: Moment) -> float:
         """How far its first actor is ahead of the ego along its route, m; NaN where that is not known."""
         return math.nan
+
+    def queues(self, moment: Moment, s: float) -> bool:
+        """Whether the ego has stood for half a minute behind others who stand between it and a point of its route.
+
+        They may be waiting for this very event, which would wait for the ego for ever. To be asked in every tick.
+        """
+        if moment.speed >= STANDS_MPS or not self._stand_before(moment, s):
+            self._queued_since = math.inf
+            return False
+        self._queued_since = min(self._queued_since, moment.time)
+        return moment.time - self._queued_since >= QUEUED_S
+
+    def _stand_before(self, moment: Moment, s: float) -> bool:
+        boxes, speeds, names = moment.around
+        own = {puppet.name for puppet in self.puppets}
+        standing = [i for i, name in enumerate(names) if speeds[i] < STANDS_MPS and name not in own]
+        along, left = self.path.project(boxes[standing, :2], moment.front_m, s)
+        return bool(((along > moment.front_m) & (along < s) & (np.abs(left) < IN_LANE_M)).any())
 
     def puppet_named(self, number: int) -> str:
         """The name of one of its actors."""

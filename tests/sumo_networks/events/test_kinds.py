@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 
+from sumo_networks.env import DrivingEnv
 from sumo_networks.events import KINDS
-from sumo_networks.world import EventPhase
+from sumo_networks.scenario import Place
+from sumo_networks.world import EventPhase, World
 from tests.conftest import MakeEnv
 from tests.sumo_networks.events.stories import STORIES, Story, careful, drive, over, rows_of, state, touched
 
@@ -61,3 +66,47 @@ def test_an_ego_that_stops_can_go_on_again(kind: str, make_env: MakeEnv) -> None
     assert stopped, "it did not have to stop"
     assert over(worlds[-1])
     assert worlds[-1].egos.speed[0] > fast
+
+
+QUEUE_M = 30.0
+
+
+def behind_another(kind: str, make_env: MakeEnv) -> DrivingEnv:
+    """The ego of a story, and another one 30 m ahead of it."""
+    story = STORIES[kind]
+    scenario = story.scenario()
+    (way,) = scenario.missions
+    start = Place(lane=way.start.lane, position_m=way.start.position_m + QUEUE_M)
+    ahead = way.model_copy(update={"name": "ahead", "start": start})
+    both = scenario.model_copy(update={"missions": (way, ahead)})
+    return make_env(both, control="lane_command", reward=None)
+
+
+def queue_at(env: DrivingEnv, s: float, seconds: float) -> list[World]:
+    """Both stop, the other one at a point of the ego's route and the ego 8 m behind it."""
+    if not env.agents:
+        env.reset()
+    worlds = []
+    for _ in range(round(10 * seconds)):
+        own, ahead = env.world.egos.progress.tolist()
+        left = {"ego": s - 8.0 - own, "ahead": s - QUEUE_M - ahead}
+        env.step({name: np.array([min(8.0, 2.0 * math.sqrt(max(left[name], 0.0))), 0.0], np.float32) for name in left})
+        worlds.append(env.world)
+    return worlds
+
+
+def test_a_blocked_junction_is_cleared_for_an_ego_that_others_keep_from_coming_near(make_env: MakeEnv) -> None:
+    worlds = queue_at(behind_another("blocked_intersection", make_env), 125.0, 80.0)
+    stood = next(world.time for world in worlds if world.time > 15.0 and world.egos.speed.max() < 0.5)
+    moving = [world.time for world in worlds if (rows := rows_of(world)) and world.actors.speed[rows[0]] > 1.0]
+    assert worlds[-1].egos.progress[0] < 125.0  # farther than 25 m from what blocks it
+    assert moving[0] - stood == pytest.approx(30.0 + 10.0, abs=2.0)
+
+
+def test_a_flow_pauses_for_others_who_keep_the_ego_from_it(make_env: MakeEnv) -> None:
+    env = behind_another("left_turn_unsignalised", make_env)
+    came = [len(state(world).actors) for world in queue_at(env, 140.0, 80.0)]
+    assert came[300] > came[200] > came[150]
+    assert came[-1] == came[-300], "nobody came for half a minute"
+    again = queue_at(env, 144.0, 20.0)
+    assert len(state(again[-1]).actors) > came[-1], "the ego has moved on, and they come again"
