@@ -127,7 +127,7 @@ def rival_of(env: DrivingEnv, cruise: float) -> list[tuple[float, float, int]]:
 
 
 def test_a_rival_that_turns_indicates_and_drives_no_faster_than_its_bend_allows(make_env: MakeEnv) -> None:
-    from_the_stem = ("town-test", mission("-bridge_lane_1", 28.4, "-baker_street_3_1"))  # only left turns meet it
+    from_the_stem = ("town-test", mission("-bridge_lane_1", 28.4, "-baker_street_3_1"))  # no way straight on meets it
     story = Story("opposite_runs_red_light", from_the_stem, 51.0)
     seen = rival_of(make_env(story.scenario(), control="lane_command", reward=None), story.speed)
     headings = np.unwrap([heading for _, heading, _ in seen])
