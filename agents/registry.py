@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from importlib.metadata import entry_points
 from typing import Any
 
-from sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 GROUP = "dohyo.agents"
-LOCALIZED = "agents.localization.localized:Localized"
-SHIELDED = "agents.hierarchical.shield:Shielded"
+LOCALIZED = "dohyo.agents.localization.localized:Localized"
+SHIELDED = "dohyo.agents.hierarchical.shield:Shielded"
 
 
 def agent_entries() -> dict[str, str]:

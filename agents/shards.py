@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.store import write_atomically
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.errors import InvalidInputError
 
 Arrays = dict[str, NDArray[Any]]
 

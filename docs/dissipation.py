@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 from space_time import SpeedMap, side_by_side, write_picture
 
-from agents.speed_planning.dissipation import LeadIn, Morning, controlled, is_observed
-from agents.speed_planning.study import ARMS, in_a_copy
-from sumo_networks.arrays import FloatArray
-from sumo_networks.freeway import FreewaySimulation, load_freeway
-from sumo_networks.freeway.measure import SpaceTimeMap
+from dohyo.agents.speed_planning.dissipation import LeadIn, Morning, controlled, is_observed
+from dohyo.agents.speed_planning.study import ARMS, in_a_copy
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.freeway import FreewaySimulation, load_freeway
+from dohyo.sumo_networks.freeway.measure import SpaceTimeMap
 
 PICTURE = Path(__file__).with_suffix(".png")
 SEED = 5

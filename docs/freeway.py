@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from space_time import SpeedMap, side_by_side, write_picture
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.freeway import FreewayScenario, FreewaySimulation, load_freeway
-from sumo_networks.freeway.days import drive_day
-from sumo_networks.freeway.measure import SpaceTimeMap, wave_speed
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.freeway import FreewayScenario, FreewaySimulation, load_freeway
+from dohyo.sumo_networks.freeway.days import drive_day
+from dohyo.sumo_networks.freeway.measure import SpaceTimeMap, wave_speed
 
 PICTURE = Path(__file__).with_suffix(".png")
 MORNING = FreewayScenario(seed=1, start_s=6.7 * 3600, duration_s=4200.0, warm_up_s=600.0)

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.registry import agent_entries
-from evaluation.agent import make_agent
-from evaluation.benchmark import load_benchmark
-from evaluation.criteria import criteria_for
-from evaluation.record import Infraction
-from sumo_networks.env import DrivingEnv
-from sumo_networks.scenario import Scenario
-from sumo_networks.world import ActorKind, LightState, World
+from dohyo.agents.registry import agent_entries
+from dohyo.evaluation.agent import make_agent
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.criteria import criteria_for
+from dohyo.evaluation.record import Infraction
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.world import ActorKind, LightState, World
 
 MISSION, SEED, MOMENT_S = "right-to-south", 0, 14.1
 CENTRE_M, SIZE_M = (5764.0, 5656.0), (104.0, 78.0)

@@ -14,15 +14,15 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from agents.registry import agent_entries
-from evaluation.agent import make_agent
-from evaluation.benchmark import load_benchmark
-from sumo_networks.conditions import CONDITIONS
-from sumo_networks.env import DrivingEnv
-from sumo_networks.imaging.labels import Label
-from sumo_networks.scenario import Mission, Place, Scenario, Traffic
-from sumo_networks.sensors import BirdseyeConfig, CameraConfig, SensorConfig, make_sensors
-from sumo_networks.world import LightState, World
+from dohyo.agents.registry import agent_entries
+from dohyo.evaluation.agent import make_agent
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.sumo_networks.conditions import CONDITIONS
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.imaging.labels import Label
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from dohyo.sumo_networks.sensors import BirdseyeConfig, CameraConfig, SensorConfig, make_sensors
+from dohyo.sumo_networks.world import LightState, World
 
 SEED = 4
 WIDTH, HEIGHT = 384, 288

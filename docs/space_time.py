@@ -12,10 +12,10 @@ from pathlib import Path
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from evaluation.look import template
-from evaluation.pictures import write_page
-from sumo_networks.arrays import FloatArray
-from sumo_networks.freeway import FreewayRoad
+from dohyo.evaluation.look import template
+from dohyo.evaluation.pictures import write_page
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.freeway import FreewayRoad
 
 WIDTH, HEIGHT = 1240, 520
 FREE_KMH = 115

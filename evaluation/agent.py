@@ -11,13 +11,13 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from pydantic import ValidationError
 
-from evaluation.record import AgentInfo
-from evaluation.sources import source_files
-from sumo_networks.control import CONTROLS
-from sumo_networks.env import Observation
-from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.scenario import Config, Mission
-from sumo_networks.sensors import Track, make_sensors
+from dohyo.evaluation.record import AgentInfo
+from dohyo.evaluation.sources import source_files
+from dohyo.sumo_networks.control import CONTROLS
+from dohyo.sumo_networks.env import Observation
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.scenario import Config, Mission
+from dohyo.sumo_networks.sensors import Track, make_sensors
 
 __all__ = ["Agent", "AgentSpec", "Explanation", "Mission", "Observation", "agent_info", "make_agent"]
 
@@ -30,8 +30,8 @@ class AgentSpec(Config):
     Attributes:
         name: For people and file names.
         track: Which sensors it may use.
-        sensors: What it sees, names of `sumo_networks.sensors.SENSORS`.
-        control: How it acts, a name of `sumo_networks.control.CONTROLS`.
+        sensors: What it sees, names of `dohyo.sumo_networks.sensors.SENSORS`.
+        control: How it acts, a name of `dohyo.sumo_networks.control.CONTROLS`.
     """
 
     name: str
@@ -115,7 +115,7 @@ def _check(agent: Agent, entry: str) -> None:
     """Refuses an agent before it costs any simulation."""
     missing = [name for name in ("spec", "reset", "act") if not hasattr(agent, name)]
     if missing:
-        raise InvalidInputError(f"agent '{entry}' has no {', '.join(missing)} (see evaluation.agent.Agent)")
+        raise InvalidInputError(f"agent '{entry}' has no {', '.join(missing)} (see dohyo.evaluation.agent.Agent)")
     try:
         spec = AgentSpec.model_validate(agent.spec, from_attributes=True)
     except ValidationError as error:

@@ -11,15 +11,15 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from sumo_networks.catalog import load_network
-from sumo_networks.conditions import conditions_named
-from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.events import Event
-from sumo_networks.events.auto import EVERY_M, auto_events
-from sumo_networks.events.director import check_placement, trigger_of
-from sumo_networks.route import Route
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Config, Mission, Name, Scenario, Traffic, content_hash
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.conditions import conditions_named
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.events import Event
+from dohyo.sumo_networks.events.auto import EVERY_M, auto_events
+from dohyo.sumo_networks.events.director import check_placement, trigger_of
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Config, Mission, Name, Scenario, Traffic, content_hash
 
 BENCHMARKS = Path(__file__).with_name("benchmarks")
 CLOSED_LOOP = "closed_loop"
@@ -129,7 +129,7 @@ class Benchmark(Config):
         cells: Its parts.
         missions: Sets of missions by name.
         stop_on_collision: As in NoCrash.
-        time_limit: None: the CARLA Leaderboard's (see `evaluation.criteria.timeout`).
+        time_limit: None: the CARLA Leaderboard's (see `dohyo.evaluation.criteria.timeout`).
         seeds: Driven by default; missions with an excerpt have their own.
         duration_s: Of every episode; None: to the goal.
         replay: Everybody but the egos replays the log of the mission's excerpt, whatever the egos do.

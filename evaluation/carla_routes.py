@@ -21,13 +21,13 @@ import numpy as np
 import shapely
 from pydantic import ValidationError
 
-from evaluation.benchmark import Benchmark, Cell
-from sumo_networks.arrays import FloatArray, IntArray
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.network import RoadNetwork
-from sumo_networks.scenario import Mission, Place, Traffic
-from sumo_networks.xml_guard import scan
+from dohyo.evaluation.benchmark import Benchmark, Cell
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.scenario import Mission, Place, Traffic
+from dohyo.sumo_networks.xml_guard import scan
 
 MAX_SNAP_M = 5.0
 METRIC = "driving score: route completion times infraction penalty, mean over drives (CARLA Leaderboard 2.0)"

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from evaluation.record import EpisodeRecord
-from evaluation.scores.closed_loop import ClosedLoop, closed_loop
-from evaluation.statistics import Comparison, Estimate, mean_estimate, paired, share_estimate
-from evaluation.store import read_trajectory
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.record import EpisodeRecord
+from dohyo.evaluation.scores.closed_loop import ClosedLoop, closed_loop
+from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired, share_estimate
+from dohyo.evaluation.store import read_trajectory
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError
 
 TERMS = (
     "no_collision",

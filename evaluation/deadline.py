@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from sumo_networks.errors import AgentTimeoutError
+from dohyo.sumo_networks.errors import AgentTimeoutError
 
 
 class _Expired(BaseException):

@@ -10,16 +10,16 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from evaluation.agent import agent_info, make_agent
-from evaluation.benchmark import Benchmark, load_benchmark
-from evaluation.executors import Executor, Job, ProcessPool
-from evaluation.logs import prepare_logs
-from evaluation.record import AgentInfo, EpisodeRecord
-from evaluation.runner import ACT_DEADLINE_S, versions
-from evaluation.store import read_record, write_atomically
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.scenario import Config, Scenario
+from dohyo.evaluation.agent import agent_info, make_agent
+from dohyo.evaluation.benchmark import Benchmark, load_benchmark
+from dohyo.evaluation.executors import Executor, Job, ProcessPool
+from dohyo.evaluation.logs import prepare_logs
+from dohyo.evaluation.record import AgentInfo, EpisodeRecord
+from dohyo.evaluation.runner import ACT_DEADLINE_S, versions
+from dohyo.evaluation.store import read_record, write_atomically
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Config, Scenario
 
 MANIFEST = "evaluation.json"
 RECORDS = "records"

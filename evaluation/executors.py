@@ -20,15 +20,15 @@ from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from typing import Any, Protocol
 
-from evaluation.agent import make_agent
-from evaluation.record import AgentInfo, EgoRecord, EpisodeRecord, Status
-from evaluation.runner import drive_episode, versions
-from evaluation.store import seal, write_record
-from evaluation.trajectory import TrajectoryRecorder
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Scenario
+from dohyo.evaluation.agent import make_agent
+from dohyo.evaluation.record import AgentInfo, EgoRecord, EpisodeRecord, Status
+from dohyo.evaluation.runner import drive_episode, versions
+from dohyo.evaluation.store import seal, write_record
+from dohyo.evaluation.trajectory import TrajectoryRecorder
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Scenario
 
 MAX_ATTEMPTS = 2
 KILL_GRACE_S = 5.0

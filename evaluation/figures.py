@@ -9,11 +9,11 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from evaluation.look import ENDINGS, MARKS, PALETTES, agent_colours, ending, interval, label, number, template
-from evaluation.record import EgoRecord, EpisodeRecord, Infraction, InfractionKind
-from evaluation.scores.driving import Rules, driving_score
-from evaluation.statistics import Estimate, mean_estimate
-from sumo_networks.arrays import FloatArray
+from dohyo.evaluation.look import ENDINGS, MARKS, PALETTES, agent_colours, ending, interval, label, number, template
+from dohyo.evaluation.record import EgoRecord, EpisodeRecord, Infraction, InfractionKind
+from dohyo.evaluation.scores.driving import Rules, driving_score
+from dohyo.evaluation.statistics import Estimate, mean_estimate
+from dohyo.sumo_networks.arrays import FloatArray
 
 Records = Mapping[str, Sequence[EpisodeRecord]]
 """The records of each agent, by its name."""

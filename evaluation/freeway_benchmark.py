@@ -8,11 +8,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from sumo_networks.catalog import user_catalog
-from sumo_networks.config import Config, Name
-from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.freeway.dataset import Order, dataset_facts
-from sumo_networks.scenario import content_hash
+from dohyo.sumo_networks.catalog import user_catalog
+from dohyo.sumo_networks.config import Config, Name
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.freeway.dataset import Order, dataset_facts
+from dohyo.sumo_networks.scenario import content_hash
 
 FREEWAY_BENCHMARKS = Path(__file__).with_name("benchmarks") / "freeway"
 

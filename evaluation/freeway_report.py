@@ -8,11 +8,11 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from evaluation.freeway_benchmark import ForecastBenchmark
-from evaluation.freeway_result import RESULT, FreewayResult, Row, rows
-from evaluation.look import MISSING, number
-from evaluation.store import write_atomically
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.freeway_benchmark import ForecastBenchmark
+from dohyo.evaluation.freeway_result import RESULT, FreewayResult, Row, rows
+from dohyo.evaluation.look import MISSING, number
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.errors import InvalidInputError
 
 PAGE = "report.html"
 
@@ -56,7 +56,7 @@ def write_page(out: Path, result: FreewayResult) -> Path:
 
 def page(result: FreewayResult) -> str:
     """The page as text."""
-    loader = PackageLoader("evaluation", "templates")
+    loader = PackageLoader("dohyo.evaluation", "templates")
     environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     environment.filters.update(number=number, share=_share, signed=lambda value: f"{value:+.1f}")
     shown, pairs = [_shown(row) for row in rows(result)], _pairs(result)

@@ -15,11 +15,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-from evaluation.freeway_benchmark import FreewayBenchmark
-from evaluation.statistics import Comparison, Estimate, mean_estimate, paired
-from evaluation.store import write_atomically
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.scenario import content_hash
+from dohyo.evaluation.freeway_benchmark import FreewayBenchmark
+from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import content_hash
 
 RESULT = "result.json"
 Units = Mapping[str, Mapping[str, float]]

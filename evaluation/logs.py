@@ -9,14 +9,14 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from evaluation.agent import make_agent
-from evaluation.trajectory import Trajectory, TrajectoryRecorder
-from sumo_networks.env import DrivingEnv
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.log import Log, LogRecorder, log_path, write_log
-from sumo_networks.scenario import Scenario
+from dohyo.evaluation.agent import make_agent
+from dohyo.evaluation.trajectory import Trajectory, TrajectoryRecorder
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.log import Log, LogRecorder, log_path, write_log
+from dohyo.sumo_networks.scenario import Scenario
 
-REFERENCE = "agents.experts.autopilot:Autopilot"
+REFERENCE = "dohyo.agents.experts.autopilot:Autopilot"
 """Who drives where a log is made: the expert whose progress is the measure."""
 
 
@@ -118,6 +118,6 @@ def _make_log(scenario: Scenario) -> None:
         raise InvalidInputError(
             f"scenario '{scenario.name}': expected log {(scenario.log or '')[:12]}, the reference now gives "
             f"{log.sha256()[:12]}: it, SUMO or the network has changed since the benchmark was drawn "
-            "(python -m evaluation.benchmarks.draw_val14 --pin)"
+            "(python -m dohyo.evaluation.benchmarks.draw_val14 --pin)"
         )
     write_log(log)

@@ -11,8 +11,8 @@ from typing import Literal
 
 import plotly.graph_objects as go
 
-from evaluation.record import InfractionKind, Status
-from evaluation.statistics import Estimate
+from dohyo.evaluation.record import InfractionKind, Status
+from dohyo.evaluation.statistics import Estimate
 
 Scheme = Literal["light", "dark"]
 

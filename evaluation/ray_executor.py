@@ -20,13 +20,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from evaluation.executors import MAX_ATTEMPTS, Job, Worker, drive_all, lost_episode
-from evaluation.record import EpisodeRecord, Status
-from evaluation.runner import versions
-from evaluation.store import read_trajectory, write_record
-from evaluation.trajectory import Trajectory
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.evaluation.executors import MAX_ATTEMPTS, Job, Worker, drive_all, lost_episode
+from dohyo.evaluation.record import EpisodeRecord, Status
+from dohyo.evaluation.runner import versions
+from dohyo.evaluation.store import read_trajectory, write_record
+from dohyo.evaluation.trajectory import Trajectory
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 
 CONNECT_S = 10.0
 LOCAL = "local"

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from sumo_networks.scenario import Config, Scenario
+from dohyo.sumo_networks.scenario import Config, Scenario
 
 
 class InfractionKind(StrEnum):

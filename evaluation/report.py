@@ -14,8 +14,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from evaluation import figures, look
-from evaluation.closed_loop import (
+from dohyo.evaluation import figures, look
+from dohyo.evaluation.closed_loop import (
     ClosedLoopSummary,
     applies,
     by_type,
@@ -23,9 +23,9 @@ from evaluation.closed_loop import (
     score_records,
     summarise_closed_loop,
 )
-from evaluation.look import ENDINGS, MARKS, MISSING, number
-from evaluation.record import Infraction, InfractionKind
-from evaluation.report_rows import (
+from dohyo.evaluation.look import ENDINGS, MARKS, MISSING, number
+from dohyo.evaluation.record import Infraction, InfractionKind
+from dohyo.evaluation.report_rows import (
     Contender,
     Drive,
     Evaluation,
@@ -34,14 +34,11 @@ from evaluation.report_rows import (
     make_pair,
     worst_first,
 )
-from evaluation.report_tables import csv_tables
-from evaluation.road_map import LaneShape, Spot, draw_map, drivable_lanes
-from evaluation.scores.driving import (
-    IrsLength,
-    Rules,
-)
-from evaluation.store import write_atomically
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.report_tables import csv_tables
+from dohyo.evaluation.road_map import LaneShape, Spot, draw_map, drivable_lanes
+from dohyo.evaluation.scores.driving import IrsLength, Rules
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +159,7 @@ def _check(evaluations: Sequence[Evaluation]) -> None:
 
 
 def _environment() -> Environment:
-    loader = PackageLoader("evaluation", "templates")
+    loader = PackageLoader("dohyo.evaluation", "templates")
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )

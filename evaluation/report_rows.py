@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
-from evaluation import figures, look
-from evaluation.look import MARKS, number
-from evaluation.record import EgoRecord, EpisodeRecord
-from evaluation.scores.driving import (
+from dohyo.evaluation import figures, look
+from dohyo.evaluation.look import MARKS, number
+from dohyo.evaluation.record import EgoRecord, EpisodeRecord
+from dohyo.evaluation.scores.driving import (
     IrsLength,
     Rules,
     driving_score,
@@ -20,9 +20,9 @@ from evaluation.scores.driving import (
     outside_fraction,
     route_completion,
 )
-from evaluation.statistics import Comparison, Estimate
-from evaluation.summary import Summary, compare, summarise
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.statistics import Comparison, Estimate
+from dohyo.evaluation.summary import Summary, compare, summarise
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 
-from evaluation.report_rows import Contender, Drive, Pair
-from evaluation.scores.driving import route_completion
-from evaluation.spreadsheet import csv_text
-from evaluation.statistics import Estimate
-from evaluation.summary import Summary
+from dohyo.evaluation.report_rows import Contender, Drive, Pair
+from dohyo.evaluation.scores.driving import route_completion
+from dohyo.evaluation.spreadsheet import csv_text
+from dohyo.evaluation.statistics import Estimate
+from dohyo.evaluation.summary import Summary
 
 
 def csv_tables(contenders: Sequence[Contender], pairs: Sequence[Pair], drives: Sequence[Drive]) -> dict[str, str]:

@@ -10,10 +10,10 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from evaluation.record import Infraction
-from sumo_networks.arrays import FloatArray
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.record import Infraction
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError
 
 D = TypeVar("D")
 

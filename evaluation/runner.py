@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.agent import Agent, Observation, agent_info
-from evaluation.criteria import ENDS, Collision, Criterion, OutsideLanes, criteria_for
-from evaluation.deadline import deadline
-from evaluation.record import (
+from dohyo.evaluation.agent import Agent, Observation, agent_info
+from dohyo.evaluation.criteria import ENDS, Collision, Criterion, OutsideLanes, criteria_for
+from dohyo.evaluation.deadline import deadline
+from dohyo.evaluation.record import (
     AgentInfo,
     EgoRecord,
     EpisodeRecord,
@@ -26,16 +26,16 @@ from evaluation.record import (
     Timing,
     Versions,
 )
-from evaluation.store import seal
-from evaluation.trajectory import Trajectory, TrajectoryRecorder
-from sumo_networks.catalog import load_network
-from sumo_networks.control import InvalidActionError
-from sumo_networks.env import DrivingEnv
-from sumo_networks.errors import AgentError, AgentTimeoutError, InvalidInputError, SimulationError
-from sumo_networks.network import RoadNetwork
-from sumo_networks.scenario import Scenario
-from sumo_networks.simulation import TICK_S, sumo_version
-from sumo_networks.world import World
+from dohyo.evaluation.store import seal
+from dohyo.evaluation.trajectory import Trajectory, TrajectoryRecorder
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.control import InvalidActionError
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, InvalidInputError, SimulationError
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.simulation import TICK_S, sumo_version
+from dohyo.sumo_networks.world import World
 
 ACT_DEADLINE_S = 10.0
 RESET_DEADLINE_S = 60.0

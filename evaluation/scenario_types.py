@@ -15,11 +15,11 @@ from types import MappingProxyType
 
 import numpy as np
 
-from sumo_networks.arrays import BoolArray, FloatArray
-from sumo_networks.log import Log
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Command, Route
-from sumo_networks.world import ActorKind, Actors
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray
+from dohyo.sumo_networks.log import Log
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Command, Route
+from dohyo.sumo_networks.world import ActorKind, Actors
 
 TICK_S = 0.1
 HALF_LENGTH_M = 2.25

@@ -16,10 +16,10 @@ _NAMED = re.compile(r"(\w+(?:\.\w+)+)(?::\w+)?")
 def source_files(kind: type) -> tuple[Path, ...]:
     """The file that defines a class, and those of its package that it imports, directly or not.
 
-    Its package is everything under the first part of its module's name, such as `agents`. Imports are read, not
-    followed at run time: also those inside functions count, and modules that a text names to be loaded later
-    ("agents.x" or "agents.x:Class"); nothing is executed. A file that holds no more than a docstring decides nothing
-    and is left out; so are other packages, whose versions a record states.
+    Its package is everything under the first part of its module's name, and for dohyo's own agents `dohyo.agents`.
+    Imports are read, not followed at run time: those inside functions count too, and modules that a string names for
+    later loading ("package.module" or "package.module:Class"); nothing is executed. Files that hold no more than a
+    docstring are left out; so are other packages, whose versions a record states.
 
     Args:
         kind: The agent's class.
@@ -32,25 +32,33 @@ def source_files(kind: type) -> tuple[Path, ...]:
         OSError: A file cannot be read.
     """
     own = Path(inspect.getfile(kind))
-    root, _, rest = kind.__module__.partition(".")
+    root = _root(kind.__module__)
     package = getattr(sys.modules.get(root), "__path__", None)
-    if not rest or not package:
+    if kind.__module__ == root or not package:
         return (own,)
     found: dict[str, Path] = {}
     waiting = [kind.__module__]
     while waiting:
         module = waiting.pop()
-        path = _file_of(module, Path(package[0]))
+        path = _file_of(module, root, Path(package[0]))
         if module in found or path is None:
             continue
         found[module] = path
-        waiting += [name for name in _mentioned(module, path) if name.split(".")[0] == root and name not in found]
+        waiting += [
+            name for name in _mentioned(module, path) if f"{name}.".startswith(f"{root}.") and name not in found
+        ]
     others = [path for name, path in sorted(found.items()) if path != own and _imports(*_state(path)) is not None]
     return (own, *others)
 
 
-def _file_of(module: str, package: Path) -> Path | None:
-    place = package.joinpath(*module.split(".")[1:])
+def _root(module: str) -> str:
+    """The package whose files may be part of an agent: within dohyo only the floor, not all of it."""
+    parts = module.split(".")
+    return ".".join(parts[: 2 if parts[0] == "dohyo" else 1])
+
+
+def _file_of(module: str, root: str, package: Path) -> Path | None:
+    place = package.joinpath(*module.removeprefix(root).split(".")[1:])
     for path in (place / "__init__.py", place.with_name(f"{place.name}.py")):
         if path.is_file() and (path.parent == package or package in path.parents):
             return path

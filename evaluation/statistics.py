@@ -15,8 +15,8 @@ from typing import Final, Literal
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 N_RESAMPLES: Final = 2000
 SEED: Final = 0

@@ -14,10 +14,10 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from evaluation.record import EpisodeRecord
-from evaluation.trajectory import Trajectory
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.scenario import content_hash
+from dohyo.evaluation.record import EpisodeRecord
+from dohyo.evaluation.trajectory import Trajectory
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import content_hash
 
 _PARQUET_DIGEST: Final = "parquet_sha256"
 _OUTSIDE_THE_HASH: Final = frozenset({"record_hash", "timing", _PARQUET_DIGEST})

@@ -9,9 +9,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from evaluation.record import AgentInfo, EgoRecord, EpisodeRecord, InfractionKind, Status
-from evaluation.scores import nocrash
-from evaluation.scores.driving import (
+from dohyo.evaluation.record import AgentInfo, EgoRecord, EpisodeRecord, InfractionKind, Status
+from dohyo.evaluation.scores import nocrash
+from dohyo.evaluation.scores.driving import (
     MIN_KM,
     IrsLength,
     Rules,
@@ -21,9 +21,9 @@ from evaluation.scores.driving import (
     outside_fraction,
     route_completion,
 )
-from evaluation.scores.rates import infraction_counts, route_km
-from evaluation.statistics import Comparison, Estimate, mean_estimate, paired, ratio_estimate, share_estimate
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.scores.rates import infraction_counts, route_km
+from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired, ratio_estimate, share_estimate
+from dohyo.sumo_networks.errors import InvalidInputError
 
 SCORES = (
     "success",

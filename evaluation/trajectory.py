@@ -16,9 +16,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from sumo_networks.arrays import BoolArray, Float32Array
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.world import ActorKind, World
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.world import ActorKind, World
 
 _DTYPES: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -109,7 +109,7 @@ class Trajectory:
 
     @classmethod
     def read_parquet(cls, path: Path) -> Trajectory:
-        """Reads what `write_parquet` wrote; `evaluation.store.read_trajectory` also notices damage.
+        """Reads what `write_parquet` wrote; `dohyo.evaluation.store.read_trajectory` also notices damage.
 
         Raises:
             InvalidInputError: If the file is missing, no Parquet, or holds another table.

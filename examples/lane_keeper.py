@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from evaluation.agent import Agent, AgentSpec
+from dohyo.evaluation.agent import Agent, AgentSpec
 
 SENSORS = ("route", "objects", "lights")
 

@@ -12,7 +12,7 @@ import sys
 
 import numpy as np
 
-from service.worker_session import WorkerSession
+from dohyo.service.worker_session import WorkerSession
 
 AHEAD = 10
 """Cells of 100 m."""

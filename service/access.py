@@ -13,10 +13,10 @@ from typing import Annotated
 from fastapi import Depends, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
-from service.database.models import Role
-from service.database.tokens import find_token
-from service.errors import ForbiddenError, UnauthorisedError
-from service.state import ServicesOf
+from dohyo.service.database.models import Role
+from dohyo.service.database.tokens import find_token
+from dohyo.service.errors import ForbiddenError, UnauthorisedError
+from dohyo.service.state import ServicesOf
 
 LONGEST_TOKEN = 200
 

@@ -12,8 +12,8 @@ from anyio import to_thread
 from fastapi import FastAPI
 from fastapi.middleware.cors import CORSMiddleware
 
-from service import errors, limits
-from service.api import (
+from dohyo.service import errors, limits
+from dohyo.service.api import (
     agents,
     benchmarks,
     comparison,
@@ -31,15 +31,15 @@ from service.api import (
     webhooks,
     workers,
 )
-from service.api.documents import SUMMARY, TAGS, describe, problems
-from service.dashboard import pages
-from service.dashboard.session import SessionCookie, show_errors_as_pages
-from service.data_folder import held, told
-from service.database.engine import Database
-from service.delivery import Deliverer
-from service.episodes.scheduler import Scheduler
-from service.settings import Settings
-from service.state import Broadcast, Services
+from dohyo.service.api.documents import SUMMARY, TAGS, describe, problems
+from dohyo.service.dashboard import pages
+from dohyo.service.dashboard.session import SessionCookie, show_errors_as_pages
+from dohyo.service.data_folder import held, told
+from dohyo.service.database.engine import Database
+from dohyo.service.delivery import Deliverer
+from dohyo.service.episodes.scheduler import Scheduler
+from dohyo.service.settings import Settings
+from dohyo.service.state import Broadcast, Services
 
 ROUTERS = tuple(
     module.router

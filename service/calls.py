@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
 from urllib.parse import quote
 
-from evaluation.record import AgentInfo
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.record import AgentInfo
+from dohyo.sumo_networks.errors import InvalidInputError
 
 Document = dict[str, Any]
 Answer = TypeVar("Answer")

@@ -8,7 +8,7 @@
         print(client.leaderboard("quickstart"))
 
 Both have the same methods; those of AsyncClient are awaited. Answers are the service's JSON documents. A policy worker
-speaks another, faster way: see `service.worker_session`.
+speaks another, faster way: see `dohyo.service.worker_session`.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from typing import Any, Self
 
 import httpx
 
-from evaluation.record import AgentInfo
-from evaluation.store import write_atomically
-from service.calls import Call, Calls, Document, path_of
-from service.worker_session import WorkerSession
-from sumo_networks.errors import DohyoError
+from dohyo.evaluation.record import AgentInfo
+from dohyo.evaluation.store import write_atomically
+from dohyo.service.calls import Call, Calls, Document, path_of
+from dohyo.service.worker_session import WorkerSession
+from dohyo.sumo_networks.errors import DohyoError
 
 ENDED = ("done", "failed", "cancelled")
 TIMEOUT_S = 60.0

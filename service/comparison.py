@@ -7,9 +7,9 @@ from dataclasses import asdict
 from itertools import combinations
 from typing import Any, Final
 
-from service.leaderboard import Entry
-from service.scoring import compare_drives, scores_of, summarise_drives
-from sumo_networks.errors import InvalidInputError
+from dohyo.service.leaderboard import Entry
+from dohyo.service.scoring import compare_drives, scores_of, summarise_drives
+from dohyo.sumo_networks.errors import InvalidInputError
 
 MOST: Final = 8
 SCENARIOS: Final = 10

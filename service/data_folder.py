@@ -6,10 +6,10 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from evaluation.lock import held as folder_held
-from service.policies.agent import FOLDER_VARIABLE
-from service.settings import Settings
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.lock import held as folder_held
+from dohyo.service.policies.agent import FOLDER_VARIABLE
+from dohyo.service.settings import Settings
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 @contextmanager

@@ -22,10 +22,10 @@ from urllib.parse import urlsplit
 import httpx
 from sqlalchemy.exc import SQLAlchemyError
 
-from service.database import webhooks
-from service.database.models import Delivery, Webhook
-from service.state import Services
-from sumo_networks.errors import InvalidInputError
+from dohyo.service.database import webhooks
+from dohyo.service.database.models import Delivery, Webhook
+from dohyo.service.state import Services
+from dohyo.sumo_networks.errors import InvalidInputError
 
 POLL_S: Final = 2.0
 TIMEOUT_S: Final = 10.0

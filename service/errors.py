@@ -15,7 +15,7 @@ from sqlalchemy.exc import DataError, DBAPIError, IntegrityError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from starlette.exceptions import HTTPException
 
-from sumo_networks.errors import DohyoError, InvalidInputError, SimulationError, UnknownNameError
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, SimulationError, UnknownNameError
 
 PROBLEM = "application/problem+json"
 RETRY_S = 5

@@ -1,7 +1,7 @@
 """Isolated: work on what strangers sent, in a child process with limits on time, memory and file size.
 
-`python -m service.isolated TASK` reads one JSON object of arguments from standard input and prints one JSON object:
-{"result": ...}, {"refused": "why"} or {"full": true}. The child can only run the tasks named here.
+`python -m dohyo.service.isolated TASK` reads one JSON object of arguments from standard input and prints one JSON
+object: {"result": ...}, {"refused": "why"} or {"full": true}. The child can only run the tasks named here.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from pathlib import Path
 from threading import BoundedSemaphore
 from typing import Any, Final
 
-from service.errors import DISK_FULL, BusyError, StorageFullError
-from sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.service.errors import DISK_FULL, BusyError, StorageFullError
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 
 AT_ONCE: Final = 2
 MEMORY_BYTES: Final = 8_000_000_000  # of address space, of which numpy and torch reserve more than they use
@@ -43,7 +43,7 @@ def run_isolated(task: str, arguments: Mapping[str, Any], timeout_s: float) -> A
         raise BusyError("too many uploads are being checked", retry_s=WAIT_S)
     try:
         done = subprocess.run(
-            [sys.executable, "-m", "service.isolated", task],
+            [sys.executable, "-m", "dohyo.service.isolated", task],
             input=json.dumps(arguments),
             capture_output=True,
             text=True,
@@ -68,7 +68,7 @@ def run_isolated(task: str, arguments: Mapping[str, Any], timeout_s: float) -> A
 
 def describe_agent(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Makes a built-in agent with settings, and says what records will say of it."""
-    from evaluation.agent import agent_info, make_agent
+    from dohyo.evaluation.agent import agent_info, make_agent
 
     entry, settings = arguments["entry"], arguments["settings"]
     agent = make_agent(entry, settings)
@@ -81,7 +81,7 @@ def describe_agent(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 def import_file(arguments: Mapping[str, Any]) -> None:
     """Imports a road network into the catalog."""
-    from sumo_networks.importing import import_network
+    from dohyo.sumo_networks.importing import import_network
 
     import_network(
         Path(arguments["file"]),

@@ -8,9 +8,9 @@ from datetime import datetime
 from functools import cached_property
 from typing import Any
 
-from evaluation.spreadsheet import csv_text
-from evaluation.statistics import Comparison, Estimate
-from service.scoring import CLOSED_LOOP_SCORES, Drive, compare_drives, estimate, rates_per_km, scores_of
+from dohyo.evaluation.spreadsheet import csv_text
+from dohyo.evaluation.statistics import Comparison, Estimate
+from dohyo.service.scoring import CLOSED_LOOP_SCORES, Drive, compare_drives, estimate, rates_per_km, scores_of
 
 COLUMNS = ("driving_score", "route_completion", "infraction_penalty", "irs", "success", "nocrash_success")
 OF_SOME = ("drove_2500m", *CLOSED_LOOP_SCORES)

@@ -17,7 +17,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.errors import BusyError, TooLargeError, problem
+from dohyo.service.errors import BusyError, TooLargeError, problem
 
 WIRE = ("/v1/workers", "/v1/leases")
 FREE = ("/health", "/static")

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
-from evaluation.record import InfractionKind
-from evaluation.spreadsheet import csv_text
-from service.leaderboard import Entry
-from service.scoring import Drive, estimate, scores_of, summarise_drives
+from dohyo.evaluation.record import InfractionKind
+from dohyo.evaluation.spreadsheet import csv_text
+from dohyo.service.leaderboard import Entry
+from dohyo.service.scoring import Drive, estimate, scores_of, summarise_drives
 
 _LENGTHS: Final = ("km", "route_m", "driven_m", "duration_s")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable
 
-from service.state import Broadcast
-from service.views import EvaluationView
+from dohyo.service.state import Broadcast
+from dohyo.service.views import EvaluationView
 
 MEDIA_TYPE = "text/event-stream"
 HEARTBEAT_S = 15.0

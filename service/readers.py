@@ -12,20 +12,20 @@ from typing import Annotated, Final
 
 from fastapi import Depends, Request
 
-from evaluation.benchmark import Benchmark
-from evaluation.record import EpisodeRecord
-from evaluation.store import read_record, read_trajectory, write_atomically
-from evaluation.trajectory import Trajectory
-from service.access import Caller
-from service.database import reading
-from service.database.models import AgentKind, BenchmarkVersion, Episode, Evaluation
-from service.episodes.archive import archived_path
-from service.errors import ConflictError, GoneError, NotFoundError
-from service.redrives import Redrives
-from service.settings import Settings
-from service.standings import Recent, Standings
-from service.state import Services, ServicesOf
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.benchmark import Benchmark
+from dohyo.evaluation.record import EpisodeRecord
+from dohyo.evaluation.store import read_record, read_trajectory, write_atomically
+from dohyo.evaluation.trajectory import Trajectory
+from dohyo.service.access import Caller
+from dohyo.service.database import reading
+from dohyo.service.database.models import AgentKind, BenchmarkVersion, Episode, Evaluation
+from dohyo.service.episodes.archive import archived_path
+from dohyo.service.errors import ConflictError, GoneError, NotFoundError
+from dohyo.service.redrives import Redrives
+from dohyo.service.settings import Settings
+from dohyo.service.standings import Recent, Standings
+from dohyo.service.state import Services, ServicesOf
+from dohyo.sumo_networks.errors import InvalidInputError
 
 STRIPES: Final = 64
 COUNTS_S: Final = 5.0

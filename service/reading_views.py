@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from service.views import EpisodeView, Moment, Version, View
+from dohyo.service.views import EpisodeView, Moment, Version, View
 
 
 class EstimateView(View):

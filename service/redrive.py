@@ -1,8 +1,8 @@
 """Drives a recorded episode again, in a process of its own: does it give the same record, and why did it act so?
 
-`python -m service.redrive RECORD EXPLANATIONS` prints one JSON object on standard output, and writes the explanations
-where the record is the same. Its parent holds its standard input open, and it ends when that is closed, so that no
-drive outlives the service.
+`python -m dohyo.service.redrive RECORD EXPLANATIONS` prints one JSON object on standard output, and writes the
+explanations where the record is the same. Its parent holds its standard input open, and it ends when that is closed, so
+that no drive outlives the service.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
-from evaluation.agent import Agent, Explanation, Observation, agent_info, make_agent
-from evaluation.record import EgoRecord, EpisodeRecord
-from evaluation.runner import ACT_DEADLINE_S, drive_episode, versions
-from evaluation.store import read_record, write_atomically
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import DohyoError, InvalidInputError
-from sumo_networks.scenario import Mission
+from dohyo.evaluation.agent import Agent, Explanation, Observation, agent_info, make_agent
+from dohyo.evaluation.record import EgoRecord, EpisodeRecord
+from dohyo.evaluation.runner import ACT_DEADLINE_S, drive_episode, versions
+from dohyo.evaluation.store import read_record, write_atomically
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.sumo_networks.scenario import Mission
 
 EXPLANATIONS_LIMIT_BYTES: Final = 100_000_000
 LEVEL: Final = 4

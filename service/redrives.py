@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 from typing import Any, Final
 
-from service.errors import BusyError, ConflictError
-from service.standings import Recent
+from dohyo.service.errors import BusyError, ConflictError
+from dohyo.service.standings import Recent
 
 AT_ONCE: Final = 2
 WAITING: Final = 16
@@ -32,7 +32,7 @@ class Redrives:
         self._failures: Recent[Path, str] = Recent(FAILURES)
 
     async def verify(self, record: Path) -> dict[str, Any]:
-        """Drives a record's episode again, and waits for the answer of `service.redrive`.
+        """Drives a record's episode again, and waits for the answer of `dohyo.service.redrive`.
 
         Raises:
             ConflictError: If a replay would prove nothing, or did not end.
@@ -79,7 +79,7 @@ class Redrives:
 
     async def _drive(self, record: Path) -> dict[str, Any]:
         async with self._room:
-            command = (sys.executable, "-m", "service.redrive", str(record), str(trace_path(record)))
+            command = (sys.executable, "-m", "dohyo.service.redrive", str(record), str(trace_path(record)))
             pipe = asyncio.subprocess.PIPE
             child = await asyncio.create_subprocess_exec(*command, stdin=pipe, stdout=pipe, env=self._environment)
             assert child.stdout is not None

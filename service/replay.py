@@ -10,15 +10,15 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.record import EgoRecord, EpisodeRecord, Infraction
-from evaluation.scores.driving import Rules, infraction_penalty, outside_fraction
-from evaluation.summary import score_drive
-from evaluation.trajectory import Trajectory
-from sumo_networks.arrays import FloatArray, IntArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import plan_route
-from sumo_networks.world import ActorKind
+from dohyo.evaluation.record import EgoRecord, EpisodeRecord, Infraction
+from dohyo.evaluation.scores.driving import Rules, infraction_penalty, outside_fraction
+from dohyo.evaluation.summary import score_drive
+from dohyo.evaluation.trajectory import Trajectory
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.world import ActorKind
 
 FORMAT: Final = 1
 """Grows whenever a replay of the same record would look different; caches are kept by it."""

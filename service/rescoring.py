@@ -6,10 +6,10 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any, Final
 
-from evaluation.record import EpisodeRecord
-from evaluation.scores.driving import IrsLength, Rules, infraction_rate_score
-from evaluation.statistics import mean_estimate
-from evaluation.summary import Summary, as_document, score_drive, summarise, summarise_cells
+from dohyo.evaluation.record import EpisodeRecord
+from dohyo.evaluation.scores.driving import IrsLength, Rules, infraction_rate_score
+from dohyo.evaluation.statistics import mean_estimate
+from dohyo.evaluation.summary import Summary, as_document, score_drive, summarise, summarise_cells
 
 LAMBDA: Final = 4.0
 

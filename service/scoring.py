@@ -10,14 +10,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-from evaluation.benchmark import CLOSED_LOOP
-from evaluation.closed_loop import TERMS, applies, score_records
-from evaluation.record import EgoRecord, EpisodeRecord, Infraction, InfractionKind, Status
-from evaluation.scores.closed_loop import ClosedLoop
-from evaluation.scores.driving import MIN_KM, Rules
-from evaluation.scores.rates import infraction_counts, route_km
-from evaluation.statistics import Comparison, Estimate, mean_estimate, paired, ratio_estimate, share_estimate
-from evaluation.summary import SHARES, score_drive
+from dohyo.evaluation.benchmark import CLOSED_LOOP
+from dohyo.evaluation.closed_loop import TERMS, applies, score_records
+from dohyo.evaluation.record import EgoRecord, EpisodeRecord, Infraction, InfractionKind, Status
+from dohyo.evaluation.scores.closed_loop import ClosedLoop
+from dohyo.evaluation.scores.driving import MIN_KM, Rules
+from dohyo.evaluation.scores.rates import infraction_counts, route_km
+from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired, ratio_estimate, share_estimate
+from dohyo.evaluation.summary import SHARES, score_drive
 
 SCORE_KEYS: Final[Mapping[str, str]] = {
     "driving_score": "ds",

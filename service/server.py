@@ -12,14 +12,14 @@ from types import FrameType
 import uvicorn
 from fastapi import FastAPI
 
-from service import logs
-from service.app import create_app
-from service.data_folder import held
-from service.database.engine import Database
-from service.database.tokens import first_admin_token
-from service.settings import Settings
-from service.state import Services
-from sumo_networks.errors import InvalidInputError
+from dohyo.service import logs
+from dohyo.service.app import create_app
+from dohyo.service.data_folder import held
+from dohyo.service.database.engine import Database
+from dohyo.service.database.tokens import first_admin_token
+from dohyo.service.settings import Settings
+from dohyo.service.state import Services
+from dohyo.sumo_networks.errors import InvalidInputError
 
 KEEP_ALIVE_S = 120
 CLOSE_S = 5
@@ -40,7 +40,7 @@ def run(settings: Settings, listening: Callable[[str, str | None], None]) -> boo
     """
     check_exposure(settings)
     if settings.executor == "ray":
-        from service.episodes.cluster import check_cluster  # the extra `cluster`
+        from dohyo.service.episodes.cluster import check_cluster  # the extra `cluster`
 
         check_cluster(settings.ray_address)
     logs.configure()

@@ -10,8 +10,8 @@ from typing import Final, Generic, TypeVar
 
 from sqlalchemy.orm import Session
 
-from service.database import reading
-from service.leaderboard import Entry, Row, rank
+from dohyo.service.database import reading
+from dohyo.service.leaderboard import Entry, Row, rank
 
 K = TypeVar("K", bound=Hashable)
 V = TypeVar("V")
@@ -55,7 +55,7 @@ class Standings:
     def rows(
         self, session: Session, benchmark_sha256: str, track: str | None, owner: str | None, metric: str
     ) -> list[Row]:
-        """The leaderboard as it stands; see `service.leaderboard.rank`."""
+        """The leaderboard as it stands; see `dohyo.service.leaderboard.rank`."""
         ids = tuple(reading.ranked_evaluations(session, benchmark_sha256, track, owner))
         return self._cached(ids, metric, lambda: self._finished(session, ids))
 

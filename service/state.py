@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from fastapi import Depends, Request
 
-from service.database.engine import Database
-from service.database.models import now
-from service.episodes.freeway import FreewayMornings
-from service.settings import Settings
+from dohyo.service.database.engine import Database
+from dohyo.service.database.models import now
+from dohyo.service.episodes.freeway import FreewayMornings
+from dohyo.service.settings import Settings
 
 if TYPE_CHECKING:
-    from service.episodes.scheduler import Scheduler
+    from dohyo.service.episodes.scheduler import Scheduler
 
 BACKLOG = 256
 

@@ -14,8 +14,8 @@ from fastapi import Request
 from starlette.datastructures import FormData, UploadFile
 from starlette.exceptions import HTTPException
 
-from service.errors import TooLargeError
-from sumo_networks.errors import InvalidInputError
+from dohyo.service.errors import TooLargeError
+from dohyo.sumo_networks.errors import InvalidInputError
 
 CHUNK = 1 << 20
 FIELDS = 10

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.database.models import (
+from dohyo.service.database.models import (
     Agent,
     AgentKind,
     Episode,

@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError
 
 DTYPES = ("float32", "float64", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "bool")
 MOST_VALUES = 1_000_000

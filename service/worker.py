@@ -19,10 +19,10 @@ from dataclasses import dataclass, field
 from types import FrameType
 from typing import Any
 
-from evaluation.agent import Agent, agent_info, make_agent
-from evaluation.deadline import deadline
-from evaluation.runner import describe
-from service.worker_session import (
+from dohyo.evaluation.agent import Agent, agent_info, make_agent
+from dohyo.evaluation.deadline import deadline
+from dohyo.evaluation.runner import describe
+from dohyo.service.worker_session import (
     Drive,
     LeaseLostError,
     Pauses,
@@ -31,10 +31,10 @@ from service.worker_session import (
     WireError,
     WorkerSession,
 )
-from sumo_networks.control import InvalidActionError, make_control
-from sumo_networks.errors import AgentError, AgentTimeoutError, DohyoError, InvalidInputError
-from sumo_networks.simulation import TICK_S
-from sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.control import InvalidActionError, make_control
+from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, DohyoError, InvalidInputError
+from dohyo.sumo_networks.simulation import TICK_S
+from dohyo.sumo_networks.vehicle import VehicleParameters
 
 GRACE_S = 1.0  # the service judges first
 REFUSED = 2  # exit code of a command that cannot do what was asked

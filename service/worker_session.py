@@ -24,10 +24,10 @@ from urllib.parse import urlsplit
 import msgspec
 import numpy as np
 
-from service.wire import Format, arrays, decode, encode, pack
-from sumo_networks.env import Observation
-from sumo_networks.errors import DohyoError, InvalidInputError
-from sumo_networks.scenario import Mission
+from dohyo.service.wire import Format, arrays, decode, encode, pack
+from dohyo.sumo_networks.env import Observation
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.sumo_networks.scenario import Mission
 
 ACQUIRE_S = 20.0
 REPLY_S = 150.0  # a tick of a large network may take its time

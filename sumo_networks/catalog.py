@@ -12,10 +12,10 @@ from pathlib import Path
 import sumo
 from pydantic import ValidationError
 
-from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.network import RoadNetwork, read_network
-from sumo_networks.scenario import Config
-from sumo_networks.xml_guard import LIMIT_MB
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.network import RoadNetwork, read_network
+from dohyo.sumo_networks.scenario import Config
+from dohyo.sumo_networks.xml_guard import LIMIT_MB
 
 CATALOG = Path(__file__).parent / "catalog"
 ENTRY = "network.toml"

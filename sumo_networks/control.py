@@ -10,10 +10,10 @@ import numpy as np
 from gymnasium.spaces import Box
 from numba import njit
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import AgentError, UnknownNameError
-from sumo_networks.vehicle import VehicleParameters
-from sumo_networks.world import World
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import AgentError, UnknownNameError
+from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.world import World
 
 MAX_TARGET_SPEED = 40.0
 WAYPOINT_COUNT = 8

@@ -16,9 +16,9 @@ import shapely
 import shapely.ops
 from PIL import Image, ImageDraw, ImageFont
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.network import RoadNetwork
 
 WIDEST_PX = 3200
 LARGEST_SCALE = 6.0

@@ -8,10 +8,10 @@ from typing import Literal
 
 import numpy as np
 
-from sumo_networks.arrays import BoolArray, FloatArray, IntArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.network import RoadNetwork
-from sumo_networks.world import SIGHT_M
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.world import SIGHT_M
 
 ATTEMPTS = 30
 

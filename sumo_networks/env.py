@@ -9,18 +9,18 @@ import gymnasium
 import numpy as np
 from pettingzoo import ParallelEnv
 
-from sumo_networks.arrays import Float32Array
-from sumo_networks.catalog import load_network
-from sumo_networks.conditions import conditions_named
-from sumo_networks.control import Control, InvalidActionError, make_control
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.log import LogRecorder
-from sumo_networks.reward import Reward, make_reward
-from sumo_networks.route import Route
-from sumo_networks.scenario import Scenario
-from sumo_networks.sensors import Sensor, SensorConfig, Track, make_sensors
-from sumo_networks.simulation import TICK_S, Replay, Simulation
-from sumo_networks.world import World
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.conditions import conditions_named
+from dohyo.sumo_networks.control import Control, InvalidActionError, make_control
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.log import LogRecorder
+from dohyo.sumo_networks.reward import Reward, make_reward
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.sensors import Sensor, SensorConfig, Track, make_sensors
+from dohyo.sumo_networks.simulation import TICK_S, Replay, Simulation
+from dohyo.sumo_networks.world import World
 
 Observation = dict[str, Float32Array]
 SensorNames = Sequence[str | SensorConfig]

@@ -8,10 +8,10 @@ from typing import Literal
 
 import numpy as np
 
-from sumo_networks.edge_graph import edge_graph
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.network import RoadNetwork
-from sumo_networks.scenario import Flow
+from dohyo.sumo_networks.edge_graph import edge_graph
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.scenario import Flow
 
 _HOUR_S = 3600.0
 

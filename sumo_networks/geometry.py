@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-from sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 
 NEAR_M = 30.0
 

@@ -20,11 +20,11 @@ from typing import Literal
 
 import sumo
 
-from sumo_networks.catalog import ENTRY, builtin_names, check_name, load_network, network_names, user_catalog
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.inspection import NetworkReport, inspect_network
-from sumo_networks.network import RoadNetwork, read_network
-from sumo_networks.xml_guard import LIMIT_MB, Census, scan
+from dohyo.sumo_networks.catalog import ENTRY, builtin_names, check_name, load_network, network_names, user_catalog
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.inspection import NetworkReport, inspect_network
+from dohyo.sumo_networks.network import RoadNetwork, read_network
+from dohyo.sumo_networks.xml_guard import LIMIT_MB, Census, scan
 
 Kind = Literal["net", "osm", "xodr"]
 

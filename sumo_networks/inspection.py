@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import shapely
 
-from sumo_networks.arrays import BoolArray, FloatArray, IntArray
-from sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from dohyo.sumo_networks.network import RoadNetwork
 
 MIN_LENGTH_M = 0.5
 MAX_KINK = np.radians(60.0)

@@ -15,13 +15,13 @@ from typing import Protocol
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.events.paths import Path
-from sumo_networks.events.puppet import Puppet
-from sumo_networks.geometry import boxes_overlap
-from sumo_networks.network import RoadNetwork
-from sumo_networks.world import ActorKind
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.events.paths import Path
+from dohyo.sumo_networks.events.puppet import Puppet
+from dohyo.sumo_networks.geometry import boxes_overlap
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.world import ActorKind
 
 END_M = 20.0  # junctions, and their crossings, are nearer than this to a street's ends
 WIDEST_M = 35.0

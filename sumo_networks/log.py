@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_networks.arrays import Float32Array
-from sumo_networks.catalog import user_catalog
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.world import Actors
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.catalog import user_catalog
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.world import Actors
 
 SHIPPED = Path(__file__).with_name("logs")
 """Logs that come with dohyo, so that its benchmarks outlive every change of whoever drove where they were recorded."""

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from sumo_networks.arrays import BoolArray, FloatArray, IntArray, StringArray
-from sumo_networks.geometry import crossed_segments, nearest_lane
-from sumo_networks.parsing import file_hash, parse_net
-from sumo_networks.xml_guard import check_size, scan
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray, StringArray
+from dohyo.sumo_networks.geometry import crossed_segments, nearest_lane
+from dohyo.sumo_networks.parsing import file_hash, parse_net
+from dohyo.sumo_networks.xml_guard import check_size, scan
 
 CACHE_VERSION = 4
 GRID_CELL_M = 30.0

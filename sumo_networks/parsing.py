@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import sumolib
 
-from sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError
 
 Tables = dict[str, np.ndarray]
 

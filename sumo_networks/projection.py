@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 SEMI_MAJOR_M = 6378137.0
 FLATTENING = 1 / 298.257223563

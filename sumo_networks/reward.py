@@ -9,8 +9,8 @@ from typing import Protocol
 
 import numpy as np
 
-from sumo_networks.errors import UnknownNameError
-from sumo_networks.world import ActorKind, LightState, World
+from dohyo.sumo_networks.errors import UnknownNameError
+from dohyo.sumo_networks.world import ActorKind, LightState, World
 
 
 class Reward(Protocol):

@@ -9,9 +9,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from sumo_networks.arrays import BoolArray, FloatArray, IntArray
-from sumo_networks.geometry import project_on_path
-from sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from dohyo.sumo_networks.geometry import project_on_path
+from dohyo.sumo_networks.network import RoadNetwork
 
 SPACING_M = 1.0
 LANE_CHANGE_LENGTH_M = 35.0

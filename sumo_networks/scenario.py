@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from sumo_networks.config import Config, Name, Place
-from sumo_networks.events import Event
+from dohyo.sumo_networks.config import Config, Name, Place
+from dohyo.sumo_networks.events import Event
 
 __all__ = [
     "Config",
@@ -92,7 +92,7 @@ class Traffic(Config):
         bicycles: Bicycles.
         pedestrians: People on foot.
         warm_up_s: Simulated time before the egos start.
-        jaywalkers: Share of the pedestrians who cross roads away from crossings, see `sumo_networks.jaywalkers`.
+        jaywalkers: Share of the pedestrians who cross roads away from crossings, see `dohyo.sumo_networks.jaywalkers`.
         impatience: Of the drivers: how far those who must give way push into gaps that make others brake; 0 never, 1
             always. SUMO's, and its default is 0.
         flows: Vehicles that follow each other along one way.
@@ -140,10 +140,10 @@ class Scenario(Config):
         network: Name in the catalog, or path of a .net.xml[.gz].
         missions: One per ego.
         traffic: The population around the egos.
-        conditions: Name of the road, light and air, see `sumo_networks.conditions`.
+        conditions: Name of the road, light and air, see `dohyo.sumo_networks.conditions`.
         obstacles: Static boxes.
         events: Scripted happenings around the egos.
-        time_limit_s: Ends the episode; None: from the route (see `evaluation.criteria.timeout`).
+        time_limit_s: Ends the episode; None: from the route (see `dohyo.evaluation.criteria.timeout`).
         stop_on_collision: End an ego's episode at its first collision (NoCrash) instead of driving on.
         seed: Decides everything random in the world.
         duration_s: Ends the episode wherever the ego is then, which is no failure; None: it goes on to the goal.

@@ -12,10 +12,10 @@ from torchrl.data import Bounded, Categorical, Composite, TensorSpec, Unbounded
 from torchrl.data.utils import numpy_to_torch_dtype_dict
 from torchrl.envs import EnvBase
 
-from sumo_networks.env import DEFAULT_SENSORS, SensorNames
-from sumo_networks.vector_env import VectorDrivingEnv
-from sumo_networks.vector_memory import Observations
-from sumo_networks.vector_worker import ScenarioSource
+from dohyo.sumo_networks.env import DEFAULT_SENSORS, SensorNames
+from dohyo.sumo_networks.vector_env import VectorDrivingEnv
+from dohyo.sumo_networks.vector_memory import Observations
+from dohyo.sumo_networks.vector_worker import ScenarioSource
 
 ENDS = ("done", "terminated", "truncated")
 

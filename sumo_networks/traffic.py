@@ -9,12 +9,12 @@ from typing import Protocol
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.edge_graph import ATTEMPTS, draw, edge_graph, out_of_sight
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.flows import make_streams
-from sumo_networks.network import RoadNetwork
-from sumo_networks.scenario import Traffic
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.edge_graph import ATTEMPTS, draw, edge_graph, out_of_sight
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.flows import make_streams
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.scenario import Traffic
 
 TICK_S = 0.1
 VEHICLE_TYPES = ("car", "van", "truck", "bus")

@@ -19,16 +19,16 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from sumo_networks.arrays import BoolArray, Float32Array, FloatArray
-from sumo_networks.control import InvalidActionError, make_control
-from sumo_networks.env import DEFAULT_SENSORS, SensorNames
-from sumo_networks.errors import InvalidInputError, SimulationError
-from sumo_networks.reward import make_reward
-from sumo_networks.sensors import make_sensors
-from sumo_networks.simulation import TICK_S
-from sumo_networks.vector_memory import Channel, Memory, Observations
-from sumo_networks.vector_worker import RESET, STEP, Plan, ScenarioSource, unpacked, work
-from sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray
+from dohyo.sumo_networks.control import InvalidActionError, make_control
+from dohyo.sumo_networks.env import DEFAULT_SENSORS, SensorNames
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.reward import make_reward
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.simulation import TICK_S
+from dohyo.sumo_networks.vector_memory import Channel, Memory, Observations
+from dohyo.sumo_networks.vector_worker import RESET, STEP, Plan, ScenarioSource, unpacked, work
+from dohyo.sumo_networks.vehicle import VehicleParameters
 
 Step = tuple[Observations, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 

@@ -16,7 +16,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
 Observations = dict[str, Float32Array]
 

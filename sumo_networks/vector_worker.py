@@ -11,12 +11,12 @@ from multiprocessing.connection import Connection
 
 import numpy as np
 
-from sumo_networks.arrays import Float32Array
-from sumo_networks.env import DrivingEnv
-from sumo_networks.errors import InvalidInputError, SimulationError
-from sumo_networks.scenario import Scenario
-from sumo_networks.sensors import SensorConfig
-from sumo_networks.vector_memory import Channel, Memory
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.sensors import SensorConfig
+from dohyo.sumo_networks.vector_memory import Channel, Memory
 
 ScenarioSource = Sequence[Scenario] | Callable[[int], Scenario]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.arrays import FloatArray
 
 GRAVITY = 9.81
 SUBSTEP_S = 0.01

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from sumo_networks.network import RoadNetwork
-    from sumo_networks.route import Route
+    from dohyo.sumo_networks.network import RoadNetwork
+    from dohyo.sumo_networks.route import Route
 
 SIGHT_M = 100.0
 """How far around an ego the world is known, m."""
@@ -166,7 +166,7 @@ class EventState:
 
     Attributes:
         name: As the scenario calls it.
-        kind: As in `sumo_networks.events`.
+        kind: As in `dohyo.sumo_networks.events`.
         ego: Index of the ego around which it happens.
         phase: WAITING until the ego triggers it, ACTIVE until it is over or its time is.
         started: Simulated time at which the ego triggered it, s; NaN before.

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 import pytest
 from hypothesis import settings
 
-from sumo_networks.catalog import load_network
-from sumo_networks.env import DrivingEnv
-from sumo_networks.scenario import Scenario
-from sumo_networks.simulation import Simulation
-from sumo_networks.world import World
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.simulation import Simulation
+from dohyo.sumo_networks.world import World
 
 # The same examples in every run; the first call of a kernel may compile it for seconds.
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)

@@ -15,18 +15,18 @@ import numpy as np
 import pytest
 import typer
 
-from agents.forecasting.registry import shipped
-from agents.registry import agent_entries
-from agents.speed_planning.benchmark import NOBODY, PLANNER
-from evaluation.agent import make_agent
-from evaluation.benchmark import benchmark_names, load_benchmark
-from evaluation.freeway_benchmark import is_freeway_benchmark
-from evaluation.record import EgoRecord, Infraction, InfractionKind, Status
-from evaluation.scores.driving import infraction_penalty
-from service.cli import app
-from sumo_networks.control import CONTROLS
-from sumo_networks.env import DrivingEnv
-from sumo_networks.sensors import SENSORS
+from dohyo.agents.forecasting.registry import shipped
+from dohyo.agents.registry import agent_entries
+from dohyo.agents.speed_planning.benchmark import NOBODY, PLANNER
+from dohyo.evaluation.agent import make_agent
+from dohyo.evaluation.benchmark import benchmark_names, load_benchmark
+from dohyo.evaluation.freeway_benchmark import is_freeway_benchmark
+from dohyo.evaluation.record import EgoRecord, Infraction, InfractionKind, Status
+from dohyo.evaluation.scores.driving import infraction_penalty
+from dohyo.service.cli import app
+from dohyo.sumo_networks.control import CONTROLS
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.sensors import SENSORS
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [
@@ -213,7 +213,7 @@ def test_the_experts_readme_has_their_specs() -> None:
     source = text("agents/experts/README.md")
     header = next(line for line in source.splitlines() if line.startswith("| |"))
     names = [cell.strip() for cell in header.strip("|").split("|")][1:]
-    assert set(names) == {name for name, entry in agent_entries().items() if entry.startswith("agents.experts.")}
+    assert set(names) == {name for name, entry in agent_entries().items() if entry.startswith("dohyo.agents.experts.")}
     rows = {line.split("|")[1].strip(): line.strip("|").split("|")[1:] for line in source.splitlines() if "|" in line}
     for column, name in enumerate(names):
         spec = make_agent(agent_entries()[name]).spec

@@ -28,15 +28,15 @@ from typing import TypeVar
 import numpy as np
 import sumo
 
-from evaluation.criteria import Collision, Criterion, OutsideLanes, criteria_for
-from evaluation.record import Infraction, InfractionKind
-from sumo_networks.arrays import FloatArray, IntArray
-from sumo_networks.geometry import boxes_overlap, wrap_angle
-from sumo_networks.network import RoadNetwork, cache_folder, read_network
-from sumo_networks.route import Route
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Mission, Place, Scenario
-from sumo_networks.world import ActorKind, Actors, Contact, Egos, LightState, World
+from dohyo.evaluation.criteria import Collision, Criterion, OutsideLanes, criteria_for
+from dohyo.evaluation.record import Infraction, InfractionKind
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.geometry import boxes_overlap, wrap_angle
+from dohyo.sumo_networks.network import RoadNetwork, cache_folder, read_network
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario
+from dohyo.sumo_networks.world import ActorKind, Actors, Contact, Egos, LightState, World
 
 TICK_S = 0.1
 LANE_M = 3.2

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from agents.experts import gaps, impact, surroundings
-from agents.experts.courtesy import (
+from dohyo.agents.experts import gaps, impact, surroundings
+from dohyo.agents.experts.courtesy import (
     KEEP_RIGHT_RAMP_M,
     SQUEEZE_RAMP_M,
     YIELDING_M_S,
@@ -24,17 +24,17 @@ from agents.experts.courtesy import (
     squeeze_past,
     stand_before_oncoming,
 )
-from agents.experts.crossing import crossers
-from agents.experts.gaps import PASSING_ACCELERATION
-from agents.experts.impact import Impact
-from agents.experts.passing import PASSING_M_S, Passing
-from agents.experts.sidestep import Sidestep
-from agents.experts.surroundings import Surroundings, ran_into_from_behind
-from evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
-from sumo_networks.arrays import Float32Array
-from sumo_networks.control import pure_pursuit, pursuit_distance
-from sumo_networks.vehicle import VehicleParameters
-from sumo_networks.world import ActorKind, LightState
+from dohyo.agents.experts.crossing import crossers
+from dohyo.agents.experts.gaps import PASSING_ACCELERATION
+from dohyo.agents.experts.impact import Impact
+from dohyo.agents.experts.passing import PASSING_M_S, Passing
+from dohyo.agents.experts.sidestep import Sidestep
+from dohyo.agents.experts.surroundings import Surroundings, ran_into_from_behind
+from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.control import pure_pursuit, pursuit_distance
+from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.world import ActorKind, LightState
 
 RED, YELLOW = int(LightState.RED), int(LightState.YELLOW)
 PEDESTRIAN = int(ActorKind.PEDESTRIAN)

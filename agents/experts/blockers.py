@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from agents.experts.surroundings import Neighbour, Surroundings
-from sumo_networks.arrays import Float32Array
-from sumo_networks.world import ActorKind
+from dohyo.agents.experts.surroundings import Neighbour, Surroundings
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.world import ActorKind
 
 SIGHT_M = 55.0
 LINK_M = 15.0

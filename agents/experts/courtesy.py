@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from agents.experts.passing import Passing
-from agents.experts.sidestep import RAMP_M, Sidestep
-from agents.experts.surroundings import Lane, Neighbour, Surroundings
-from sumo_networks.arrays import Float32Array
-from sumo_networks.world import ActorKind
+from dohyo.agents.experts.passing import Passing
+from dohyo.agents.experts.sidestep import RAMP_M, Sidestep
+from dohyo.agents.experts.surroundings import Lane, Neighbour, Surroundings
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.world import ActorKind
 
 FREE = math.inf
 SIREN_M = 90.0

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.experts.surroundings import Surroundings
-from sumo_networks.arrays import Float32Array
-from sumo_networks.world import ActorKind
+from dohyo.agents.experts.surroundings import Surroundings
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.world import ActorKind
 
 ACROSS = 0.7
 SIGHT_M = 25.0

@@ -7,11 +7,11 @@ import math
 import numpy as np
 from numba import njit
 
-from agents.experts.surroundings import ran_into_from_behind
-from agents.planning.motion import boxes_meet
-from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.geometry import wrap
-from sumo_networks.world import ActorKind
+from dohyo.agents.experts.surroundings import ran_into_from_behind
+from dohyo.agents.planning.motion import boxes_meet
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.geometry import wrap
+from dohyo.sumo_networks.world import ActorKind
 
 TICK_S = 0.1
 STEPS = 20

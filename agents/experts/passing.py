@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from agents.experts.blockers import Blocker, Patience, find_blocker
-from agents.experts.gaps import Stretch, leaves_room
-from agents.experts.sidestep import RAMP_M, Sidestep
-from agents.experts.surroundings import Lane, Neighbour, Surroundings
-from sumo_networks.arrays import Float32Array
+from dohyo.agents.experts.blockers import Blocker, Patience, find_blocker
+from dohyo.agents.experts.gaps import Stretch, leaves_room
+from dohyo.agents.experts.sidestep import RAMP_M, Sidestep
+from dohyo.agents.experts.surroundings import Lane, Neighbour, Surroundings
+from dohyo.sumo_networks.arrays import Float32Array
 
 FREE = math.inf
 PASSING_M_S = 10.0

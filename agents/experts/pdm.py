@@ -13,7 +13,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from agents.experts.proposals import (
+from dohyo.agents.experts.proposals import (
     COMFORT,
     DAC,
     DDC,
@@ -33,14 +33,14 @@ from agents.experts.proposals import (
     roll_out,
     score,
 )
-from agents.planning.motion import Idm, body
-from agents.planning.prediction import constant_velocity
-from agents.planning.scene import SENSORS, SceneBuilder
-from agents.planning.situation import situation
-from agents.planning.warm_up import empty_road
-from evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.vehicle import VehicleParameters
+from dohyo.agents.planning.motion import Idm, body
+from dohyo.agents.planning.prediction import constant_velocity
+from dohyo.agents.planning.scene import SENSORS, SceneBuilder
+from dohyo.agents.planning.situation import situation
+from dohyo.agents.planning.warm_up import empty_road
+from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.vehicle import VehicleParameters
 
 MODEL = Idm(gap=1.0, headway=1.5, acceleration=1.5, braking=3.0, exponent=10.0, least_gap=1.0, hardest=3.0)
 MAX_SPEED = 15.0

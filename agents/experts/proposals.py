@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from agents.planning.motion import (
+from dohyo.agents.planning.motion import (
     DT,
     Body,
     Idm,
@@ -18,7 +18,7 @@ from agents.planning.motion import (
     pursuit,
     vehicle_step,
 )
-from agents.planning.situation import (
+from dohyo.agents.planning.situation import (
     CLASS_OBJECT,
     CLASS_PEDESTRIAN,
     COARSE_S,
@@ -31,8 +31,8 @@ from agents.planning.situation import (
     leader,
     on_grid,
 )
-from sumo_networks.arrays import FloatArray
-from sumo_networks.geometry import wrap
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.geometry import wrap
 
 OFFSETS_M = (0.0, -1.0, 1.0)
 FACTORS = (0.2, 0.4, 0.6, 0.8, 1.0)

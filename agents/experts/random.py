@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from evaluation.agent import Agent, AgentSpec, Mission, Observation
-from sumo_networks.control import PedalsSteering
+from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
+from dohyo.sumo_networks.control import PedalsSteering
 
 
 class Random(Agent):

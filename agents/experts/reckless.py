@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from evaluation.agent import Agent, AgentSpec, Mission, Observation
-from sumo_networks.vehicle import VehicleParameters
+from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
+from dohyo.sumo_networks.vehicle import VehicleParameters
 
 AIM_M = 6
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.arrays import Float32Array
 
 RAMP_M = 12.0
 

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from evaluation.agent import Observation
-from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.sensors import objects
-from sumo_networks.sensors import path as paths
-from sumo_networks.sensors.lanes import ATTRIBUTES, COLUMNS, POINTS, ROAD, ROWS
-from sumo_networks.sensors.path import BEHIND
-from sumo_networks.world import ActorKind
+from dohyo.evaluation.agent import Observation
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.sensors import objects
+from dohyo.sumo_networks.sensors import path as paths
+from dohyo.sumo_networks.sensors.lanes import ATTRIBUTES, COLUMNS, POINTS, ROAD, ROWS
+from dohyo.sumo_networks.sensors.path import BEHIND
+from dohyo.sumo_networks.world import ActorKind
 
 ALIGNED = math.cos(math.radians(30.0))
 COVERED_M = 8.0

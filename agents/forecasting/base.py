@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from agents.forecasting.data import DAY_S
-from agents.forecasting.gaps import fill
-from agents.forecasting.windows import HISTORY, HORIZON, Windows
-from evaluation.store import write_atomically
-from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.forecasting.data import DAY_S
+from dohyo.agents.forecasting.gaps import fill
+from dohyo.agents.forecasting.windows import HISTORY, HORIZON, Windows
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 FREE_QUANTILE = 0.999
 Progress = Callable[[int, int, float], None]

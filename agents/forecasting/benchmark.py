@@ -14,21 +14,21 @@ from typing import Any
 
 import numpy as np
 
-from agents.forecasting.base import Forecaster
-from agents.forecasting.data import UNITS
-from agents.forecasting.latency import measure
-from agents.forecasting.reading import read_set
-from agents.forecasting.registry import CHECKPOINTS, load_forecaster, make_forecaster, shipped
-from agents.forecasting.scores import Errors, errors
-from agents.forecasting.simple import Persistence
-from agents.forecasting.windows import HORIZON, Windows, make_windows
-from evaluation.freeway_benchmark import ForecastBenchmark, days_folder
-from evaluation.freeway_result import AgentFacts, FreewayResult, Metric, Units, claim, write_result
-from evaluation.sources import source_files
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.freeway.dataset import dataset_facts, make_dataset
-from sumo_networks.freeway.measure import MINUTE_S
-from sumo_networks.freeway.road import load_freeway
+from dohyo.agents.forecasting.base import Forecaster
+from dohyo.agents.forecasting.data import UNITS
+from dohyo.agents.forecasting.latency import measure
+from dohyo.agents.forecasting.reading import read_set
+from dohyo.agents.forecasting.registry import CHECKPOINTS, load_forecaster, make_forecaster, shipped
+from dohyo.agents.forecasting.scores import Errors, errors
+from dohyo.agents.forecasting.simple import Persistence
+from dohyo.agents.forecasting.windows import HORIZON, Windows, make_windows
+from dohyo.evaluation.freeway_benchmark import ForecastBenchmark, days_folder
+from dohyo.evaluation.freeway_result import AgentFacts, FreewayResult, Metric, Units, claim, write_result
+from dohyo.evaluation.sources import source_files
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.freeway.dataset import dataset_facts, make_dataset
+from dohyo.sumo_networks.freeway.measure import MINUTE_S
+from dohyo.sumo_networks.freeway.road import load_freeway
 
 TIMED, WARM_UPS = 2000, 200
 Progress = Callable[[int, int, float], None]
@@ -125,7 +125,9 @@ def _of_class(entry: str, segments: int, settings: Mapping[str, Any]) -> tuple[F
     except Exception as error:  # whatever a stranger's module does when it is loaded
         raise InvalidInputError(f"forecaster '{entry}' cannot be made: {type(error).__name__}: {error}") from error
     if not isinstance(made, Forecaster):
-        raise InvalidInputError(f"'{entry}': expected a forecaster (agents.forecasting.base.Forecaster), got {made!r}")
+        raise InvalidInputError(
+            f"'{entry}': expected a forecaster (dohyo.agents.forecasting.base.Forecaster), got {made!r}"
+        )
     source = b"".join(path.read_bytes() for path in source_files(type(made)))
     return made, AgentFacts(entry, dict(settings), hashlib.sha256(source).hexdigest())
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sumo_networks.arrays import Float32Array
-from sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 UNITS = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704}
 """Metres per second in one unit."""

@@ -9,10 +9,10 @@ from typing import ClassVar, Never
 import numpy as np
 import onnxruntime  # type: ignore[import-untyped]
 
-from agents.forecasting.base import Forecaster, Progress
-from agents.forecasting.windows import HISTORY, Windows
-from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.forecasting.base import Forecaster, Progress
+from dohyo.agents.forecasting.windows import HISTORY, Windows
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 class Exported(Forecaster):

@@ -1,6 +1,6 @@
 """Figures: space-time maps of a congested morning, measured and forecast, and speeds along the road in four stages.
 
-    python -m agents.forecasting.figures --data DIR --day 1 --out agents/forecasting/results/forecasts.html
+    python -m dohyo.agents.forecasting.figures --data DIR --day 1 --out agents/forecasting/results/forecasts.html
 
 With chromium and playwright on the machine a PNG is written beside the page.
 """
@@ -15,15 +15,15 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from agents.forecasting.base import Forecaster
-from agents.forecasting.gaps import fill
-from agents.forecasting.reading import read_data
-from agents.forecasting.registry import load_forecaster
-from agents.forecasting.windows import HORIZON, Windows, make_windows
-from evaluation.look import OKABE_ITO, PALETTES, template
-from evaluation.pictures import write_page
-from sumo_networks.arrays import Float32Array
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.forecasting.base import Forecaster
+from dohyo.agents.forecasting.gaps import fill
+from dohyo.agents.forecasting.reading import read_data
+from dohyo.agents.forecasting.registry import load_forecaster
+from dohyo.agents.forecasting.windows import HORIZON, Windows, make_windows
+from dohyo.evaluation.look import OKABE_ITO, PALETTES, template
+from dohyo.evaluation.pictures import write_page
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.errors import InvalidInputError
 
 SLOW_TO_FAST = ((0.0, "#5C0A12"), (0.25, "#B3362E"), (0.5, "#E08A4F"), (0.75, "#F3CF9B"), (1.0, "#FAF3E3"))
 """Dark where traffic stands, pale where it flows."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sumo_networks.arrays import BoolArray, Float32Array
-from sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array
+from dohyo.sumo_networks.errors import InvalidInputError
 
 RULE = "hold-neighbour"
 

@@ -12,12 +12,12 @@ import numpy as np
 import torch
 from torch import nn
 
-from agents.forecasting.exported import Exported
-from agents.forecasting.learned import write_onnx
-from agents.forecasting.networks.looking_ahead import SpeedNetwork
-from agents.forecasting.networks.registry import make_network
-from agents.forecasting.scale import InMetres, Scale
-from agents.forecasting.windows import HISTORY
+from dohyo.agents.forecasting.exported import Exported
+from dohyo.agents.forecasting.learned import write_onnx
+from dohyo.agents.forecasting.networks.looking_ahead import SpeedNetwork
+from dohyo.agents.forecasting.networks.registry import make_network
+from dohyo.agents.forecasting.scale import InMetres, Scale
+from dohyo.agents.forecasting.windows import HISTORY
 
 RUNS, WARM_UPS = 50_000, 1_000
 

@@ -14,14 +14,14 @@ import numpy as np
 import torch
 from torch import nn
 
-from agents.forecasting.base import Forecaster, Progress, checked
-from agents.forecasting.networks.registry import make_network
-from agents.forecasting.scale import InMetres, Scale
-from agents.forecasting.training import TrainSettings, train_network
-from agents.forecasting.windows import HISTORY, Windows
-from evaluation.store import write_atomically
-from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.forecasting.base import Forecaster, Progress, checked
+from dohyo.agents.forecasting.networks.registry import make_network
+from dohyo.agents.forecasting.scale import InMetres, Scale
+from dohyo.agents.forecasting.training import TrainSettings, train_network
+from dohyo.agents.forecasting.windows import HISTORY, Windows
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 OPSET = 17
 BLOCK = 2048

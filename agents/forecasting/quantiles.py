@@ -22,14 +22,14 @@ from numpy.typing import ArrayLike
 from torch import Tensor, nn
 from torch.nn import functional
 
-from agents.forecasting.base import Forecaster, Progress, checked
-from agents.forecasting.learned import BLOCK, write_onnx
-from agents.forecasting.networks.looking_ahead import NStep
-from agents.forecasting.networks.lstm import SaLstmTrunk
-from agents.forecasting.scale import InMetres, Scale
-from agents.forecasting.training import Examples, TrainSettings, train_network
-from agents.forecasting.windows import HORIZON, Windows
-from sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.agents.forecasting.base import Forecaster, Progress, checked
+from dohyo.agents.forecasting.learned import BLOCK, write_onnx
+from dohyo.agents.forecasting.networks.looking_ahead import NStep
+from dohyo.agents.forecasting.networks.lstm import SaLstmTrunk
+from dohyo.agents.forecasting.scale import InMetres, Scale
+from dohyo.agents.forecasting.training import Examples, TrainSettings, train_network
+from dohyo.agents.forecasting.windows import HORIZON, Windows
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 
 COVERAGE = 0.9
 HIDDEN, RATE, STEPS, BATCH = 64, 3e-3, 400, 512

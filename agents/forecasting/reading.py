@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from agents.forecasting.data import DAY_S, UNITS, SpeedData, Stretch, check_speeds, hold_out_days, split_table
-from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.agents.forecasting.data import DAY_S, UNITS, SpeedData, Stretch, check_speeds, hold_out_days, split_table
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 TIME_NAMES = ("", "time", "timestamp", "datetime", "date", "minute", "minutes", "t", "index", "unnamed: 0")
 FOLDER_SETS = ("train", "easy", "hard")

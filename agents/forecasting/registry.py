@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from agents.forecasting.base import Forecaster, read_file
-from agents.forecasting.exported import Exported
-from agents.forecasting.learned import Learned
-from agents.forecasting.networks.registry import NETWORKS
-from agents.forecasting.quantiles import Quantiles
-from agents.forecasting.scale import Scale
-from agents.forecasting.simple import HistoricalMean, Linear, Persistence
-from agents.forecasting.training import TrainSettings
-from sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.agents.forecasting.base import Forecaster, read_file
+from dohyo.agents.forecasting.exported import Exported
+from dohyo.agents.forecasting.learned import Learned
+from dohyo.agents.forecasting.networks.registry import NETWORKS
+from dohyo.agents.forecasting.quantiles import Quantiles
+from dohyo.agents.forecasting.scale import Scale
+from dohyo.agents.forecasting.simple import HistoricalMean, Linear, Persistence
+from dohyo.agents.forecasting.training import TrainSettings
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 CHECKPOINTS = Path(__file__).with_name("checkpoints")
 SIMPLE = {kind.name: kind for kind in (Persistence, HistoricalMean, Linear)}

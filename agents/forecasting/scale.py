@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from agents.forecasting.windows import Windows
-from sumo_networks.arrays import Float32Array
+from dohyo.agents.forecasting.windows import Windows
+from dohyo.sumo_networks.arrays import Float32Array
 
 LEAST_SPREAD_MPS = 0.1
 

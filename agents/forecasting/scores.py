@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.forecasting.base import Forecaster
-from agents.forecasting.data import UNITS
-from agents.forecasting.windows import HORIZON, Windows
-from sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.agents.forecasting.base import Forecaster
+from dohyo.agents.forecasting.data import UNITS
+from dohyo.agents.forecasting.windows import HORIZON, Windows
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 
 
 @dataclass(frozen=True)

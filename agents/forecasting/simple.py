@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from agents.forecasting.base import Forecaster, Progress, checked
-from agents.forecasting.data import DAY_S
-from agents.forecasting.windows import HISTORY, HORIZON, Windows
-from sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.agents.forecasting.base import Forecaster, Progress, checked
+from dohyo.agents.forecasting.data import DAY_S
+from dohyo.agents.forecasting.windows import HISTORY, HORIZON, Windows
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 
 BIN_S = 900.0
 RIDGES = (1e-3, 1e-2, 1e-1, 1.0, 10.0)

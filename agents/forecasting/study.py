@@ -1,6 +1,6 @@
 """Study: the thesis's tables 6.1 to 6.4 on our freeway, with baselines, seeds and intervals.
 
-    python -m agents.forecasting.study --data DIR --seeds 0 1 2 --out out/forecasting --readme
+    python -m dohyo.agents.forecasting.study --data DIR --seeds 0 1 2 --out out/forecasting --readme
 
 Each run is one forecaster, loss and seed; what is finished stays, and the same command goes on. `--readme` writes the
 tables into the README beside this file, `--ship` the first seed's forecasters into `checkpoints/`.
@@ -20,19 +20,19 @@ from typing import Any
 import numpy as np
 import torch
 
-from agents.forecasting.base import Forecaster
-from agents.forecasting.data import SpeedData
-from agents.forecasting.latency import of_network
-from agents.forecasting.learned import Learned
-from agents.forecasting.networks.looking_ahead import NStep, Recursive
-from agents.forecasting.quantiles import Quantiles
-from agents.forecasting.reading import read_data
-from agents.forecasting.registry import CHECKPOINTS, SIMPLE, load_forecaster, make_forecaster
-from agents.forecasting.scores import coverage, errors
-from agents.forecasting.training import TrainSettings, train_network
-from agents.forecasting.windows import Windows, make_windows
-from evaluation.store import write_atomically
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.forecasting.base import Forecaster
+from dohyo.agents.forecasting.data import SpeedData
+from dohyo.agents.forecasting.latency import of_network
+from dohyo.agents.forecasting.learned import Learned
+from dohyo.agents.forecasting.networks.looking_ahead import NStep, Recursive
+from dohyo.agents.forecasting.quantiles import Quantiles
+from dohyo.agents.forecasting.reading import read_data
+from dohyo.agents.forecasting.registry import CHECKPOINTS, SIMPLE, load_forecaster, make_forecaster
+from dohyo.agents.forecasting.scores import coverage, errors
+from dohyo.agents.forecasting.training import TrainSettings, train_network
+from dohyo.agents.forecasting.windows import Windows, make_windows
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.errors import InvalidInputError
 
 COMPARED = ("lstm", "sa-lstm", "transformer", "convlstm", "sa-convlstm")
 DEPTH, DEPTHS = 3, (0, 1, 2, 3, 4)
@@ -261,7 +261,7 @@ def ship(out: Path, seed: int) -> None:
 
 def main() -> None:
     """Runs the study; writes results, and tables or checkpoints where asked to."""
-    from agents.forecasting.tables import RESULTS, write_readme
+    from dohyo.agents.forecasting.tables import RESULTS, write_readme
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True)

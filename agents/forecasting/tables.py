@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from agents.forecasting.registry import SIMPLE
-from agents.forecasting.scores import crossed
-from agents.forecasting.study import LONG
-from evaluation.look import MISSING, number
-from evaluation.store import write_atomically
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.forecasting.registry import SIMPLE
+from dohyo.agents.forecasting.scores import crossed
+from dohyo.agents.forecasting.study import LONG
+from dohyo.evaluation.look import MISSING, number
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 README = Path(__file__).with_name("README.md")
 RESULTS = Path(__file__).with_name("results") / "study.json"

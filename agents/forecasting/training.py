@@ -10,12 +10,12 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from agents.forecasting.base import Progress
-from agents.forecasting.networks.looking_ahead import Phase, SpeedNetwork
-from agents.forecasting.pyramid import MAX_DEPTH, LaplacianLoss
-from agents.forecasting.scale import Scale
-from agents.forecasting.windows import Windows
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.forecasting.base import Progress
+from dohyo.agents.forecasting.networks.looking_ahead import Phase, SpeedNetwork
+from dohyo.agents.forecasting.pyramid import MAX_DEPTH, LaplacianLoss
+from dohyo.agents.forecasting.scale import Scale
+from dohyo.agents.forecasting.windows import Windows
+from dohyo.sumo_networks.errors import InvalidInputError
 
 PATIENCE, DECAY, LAST_RATE = 3, 0.1, 2e-5
 COOLING = 0.8

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.forecasting.data import DAY_S, Stretch
-from agents.forecasting.gaps import fill, fillable
-from sumo_networks.arrays import Float32Array, FloatArray, IntArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.forecasting.data import DAY_S, Stretch
+from dohyo.agents.forecasting.gaps import fill, fillable
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 HISTORY, HORIZON = 8, 3
 

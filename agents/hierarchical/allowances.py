@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
-from agents.hierarchical.nearby import EVENT_M, IMPACT_M, SPEED_UNIT_M_S
-from agents.hierarchical.pace import LINE_GAP_M, YIELD_GAP_M, closed, coming, following_speed, stopping_speed
-from sumo_networks.arrays import BoolArray, Float32Array
-from sumo_networks.world import ActorKind
+from dohyo.agents.hierarchical.nearby import EVENT_M, IMPACT_M, SPEED_UNIT_M_S
+from dohyo.agents.hierarchical.pace import LINE_GAP_M, YIELD_GAP_M, closed, coming, following_speed, stopping_speed
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array
+from dohyo.sumo_networks.world import ActorKind
 
 ALLOWANCES = 9
 

@@ -8,10 +8,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
-from agents.training.registry import Trainer, trainer_named
-from agents.training.settings import read_settings
-from sumo_networks.config import Config
+from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
+from dohyo.agents.training.registry import Trainer, trainer_named
+from dohyo.agents.training.settings import read_settings
+from dohyo.sumo_networks.config import Config
 
 MASTER, FLAT = "master", "flat"
 CONFIGS = Path(__file__).with_name("configs")

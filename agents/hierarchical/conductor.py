@@ -8,11 +8,11 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from agents.hierarchical.manoeuvres import CHANGES
-from agents.hierarchical.options import choose
-from agents.hierarchical.outlook import OPTIONS
-from sumo_networks.arrays import BoolArray, Float32Array
-from sumo_networks.config import Config
+from dohyo.agents.hierarchical.manoeuvres import CHANGES
+from dohyo.agents.hierarchical.options import choose
+from dohyo.agents.hierarchical.outlook import OPTIONS
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array
+from dohyo.sumo_networks.config import Config
 
 Ticks = Annotated[int, Field(ge=1, le=6000)]
 _CHANGES = tuple(OPTIONS.index(change) for change in CHANGES)

@@ -14,8 +14,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from evaluation.statistics import N_RESAMPLES, SEED, Estimate, paired
-from sumo_networks.arrays import FloatArray
+from dohyo.evaluation.statistics import N_RESAMPLES, SEED, Estimate, paired
+from dohyo.sumo_networks.arrays import FloatArray
 
 Matched = Mapping[tuple[Any, ...], Mapping[int | None, float]]
 """Values by scenario, by seed of the training; None where nothing was learned."""

@@ -1,7 +1,7 @@
 """Curves of the trainings: a measure of held-out episodes by steps; a panel per policy, a line per arm.
 
-    python -m agents.hierarchical.curves runs/study --measure success --out out/hierarchical/curves.html
-    python -m agents.hierarchical.curves runs/study --arms hrl p-5 p-20 --policies lights --table
+    python -m dohyo.agents.hierarchical.curves runs/study --measure success --out out/hierarchical/curves.html
+    python -m dohyo.agents.hierarchical.curves runs/study --arms hrl p-5 p-20 --policies lights --table
 
 RUNS holds ARM/seed-N/POLICY, see `training_results`. With chromium and playwright on the machine a PNG is written
 beside the page.
@@ -20,12 +20,20 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from agents.hierarchical.arms import ARMS, POLICIES
-from agents.hierarchical.training_results import MEASURES, Results, TrainingRun, course, only, read_results, table
-from evaluation.look import OKABE_ITO, PALETTES, label, number, template
-from evaluation.pictures import write_page
-from evaluation.statistics import Estimate
-from sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.agents.hierarchical.arms import ARMS, POLICIES
+from dohyo.agents.hierarchical.training_results import (
+    MEASURES,
+    Results,
+    TrainingRun,
+    course,
+    only,
+    read_results,
+    table,
+)
+from dohyo.evaluation.look import OKABE_ITO, PALETTES, label, number, template
+from dohyo.evaluation.pictures import write_page
+from dohyo.evaluation.statistics import Estimate
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 
 RESULTS = Path(__file__).with_name("results") / "training"
 COLUMNS, WIDTH, PANEL, HEAD, FOOT = 3, 980, 220, 120, 90

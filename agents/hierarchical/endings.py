@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from enum import StrEnum
 
-from agents.hierarchical.manoeuvres import CHANGES, DRIVE, Manoeuvre
-from evaluation.criteria import Collision, Criterion, RedLight, StopSign
-from sumo_networks.world import EventPhase, World
+from dohyo.agents.hierarchical.manoeuvres import CHANGES, DRIVE, Manoeuvre
+from dohyo.evaluation.criteria import Collision, Criterion, RedLight, StopSign
+from dohyo.sumo_networks.world import EventPhase, World
 
 TICK_S = 0.1
 STANDING_M_S, STANDING_S = 1.0 / 3.6, 5.0

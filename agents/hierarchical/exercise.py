@@ -7,25 +7,25 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 
-from agents.experts.surroundings import Surroundings, warm_up
-from agents.hierarchical.actuation import action_of, command
-from agents.hierarchical.endings import End, Endings
-from agents.hierarchical.facts import SENSORS
-from agents.hierarchical.manoeuvres import CHANGES, DRIVE, Course, Manoeuvre, deviation, learned, restraints_of
-from agents.hierarchical.pace import Restraint, pace_of
-from agents.hierarchical.rewards import Form, reward, terms
-from agents.hierarchical.rules_only import RulesOnly
-from agents.hierarchical.scenarios import draw_scenario
-from agents.hierarchical.state import StateEncoder
-from agents.hierarchical.views import rows_seen
-from agents.training.task import HELD_OUT_FROM, Array
-from evaluation.agent import Observation
-from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.env import DrivingEnv
-from sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.agents.experts.surroundings import Surroundings, warm_up
+from dohyo.agents.hierarchical.actuation import action_of, command
+from dohyo.agents.hierarchical.endings import End, Endings
+from dohyo.agents.hierarchical.facts import SENSORS
+from dohyo.agents.hierarchical.manoeuvres import CHANGES, DRIVE, Course, Manoeuvre, deviation, learned, restraints_of
+from dohyo.agents.hierarchical.pace import Restraint, pace_of
+from dohyo.agents.hierarchical.rewards import Form, reward, terms
+from dohyo.agents.hierarchical.rules_only import RulesOnly
+from dohyo.agents.hierarchical.scenarios import draw_scenario
+from dohyo.agents.hierarchical.state import StateEncoder
+from dohyo.agents.hierarchical.views import rows_seen
+from dohyo.agents.training.task import HELD_OUT_FROM, Array
+from dohyo.evaluation.agent import Observation
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 
 if TYPE_CHECKING:
-    from agents.hierarchical.tasks import ManoeuvreTask
+    from dohyo.agents.hierarchical.tasks import ManoeuvreTask
 
 EGO = "ego"
 CUT_SHORT = (Manoeuvre.LANE, Manoeuvre.BRAKING)

@@ -12,17 +12,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from agents.experts.crossing import crossers
-from agents.experts.sidestep import Sidestep
-from agents.experts.surroundings import Lane, Neighbour, Surroundings
-from agents.hierarchical.solver import Fact, fact
-from agents.hierarchical.watch import Danger
-from evaluation.agent import Observation
-from sumo_networks.arrays import Float32Array
-from sumo_networks.sensors.lights import STOPS, YIELDS
-from sumo_networks.sensors.path import BEHIND, POINTS
-from sumo_networks.vehicle import VehicleParameters
-from sumo_networks.world import ActorKind, LightState
+from dohyo.agents.experts.crossing import crossers
+from dohyo.agents.experts.sidestep import Sidestep
+from dohyo.agents.experts.surroundings import Lane, Neighbour, Surroundings
+from dohyo.agents.hierarchical.solver import Fact, fact
+from dohyo.agents.hierarchical.watch import Danger
+from dohyo.evaluation.agent import Observation
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.sensors.lights import STOPS, YIELDS
+from dohyo.sumo_networks.sensors.path import BEHIND, POINTS
+from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.world import ActorKind, LightState
 
 SENSORS = ("speedometer", "route", "objects", "lights", "conflicts", "navigation", "path", "lanes")
 """What facts are made of."""

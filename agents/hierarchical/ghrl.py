@@ -15,15 +15,15 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from agents.hierarchical.conductor import Conductor, Prospect
-from agents.hierarchical.hierarchy import FLAT, MASTER, WEIGHTS, SubPolicy, read_sub_policies, run_file
-from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
-from agents.hierarchical.master import Master, parts, read_master
-from agents.hierarchical.outlook import OPTIONS, Outlook
-from agents.hierarchical.rules_only import RulesOnly
-from evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
-from sumo_networks.arrays import Float32Array
-from sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.agents.hierarchical.conductor import Conductor, Prospect
+from dohyo.agents.hierarchical.hierarchy import FLAT, MASTER, WEIGHTS, SubPolicy, read_sub_policies, run_file
+from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
+from dohyo.agents.hierarchical.master import Master, parts, read_master
+from dohyo.agents.hierarchical.outlook import OPTIONS, Outlook
+from dohyo.agents.hierarchical.rules_only import RulesOnly
+from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 ARMS = ("hrl", "ghrl", "ghrl-r", "ghrl-s", "flat")
 CHECKPOINT = Path(__file__).with_name("checkpoints")

@@ -1,8 +1,8 @@
 """Held out: trained sub-policies on many held-out exercises, all arms on the same ones; run again, it goes on.
 
-    python -m agents.hierarchical.held_out --runs runs/study --policies lights --arms hrl p-10 p-20 --workers 2 \
+    python -m dohyo.agents.hierarchical.held_out --runs runs/study --policies lights --arms hrl p-10 p-20 --workers 2 \
         --out out/held_out
-    python -m agents.hierarchical.held_out --table --out agents/hierarchical/results/held_out
+    python -m dohyo.agents.hierarchical.held_out --table --out agents/hierarchical/results/held_out
 
 A training judges itself by thirty exercises, too few to tell arms apart, and keeps its best policy by them. Here that
 policy drives others, which chose none. A line per exercise goes to OUT/POLICY.jsonl; intervals are those of `crossed`.
@@ -23,18 +23,18 @@ from typing import Any, Final
 
 import torch
 
-from agents.hierarchical.arms import ARMS, SUB_POLICIES, run_folder
-from agents.hierarchical.crossed import Matched, by_training, difference, estimate, of_pairs, verdict
-from agents.hierarchical.exercise import Exercise
-from agents.hierarchical.hierarchy import read_sub_policies
-from agents.hierarchical.tasks import ManoeuvreTask
-from agents.training.task import HELD_OUT_FROM
-from evaluation.lock import held
-from evaluation.look import interval, markdown
-from evaluation.statistics import mean_estimate
-from evaluation.store import read_lines, write_atomically
-from sumo_networks.arrays import Float32Array
-from sumo_networks.errors import DohyoError, InvalidInputError, SimulationError
+from dohyo.agents.hierarchical.arms import ARMS, SUB_POLICIES, run_folder
+from dohyo.agents.hierarchical.crossed import Matched, by_training, difference, estimate, of_pairs, verdict
+from dohyo.agents.hierarchical.exercise import Exercise
+from dohyo.agents.hierarchical.hierarchy import read_sub_policies
+from dohyo.agents.hierarchical.tasks import ManoeuvreTask
+from dohyo.agents.training.task import HELD_OUT_FROM
+from dohyo.evaluation.lock import held
+from dohyo.evaluation.look import interval, markdown
+from dohyo.evaluation.statistics import mean_estimate
+from dohyo.evaluation.store import read_lines, write_atomically
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, SimulationError
 
 logger = logging.getLogger(__name__)
 

@@ -14,15 +14,15 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from agents.hierarchical.actuation import Steering
-from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
-from agents.hierarchical.state import StateConfig, StateEncoder
-from agents.hierarchical.subpolicies import SubPolicyConfig
-from agents.hierarchical.views import rows_seen
-from agents.training.policy import Actor
-from agents.training.settings import read_settings
-from sumo_networks.arrays import Float32Array
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.hierarchical.actuation import Steering
+from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
+from dohyo.agents.hierarchical.state import StateConfig, StateEncoder
+from dohyo.agents.hierarchical.subpolicies import SubPolicyConfig
+from dohyo.agents.hierarchical.views import rows_seen
+from dohyo.agents.training.policy import Actor
+from dohyo.agents.training.settings import read_settings
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.errors import InvalidInputError
 
 CONFIG, WEIGHTS = "config.toml", "best.safetensors"
 MASTER, FLAT = "master", "flat"

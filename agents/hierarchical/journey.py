@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box
 
-from agents.hierarchical.actuation import ACTIONS, Steering
-from agents.hierarchical.exercise import MEASURES, Ride
-from agents.hierarchical.manoeuvres import DRIVE
-from agents.hierarchical.outlook import FLAGS, OPTIONS, Outlook
-from agents.hierarchical.rewards import Form
-from agents.hierarchical.rules_only import RulesOnly
-from agents.hierarchical.state import StateConfig, StateEncoder
-from agents.training.task import Array, Env, Task, held_out_seeds
+from dohyo.agents.hierarchical.actuation import ACTIONS, Steering
+from dohyo.agents.hierarchical.exercise import MEASURES, Ride
+from dohyo.agents.hierarchical.manoeuvres import DRIVE
+from dohyo.agents.hierarchical.outlook import FLAGS, OPTIONS, Outlook
+from dohyo.agents.hierarchical.rewards import Form
+from dohyo.agents.hierarchical.rules_only import RulesOnly
+from dohyo.agents.hierarchical.state import StateConfig, StateEncoder
+from dohyo.agents.training.task import Array, Env, Task, held_out_seeds
 
 HELD_OUT = 10
 UNDER_RULES = ("rules_share", "longest_standing_s")

@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from enum import StrEnum
 from types import MappingProxyType
 
-from agents.experts.sidestep import Sidestep
-from agents.experts.surroundings import Lane, Surroundings
-from agents.hierarchical.pace import Restraint, yields
-from evaluation.agent import Observation
-from sumo_networks.arrays import Float32Array
-from sumo_networks.sensors.path import BEHIND
-from sumo_networks.vehicle import VehicleParameters
-from sumo_networks.world import LightState
+from dohyo.agents.experts.sidestep import Sidestep
+from dohyo.agents.experts.surroundings import Lane, Surroundings
+from dohyo.agents.hierarchical.pace import Restraint, yields
+from dohyo.evaluation.agent import Observation
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.sensors.path import BEHIND
+from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.world import LightState
 
 SIDE_M_S2 = 2.0
 LEAST_RAMP_M = 15.0

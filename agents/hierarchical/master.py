@@ -10,17 +10,17 @@ import torch
 from safetensors import SafetensorError, safe_open
 from torch import Tensor, nn
 
-from agents.hierarchical.actuation import ACTIONS, Steering
-from agents.hierarchical.conductor import Tempo
-from agents.hierarchical.hierarchy import SubPolicies
-from agents.hierarchical.manoeuvres import Manoeuvre
-from agents.hierarchical.options import OptionValues
-from agents.hierarchical.outlook import FLAGS, OPTIONS
-from agents.hierarchical.state import StateConfig, StateEncoder
-from agents.training.policy import Actor
-from sumo_networks.arrays import BoolArray, Float32Array
-from sumo_networks.config import Config
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.hierarchical.actuation import ACTIONS, Steering
+from dohyo.agents.hierarchical.conductor import Tempo
+from dohyo.agents.hierarchical.hierarchy import SubPolicies
+from dohyo.agents.hierarchical.manoeuvres import Manoeuvre
+from dohyo.agents.hierarchical.options import OptionValues
+from dohyo.agents.hierarchical.outlook import FLAGS, OPTIONS
+from dohyo.agents.hierarchical.state import StateConfig, StateEncoder
+from dohyo.agents.training.policy import Actor
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array
+from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.errors import InvalidInputError
 
 SHAPE, MANNER = "shape", "manner"
 

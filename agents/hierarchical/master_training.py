@@ -21,11 +21,11 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from agents.hierarchical.conductor import Conductor, Prospect, Tempo
-from agents.hierarchical.hierarchy import read_sub_policies
-from agents.hierarchical.journey import HELD_OUT, JourneyTask
-from agents.hierarchical.master import Master, Told, master_of, parts
-from agents.hierarchical.options import (
+from dohyo.agents.hierarchical.conductor import Conductor, Prospect, Tempo
+from dohyo.agents.hierarchical.hierarchy import read_sub_policies
+from dohyo.agents.hierarchical.journey import HELD_OUT, JourneyTask
+from dohyo.agents.hierarchical.master import Master, Told, master_of, parts
+from dohyo.agents.hierarchical.options import (
     Replay,
     arrival_value,
     best_value,
@@ -33,19 +33,19 @@ from agents.hierarchical.options import (
     smdp_target,
     termination_loss,
 )
-from agents.hierarchical.outlook import OPTIONS
-from agents.hierarchical.rewards import Form
-from agents.hierarchical.trail import Trail
-from agents.training.checkpoint import generator_of, generator_state
-from agents.training.config import Positive, RunConfig, Share
-from agents.training.environments import Environments, Finished
-from agents.training.metrics import Number
-from agents.training.registry import Order, Trainer
-from agents.training.run import Run
-from agents.training.task import Array
-from agents.training.training import train
-from sumo_networks.arrays import BoolArray, Float32Array
-from sumo_networks.config import Config
+from dohyo.agents.hierarchical.outlook import OPTIONS
+from dohyo.agents.hierarchical.rewards import Form
+from dohyo.agents.hierarchical.trail import Trail
+from dohyo.agents.training.checkpoint import generator_of, generator_state
+from dohyo.agents.training.config import Positive, RunConfig, Share
+from dohyo.agents.training.environments import Environments, Finished
+from dohyo.agents.training.metrics import Number
+from dohyo.agents.training.registry import Order, Trainer
+from dohyo.agents.training.run import Run
+from dohyo.agents.training.task import Array
+from dohyo.agents.training.training import train
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array
+from dohyo.sumo_networks.config import Config
 
 Rate = Annotated[float, Field(ge=0)]
 _CHOICES = 1  # keeps this stream of random numbers apart from the environments'

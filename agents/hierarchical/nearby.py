@@ -11,14 +11,14 @@ import math
 import numpy as np
 from numba import njit
 
-from agents.experts.surroundings import boxes_on_path, project
-from evaluation.agent import Observation
-from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.sensors.lanes import ATTRIBUTES, POINTS, ROAD
-from sumo_networks.sensors.lights import STOPS, YIELDS
-from sumo_networks.sensors.path import BEHIND
-from sumo_networks.vehicle import VehicleParameters
-from sumo_networks.world import ActorKind, LightState
+from dohyo.agents.experts.surroundings import boxes_on_path, project
+from dohyo.evaluation.agent import Observation
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.sensors.lanes import ATTRIBUTES, POINTS, ROAD
+from dohyo.sumo_networks.sensors.lights import STOPS, YIELDS
+from dohyo.sumo_networks.sensors.path import BEHIND
+from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.world import ActorKind, LightState
 
 SENSORS = ("objects", "path", "lanes", "lights", "conflicts", "speedometer")
 IMPACT_M, EVENT_M = 50.0, 50.0

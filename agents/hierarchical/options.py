@@ -14,8 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from sumo_networks.arrays import BoolArray, Float32Array
-from sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array
+from dohyo.sumo_networks.errors import InvalidInputError
 
 UNAVAILABLE = -1e9
 

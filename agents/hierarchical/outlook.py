@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.experts.surroundings import Surroundings, warm_up
-from agents.hierarchical.actuation import Steering, command
-from agents.hierarchical.facts import SENSORS
-from agents.hierarchical.manoeuvres import CHANGES, Course, Manoeuvre, learned, light_ahead
-from agents.hierarchical.rules_only import RulesOnly
-from agents.hierarchical.state import StateConfig, StateEncoder
-from evaluation.agent import Mission, Observation
-from sumo_networks.arrays import BoolArray, Float32Array, FloatArray
+from dohyo.agents.experts.surroundings import Surroundings, warm_up
+from dohyo.agents.hierarchical.actuation import Steering, command
+from dohyo.agents.hierarchical.facts import SENSORS
+from dohyo.agents.hierarchical.manoeuvres import CHANGES, Course, Manoeuvre, learned, light_ahead
+from dohyo.agents.hierarchical.rules_only import RulesOnly
+from dohyo.agents.hierarchical.state import StateConfig, StateEncoder
+from dohyo.evaluation.agent import Mission, Observation
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray
 
 OPTIONS = tuple(Manoeuvre)
 FINISHED, CRITICAL, FRESH = range(3)

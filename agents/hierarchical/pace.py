@@ -9,14 +9,14 @@ from enum import StrEnum
 
 import numpy as np
 
-from agents.experts.crossing import crossers
-from agents.experts.surroundings import Surroundings
-from agents.hierarchical.rules_only import advised_speed
-from evaluation.agent import Observation
-from sumo_networks.arrays import BoolArray, Float32Array
-from sumo_networks.sensors.path import BEHIND
-from sumo_networks.vehicle import VehicleParameters
-from sumo_networks.world import ActorKind, LightState
+from dohyo.agents.experts.crossing import crossers
+from dohyo.agents.experts.surroundings import Surroundings
+from dohyo.agents.hierarchical.rules_only import advised_speed
+from dohyo.evaluation.agent import Observation
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array
+from dohyo.sumo_networks.sensors.path import BEHIND
+from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.world import ActorKind, LightState
 
 LEAST_SHARE = 0.8
 OVER_LIMIT = 0.2

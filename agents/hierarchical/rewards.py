@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from agents.hierarchical.pace import Pace
+from dohyo.agents.hierarchical.pace import Pace
 
 Form = Literal["product", "sum"]
 INFRACTION = -10.0

@@ -16,8 +16,8 @@ import numpy as np
 from numba import njit
 from pydantic import Field
 
-from sumo_networks.arrays import BoolArray, FloatArray
-from sumo_networks.config import Config
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray
+from dohyo.sumo_networks.config import Config
 
 Positive = Annotated[float, Field(gt=0)]
 

@@ -23,7 +23,7 @@ from clingo import MessageCode, Number, SymbolType
 from clingo import ast as syntax
 from clingo.ast import AST, ASTType, Sign, Transformer
 
-from sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError
 
 FIRED, DENIED, BROKEN = "_fired_", "_not_", "_broken"
 _IGNORED = (ASTType.Program, ASTType.Comment)

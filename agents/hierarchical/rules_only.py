@@ -12,19 +12,19 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.experts.sidestep import Sidestep
-from agents.experts.surroundings import Surroundings, warm_up
-from agents.hierarchical.facts import SENSORS, FactsBuilder, Memory, Moment
-from agents.hierarchical.rss import CONSTANTS
-from agents.hierarchical.rulebook import RuleError, Signature, read_rulebook
-from agents.hierarchical.solver import Decision, Solver
-from agents.hierarchical.watch import Watch
-from agents.planning.motion import Idm
-from evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
-from sumo_networks.arrays import Float32Array
-from sumo_networks.control import pure_pursuit, pursuit_distance
-from sumo_networks.errors import UnknownNameError
-from sumo_networks.vehicle import VehicleParameters
+from dohyo.agents.experts.sidestep import Sidestep
+from dohyo.agents.experts.surroundings import Surroundings, warm_up
+from dohyo.agents.hierarchical.facts import SENSORS, FactsBuilder, Memory, Moment
+from dohyo.agents.hierarchical.rss import CONSTANTS
+from dohyo.agents.hierarchical.rulebook import RuleError, Signature, read_rulebook
+from dohyo.agents.hierarchical.solver import Decision, Solver
+from dohyo.agents.hierarchical.watch import Watch
+from dohyo.agents.planning.motion import Idm
+from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.control import pure_pursuit, pursuit_distance
+from dohyo.sumo_networks.errors import UnknownNameError
+from dohyo.sumo_networks.vehicle import VehicleParameters
 
 RULES = Path(__file__).with_name("rules")
 MAX_SPEED_M_S = 14.0

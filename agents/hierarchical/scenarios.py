@@ -16,16 +16,16 @@ from types import MappingProxyType
 import numpy as np
 from pydantic import TypeAdapter
 
-from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
-from sumo_networks.arrays import IntArray
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.events import Event
-from sumo_networks.events.director import check_placement
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
+from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
+from dohyo.sumo_networks.arrays import IntArray
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.events import Event
+from dohyo.sumo_networks.events.director import check_placement
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
 
 ATTEMPTS = 8000
 PLACES_TRIED = 8

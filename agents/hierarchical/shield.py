@@ -15,15 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from agents.hierarchical.rss import CONSTANTS
-from agents.hierarchical.watch import SENSORS, Danger, Watch
-from agents.registry import resolve_with
-from evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation, make_agent
-from sumo_networks.arrays import Float32Array
-from sumo_networks.control import WAYPOINT_INTERVAL_S
-from sumo_networks.errors import UnknownNameError
-from sumo_networks.sensors.path import BEHIND
-from sumo_networks.vehicle import VehicleParameters
+from dohyo.agents.hierarchical.rss import CONSTANTS
+from dohyo.agents.hierarchical.watch import SENSORS, Danger, Watch
+from dohyo.agents.registry import resolve_with
+from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation, make_agent
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.control import WAYPOINT_INTERVAL_S
+from dohyo.sumo_networks.errors import UnknownNameError
+from dohyo.sumo_networks.sensors.path import BEHIND
+from dohyo.sumo_networks.vehicle import VehicleParameters
 
 SPEED_GAIN = 1.6
 """Of the controls that take a target speed, 1/s: so far below the speed, the target asks for that braking."""

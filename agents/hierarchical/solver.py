@@ -10,7 +10,7 @@ from typing import NamedTuple
 from clingo import Control, Function, MessageCode, Number, Symbol
 from clingo.ast import AST, ProgramBuilder
 
-from agents.hierarchical.rulebook import (
+from dohyo.agents.hierarchical.rulebook import (
     BROKEN,
     DENIED,
     FIRED,
@@ -21,7 +21,7 @@ from agents.hierarchical.rulebook import (
     Signature,
     first_message,
 )
-from evaluation.agent import Explanation
+from dohyo.evaluation.agent import Explanation
 
 OPTIONS = ("--warn=no-atom-undefined",)
 

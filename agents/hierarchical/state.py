@@ -26,15 +26,15 @@ import numpy as np
 from gymnasium.spaces import Box
 from pydantic import Field
 
-from agents.hierarchical import nearby
-from agents.hierarchical.allowances import ALLOWANCES, allowances
-from agents.hierarchical.rules_only import advised_speed
-from agents.hierarchical.vision.latents import SHIPPED, Encoder
-from agents.localization.view import LocalizedView
-from evaluation.agent import Observation
-from sumo_networks.arrays import Float32Array
-from sumo_networks.config import Config
-from sumo_networks.vehicle import VehicleParameters
+from dohyo.agents.hierarchical import nearby
+from dohyo.agents.hierarchical.allowances import ALLOWANCES, allowances
+from dohyo.agents.hierarchical.rules_only import advised_speed
+from dohyo.agents.hierarchical.vision.latents import SHIPPED, Encoder
+from dohyo.agents.localization.view import LocalizedView
+from dohyo.evaluation.agent import Observation
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.vehicle import VehicleParameters
 
 CAMERA = "camera_semantic"
 WAYPOINTS_M = (2, 5, 10, 15, 20, 30, 40, 60)
@@ -51,7 +51,7 @@ class StateConfig(Config):
     Attributes:
         vision: "semantic": latents of the semantic camera; "none": the exact state of the others.
         frames: How many pictures, a tick apart.
-        localization: "truth", or a filter of `agents.localization`, such as "es-ekf".
+        localization: "truth", or a filter of `dohyo.agents.localization`, such as "es-ekf".
         gnss: The filter's receiver: "gnss" or "gnss_rtk".
         encoder: File of the encoder; None: the one that ships.
     """

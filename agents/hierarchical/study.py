@@ -1,9 +1,9 @@
 """Study: the arms of GHRL on the same scenarios of a benchmark, or on a sample of it; run again, it goes on.
 
-    python -m agents.hierarchical.study --benchmark precrash --arms rules ghrl-r --out out/ghrl
-    python -m agents.hierarchical.study --benchmark nocrash --cells town-test. --every 5 --arms hrl ghrl ghrl-r \
+    python -m dohyo.agents.hierarchical.study --benchmark precrash --arms rules ghrl-r --out out/ghrl
+    python -m dohyo.agents.hierarchical.study --benchmark nocrash --cells town-test. --every 5 --arms hrl ghrl ghrl-r \
         --runs runs/study --seeds-of-training 0 1 2 --workers 2 --out out/ghrl
-    python -m agents.hierarchical.study --table --arms ghrl ghrl-r --out out/ghrl
+    python -m dohyo.agents.hierarchical.study --table --arms ghrl ghrl-r --out out/ghrl
 
 Scenarios are sampled by their number in the benchmark, so every arm drives the same ones. With --runs, an arm that
 learned is driven once for each training, RUNS/ARM/seed-N; without, what ships is. A line per drive goes to
@@ -25,19 +25,19 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from agents.hierarchical.ghrl import CHECKPOINT
-from agents.hierarchical.study_tables import Drive, read_drives, tables
-from agents.hierarchical.watch import STANDS_M_S, TICK_S
-from agents.registry import resolve_with
-from evaluation.agent import Agent, Observation, make_agent
-from evaluation.benchmark import load_benchmark
-from evaluation.lock import held
-from evaluation.record import EgoRecord, Status
-from evaluation.runner import drive_episode
-from evaluation.scores.nocrash import drove, success
-from evaluation.store import write_atomically
-from sumo_networks.errors import DohyoError, InvalidInputError
-from sumo_networks.scenario import Scenario
+from dohyo.agents.hierarchical.ghrl import CHECKPOINT
+from dohyo.agents.hierarchical.study_tables import Drive, read_drives, tables
+from dohyo.agents.hierarchical.watch import STANDS_M_S, TICK_S
+from dohyo.agents.registry import resolve_with
+from dohyo.evaluation.agent import Agent, Observation, make_agent
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.lock import held
+from dohyo.evaluation.record import EgoRecord, Status
+from dohyo.evaluation.runner import drive_episode
+from dohyo.evaluation.scores.nocrash import drove, success
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.sumo_networks.scenario import Scenario
 
 DEADLOCK_S = 30.0
 """So long an ego that got blocked or ran out of time must have stood within critical intervals at the end."""

@@ -11,12 +11,12 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from agents.hierarchical.crossed import Matched, by_training, difference, estimate, of_pairs, verdict
-from evaluation.look import MARKS, MISSING, ending, interval, markdown, number
-from evaluation.record import InfractionKind, Status
-from evaluation.scores.nocrash import COLLISIONS
-from evaluation.statistics import Estimate, share_estimate
-from evaluation.store import read_lines
+from dohyo.agents.hierarchical.crossed import Matched, by_training, difference, estimate, of_pairs, verdict
+from dohyo.evaluation.look import MARKS, MISSING, ending, interval, markdown, number
+from dohyo.evaluation.record import InfractionKind, Status
+from dohyo.evaluation.scores.nocrash import COLLISIONS
+from dohyo.evaluation.statistics import Estimate, share_estimate
+from dohyo.evaluation.store import read_lines
 
 Drive = dict[str, Any]
 

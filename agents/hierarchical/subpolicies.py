@@ -12,15 +12,15 @@ from typing import Annotated
 
 from pydantic import Field
 
-from agents.hierarchical.actuation import Steering
-from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
-from agents.hierarchical.rewards import Form
-from agents.hierarchical.state import StateConfig
-from agents.hierarchical.tasks import HELD_OUT, ManoeuvreTask
-from agents.training.config import PpoRunConfig
-from agents.training.ppo import ppo_trainer
-from agents.training.registry import Trainer
-from agents.training.task import Task
+from dohyo.agents.hierarchical.actuation import Steering
+from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
+from dohyo.agents.hierarchical.rewards import Form
+from dohyo.agents.hierarchical.state import StateConfig
+from dohyo.agents.hierarchical.tasks import HELD_OUT, ManoeuvreTask
+from dohyo.agents.training.config import PpoRunConfig
+from dohyo.agents.training.ppo import ppo_trainer
+from dohyo.agents.training.registry import Trainer
+from dohyo.agents.training.task import Task
 
 
 class SubPolicyConfig(PpoRunConfig):

@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from gymnasium.spaces import Box
 
-from agents.hierarchical.actuation import ACTIONS, Steering
-from agents.hierarchical.exercise import MEASURES, Exercise
-from agents.hierarchical.rewards import Form
-from agents.hierarchical.state import StateConfig, StateEncoder
-from agents.hierarchical.views import rows_seen
-from agents.training.task import Array, Env, Task, held_out_seeds
+from dohyo.agents.hierarchical.actuation import ACTIONS, Steering
+from dohyo.agents.hierarchical.exercise import MEASURES, Exercise
+from dohyo.agents.hierarchical.rewards import Form
+from dohyo.agents.hierarchical.state import StateConfig, StateEncoder
+from dohyo.agents.hierarchical.views import rows_seen
+from dohyo.agents.training.task import Array, Env, Task, held_out_seeds
 
 HELD_OUT = 20
 

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from agents.hierarchical.conductor import Conductor
-from agents.hierarchical.manoeuvres import CHANGES
-from agents.hierarchical.outlook import OPTIONS
-from sumo_networks.arrays import Float32Array
+from dohyo.agents.hierarchical.conductor import Conductor
+from dohyo.agents.hierarchical.manoeuvres import CHANGES
+from dohyo.agents.hierarchical.outlook import OPTIONS
+from dohyo.sumo_networks.arrays import Float32Array
 
 
 class Lesson(NamedTuple):

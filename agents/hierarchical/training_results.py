@@ -19,11 +19,11 @@ from types import MappingProxyType
 import numpy as np
 from scipy.special import stdtrit  # type: ignore[import-untyped]
 
-from agents.hierarchical.arms import ARMS, POLICIES
-from evaluation.look import MISSING, interval
-from evaluation.statistics import Estimate
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.hierarchical.arms import ARMS, POLICIES
+from dohyo.evaluation.look import MISSING, interval
+from dohyo.evaluation.statistics import Estimate
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 MEASURES: Mapping[str, str] = MappingProxyType(
     {

@@ -1,7 +1,7 @@
 """Trainings: all runs of the study's arms with one command; run again, it goes on where it was.
 
-    python -m agents.hierarchical.trainings --arms ghrl hrl --seeds 0 1 2 --workers 2 --out runs/study
-    python -m agents.hierarchical.trainings --arms p-5 p-20 --policies lights --out runs/study --set steps=20000
+    python -m dohyo.agents.hierarchical.trainings --arms ghrl hrl --seeds 0 1 2 --workers 2 --out runs/study
+    python -m dohyo.agents.hierarchical.trainings --arms p-5 p-20 --policies lights --out runs/study --set steps=20000
 
 Each is a run OUT/ARM/seed-N/POLICY as `dohyo train` makes it, in a process of its own; masters come after the
 sub-policies that they choose among. `curves` and `study` read that folder.
@@ -22,10 +22,10 @@ from multiprocessing import active_children, get_context
 from pathlib import Path
 from types import FrameType
 
-from agents.hierarchical.arms import ARMS, MASTER, POLICIES, config_of, run_folder, trainer_of
-from agents.training.registry import Order
-from agents.training.run import RunStoppedError
-from sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.agents.hierarchical.arms import ARMS, MASTER, POLICIES, config_of, run_folder, trainer_of
+from dohyo.agents.training.registry import Order
+from dohyo.agents.training.run import RunStoppedError
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 
 INTERRUPTED = 130
 

@@ -7,9 +7,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
-from agents.hierarchical.state import StateEncoder
-from sumo_networks.arrays import IntArray
+from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
+from dohyo.agents.hierarchical.state import StateEncoder
+from dohyo.sumo_networks.arrays import IntArray
 
 _WAY = ("waypoints", "deviation", "limits", "motion")
 PARTS: Mapping[str, tuple[str, ...]] = MappingProxyType(

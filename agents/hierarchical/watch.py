@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from agents.experts.surroundings import Neighbour, Surroundings
-from agents.hierarchical.rss import EGO, SPEED, RssConstants, dangerous, judge
-from evaluation.agent import Observation
-from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.sensors.lanes import COLUMNS, ROWS
-from sumo_networks.sensors.path import BEHIND
-from sumo_networks.vehicle import VehicleParameters
+from dohyo.agents.experts.surroundings import Neighbour, Surroundings
+from dohyo.agents.hierarchical.rss import EGO, SPEED, RssConstants, dangerous, judge
+from dohyo.evaluation.agent import Observation
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.sensors.lanes import COLUMNS, ROWS
+from dohyo.sumo_networks.sensors.path import BEHIND
+from dohyo.sumo_networks.vehicle import VehicleParameters
 
 SENSORS = ("speedometer", "objects", "path", "conflicts")
 """What a watch reads."""

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-from sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.arrays import FloatArray
 
 
 @njit(cache=True)

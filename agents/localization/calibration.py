@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.vehicle import GRAVITY
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.vehicle import GRAVITY
 
 LEVEL_AND_AT_REST = np.array([0.0, 0.0, GRAVITY, 0.0, 0.0, 0.0])
 MIN_SAMPLES = 20

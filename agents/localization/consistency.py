@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import chdtri  # type: ignore[import-untyped]
 
-from sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.arrays import FloatArray
 
 
 def nees(error: FloatArray, covariance: FloatArray) -> float:

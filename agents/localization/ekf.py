@@ -10,9 +10,17 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter  # type: ignore[import-untyped]
 from numba import njit
 
-from agents.localization.attitude import exponential, from_heading, heading_of, matrix, normalised, product
-from agents.localization.es_ekf import ACCELEROMETER, GRAVITY, GYROSCOPE, POSITION, QUATERNION, VELOCITY, integrate
-from agents.localization.filters import (
+from dohyo.agents.localization.attitude import exponential, from_heading, heading_of, matrix, normalised, product
+from dohyo.agents.localization.es_ekf import (
+    ACCELEROMETER,
+    GRAVITY,
+    GYROSCOPE,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+    integrate,
+)
+from dohyo.agents.localization.filters import (
     CONDITIONING,
     FilterNoise,
     InitialState,
@@ -20,7 +28,7 @@ from agents.localization.filters import (
     gnss_covariance,
     innovation,
 )
-from sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.arrays import FloatArray
 
 _H = np.eye(3, 19)
 

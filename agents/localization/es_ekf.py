@@ -13,8 +13,16 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from agents.localization.attitude import exponential, from_heading, heading_of, matrix, normalised, product, skew
-from agents.localization.filters import (
+from dohyo.agents.localization.attitude import (
+    exponential,
+    from_heading,
+    heading_of,
+    matrix,
+    normalised,
+    product,
+    skew,
+)
+from dohyo.agents.localization.filters import (
     CONDITIONING,
     FilterNoise,
     InitialState,
@@ -22,7 +30,7 @@ from agents.localization.filters import (
     gnss_covariance,
     innovation,
 )
-from sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.arrays import FloatArray
 
 POSITION, VELOCITY, QUATERNION = slice(0, 3), slice(3, 6), slice(6, 10)
 ACCELEROMETER, GYROSCOPE, GRAVITY = slice(10, 13), slice(13, 16), slice(16, 19)

@@ -10,10 +10,10 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
-from agents.localization.logs import PositionLog
-from agents.localization.track import Track
-from evaluation.look import OKABE_ITO, PALETTES, number, template
-from sumo_networks.arrays import FloatArray
+from dohyo.agents.localization.logs import PositionLog
+from dohyo.agents.localization.track import Track
+from dohyo.evaluation.look import OKABE_ITO, PALETTES, number, template
+from dohyo.sumo_networks.arrays import FloatArray
 
 ESTIMATE, FIXES, TRUTH = OKABE_ITO[0], OKABE_ITO[1], OKABE_ITO[2]
 SYMBOLS = ("circle", "square", "diamond", "triangle-up")

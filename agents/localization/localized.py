@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from agents.localization.localizer import Localizer
-from agents.localization.view import FROM_POSE, LocalizedView
-from agents.registry import resolve
-from evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation, make_agent
-from sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.agents.localization.localizer import Localizer
+from dohyo.agents.localization.view import FROM_POSE, LocalizedView
+from dohyo.agents.registry import resolve
+from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation, make_agent
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 STAND: Mapping[str, np.ndarray] = MappingProxyType(
     {

@@ -15,23 +15,23 @@ from types import MappingProxyType
 
 import numpy as np
 
-from agents.localization.calibration import NONE, Calibration, calibrate
-from agents.localization.es_ekf import EsEkf, integrate
-from agents.localization.filters import Filter, FilterNoise, InitialState, Innovation
-from agents.localization.lowpass import ALPHA, LowPass
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.vehicle import GRAVITY
+from dohyo.agents.localization.calibration import NONE, Calibration, calibrate
+from dohyo.agents.localization.es_ekf import EsEkf, integrate
+from dohyo.agents.localization.filters import Filter, FilterNoise, InitialState, Innovation
+from dohyo.agents.localization.lowpass import ALPHA, LowPass
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.vehicle import GRAVITY
 
 
 def _ekf(start: InitialState, noise: FilterNoise) -> Filter:
-    from agents.localization.ekf import Ekf  # filterpy takes a second to import; most need only the ES-EKF
+    from dohyo.agents.localization.ekf import Ekf  # filterpy takes a second to import; most need only the ES-EKF
 
     return Ekf(start, noise)
 
 
 def _ukf(start: InitialState, noise: FilterNoise) -> Filter:
-    from agents.localization.ukf import Ukf
+    from dohyo.agents.localization.ukf import Ukf
 
     return Ukf(start, noise)
 

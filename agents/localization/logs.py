@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from agents.localization.localizer import Fix
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.projection import geodetic_to_enu
-from sumo_networks.vehicle import GRAVITY
+from dohyo.agents.localization.localizer import Fix
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.projection import geodetic_to_enu
+from dohyo.sumo_networks.vehicle import GRAVITY
 
 IMU_COLUMNS = ("t", "ax", "ay", "az", "gx", "gy", "gz")
 GEODETIC, PLANE = ("lat", "lon", "alt"), ("x", "y", "z")

@@ -1,6 +1,6 @@
 """Study: filters against each other over GNSS rate and error, with and without calibration and low-pass filter.
 
-    python -m agents.localization.study --seeds 10 --out agents/localization/results/study.json
+    python -m dohyo.agents.localization.study --seeds 10 --out agents/localization/results/study.json
 
 Each seed draws the errors of IMU and receiver anew, on three routes; all arms of a seed see the same errors. After
 20 s under open sky (10 fixes a second; 5 s of them at rest) the rate of the cell holds to the end, and the scores count
@@ -22,18 +22,18 @@ from typing import Any
 
 import numpy as np
 
-from agents.localization.filters import FilterNoise
-from agents.localization.localizer import Fix, Localizer, Settings
-from agents.localization.lowpass import ALPHA
-from agents.localization.synthetic import ROUTES, Journey, Recording, journey_named, record
-from agents.localization.track import Track, follow
-from evaluation.scores.localization import accuracy, max_drift, p95, rmse
-from evaluation.statistics import mean_estimate, paired
-from evaluation.store import write_atomically
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import DohyoError
-from sumo_networks.sensors.gnss import GnssNoise
-from sumo_networks.sensors.imu import ICM_20600
+from dohyo.agents.localization.filters import FilterNoise
+from dohyo.agents.localization.localizer import Fix, Localizer, Settings
+from dohyo.agents.localization.lowpass import ALPHA
+from dohyo.agents.localization.synthetic import ROUTES, Journey, Recording, journey_named, record
+from dohyo.agents.localization.track import Track, follow
+from dohyo.evaluation.scores.localization import accuracy, max_drift, p95, rmse
+from dohyo.evaluation.statistics import mean_estimate, paired
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import DohyoError
+from dohyo.sumo_networks.sensors.gnss import GnssNoise
+from dohyo.sumo_networks.sensors.imu import ICM_20600
 
 OPEN_SKY_S, LENGTH_S, STANDING_S = 20.0, 120.0, 5.0
 RATES_HZ = (10.0, 1.0, 0.2, 0.05)

@@ -1,6 +1,6 @@
 """Tables: the study's results as the README shows them, and as a figure.
 
-python -m agents.localization.tables agents/localization/results/study.json --figure study.html
+python -m dohyo.agents.localization.tables agents/localization/results/study.json --figure study.html
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.localization.figures import grid_figure, page
-from evaluation.look import number
-from evaluation.store import write_atomically
+from dohyo.agents.localization.figures import grid_figure, page
+from dohyo.evaluation.look import number
+from dohyo.evaluation.store import write_atomically
 
 ARMS = ("none", "calibrated", "calibrated + low-pass")
 NAMES = {"es-ekf": "ES-EKF", "ekf": "EKF", "ukf": "UKF", "imu": "IMU only"}

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.localization.filters import Innovation
-from agents.localization.localizer import Fix, Localizer
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.localization.filters import Innovation
+from dohyo.agents.localization.localizer import Fix, Localizer
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 @dataclass(frozen=True)

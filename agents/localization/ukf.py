@@ -12,8 +12,8 @@ import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # type: ignore[import-untyped]
 from numba import njit
 
-from agents.localization.attitude import exponential, matrix
-from agents.localization.filters import (
+from dohyo.agents.localization.attitude import exponential, matrix
+from dohyo.agents.localization.filters import (
     CONDITIONING,
     FilterNoise,
     InitialState,
@@ -21,7 +21,7 @@ from agents.localization.filters import (
     gnss_covariance,
     innovation,
 )
-from sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.arrays import FloatArray
 
 ALPHA, BETA, KAPPA = 0.1, 2.0, 0.0
 

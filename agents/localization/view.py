@@ -12,13 +12,13 @@ from types import MappingProxyType
 
 import numpy as np
 
-from agents.localization.localizer import FILTERS, Localizer, Settings
-from evaluation.agent import Observation
-from sumo_networks.arrays import Float32Array
-from sumo_networks.errors import UnknownNameError
-from sumo_networks.geometry import project_on_path, wrap
-from sumo_networks.sensors.gnss import L80, RTK, GnssNoise
-from sumo_networks.sensors.route import path_ahead
+from dohyo.agents.localization.localizer import FILTERS, Localizer, Settings
+from dohyo.evaluation.agent import Observation
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.errors import UnknownNameError
+from dohyo.sumo_networks.geometry import project_on_path, wrap
+from dohyo.sumo_networks.sensors.gnss import L80, RTK, GnssNoise
+from dohyo.sumo_networks.sensors.route import path_ahead
 
 STANDING_S = 3.0
 HEADING_STD = math.radians(3.0)

@@ -13,11 +13,11 @@ import math
 import numpy as np
 from numba import njit
 
-from agents.mcts.predictors.constant_velocity import roll
-from agents.planning.motion import DT, project
-from agents.planning.scene import HISTORY_STEP_S, Scene
-from sumo_networks.arrays import BoolArray, FloatArray
-from sumo_networks.world import ActorKind
+from dohyo.agents.mcts.predictors.constant_velocity import roll
+from dohyo.agents.planning.motion import DT, project
+from dohyo.agents.planning.scene import HISTORY_STEP_S, Scene
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray
+from dohyo.sumo_networks.world import ActorKind
 
 LANE_SHARE = 0.5
 """Share of a lane's width from its middle within which somebody is ahead in it."""

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
-from sumo_networks.scenario import Config
+from dohyo.sumo_networks.scenario import Config
 
 Prior = Literal["none", "learned", "crafted", "both"]
 Constraints = Literal["none", "tree", "node", "both"]
@@ -29,7 +29,7 @@ class Settings(Config):
     """What may be set from outside: the arms of the ablations.
 
     Attributes:
-        predictor: Name of the predictor, see `agents.mcts.predictors`.
+        predictor: Name of the predictor, see `dohyo.agents.mcts.predictors`.
         prior: Which priors are summed (thesis: both).
         crafted: What the crafted prior is centred on: "limit", +1 m/s^2 while below the limit, else 0 (the thesis's
             code); "idm", the acceleration IDM would choose (ours).

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from agents.mcts.config import ACTIONS, MIDDLE, Rules
-from agents.mcts.simulator import (
+from dohyo.agents.mcts.config import ACTIONS, MIDDLE, Rules
+from dohyo.agents.mcts.simulator import (
     ACCELERATION,
     DEMAND,
     FAILED,
@@ -23,10 +23,10 @@ from agents.mcts.simulator import (
     Y,
     controls,
 )
-from agents.mcts.tree import NODES, Tree
-from agents.planning.motion import Body, project, vehicle_step
-from agents.planning.situation import Situation
-from sumo_networks.arrays import FloatArray
+from dohyo.agents.mcts.tree import NODES, Tree
+from dohyo.agents.planning.motion import Body, project, vehicle_step
+from dohyo.agents.planning.situation import Situation
+from dohyo.sumo_networks.arrays import FloatArray
 
 MOST_NODES = 600
 

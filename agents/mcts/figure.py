@@ -10,8 +10,8 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from evaluation.look import PALETTES, template
-from sumo_networks.arrays import FloatArray
+from dohyo.evaluation.look import PALETTES, template
+from dohyo.sumo_networks.arrays import FloatArray
 
 LANE, EGO = "#D9D4CA", "#5B4B8A"
 SCALE = "Viridis"

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from agents.mcts.caution import cautious
-from agents.mcts.config import (
+from dohyo.agents.mcts.caution import cautious
+from dohyo.agents.mcts.config import (
     ACTIONS,
     CURVE_BRAKING,
     CURVE_LATERAL,
@@ -30,21 +30,21 @@ from agents.mcts.config import (
     Settings,
     rules,
 )
-from agents.mcts.explanation import explain_search
-from agents.mcts.predicting import make_predictor
-from agents.mcts.prior import kernel, learned_actions
-from agents.mcts.simulator import FAILED, STANDING, STATE, controls
-from agents.mcts.tree import BEST_LEAF, PAIRS, Beliefs, best_child, make_tree, search, start
-from agents.mcts.value.mlp import load_value, no_value
-from agents.planning.motion import Idm, body, limited_steering, pursuit
-from agents.planning.prediction import Forecast
-from agents.planning.scene import SENSORS, Scene, SceneBuilder
-from agents.planning.situation import ROAD_BIT, Situation, box_on_grid, situation
-from agents.planning.warm_up import empty_road
-from evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
-from sumo_networks.arrays import FloatArray, IntArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.vehicle import VehicleParameters
+from dohyo.agents.mcts.explanation import explain_search
+from dohyo.agents.mcts.predicting import make_predictor
+from dohyo.agents.mcts.prior import kernel, learned_actions
+from dohyo.agents.mcts.simulator import FAILED, STANDING, STATE, controls
+from dohyo.agents.mcts.tree import BEST_LEAF, PAIRS, Beliefs, best_child, make_tree, search, start
+from dohyo.agents.mcts.value.mlp import load_value, no_value
+from dohyo.agents.planning.motion import Idm, body, limited_steering, pursuit
+from dohyo.agents.planning.prediction import Forecast
+from dohyo.agents.planning.scene import SENSORS, Scene, SceneBuilder
+from dohyo.agents.planning.situation import ROAD_BIT, Situation, box_on_grid, situation
+from dohyo.agents.planning.warm_up import empty_road
+from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.vehicle import VehicleParameters
 
 CRAFTED_IDM = Idm(gap=2.0, headway=1.2, acceleration=1.5, braking=2.0, exponent=4.0, least_gap=0.1, hardest=3.0)
 _CHOICES = {"visits": 0, "q": 1, "best": 2}

@@ -5,14 +5,14 @@ from __future__ import annotations
 import importlib
 from types import MappingProxyType
 
-from agents.planning.prediction import Predictor
-from sumo_networks.errors import UnknownNameError
+from dohyo.agents.planning.prediction import Predictor
+from dohyo.sumo_networks.errors import UnknownNameError
 
 PREDICTORS = MappingProxyType(
     {
-        "constant_velocity": "agents.mcts.predictors.constant_velocity:ConstantVelocity",
-        "idm": "agents.mcts.predictors.idm:IdmRollout",
-        "learned": "agents.mcts.predictors.learned:Learned",
+        "constant_velocity": "dohyo.agents.mcts.predictors.constant_velocity:ConstantVelocity",
+        "idm": "dohyo.agents.mcts.predictors.idm:IdmRollout",
+        "learned": "dohyo.agents.mcts.predictors.learned:Learned",
     }
 )
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.mcts.predicting import make_predictor
-from agents.planning.scene import SENSORS, SceneBuilder
-from evaluation.agent import Agent, AgentSpec, Mission, Observation
-from sumo_networks.control import WAYPOINT_COUNT, WAYPOINT_INTERVAL_S
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.mcts.predicting import make_predictor
+from dohyo.agents.planning.scene import SENSORS, SceneBuilder
+from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
+from dohyo.sumo_networks.control import WAYPOINT_COUNT, WAYPOINT_INTERVAL_S
+from dohyo.sumo_networks.errors import InvalidInputError
 
 _STRIDE = round(WAYPOINT_INTERVAL_S / 0.1)
 

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from agents.mcts.config import ACTIONS, DT, MIDDLE, Rules
-from agents.planning.motion import Body, project
-from agents.planning.situation import Situation
-from sumo_networks.arrays import FloatArray, IntArray
+from dohyo.agents.mcts.config import ACTIONS, DT, MIDDLE, Rules
+from dohyo.agents.planning.motion import Body, project
+from dohyo.agents.planning.situation import Situation
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
 
 
 def kernel(variance: float) -> FloatArray:

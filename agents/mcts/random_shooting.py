@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from agents.mcts.mbappe import Mbappe
-from evaluation.agent import AgentSpec, Mission
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.mcts.mbappe import Mbappe
+from dohyo.evaluation.agent import AgentSpec, Mission
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 class RandomShooting(Mbappe):

@@ -6,8 +6,8 @@ import math
 
 from numba import njit
 
-from agents.mcts.config import ACTIONS, DT, MIDDLE, Rules
-from agents.planning.motion import (
+from dohyo.agents.mcts.config import ACTIONS, DT, MIDDLE, Rules
+from dohyo.agents.planning.motion import (
     Body,
     Idm,
     boxes_meet,
@@ -17,7 +17,7 @@ from agents.planning.motion import (
     pursuit,
     vehicle_step,
 )
-from agents.planning.situation import (
+from dohyo.agents.planning.situation import (
     CLASS_OBJECT,
     CLASS_PEDESTRIAN,
     ROAD_BIT,
@@ -28,8 +28,8 @@ from agents.planning.situation import (
     leader,
     on_grid,
 )
-from sumo_networks.arrays import FloatArray
-from sumo_networks.geometry import wrap
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.geometry import wrap
 
 X, Y, HEADING, SPEED, ACCELERATION, STEERING, DEMAND, S, LATERAL, OFF_ROAD = range(10)
 STATE = 10

@@ -1,4 +1,4 @@
-"""How long a decision takes, as a picture: python -m agents.mcts.speed [FILE.json].
+"""How long a decision takes, as a picture: python -m dohyo.agents.mcts.speed [FILE.json].
 
 The numbers are those of `python tests/performance/planners.py agents/mcts/results/speed.json`. Writes a page that needs
 no network, and a picture beside it where there is a chromium.
@@ -16,9 +16,9 @@ from typing import Any
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from evaluation.look import OKABE_ITO, PALETTES, template
-from evaluation.pictures import write_page
-from sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.evaluation.look import OKABE_ITO, PALETTES, template
+from dohyo.evaluation.pictures import write_page
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 
 RESULTS = Path(__file__).with_name("results") / "speed.json"
 SIZE = (980, 460)

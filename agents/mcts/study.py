@@ -1,4 +1,4 @@
-"""The ablations and rivals on one benchmark, paired: `python -m agents.mcts.study --benchmark val14 --out out/mbappe`.
+"""Ablations and rivals on a benchmark, paired: `python -m dohyo.agents.mcts.study --benchmark val14 --out out/mbappe`.
 
 Every arm drives the same scenarios and seeds, the autopilot first; run again, it goes on where it stopped, drive by
 drive. Excerpts are measured by the closed-loop score, whole routes by what the leaderboard and NoCrash count. Results
@@ -22,20 +22,20 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
-from agents.mcts.losses import CAUSES, losses
-from agents.mcts.tables import EXCERPTS, ROUTES, shown, tables, write_tables
-from agents.registry import resolve
-from evaluation.benchmark import Benchmark, load_benchmark
-from evaluation.evaluation import Result, run_benchmark
-from evaluation.executors import ProcessPool
-from evaluation.record import EgoRecord, Status
-from evaluation.scores.closed_loop import ClosedLoop, closed_loop
-from evaluation.scores.nocrash import COLLISIONS
-from evaluation.statistics import Comparison, Estimate, mean_estimate, paired, share_estimate
-from evaluation.store import read_trajectory, write_atomically
-from evaluation.summary import score_drive
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.mcts.losses import CAUSES, losses
+from dohyo.agents.mcts.tables import EXCERPTS, ROUTES, shown, tables, write_tables
+from dohyo.agents.registry import resolve
+from dohyo.evaluation.benchmark import Benchmark, load_benchmark
+from dohyo.evaluation.evaluation import Result, run_benchmark
+from dohyo.evaluation.executors import ProcessPool
+from dohyo.evaluation.record import EgoRecord, Status
+from dohyo.evaluation.scores.closed_loop import ClosedLoop, closed_loop
+from dohyo.evaluation.scores.nocrash import COLLISIONS
+from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired, share_estimate
+from dohyo.evaluation.store import read_trajectory, write_atomically
+from dohyo.evaluation.summary import score_drive
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError
 
 REFERENCE = "autopilot"
 SHARES = ("collisions", "off_road", "nocrash_success", "perfect", "hits", "out_of_time")
@@ -326,7 +326,7 @@ def as_document(
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(prog="python -m agents.mcts.study", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m dohyo.agents.mcts.study", description=__doc__)
     parser.add_argument("--benchmark", default="val14")
     parser.add_argument("--arms", nargs="*", default=list(ARMS), choices=list(ARMS), metavar="ARM")
     parser.add_argument("--seeds", type=int, nargs="*", help="by default the benchmark's own")

@@ -8,10 +8,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from agents.mcts.losses import CAUSES
-from evaluation.statistics import Estimate
-from evaluation.store import write_atomically
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.mcts.losses import CAUSES
+from dohyo.evaluation.statistics import Estimate
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.errors import InvalidInputError
 
 EXCERPTS: Mapping[str, str] = MappingProxyType(
     {"score": "score", "collisions": "CR, %", "off_road": "DA, %", "progress": "EP, %"}

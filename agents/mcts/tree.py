@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from agents.mcts.config import ACTIONS, DT, LARGEST, MIDDLE, Rules
-from agents.mcts.simulator import FAILED, SPEED, STATE, TERMS, advance, crafted_centre
-from agents.mcts.value.mlp import Mlp, no_value, value_of
-from agents.planning.motion import Body, Idm
-from agents.planning.situation import Situation
-from sumo_networks.arrays import FloatArray, IntArray
+from dohyo.agents.mcts.config import ACTIONS, DT, LARGEST, MIDDLE, Rules
+from dohyo.agents.mcts.simulator import FAILED, SPEED, STATE, TERMS, advance, crafted_centre
+from dohyo.agents.mcts.value.mlp import Mlp, no_value, value_of
+from dohyo.agents.planning.motion import Body, Idm
+from dohyo.agents.planning.situation import Situation
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
 
 PAIRS = ACTIONS * ACTIONS
 NODES, PERFECT_FIRST, BEST_LEAF, DRAWN = range(4)

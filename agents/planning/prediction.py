@@ -7,8 +7,8 @@ from typing import Protocol
 
 import numpy as np
 
-from agents.planning.scene import Scene
-from sumo_networks.arrays import FloatArray
+from dohyo.agents.planning.scene import Scene
+from dohyo.sumo_networks.arrays import FloatArray
 
 HORIZON_S = 8.0
 STEP_S = 0.1

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evaluation.agent import Observation
-from sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from sumo_networks.geometry import project_on_path, wrap_angle
-from sumo_networks.sensors.lanes import ATTRIBUTES, POINTS
-from sumo_networks.sensors.lights import STOPS
-from sumo_networks.world import LightState
+from dohyo.evaluation.agent import Observation
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.geometry import project_on_path, wrap_angle
+from dohyo.sumo_networks.sensors.lanes import ATTRIBUTES, POINTS
+from dohyo.sumo_networks.sensors.lights import STOPS
+from dohyo.sumo_networks.world import LightState
 
 SENSORS = ("ego_state", "objects", "lanes", "path", "lights")
 """What a scene is built from."""

@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from agents.planning.motion import project
-from agents.planning.prediction import STEPS
-from agents.planning.scene import Actors, Ego, Scene
-from sumo_networks.arrays import FloatArray, IntArray
-from sumo_networks.sensors.lanes import CROSSING
-from sumo_networks.world import ActorKind
+from dohyo.agents.planning.motion import project
+from dohyo.agents.planning.prediction import STEPS
+from dohyo.agents.planning.scene import Actors, Ego, Scene
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.sensors.lanes import CROSSING
+from dohyo.sumo_networks.world import ActorKind
 
 CELL_M = 0.4
 GRID_X_M, GRID_Y_M = (-30.0, 120.0), (-60.0, 60.0)

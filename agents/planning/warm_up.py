@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from evaluation.agent import Observation
-from sumo_networks.sensors import make_sensors
-from sumo_networks.sensors.lanes import ATTRIBUTES, POINTS
+from dohyo.evaluation.agent import Observation
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.sensors.lanes import ATTRIBUTES, POINTS
 
 
 def empty_road(sensors: tuple[str, ...]) -> Observation:

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
-from agents.speed_planning.ppo import Actor
-from sumo_networks.arrays import BoolArray, FloatArray
+from dohyo.agents.speed_planning.ppo import Actor
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 
 MPH = 0.44704
 SLOWEST_MPH, FASTEST_MPH = 20, 80

@@ -1,4 +1,4 @@
-"""Learning the set-points: `python -m agents.speed_planning.acc_training --seeds 0 1 2 --out out/acc`.
+"""Learning the set-points: `python -m dohyo.agents.speed_planning.acc_training --seeds 0 1 2 --out out/acc`.
 
 The field test's policy took 33 million steps of 0.1 s; this is the same algorithm on the same kind of platoon for
 fewer, with a decision every 0.5 s. `--ship` copies the seed that does best behind held-out leaders.
@@ -10,11 +10,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from agents.speed_planning import acc
-from agents.speed_planning.platoon import PlatoonEnv
-from agents.speed_planning.ppo import PpoConfig
-from agents.speed_planning.training import Lesson, run
-from sumo_networks.arrays import FloatArray
+from dohyo.agents.speed_planning import acc
+from dohyo.agents.speed_planning.platoon import PlatoonEnv
+from dohyo.agents.speed_planning.ppo import PpoConfig
+from dohyo.agents.speed_planning.training import Lesson, run
+from dohyo.sumo_networks.arrays import FloatArray
 
 CONFIG = PpoConfig(iterations=25, hidden=(64, 64, 64, 64), learning_rate=1e-3, batch=2560, epochs=5, gamma=0.97)
 HELD_OUT = 10_000
@@ -43,7 +43,7 @@ def reward(policy: Callable[[FloatArray], FloatArray], seed: int = HELD_OUT) -> 
 
 
 LESSON = Lesson(
-    command="agents.speed_planning.acc_training",
+    command="dohyo.agents.speed_planning.acc_training",
     checkpoint=acc.CHECKPOINT,
     config=CONFIG,
     world=PlatoonEnv,

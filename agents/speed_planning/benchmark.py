@@ -14,15 +14,15 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, get_args
 
-from agents.speed_planning.dissipation import Arm, Morning, SetPoints, buffer_policy, segment_speeds
-from agents.speed_planning.study import ARMS, drive_seed, run_path
-from evaluation.freeway_benchmark import TrafficBenchmark
-from evaluation.freeway_result import AgentFacts, FreewayResult, Metric, Units, claim, write_result
-from evaluation.sources import source_files
-from sumo_networks.catalog import user_catalog
-from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.freeway.dataset import Order, dataset_facts
-from sumo_networks.scenario import content_hash
+from dohyo.agents.speed_planning.dissipation import Arm, Morning, SetPoints, buffer_policy, segment_speeds
+from dohyo.agents.speed_planning.study import ARMS, drive_seed, run_path
+from dohyo.evaluation.freeway_benchmark import TrafficBenchmark
+from dohyo.evaluation.freeway_result import AgentFacts, FreewayResult, Metric, Units, claim, write_result
+from dohyo.evaluation.sources import source_files
+from dohyo.sumo_networks.catalog import user_catalog
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.freeway.dataset import Order, dataset_facts
+from dohyo.sumo_networks.scenario import content_hash
 
 PLANNER, NOBODY = "speed-planner", "none"
 DEFAULTS: Mapping[str, str] = {"design": "limit", "forecast": "sa-lstm", "forecaster": "sa-lstm", "set_points": "none"}

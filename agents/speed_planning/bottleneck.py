@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.arrays import FloatArray
 
 CONGESTED = 0.75
 """Share of the free speed below which traffic is congested."""

@@ -11,10 +11,10 @@ from typing import Protocol
 
 import numpy as np
 
-from agents.speed_planning.fundamental_diagram import FundamentalDiagram
-from agents.speed_planning.ppo import Actor
-from sumo_networks.arrays import BoolArray, FloatArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.speed_planning.fundamental_diagram import FundamentalDiagram
+from dohyo.agents.speed_planning.ppo import Actor
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 RELEASE_M = 600.0
 """Stretch after the buffer in which vehicles get up to speed before the bottleneck; ours.

@@ -1,4 +1,4 @@
-"""Learning the buffer's density: `python -m agents.speed_planning.buffer_training --seeds 0 1 2 --out out/buffer`.
+"""Learns the buffer's density: `python -m dohyo.agents.speed_planning.buffer_training --seeds 0 1 2 --out out/buffer`.
 
 The world is the macroscopic model with random demand and random shares of connected vehicles; the state is the profile
 of density around the bottleneck, the action the buffer's density for the next minute, the reward what passes the
@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from agents.speed_planning import buffer, macroscopic
-from agents.speed_planning.buffer import BufferPolicy, LearnedBuffer, RuleBuffer, Squeeze
-from agents.speed_planning.macroscopic import CellRoad, CellTraffic
-from agents.speed_planning.ppo import PpoConfig
-from agents.speed_planning.training import Lesson, run
-from sumo_networks.arrays import FloatArray
+from dohyo.agents.speed_planning import buffer, macroscopic
+from dohyo.agents.speed_planning.buffer import BufferPolicy, LearnedBuffer, RuleBuffer, Squeeze
+from dohyo.agents.speed_planning.macroscopic import CellRoad, CellTraffic
+from dohyo.agents.speed_planning.ppo import PpoConfig
+from dohyo.agents.speed_planning.training import Lesson, run
+from dohyo.sumo_networks.arrays import FloatArray
 
 DECISION_S = 60.0
 EPISODE_S = 5400.0
@@ -138,7 +138,7 @@ def discharge(policy: BufferPolicy | None, seed: int, roads: int = 64) -> FloatA
 
 
 LESSON = Lesson(
-    command="agents.speed_planning.buffer_training",
+    command="dohyo.agents.speed_planning.buffer_training",
     checkpoint=buffer.CHECKPOINT,
     config=CONFIG,
     world=BufferEnv,

@@ -1,4 +1,4 @@
-"""What the planner must know of the freeway, measured: `python -m agents.speed_planning.calibration --seeds 100 101`.
+"""Measures the freeway for the planner: `python -m dohyo.agents.speed_planning.calibration --seeds 100 101`.
 
 Mornings without control give the fundamental diagram of the lanes before the bottleneck, and what passes the bottleneck
 at each speed before it: whether there is a capacity drop, without which no control can raise throughput.
@@ -13,14 +13,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from agents.speed_planning.fundamental_diagram import Triangle, calibrated
-from evaluation.scores.traffic import PassageCount
-from sumo_networks.arrays import FloatArray
-from sumo_networks.freeway.measure import MINUTE_S
-from sumo_networks.freeway.road import FreewayRoad
-from sumo_networks.freeway.scenario import FreewayScenario
-from sumo_networks.freeway.simulation import FreewaySimulation
-from sumo_networks.freeway.world import FreewayWorld
+from dohyo.agents.speed_planning.fundamental_diagram import Triangle, calibrated
+from dohyo.evaluation.scores.traffic import PassageCount
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.freeway.measure import MINUTE_S
+from dohyo.sumo_networks.freeway.road import FreewayRoad
+from dohyo.sumo_networks.freeway.scenario import FreewayScenario
+from dohyo.sumo_networks.freeway.simulation import FreewaySimulation
+from dohyo.sumo_networks.freeway.world import FreewayWorld
 
 CELL_M = 200.0
 FROM_M = 1000.0
@@ -130,7 +130,7 @@ def discharge(surveys: Sequence[Survey], demanded: int = 0) -> FloatArray:
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(prog="python -m agents.speed_planning.calibration", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m dohyo.agents.speed_planning.calibration", description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=[100, 101])
     parser.add_argument("--start", type=float, default=21000.0, help="time of day, s")
     parser.add_argument("--minutes", type=int, default=110)

@@ -13,20 +13,20 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from agents.forecasting.base import Forecaster
-from agents.forecasting.registry import load_forecaster
-from agents.speed_planning.acc import SetPointPolicy
-from agents.speed_planning.buffer import BufferPolicy, LearnedBuffer, RuleBuffer
-from agents.speed_planning.fleet import ACCELERATION_BASED, AccBased, Controller, Fleet, Limiter
-from agents.speed_planning.planner import PUBLISHED_EVERY_S, PlannerConfig, SpeedPlan, SpeedPlanner
-from evaluation.scores.traffic import OBSERVED_EVERY_S, Outcome, OutcomeWatch
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.freeway.measure import LAG_MINUTES, MINUTE_S, PingLog, SegmentFeed
-from sumo_networks.freeway.process import TICK_S
-from sumo_networks.freeway.scenario import FreewayScenario
-from sumo_networks.freeway.simulation import FreewaySimulation
-from sumo_networks.freeway.world import FreewayWorld
+from dohyo.agents.forecasting.base import Forecaster
+from dohyo.agents.forecasting.registry import load_forecaster
+from dohyo.agents.speed_planning.acc import SetPointPolicy
+from dohyo.agents.speed_planning.buffer import BufferPolicy, LearnedBuffer, RuleBuffer
+from dohyo.agents.speed_planning.fleet import ACCELERATION_BASED, AccBased, Controller, Fleet, Limiter
+from dohyo.agents.speed_planning.planner import PUBLISHED_EVERY_S, PlannerConfig, SpeedPlan, SpeedPlanner
+from dohyo.evaluation.scores.traffic import OBSERVED_EVERY_S, Outcome, OutcomeWatch
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.freeway.measure import LAG_MINUTES, MINUTE_S, PingLog, SegmentFeed
+from dohyo.sumo_networks.freeway.process import TICK_S
+from dohyo.sumo_networks.freeway.scenario import FreewayScenario
+from dohyo.sumo_networks.freeway.simulation import FreewaySimulation
+from dohyo.sumo_networks.freeway.world import FreewayWorld
 
 Design = Literal["none", "limit", "rule", "learned"]
 Forecast = Literal["none", "persistence", "sa-lstm", "oracle"]

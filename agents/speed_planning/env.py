@@ -14,19 +14,19 @@ import numpy as np
 from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
-from agents.speed_planning.acc import SEEN_M
-from agents.speed_planning.dissipation import Morning
-from agents.speed_planning.fleet import Cars
-from agents.speed_planning.planner import LOOK_AHEAD_M, PUBLISHED_EVERY_S, SpeedPlan, open_gap
-from agents.speed_planning.traffic_state import LaneGrid, fuse
-from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.freeway.demand import draw_demand
-from sumo_networks.freeway.drivers import CONNECTED, KINDS
-from sumo_networks.freeway.measure import PingLog, SegmentFeed
-from sumo_networks.freeway.road import load_freeway
-from sumo_networks.freeway.simulation import FreewaySimulation
-from sumo_networks.freeway.world import FreewayWorld
+from dohyo.agents.speed_planning.acc import SEEN_M
+from dohyo.agents.speed_planning.dissipation import Morning
+from dohyo.agents.speed_planning.fleet import Cars
+from dohyo.agents.speed_planning.planner import LOOK_AHEAD_M, PUBLISHED_EVERY_S, SpeedPlan, open_gap
+from dohyo.agents.speed_planning.traffic_state import LaneGrid, fuse
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.freeway.demand import draw_demand
+from dohyo.sumo_networks.freeway.drivers import CONNECTED, KINDS
+from dohyo.sumo_networks.freeway.measure import PingLog, SegmentFeed
+from dohyo.sumo_networks.freeway.road import load_freeway
+from dohyo.sumo_networks.freeway.simulation import FreewaySimulation
+from dohyo.sumo_networks.freeway.world import FreewayWorld
 
 FORECASTER, PLANNER = "forecaster", "planner"
 HISTORY_MINUTES = 8

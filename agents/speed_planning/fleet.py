@@ -14,13 +14,13 @@ from typing import Protocol
 
 import numpy as np
 
-from agents.speed_planning.acc import STANDING_GAP_M, TIME_GAPS_S, Memory, SetPointPolicy, Settings, stock_acc
-from agents.speed_planning.follower_stopper import LaneChangeRecovery, envelope, follower_stopper, safe_speed
-from agents.speed_planning.planner import SpeedPlan, open_gap, targets
-from sumo_networks.arrays import BoolArray, FloatArray, IntArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.freeway.process import TICK_S
-from sumo_networks.freeway.world import FreewayWorld
+from dohyo.agents.speed_planning.acc import STANDING_GAP_M, TIME_GAPS_S, Memory, SetPointPolicy, Settings, stock_acc
+from dohyo.agents.speed_planning.follower_stopper import LaneChangeRecovery, envelope, follower_stopper, safe_speed
+from dohyo.agents.speed_planning.planner import SpeedPlan, open_gap, targets
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.freeway.process import TICK_S
+from dohyo.sumo_networks.freeway.world import FreewayWorld
 
 ACCELERATION_BASED = 0.03
 """Share of the fleet, as in the field test."""

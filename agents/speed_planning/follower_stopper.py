@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.arrays import FloatArray
 
 GAPS_M = (4.5, 5.25, 6.0)
 DECELERATIONS_MPS2 = (1.5, 1.0, 0.5)

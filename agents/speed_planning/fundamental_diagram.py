@@ -11,8 +11,8 @@ from typing import Protocol
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 LEAST_PAIRS = 20
 
@@ -134,7 +134,7 @@ class Triangle:
 
 
 FREEWAY = Triangle(free_speed_mps=30.0, wave_speed_mps=4.0, jam_density=0.1146)
-"""Of the network `freeway`, as `python -m agents.speed_planning.calibration` measures it. Its tip is the flow out of
+"""Of the network `freeway`, measured by `python -m dohyo.agents.speed_planning.calibration`. Its tip is the flow out of
 congestion; before a breakdown a lane carries a third more, which no triangle can say."""
 
 

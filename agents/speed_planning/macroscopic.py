@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from agents.speed_planning.fundamental_diagram import FundamentalDiagram, Triangle
-from sumo_networks.arrays import BoolArray, FloatArray, IntArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.speed_planning.fundamental_diagram import FundamentalDiagram, Triangle
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,14 @@ from typing import Literal
 
 import numpy as np
 
-from agents.speed_planning import buffer
-from agents.speed_planning.bottleneck import BottleneckWatch, heads
-from agents.speed_planning.buffer import BufferPolicy, Squeeze
-from agents.speed_planning.fundamental_diagram import FREEWAY, Triangle
-from agents.speed_planning.traffic_state import LaneGrid, forward_kernel, fuse
-from sumo_networks.arrays import BoolArray, FloatArray, IntArray
-from sumo_networks.freeway.measure import Pings
-from sumo_networks.freeway.road import FreewayRoad
+from dohyo.agents.speed_planning import buffer
+from dohyo.agents.speed_planning.bottleneck import BottleneckWatch, heads
+from dohyo.agents.speed_planning.buffer import BufferPolicy, Squeeze
+from dohyo.agents.speed_planning.fundamental_diagram import FREEWAY, Triangle
+from dohyo.agents.speed_planning.traffic_state import LaneGrid, forward_kernel, fuse
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from dohyo.sumo_networks.freeway.measure import Pings
+from dohyo.sumo_networks.freeway.road import FreewayRoad
 
 PUBLISHED_EVERY_S = 60.0
 ADVECTION_MPS = 4.2

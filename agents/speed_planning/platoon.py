@@ -11,10 +11,18 @@ from dataclasses import dataclass, field
 import numpy as np
 from numba import njit
 
-from agents.speed_planning.acc import ACTIONS, DECISION_S, OBSERVATIONS, TIME_GAPS_S, Memory, settings_of, stock_acc
-from agents.speed_planning.planner import LOOK_AHEAD_M, open_gap
-from sumo_networks.arrays import FloatArray
-from sumo_networks.freeway.energy import fuel_rate
+from dohyo.agents.speed_planning.acc import (
+    ACTIONS,
+    DECISION_S,
+    OBSERVATIONS,
+    TIME_GAPS_S,
+    Memory,
+    settings_of,
+    stock_acc,
+)
+from dohyo.agents.speed_planning.planner import LOOK_AHEAD_M, open_gap
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.freeway.energy import fuel_rate
 
 HUMANS = 24
 STEP_S = 0.1

@@ -1,4 +1,4 @@
-"""The benchmark `dissipation`, paired: `python -m agents.speed_planning.study --seeds 0 1 2 --out out/dissipation`.
+"""Benchmark `dissipation`, paired: `python -m dohyo.agents.speed_planning.study --seeds 0 1 2 --out out/dissipation`.
 
 Every arm drives the same mornings; a run that is done is not driven again. Seeds come one after the other, so that a
 study that is cut off has whole ones. Results go to OUT/study.json, and with --readme into this folder's README.
@@ -20,8 +20,8 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, get_args
 
-from agents.speed_planning.buffer import RuleBuffer
-from agents.speed_planning.dissipation import (
+from dohyo.agents.speed_planning.buffer import RuleBuffer
+from dohyo.agents.speed_planning.dissipation import (
     DESIGNS,
     FORECASTS,
     Arm,
@@ -34,11 +34,11 @@ from agents.speed_planning.dissipation import (
     segment_speeds,
     watched,
 )
-from evaluation.scores.traffic import Outcome
-from evaluation.statistics import Comparison, Estimate, mean_estimate, paired
-from evaluation.store import write_atomically
-from sumo_networks.errors import InvalidInputError, SimulationError
-from sumo_networks.freeway.simulation import FreewaySimulation
+from dohyo.evaluation.scores.traffic import Outcome
+from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.freeway.simulation import FreewaySimulation
 
 SHOWN = {
     "throughput_vph": ("throughput, veh/h", 0),
@@ -264,7 +264,7 @@ def write_tables(readme: Path, text: str) -> None:
 def main() -> None:
     """The command."""
     default = Morning()
-    parser = argparse.ArgumentParser(prog="python -m agents.speed_planning.study", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m dohyo.agents.speed_planning.study", description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="*", default=list(range(10)))
     parser.add_argument("--arms", nargs="*", default=list(ARMS), choices=list(ARMS), metavar="ARM")
     parser.add_argument("--penetration", type=float, default=default.penetration)

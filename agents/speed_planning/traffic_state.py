@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.freeway.measure import MINUTE_S, Pings
-from sumo_networks.freeway.road import FreewayRoad
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.freeway.measure import MINUTE_S, Pings
+from dohyo.sumo_networks.freeway.road import FreewayRoad
 
 CELL_M = 100.0
 """Length of a sub-segment; ours, a fifth of a segment."""

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from agents.speed_planning.ppo import Actor, CopiedEnv, PpoConfig, as_json, train
-from evaluation.store import write_atomically
-from sumo_networks.arrays import FloatArray
+from dohyo.agents.speed_planning.ppo import Actor, CopiedEnv, PpoConfig, as_json, train
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.arrays import FloatArray
 
 
 @dataclass(frozen=True)

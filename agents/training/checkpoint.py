@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from evaluation.store import write_atomically
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.errors import InvalidInputError
 
 logger = logging.getLogger(__name__)
 

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from agents.training.task import HELD_OUT_FROM, Array, Task
-from agents.training.worker import Seat, View
-from sumo_networks.arrays import BoolArray, Float32Array
-from sumo_networks.errors import SimulationError
+from dohyo.agents.training.task import HELD_OUT_FROM, Array, Task
+from dohyo.agents.training.worker import Seat, View
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array
+from dohyo.sumo_networks.errors import SimulationError
 
 logger = logging.getLogger(__name__)
 

@@ -7,12 +7,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from agents.training.metrics import Number
-from agents.training.run import RunStoppedError
-from agents.training.task import Array, Task
-from agents.training.worker import Seat, View
-from evaluation.statistics import Estimate, mean_estimate, share_estimate
-from sumo_networks.errors import SimulationError
+from dohyo.agents.training.metrics import Number
+from dohyo.agents.training.run import RunStoppedError
+from dohyo.agents.training.task import Array, Task
+from dohyo.agents.training.worker import Seat, View
+from dohyo.evaluation.statistics import Estimate, mean_estimate, share_estimate
+from dohyo.sumo_networks.errors import SimulationError
 
 logger = logging.getLogger(__name__)
 

@@ -12,9 +12,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from agents.training.environments import Environments
-from agents.training.policy import Actor
-from agents.training.task import Array
+from dohyo.agents.training.environments import Environments
+from dohyo.agents.training.policy import Actor
+from dohyo.agents.training.task import Array
 
 PARTS = 6
 PASSES, LAST_PASSES = 10, 30

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from evaluation.store import write_atomically
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.errors import InvalidInputError
 
 Number = int | float | None
 

@@ -14,8 +14,8 @@ from gymnasium.spaces import Box
 from safetensors import SafetensorError, safe_open
 from torch import Tensor, nn
 
-from agents.training.task import Array
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.training.task import Array
+from dohyo.sumo_networks.errors import InvalidInputError
 
 SIZES = "sizes"
 FARTHEST = 10.0

@@ -21,16 +21,16 @@ from torchrl.modules import IndependentNormal, ProbabilisticActor, ValueOperator
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
-from agents.training.config import PpoConfig, PpoRunConfig
-from agents.training.environments import Environments, Finished, Transition
-from agents.training.imitation import Imitation
-from agents.training.metrics import Number
-from agents.training.moments import Moments
-from agents.training.policy import Actor, actor_for, layers, normalised
-from agents.training.registry import Order, Trainer
-from agents.training.run import Run
-from agents.training.task import Array, Task
-from agents.training.training import train
+from dohyo.agents.training.config import PpoConfig, PpoRunConfig
+from dohyo.agents.training.environments import Environments, Finished, Transition
+from dohyo.agents.training.imitation import Imitation
+from dohyo.agents.training.metrics import Number
+from dohyo.agents.training.moments import Moments
+from dohyo.agents.training.policy import Actor, actor_for, layers, normalised
+from dohyo.agents.training.registry import Order, Trainer
+from dohyo.agents.training.run import Run
+from dohyo.agents.training.task import Array, Task
+from dohyo.agents.training.training import train
 
 LOSSES = ("loss_objective", "loss_critic", "loss_entropy", "entropy", "kl_approx", "clip_fraction")
 

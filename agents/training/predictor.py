@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from agents.mcts.predictors import export, train
-from agents.mcts.predictors.train import TrainConfig
-from agents.training.registry import Order, Trainer
-from agents.training.report import Report
+from dohyo.agents.mcts.predictors import export, train
+from dohyo.agents.mcts.predictors.train import TrainConfig
+from dohyo.agents.training.registry import Order, Trainer
+from dohyo.agents.training.report import Report
 
 
 def train_predictor(config: TrainConfig, order: Order) -> Path:

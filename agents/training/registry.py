@@ -8,9 +8,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from agents.training.report import Reporter
-from sumo_networks.config import Config
-from sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.agents.training.report import Reporter
+from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 C = TypeVar("C", bound=Config)
 
@@ -49,13 +49,19 @@ class Trainer(Generic[C]):
 
 # As "module:attribute", since what trains takes seconds to import.
 TRAINERS: dict[str, str] = {
-    "predictor": "agents.training.predictor:PREDICTOR",
-    "value": "agents.training.value:VALUE",
-    "semantic": "agents.hierarchical.vision.train:SEMANTIC",
-    **{f"hierarchical-{name}": f"agents.hierarchical.subpolicies:{name.upper()}" for name in ("lane", "left", "right")},
-    **{f"hierarchical-{name}": f"agents.hierarchical.subpolicies:{name.upper()}" for name in ("braking", "lights")},
-    "hierarchical-flat": "agents.hierarchical.subpolicies:FLAT",
-    "hierarchical-master": "agents.hierarchical.master_training:MASTER",
+    "predictor": "dohyo.agents.training.predictor:PREDICTOR",
+    "value": "dohyo.agents.training.value:VALUE",
+    "semantic": "dohyo.agents.hierarchical.vision.train:SEMANTIC",
+    **{
+        f"hierarchical-{name}": f"dohyo.agents.hierarchical.subpolicies:{name.upper()}"
+        for name in ("lane", "left", "right")
+    },
+    **{
+        f"hierarchical-{name}": f"dohyo.agents.hierarchical.subpolicies:{name.upper()}"
+        for name in ("braking", "lights")
+    },
+    "hierarchical-flat": "dohyo.agents.hierarchical.subpolicies:FLAT",
+    "hierarchical-master": "dohyo.agents.hierarchical.master_training:MASTER",
 }
 
 

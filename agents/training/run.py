@@ -27,13 +27,13 @@ from typing import Any
 
 import torch
 
-from agents.training.checkpoint import load_checkpoint, save_checkpoint
-from agents.training.config import RunConfig
-from agents.training.metrics import Board, Number, Table
-from agents.training.settings import as_toml, differences, read_settings
-from evaluation.lock import held
-from evaluation.store import write_atomically
-from sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.agents.training.checkpoint import load_checkpoint, save_checkpoint
+from dohyo.agents.training.config import RunConfig
+from dohyo.agents.training.metrics import Board, Number, Table
+from dohyo.agents.training.settings import as_toml, differences, read_settings
+from dohyo.evaluation.lock import held
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 
 FREE = frozenset({"steps", "checkpoint_s", "tensorboard"})
 """What may change when a run goes on: nothing of it decides what the steps so far were."""

@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from sumo_networks.config import Config
-from sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.errors import InvalidInputError
 
 C = TypeVar("C", bound=Config)
 

@@ -9,7 +9,7 @@ import gymnasium
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError
 
 Array = NDArray[Any]
 Env = gymnasium.Env[Array, Array]

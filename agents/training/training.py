@@ -7,15 +7,15 @@ from typing import Any, Protocol
 
 import torch
 
-from agents.training.checkpoint import random_state, restore_random_state
-from agents.training.environments import Environments
-from agents.training.evaluate import COLUMNS, evaluate
-from agents.training.export import Exportable, export
-from agents.training.metrics import Number
-from agents.training.report import Report, Reporter, no_report
-from agents.training.run import Run, RunStoppedError, Stop
-from agents.training.task import Array, Task, check_task
-from agents.training.worker import Seat, take_seats
+from dohyo.agents.training.checkpoint import random_state, restore_random_state
+from dohyo.agents.training.environments import Environments
+from dohyo.agents.training.evaluate import COLUMNS, evaluate
+from dohyo.agents.training.export import Exportable, export
+from dohyo.agents.training.metrics import Number
+from dohyo.agents.training.report import Report, Reporter, no_report
+from dohyo.agents.training.run import Run, RunStoppedError, Stop
+from dohyo.agents.training.task import Array, Task, check_task
+from dohyo.agents.training.worker import Seat, take_seats
 
 
 class Learner(Protocol):

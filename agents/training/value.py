@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from agents.mcts.value import train
-from agents.mcts.value.train import ValueConfig
-from agents.training.registry import Order, Trainer
-from agents.training.report import Report
+from dohyo.agents.mcts.value import train
+from dohyo.agents.mcts.value.train import ValueConfig
+from dohyo.agents.training.registry import Order, Trainer
+from dohyo.agents.training.report import Report
 
 
 def train_value(config: ValueConfig, order: Order) -> Path:

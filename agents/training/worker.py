@@ -19,8 +19,8 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from agents.training.task import Array, Env, Task
-from sumo_networks.errors import DohyoError, InvalidInputError, SimulationError
+from dohyo.agents.training.task import Array, Env, Task
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, SimulationError
 
 logger = logging.getLogger(__name__)
 

@@ -1,4 +1,4 @@
-"""Draws `obstacles`, `precrash`, `endurance` and the leaderboards: python -m evaluation.benchmarks.draw_events.
+"""Draws `obstacles`, `precrash`, `endurance` and the leaderboards: python -m dohyo.evaluation.benchmarks.draw_events.
 
 As in draw_missions.py, places are drawn at random from fixed seeds and the files are committed. A scripted event is
 kept where it fits; the leaderboards place theirs at every evaluation, from its seed.
@@ -14,15 +14,15 @@ from pathlib import Path
 import numpy as np
 from pydantic import TypeAdapter
 
-from evaluation.benchmarks.draw_missions import TEST_CONDITIONS, TRAIN_CONDITIONS
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.events import Event
-from sumo_networks.events.director import check_placement
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Mission, Place
+from dohyo.evaluation.benchmarks.draw_missions import TEST_CONDITIONS, TRAIN_CONDITIONS
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.events import Event
+from dohyo.sumo_networks.events.director import check_placement
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Mission, Place
 
 Value = str | float | int
 ATTEMPTS = 20_000

@@ -1,4 +1,4 @@
-"""Draws the missions of `nocrash` and `corl2017` and writes both files: python -m evaluation.benchmarks.draw_missions.
+"""Draws the missions of `nocrash` and `corl2017`: python -m dohyo.evaluation.benchmarks.draw_missions.
 
 The originals' start and goal points belong to CARLA's towns. Ours are drawn at random, from fixed seeds, among the
 lanes of our towns: no U-turns, a given range of lengths, and for CoRL2017 a given number of turns. The files are
@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Command, Route
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Mission, Place
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Command, Route
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Mission, Place
 
 COUNT = 25
 ATTEMPTS = 100_000

@@ -1,9 +1,9 @@
-"""Draws `val14` and `val14-train`: python -m evaluation.benchmarks.draw_val14 NAME [--pin].
+"""Draws `val14` and `val14-train`: python -m dohyo.evaluation.benchmarks.draw_val14 NAME [--pin].
 
 For each seed the traffic of a network warms up for 30 s. Every car in it is a candidate: the ego takes its place, at
 its speed, with a route that may make a scenario of some type of it. The reference then drives 15 s in live traffic, and
-the candidate is kept if the run passes that type's test in `evaluation.scenario_types`. Types that traffic alone gives
-too rarely get a scripted event on the way, and have to pass the same test.
+the candidate is kept if the run passes that type's test in `dohyo.evaluation.scenario_types`. Types that traffic alone
+gives too rarely get a scripted event on the way, and have to pass the same test.
 
 Places and seeds of both benchmarks are apart: an edge belongs to one of them by a hash of its name. What a file has
 already is kept, and what it lacks is drawn. `--pin` keeps all missions, drives the reference anew, and writes its logs
@@ -23,8 +23,8 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.benchmark import CLOSED_LOOP, Benchmark, Cell, ScriptedMission, load_benchmark
-from evaluation.benchmarks.val14_search import (
+from dohyo.evaluation.benchmark import CLOSED_LOOP, Benchmark, Cell, ScriptedMission, load_benchmark
+from dohyo.evaluation.benchmarks.val14_search import (
     ALWAYS_STAGED,
     DURATION_S,
     STAGED,
@@ -38,9 +38,9 @@ from evaluation.benchmarks.val14_search import (
     scenario_of,
     take_snapshot,
 )
-from evaluation.logs import drive_reference
-from evaluation.scenario_types import TYPES
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.logs import drive_reference
+from dohyo.evaluation.scenario_types import TYPES
+from dohyo.sumo_networks.errors import InvalidInputError
 
 SEARCHED = ("district", "ingolstadt", "braunschweig", "adlershof")  # the quickest first
 QUARTERS_UNTIL = 1  # seeds

@@ -10,21 +10,28 @@ from itertools import pairwise
 
 import numpy as np
 
-from evaluation.benchmark import Cell, Excerpt, ScriptedMission
-from evaluation.benchmarks.draw_events import fits
-from evaluation.logs import Reference, drive_reference
-from evaluation.scenario_types import CHANGE_WITHIN_M, STANDING_MPS, STANDING_OTHERS, STANDING_WITHIN_M, TYPES, Run
-from sumo_networks.arrays import FloatArray
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError, SimulationError
-from sumo_networks.geometry import boxes_overlap, wrap
-from sumo_networks.log import write_log
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Mission, Place, Scenario, Traffic
-from sumo_networks.simulation import Simulation
-from sumo_networks.world import ActorKind, Actors, LightState, World
+from dohyo.evaluation.benchmark import Cell, Excerpt, ScriptedMission
+from dohyo.evaluation.benchmarks.draw_events import fits
+from dohyo.evaluation.logs import Reference, drive_reference
+from dohyo.evaluation.scenario_types import (
+    CHANGE_WITHIN_M,
+    STANDING_MPS,
+    STANDING_OTHERS,
+    STANDING_WITHIN_M,
+    TYPES,
+    Run,
+)
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.geometry import boxes_overlap, wrap
+from dohyo.sumo_networks.log import write_log
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from dohyo.sumo_networks.simulation import Simulation
+from dohyo.sumo_networks.world import ActorKind, Actors, LightState, World
 
 DURATION_S = 15.0
 WARM_UP_S = 30.0

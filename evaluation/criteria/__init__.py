@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from evaluation.criteria.base import ENDS, Criterion
-from evaluation.criteria.blocked import Blocked
-from evaluation.criteria.collision import Collision
-from evaluation.criteria.minimum_speed import MinimumSpeed
-from evaluation.criteria.outside_lanes import OutsideLanes
-from evaluation.criteria.red_light import RedLight
-from evaluation.criteria.route_deviation import RouteDeviation
-from evaluation.criteria.scenario_timeout import ScenarioTimeout
-from evaluation.criteria.stop_sign import StopSign
-from evaluation.criteria.timeout import RouteTimeout
-from evaluation.criteria.yielding import Yielding
-from sumo_networks.scenario import Scenario
+from dohyo.evaluation.criteria.base import ENDS, Criterion
+from dohyo.evaluation.criteria.blocked import Blocked
+from dohyo.evaluation.criteria.collision import Collision
+from dohyo.evaluation.criteria.minimum_speed import MinimumSpeed
+from dohyo.evaluation.criteria.outside_lanes import OutsideLanes
+from dohyo.evaluation.criteria.red_light import RedLight
+from dohyo.evaluation.criteria.route_deviation import RouteDeviation
+from dohyo.evaluation.criteria.scenario_timeout import ScenarioTimeout
+from dohyo.evaluation.criteria.stop_sign import StopSign
+from dohyo.evaluation.criteria.timeout import RouteTimeout
+from dohyo.evaluation.criteria.yielding import Yielding
+from dohyo.sumo_networks.scenario import Scenario
 
 __all__ = [
     "ENDS",

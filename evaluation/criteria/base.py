@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Final, Literal
 
-from evaluation.record import Infraction, InfractionKind, Status
-from sumo_networks.world import Egos, World
+from dohyo.evaluation.record import Infraction, InfractionKind, Status
+from dohyo.sumo_networks.world import Egos, World
 
 Point = tuple[float, float]
 

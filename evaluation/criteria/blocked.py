@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from evaluation.criteria.base import Criterion, infraction
-from evaluation.record import Infraction, InfractionKind
-from sumo_networks.geometry import wrap
-from sumo_networks.world import ActorKind, World
+from dohyo.evaluation.criteria.base import Criterion, infraction
+from dohyo.evaluation.record import Infraction, InfractionKind
+from dohyo.sumo_networks.geometry import wrap
+from dohyo.sumo_networks.world import ActorKind, World
 
 WATCH_S = 1.0
 MOVING_MPS = 0.5

@@ -9,12 +9,12 @@ from itertools import product
 
 import numpy as np
 
-from evaluation.criteria.base import Criterion, axis_point, infraction
-from evaluation.record import Infraction, InfractionKind
-from sumo_networks.arrays import BoolArray, FloatArray
-from sumo_networks.geometry import boxes_overlap
-from sumo_networks.network import RoadNetwork
-from sumo_networks.world import ActorKind, Contact, World
+from dohyo.evaluation.criteria.base import Criterion, axis_point, infraction
+from dohyo.evaluation.record import Infraction, InfractionKind
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray
+from dohyo.sumo_networks.geometry import boxes_overlap
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.world import ActorKind, Contact, World
 
 STOPPED_MPS = 0.05
 BEHIND_RAD = math.radians(150.0)

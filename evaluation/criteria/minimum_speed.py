@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 from numba import njit
 
-from evaluation.criteria.base import Criterion, infraction
-from evaluation.record import Infraction, InfractionKind
-from sumo_networks.arrays import FloatArray, IntArray
-from sumo_networks.world import ActorKind, World
+from dohyo.evaluation.criteria.base import Criterion, infraction
+from dohyo.evaluation.record import Infraction, InfractionKind
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.world import ActorKind, World
 
 
 @dataclass(slots=True)

@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from evaluation.criteria.base import Criterion, infraction
-from evaluation.record import Infraction, InfractionKind
-from sumo_networks.world import World
+from dohyo.evaluation.criteria.base import Criterion, infraction
+from dohyo.evaluation.record import Infraction, InfractionKind
+from dohyo.sumo_networks.world import World
 
 
 @dataclass(slots=True)

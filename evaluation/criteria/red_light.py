@@ -9,9 +9,9 @@ from typing import Literal
 
 import numpy as np
 
-from evaluation.criteria.base import Criterion, Point, axis_point, crossed_stop_lines, front, infraction
-from evaluation.record import Infraction, InfractionKind
-from sumo_networks.world import LightState, World
+from dohyo.evaluation.criteria.base import Criterion, Point, axis_point, crossed_stop_lines, front, infraction
+from dohyo.evaluation.record import Infraction, InfractionKind
+from dohyo.sumo_networks.world import LightState, World
 
 
 @dataclass(slots=True)

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from evaluation.criteria.base import Criterion, infraction
-from evaluation.record import Infraction, InfractionKind
-from sumo_networks.route import Route
-from sumo_networks.world import World
+from dohyo.evaluation.criteria.base import Criterion, infraction
+from dohyo.evaluation.record import Infraction, InfractionKind
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.world import World
 
 
 @dataclass(slots=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from evaluation.criteria.base import Criterion, infraction
-from evaluation.record import Infraction, InfractionKind
-from sumo_networks.world import EventPhase, World
+from dohyo.evaluation.criteria.base import Criterion, infraction
+from dohyo.evaluation.record import Infraction, InfractionKind
+from dohyo.sumo_networks.world import EventPhase, World
 
 EMERGENCY = "yield_to_emergency_vehicle"
 

@@ -16,17 +16,17 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from evaluation.criteria.collision import BEHIND_RAD, STOPPED_MPS
-from evaluation.record import EgoRecord, EpisodeRecord, InfractionKind, Status
-from evaluation.scores.frames import TICK_S, Frames, frames_of
-from evaluation.scores.smoothing import savitzky_golay
-from evaluation.trajectory import Trajectory
-from sumo_networks.arrays import BoolArray, FloatArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.geometry import boxes_overlap
-from sumo_networks.network import RoadNetwork
-from sumo_networks.vehicle import VehicleParameters
-from sumo_networks.world import ActorKind
+from dohyo.evaluation.criteria.collision import BEHIND_RAD, STOPPED_MPS
+from dohyo.evaluation.record import EgoRecord, EpisodeRecord, InfractionKind, Status
+from dohyo.evaluation.scores.frames import TICK_S, Frames, frames_of
+from dohyo.evaluation.scores.smoothing import savitzky_golay
+from dohyo.evaluation.trajectory import Trajectory
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.geometry import boxes_overlap
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.world import ActorKind
 
 OUTSIDE_M: Final = 0.3
 AGAINST_M: Final = (2.0, 6.0)

@@ -11,8 +11,8 @@ from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Final, Literal, get_args
 
-from evaluation.record import EgoRecord, Infraction, InfractionKind
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.record import EgoRecord, Infraction, InfractionKind
+from dohyo.sumo_networks.errors import InvalidInputError
 
 Rules = Literal["1.0", "2.0", "2.1"]
 IrsLength = Literal["driven", "route"]

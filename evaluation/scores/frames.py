@@ -9,16 +9,16 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from evaluation.criteria.collision import is_at_fault, keeps_to_one_lane
-from evaluation.record import EpisodeRecord
-from evaluation.trajectory import Trajectory
-from sumo_networks.arrays import BoolArray, FloatArray, IntArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.geometry import boxes_overlap
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
-from sumo_networks.routing import plan_route
-from sumo_networks.world import ActorKind, Actors, Egos, World
+from dohyo.evaluation.criteria.collision import is_at_fault, keeps_to_one_lane
+from dohyo.evaluation.record import EpisodeRecord
+from dohyo.evaluation.trajectory import Trajectory
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.geometry import boxes_overlap
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.world import ActorKind, Actors, Egos, World
 
 TICK_S = 0.1
 _AROUND_M = 20.0

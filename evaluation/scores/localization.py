@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 WITHIN_M: Final = 0.5
 """The distance within which the thesis counts a sample as right."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from evaluation.record import EgoRecord, Infraction, InfractionKind
-from evaluation.scores.driving import route_completion
+from dohyo.evaluation.record import EgoRecord, Infraction, InfractionKind
+from dohyo.evaluation.scores.driving import route_completion
 
 COLLISIONS: Final = frozenset(
     {InfractionKind.COLLISION_PEDESTRIAN, InfractionKind.COLLISION_VEHICLE, InfractionKind.COLLISION_STATIC}

@@ -6,8 +6,8 @@ import math
 from collections import Counter
 from collections.abc import Iterable
 
-from evaluation.record import EgoRecord, InfractionKind
-from evaluation.scores.driving import MIN_KM, route_completion
+from dohyo.evaluation.record import EgoRecord, InfractionKind
+from dohyo.evaluation.scores.driving import MIN_KM, route_completion
 
 
 def route_km(ego: EgoRecord) -> float:

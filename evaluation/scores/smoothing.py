@@ -7,8 +7,8 @@ from math import factorial
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 def savitzky_golay(values: FloatArray, window: int, order: int, derivative: int, step: float) -> FloatArray:

@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.freeway.energy import fuel_rates
-from sumo_networks.freeway.world import FreewayWorld
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.freeway.energy import fuel_rates
+from dohyo.sumo_networks.freeway.world import FreewayWorld
 
 OBSERVED_EVERY_S = 1.0
 MOVING_MPS = 1.0

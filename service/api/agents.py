@@ -8,15 +8,15 @@ from fastapi import APIRouter, Header
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.orm import Session
 
-from service.access import Caller, Reader, Submitter
-from service.api.documents import After, Limit, Name, problems
-from service.database.agents import add_agent, count_agents, find_agent, find_submission, list_agents
-from service.database.idempotency import made_before, remember
-from service.database.models import Agent
-from service.errors import ConflictError, ForbiddenError, NotFoundError, TooManyRequestsError
-from service.state import ServicesOf
-from service.views import AgentView, Page, view_agent
-from sumo_networks.scenario import content_hash
+from dohyo.service.access import Caller, Reader, Submitter
+from dohyo.service.api.documents import After, Limit, Name, problems
+from dohyo.service.database.agents import add_agent, count_agents, find_agent, find_submission, list_agents
+from dohyo.service.database.idempotency import made_before, remember
+from dohyo.service.database.models import Agent
+from dohyo.service.errors import ConflictError, ForbiddenError, NotFoundError, TooManyRequestsError
+from dohyo.service.state import ServicesOf
+from dohyo.service.views import AgentView, Page, view_agent
+from dohyo.sumo_networks.scenario import content_hash
 
 router = APIRouter(prefix="/v1/agents", tags=["agents"])
 

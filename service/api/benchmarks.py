@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from evaluation.benchmark import Benchmark, benchmark_names, load_benchmark
-from service.access import Reader
-from service.api.documents import Name, problems
-from service.database.evaluations import count_by_version
-from service.state import ServicesOf
-from service.views import BenchmarkVersionView, BenchmarkView
-from sumo_networks.errors import UnknownNameError
+from dohyo.evaluation.benchmark import Benchmark, benchmark_names, load_benchmark
+from dohyo.service.access import Reader
+from dohyo.service.api.documents import Name, problems
+from dohyo.service.database.evaluations import count_by_version
+from dohyo.service.state import ServicesOf
+from dohyo.service.views import BenchmarkVersionView, BenchmarkView
+from dohyo.sumo_networks.errors import UnknownNameError
 
 router = APIRouter(prefix="/v1/benchmarks", tags=["benchmarks"])
 

@@ -8,16 +8,16 @@ import msgspec
 from fastapi import APIRouter, Query, Response
 from pydantic import StringConstraints
 
-from service.access import Reader
-from service.api.documents import problems
-from service.api.reading import ID
-from service.comparison import MOST, compare_entries
-from service.database import reading
-from service.errors import NotFoundError
-from service.readers import ReadersOf, evaluation_for
-from service.reading_views import ComparedView
-from service.scoring import headline_of
-from service.state import ServicesOf
+from dohyo.service.access import Reader
+from dohyo.service.api.documents import problems
+from dohyo.service.api.reading import ID
+from dohyo.service.comparison import MOST, compare_entries
+from dohyo.service.database import reading
+from dohyo.service.errors import NotFoundError
+from dohyo.service.readers import ReadersOf, evaluation_for
+from dohyo.service.reading_views import ComparedView
+from dohyo.service.scoring import headline_of
+from dohyo.service.state import ServicesOf
 
 router = APIRouter(prefix="/v1", tags=["comparison"], responses=problems(404))
 

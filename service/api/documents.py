@@ -8,8 +8,8 @@ from typing import Annotated, Any
 from fastapi import FastAPI, Path, Query
 from fastapi.openapi.utils import get_openapi
 
-from service.errors import PROBLEM
-from service.views import Problem
+from dohyo.service.errors import PROBLEM
+from dohyo.service.views import Problem
 
 SUMMARY = "Submit driving agents, let them drive in SUMO traffic, read reproducible scores."
 TAGS = [

@@ -10,13 +10,13 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse
 
-from evaluation.record import EpisodeRecord
-from service.access import Holder, Reader
-from service.api.documents import problems
-from service.api.reading import Cached, Identified, already_has, immutable
-from service.database.models import BenchmarkVersion, Episode, Evaluation
-from service.errors import ConflictError
-from service.readers import (
+from dohyo.evaluation.record import EpisodeRecord
+from dohyo.service.access import Holder, Reader
+from dohyo.service.api.documents import problems
+from dohyo.service.api.reading import Cached, Identified, already_has, immutable
+from dohyo.service.database.models import BenchmarkVersion, Episode, Evaluation
+from dohyo.service.errors import ConflictError
+from dohyo.service.readers import (
     Readers,
     ReadersOf,
     episode_for,
@@ -26,13 +26,13 @@ from service.readers import (
     trajectory_of,
     unreadable,
 )
-from service.reading_views import EpisodeDetail, EventsView, ExplanationView, VerificationView
-from service.redrive import explanation_at
-from service.replay import FORMAT, encode, infraction_document, replay_of
-from service.state import Services, ServicesOf
-from service.views import view_episode
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError
+from dohyo.service.reading_views import EpisodeDetail, EventsView, ExplanationView, VerificationView
+from dohyo.service.redrive import explanation_at
+from dohyo.service.replay import FORMAT, encode, infraction_document, replay_of
+from dohyo.service.state import Services, ServicesOf
+from dohyo.service.views import view_episode
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError
 
 RETRY_S = 2
 

@@ -11,23 +11,23 @@ from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.orm import Session
 
-from evaluation.benchmark import Benchmark
-from evaluation.evaluation import Manifest
-from evaluation.record import AgentInfo
-from service.access import Caller, Reader, Submitter
-from service.api.agents import IdempotencyKey, owned_agent
-from service.api.benchmarks import find_benchmark
-from service.api.documents import After, Identifier, Limit, problems
-from service.database import evaluations
-from service.database.agents import find_submission
-from service.database.engine import serialise
-from service.database.idempotency import made_before, remember
-from service.database.models import EpisodeStatus, Evaluation, EvaluationStatus, Submission
-from service.errors import BusyError, ConflictError, ForbiddenError, NotFoundError, TooManyRequestsError
-from service.progress import MEDIA_TYPE, stream_progress
-from service.state import Services, ServicesOf
-from service.views import EpisodeView, EvaluationView, Page, view_episode, view_evaluation
-from sumo_networks.scenario import content_hash
+from dohyo.evaluation.benchmark import Benchmark
+from dohyo.evaluation.evaluation import Manifest
+from dohyo.evaluation.record import AgentInfo
+from dohyo.service.access import Caller, Reader, Submitter
+from dohyo.service.api.agents import IdempotencyKey, owned_agent
+from dohyo.service.api.benchmarks import find_benchmark
+from dohyo.service.api.documents import After, Identifier, Limit, problems
+from dohyo.service.database import evaluations
+from dohyo.service.database.agents import find_submission
+from dohyo.service.database.engine import serialise
+from dohyo.service.database.idempotency import made_before, remember
+from dohyo.service.database.models import EpisodeStatus, Evaluation, EvaluationStatus, Submission
+from dohyo.service.errors import BusyError, ConflictError, ForbiddenError, NotFoundError, TooManyRequestsError
+from dohyo.service.progress import MEDIA_TYPE, stream_progress
+from dohyo.service.state import Services, ServicesOf
+from dohyo.service.views import EpisodeView, EvaluationView, Page, view_episode, view_evaluation
+from dohyo.sumo_networks.scenario import content_hash
 
 router = APIRouter(prefix="/v1/evaluations", tags=["evaluations"])
 

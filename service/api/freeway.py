@@ -8,12 +8,12 @@ from fastapi import APIRouter
 from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field
 
-from evaluation.freeway_benchmark import TrafficBenchmark, load_freeway_benchmark
-from service.access import Caller, Reader, Submitter
-from service.api.agents import owned_agent
-from service.api.documents import Identifier, problems
-from service.errors import BusyError, NotFoundError
-from service.state import Services, ServicesOf
+from dohyo.evaluation.freeway_benchmark import TrafficBenchmark, load_freeway_benchmark
+from dohyo.service.access import Caller, Reader, Submitter
+from dohyo.service.api.agents import owned_agent
+from dohyo.service.api.documents import Identifier, problems
+from dohyo.service.errors import BusyError, NotFoundError
+from dohyo.service.state import Services, ServicesOf
 
 router = APIRouter(prefix="/v1/freeway/mornings", tags=["workers"])
 

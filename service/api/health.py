@@ -9,9 +9,9 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 from sqlalchemy.exc import SQLAlchemyError
 
-from service.api.documents import problems
-from service.errors import problem
-from service.state import ServicesOf
+from dohyo.service.api.documents import problems
+from dohyo.service.errors import problem
+from dohyo.service.state import ServicesOf
 
 router = APIRouter(prefix="/health", tags=["health"], responses=problems())
 

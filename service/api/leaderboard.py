@@ -8,16 +8,16 @@ from typing import Annotated, Any, Literal
 import msgspec
 from fastapi import APIRouter, Query, Response
 
-from evaluation.benchmark import Benchmark, load_benchmark
-from service.access import Caller, Reader
-from service.api.documents import problems
-from service.database import reading
-from service.leaderboard import Row, as_csv, as_document
-from service.readers import Readers, ReadersOf, owner_filter
-from service.reading_views import LeaderboardView
-from service.scoring import headline_of
-from service.state import Services, ServicesOf
-from sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.evaluation.benchmark import Benchmark, load_benchmark
+from dohyo.service.access import Caller, Reader
+from dohyo.service.api.documents import problems
+from dohyo.service.database import reading
+from dohyo.service.leaderboard import Row, as_csv, as_document
+from dohyo.service.readers import Readers, ReadersOf, owner_filter
+from dohyo.service.reading_views import LeaderboardView
+from dohyo.service.scoring import headline_of
+from dohyo.service.state import Services, ServicesOf
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 router = APIRouter(prefix="/v1", tags=["leaderboard"], responses=problems(404))
 

@@ -10,16 +10,16 @@ from typing import Any
 import msgspec
 from fastapi import APIRouter, Response
 
-from service.access import Caller, Reader
-from service.api.documents import problems
-from service.api.reading import Identified
-from service.database import reading
-from service.leaderboard import Entry
-from service.metrics import as_csv, as_document
-from service.prometheus import CONTENT_TYPE, Family, Sample, exposition
-from service.readers import Readers, ReadersOf, evaluation_for
-from service.reading_views import InfractionsView, InfractionView, MetricsView
-from service.state import Services, ServicesOf
+from dohyo.service.access import Caller, Reader
+from dohyo.service.api.documents import problems
+from dohyo.service.api.reading import Identified
+from dohyo.service.database import reading
+from dohyo.service.leaderboard import Entry
+from dohyo.service.metrics import as_csv, as_document
+from dohyo.service.prometheus import CONTENT_TYPE, Family, Sample, exposition
+from dohyo.service.readers import Readers, ReadersOf, evaluation_for
+from dohyo.service.reading_views import InfractionsView, InfractionView, MetricsView
+from dohyo.service.state import Services, ServicesOf
 
 router = APIRouter(tags=["metrics"], responses=problems())
 CSV: dict[int | str, dict[str, Any]] = {

@@ -12,18 +12,18 @@ from fastapi import APIRouter, Header, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
 
-from service.access import Reader, Submitter
-from service.api.documents import Name, problems
-from service.errors import ConflictError, TooManyRequestsError
-from service.isolated import run_isolated
-from service.network_map import Box, packed_map
-from service.state import Services, ServicesOf
-from service.uploads import Upload, form_body, receive_upload
-from service.views import NetworkView
-from sumo_networks.catalog import builtin_names, check_name, load_network, network_entry, network_names
-from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.importing import SUFFIXES
-from sumo_networks.network import RoadNetwork
+from dohyo.service.access import Reader, Submitter
+from dohyo.service.api.documents import Name, problems
+from dohyo.service.errors import ConflictError, TooManyRequestsError
+from dohyo.service.isolated import run_isolated
+from dohyo.service.network_map import Box, packed_map
+from dohyo.service.state import Services, ServicesOf
+from dohyo.service.uploads import Upload, form_body, receive_upload
+from dohyo.service.views import NetworkView
+from dohyo.sumo_networks.catalog import builtin_names, check_name, load_network, network_entry, network_names
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.importing import SUFFIXES
+from dohyo.sumo_networks.network import RoadNetwork
 
 router = APIRouter(prefix="/v1/networks", tags=["networks"])
 

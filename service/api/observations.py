@@ -6,10 +6,10 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query
 
-from evaluation.agent import AgentSpec
-from service.access import Reader
-from service.api.documents import problems
-from service.policies.interface import observation_spec, published_spec
+from dohyo.evaluation.agent import AgentSpec
+from dohyo.service.access import Reader
+from dohyo.service.api.documents import problems
+from dohyo.service.policies.interface import observation_spec, published_spec
 
 router = APIRouter(prefix="/v1", tags=["agents"], responses=problems(404))
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from fastapi import Path, Request
 from pydantic import BaseModel
 
-from service.state import Services
+from dohyo.service.state import Services
 
 ID = r"^[A-Za-z0-9_-]+$"
 YEAR_S = 31_536_000

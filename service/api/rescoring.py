@@ -8,15 +8,15 @@ import msgspec
 from fastapi import APIRouter, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.access import Reader
-from service.api.documents import problems
-from service.api.reading import ID
-from service.database import reading
-from service.errors import ConflictError
-from service.readers import ReadersOf, evaluation_for, record_of
-from service.reading_views import RescoredView
-from service.rescoring import LAMBDA, rescore
-from service.state import ServicesOf
+from dohyo.service.access import Reader
+from dohyo.service.api.documents import problems
+from dohyo.service.api.reading import ID
+from dohyo.service.database import reading
+from dohyo.service.errors import ConflictError
+from dohyo.service.readers import ReadersOf, evaluation_for, record_of
+from dohyo.service.reading_views import RescoredView
+from dohyo.service.rescoring import LAMBDA, rescore
+from dohyo.service.state import ServicesOf
 
 router = APIRouter(prefix="/v1", tags=["metrics"], responses=problems(404))
 

@@ -14,26 +14,26 @@ from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 from sqlalchemy.orm import Session
 
-from agents.registry import agent_entries
-from evaluation.agent import AgentSpec, agent_info
-from evaluation.record import AgentInfo
-from service.access import Caller, Reader, Submitter
-from service.api.agents import IdempotencyKey, owned_agent, visible_agent
-from service.api.documents import Limit, Name, problems
-from service.database.agents import add_submission, count_submissions, list_submissions
-from service.database.idempotency import made_before, remember
-from service.database.models import AgentKind, Submission
-from service.errors import TooManyRequestsError
-from service.isolated import run_isolated
-from service.policies.agent import ENTRY, OnnxPolicy
-from service.policies.limits import MEGABYTE, PolicyLimits
-from service.state import Services, ServicesOf
-from service.uploads import Upload, form_body, receive_upload
-from service.views import Page, SubmissionView, view_submission
-from sumo_networks.control import CONTROLS
-from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.scenario import content_hash
-from sumo_networks.sensors import Track, make_sensors
+from dohyo.agents.registry import agent_entries
+from dohyo.evaluation.agent import AgentSpec, agent_info
+from dohyo.evaluation.record import AgentInfo
+from dohyo.service.access import Caller, Reader, Submitter
+from dohyo.service.api.agents import IdempotencyKey, owned_agent, visible_agent
+from dohyo.service.api.documents import Limit, Name, problems
+from dohyo.service.database.agents import add_submission, count_submissions, list_submissions
+from dohyo.service.database.idempotency import made_before, remember
+from dohyo.service.database.models import AgentKind, Submission
+from dohyo.service.errors import TooManyRequestsError
+from dohyo.service.isolated import run_isolated
+from dohyo.service.policies.agent import ENTRY, OnnxPolicy
+from dohyo.service.policies.limits import MEGABYTE, PolicyLimits
+from dohyo.service.state import Services, ServicesOf
+from dohyo.service.uploads import Upload, form_body, receive_upload
+from dohyo.service.views import Page, SubmissionView, view_submission
+from dohyo.sumo_networks.control import CONTROLS
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.scenario import content_hash
+from dohyo.sumo_networks.sensors import Track, make_sensors
 
 router = APIRouter(prefix="/v1/agents/{name}/submissions", tags=["agents"])
 

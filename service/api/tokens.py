@@ -8,13 +8,13 @@ from typing import Annotated
 from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.access import Admin, Holder
-from service.api.documents import After, Identifier, Limit, problems
-from service.database.models import Role
-from service.database.tokens import create_token, list_tokens, revoke_token
-from service.errors import NotFoundError
-from service.state import ServicesOf
-from service.views import MeView, NewToken, Page, TokenView, view_token
+from dohyo.service.access import Admin, Holder
+from dohyo.service.api.documents import After, Identifier, Limit, problems
+from dohyo.service.database.models import Role
+from dohyo.service.database.tokens import create_token, list_tokens, revoke_token
+from dohyo.service.errors import NotFoundError
+from dohyo.service.state import ServicesOf
+from dohyo.service.views import MeView, NewToken, Page, TokenView, view_token
 
 router = APIRouter(prefix="/v1", tags=["tokens"], responses=problems(403))
 

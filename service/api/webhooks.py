@@ -7,14 +7,14 @@ from typing import Annotated
 from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.access import Submitter
-from service.api.documents import After, Identifier, Limit, problems
-from service.database.models import Webhook
-from service.database.webhooks import add_webhook, count_webhooks, list_webhooks
-from service.delivery import check_url
-from service.errors import NotFoundError, TooManyRequestsError
-from service.state import ServicesOf
-from service.views import NewWebhook, Page, WebhookView, view_webhook
+from dohyo.service.access import Submitter
+from dohyo.service.api.documents import After, Identifier, Limit, problems
+from dohyo.service.database.models import Webhook
+from dohyo.service.database.webhooks import add_webhook, count_webhooks, list_webhooks
+from dohyo.service.delivery import check_url
+from dohyo.service.errors import NotFoundError, TooManyRequestsError
+from dohyo.service.state import ServicesOf
+from dohyo.service.views import NewWebhook, Page, WebhookView, view_webhook
 
 router = APIRouter(prefix="/v1/webhooks", tags=["webhooks"], responses=problems(403))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from service.wire import Format
+from dohyo.service.wire import Format
 
 _ARRAY = {
     "description": "An array: nested lists in JSON; in msgpack also {shape, dtype, data}, little-endian and row-major.",

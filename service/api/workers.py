@@ -1,7 +1,7 @@
 """The wire of policy workers: register, acquire an episode, step it, and release it.
 
-Bodies are msgpack or JSON (see `service.wire`), decoded by hand: a step has neither models nor dependencies of the web
-framework on its way, and touches no database.
+Bodies are msgpack or JSON (see `dohyo.service.wire`), decoded by hand: a step has neither models nor dependencies of
+the web framework on its way, and touches no database.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from sqlalchemy import select
 from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
-from evaluation.runner import RESET_DEADLINE_S
-from service.access import WorkerCaller
-from service.api import wire_schema as schema
-from service.api.documents import problems
-from service.database.engine import Database
-from service.database.models import Agent, Token, now
-from service.episodes.lease import Lease, Worker
-from service.episodes.leases import LONGEST_CAPACITY, LeaseBook, StaleTickError
-from service.episodes.remote import SEEN, Fault
-from service.errors import BusyError, NotFoundError, ServiceError, TooLargeError, UnauthorisedError, problem
-from service.state import Services, ServicesOf
-from service.wire import Format, decode, decode_step, encode, format_of
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.runner import RESET_DEADLINE_S
+from dohyo.service.access import WorkerCaller
+from dohyo.service.api import wire_schema as schema
+from dohyo.service.api.documents import problems
+from dohyo.service.database.engine import Database
+from dohyo.service.database.models import Agent, Token, now
+from dohyo.service.episodes.lease import Lease, Worker
+from dohyo.service.episodes.leases import LONGEST_CAPACITY, LeaseBook, StaleTickError
+from dohyo.service.episodes.remote import SEEN, Fault
+from dohyo.service.errors import BusyError, NotFoundError, ServiceError, TooLargeError, UnauthorisedError, problem
+from dohyo.service.state import Services, ServicesOf
+from dohyo.service.wire import Format, decode, decode_step, encode, format_of
+from dohyo.sumo_networks.errors import InvalidInputError
 
 BODY_LIMIT = 64 * 1024
 LONGEST_WAIT_S = 60.0

@@ -1,5 +1,5 @@
 """The command line: `dohyo`. One file per group of commands."""
 
-from service.cli.main import app, main
+from dohyo.service.cli.main import app, main
 
 __all__ = ["app", "main"]

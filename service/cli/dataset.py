@@ -8,12 +8,12 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from agents.hierarchical.vision.recording import Order as PictureOrder
-from agents.hierarchical.vision.recording import record_pictures
-from agents.mcts.predictors.recording import TRAINING, Order, record_motion
-from service.cli.output import console
-from sumo_networks.freeway.dataset import Order as FreewayOrder
-from sumo_networks.freeway.dataset import make_dataset
+from dohyo.agents.hierarchical.vision.recording import Order as PictureOrder
+from dohyo.agents.hierarchical.vision.recording import record_pictures
+from dohyo.agents.mcts.predictors.recording import TRAINING, Order, record_motion
+from dohyo.service.cli.output import console
+from dohyo.sumo_networks.freeway.dataset import Order as FreewayOrder
+from dohyo.sumo_networks.freeway.dataset import make_dataset
 
 dataset = typer.Typer(help="Datasets for learning.", no_args_is_help=True)
 

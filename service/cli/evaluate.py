@@ -13,20 +13,20 @@ from typing import Annotated, Any
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from agents.registry import resolve_with
-from evaluation.closed_loop import as_document as closed_loop_document
-from evaluation.closed_loop import by_type, lost_episodes, score_records, summarise_closed_loop
-from evaluation.evaluation import Result, run_benchmark
-from evaluation.executors import Executor, ProcessPool
-from evaluation.freeway_benchmark import is_freeway_benchmark
-from evaluation.ray_executor import RayExecutor
-from evaluation.record import EpisodeRecord, Status
-from evaluation.runner import ACT_DEADLINE_S
-from evaluation.summary import as_document, summarise, summarise_cells
-from service.cli.closed_loop import print_closed_loop, print_legend
-from service.cli.freeway import evaluate_on_freeway
-from service.cli.output import console, print_cells, print_comparison, print_json
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.registry import resolve_with
+from dohyo.evaluation.closed_loop import as_document as closed_loop_document
+from dohyo.evaluation.closed_loop import by_type, lost_episodes, score_records, summarise_closed_loop
+from dohyo.evaluation.evaluation import Result, run_benchmark
+from dohyo.evaluation.executors import Executor, ProcessPool
+from dohyo.evaluation.freeway_benchmark import is_freeway_benchmark
+from dohyo.evaluation.ray_executor import RayExecutor
+from dohyo.evaluation.record import EpisodeRecord, Status
+from dohyo.evaluation.runner import ACT_DEADLINE_S
+from dohyo.evaluation.summary import as_document, summarise, summarise_cells
+from dohyo.service.cli.closed_loop import print_closed_loop, print_legend
+from dohyo.service.cli.freeway import evaluate_on_freeway
+from dohyo.service.cli.output import console, print_cells, print_comparison, print_json
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 class Engine(StrEnum):

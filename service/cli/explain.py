@@ -11,18 +11,18 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from agents.mcts.figure import draw_search
-from evaluation.agent import Agent, Explanation, Observation, agent_info, make_agent
-from evaluation.record import EpisodeRecord
-from evaluation.road_map import drivable_lanes
-from evaluation.runner import drive_episode, versions
-from evaluation.store import read_record, write_atomically
-from evaluation.trajectory import Trajectory
-from service.cli.output import console
-from sumo_networks.arrays import FloatArray
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import AgentError, InvalidInputError
-from sumo_networks.scenario import Mission
+from dohyo.agents.mcts.figure import draw_search
+from dohyo.evaluation.agent import Agent, Explanation, Observation, agent_info, make_agent
+from dohyo.evaluation.record import EpisodeRecord
+from dohyo.evaluation.road_map import drivable_lanes
+from dohyo.evaluation.runner import drive_episode, versions
+from dohyo.evaluation.store import read_record, write_atomically
+from dohyo.evaluation.trajectory import Trajectory
+from dohyo.service.cli.output import console
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import AgentError, InvalidInputError
+from dohyo.sumo_networks.scenario import Mission
 
 TICK_S = 0.1
 

@@ -10,12 +10,12 @@ import numpy as np
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from service.cli.output import console, number, print_json, print_rows
-from sumo_networks.errors import InvalidInputError
+from dohyo.service.cli.output import console, number, print_json, print_rows
+from dohyo.sumo_networks.errors import InvalidInputError
 
 if TYPE_CHECKING:
-    from agents.forecasting.base import Forecaster
-    from agents.forecasting.data import SpeedData
+    from dohyo.agents.forecasting.base import Forecaster
+    from dohyo.agents.forecasting.data import SpeedData
 
 forecast = typer.Typer(help="Forecasts of traffic speeds.", no_args_is_help=True)
 
@@ -44,8 +44,8 @@ def fit(
     json: AsJson = False,
 ) -> None:
     """Learns from the earlier part of the data, and prints the errors on the part it has not seen."""
-    from agents.forecasting import registry, training  # torch takes seconds to import
-    from agents.forecasting.windows import make_windows
+    from dohyo.agents.forecasting import registry, training  # torch takes seconds to import
+    from dohyo.agents.forecasting.windows import make_windows
 
     if out is not None and out.suffix != ".safetensors":
         raise InvalidInputError(f"expected --out to end in .safetensors, got '{out}'")
@@ -77,8 +77,8 @@ def evaluate(
     json: AsJson = False,
 ) -> None:
     """Prints the errors of a trained forecaster, and those of persistence beside them."""
-    from agents.forecasting import registry
-    from agents.forecasting.simple import Persistence
+    from dohyo.agents.forecasting import registry
+    from dohyo.agents.forecasting.simple import Persistence
 
     table = _read(data, unit, step, max_missing, missing_value)
     segments = len(table.segments)
@@ -95,15 +95,15 @@ def evaluate(
 
 
 def _read(path: Path, unit: str, step_min: float | None, max_missing: float, missing_value: float | None) -> SpeedData:
-    from agents.forecasting.reading import Format, read_data
+    from dohyo.agents.forecasting.reading import Format, read_data
 
     return read_data(path, Format(unit, None if step_min is None else 60.0 * step_min, max_missing, missing_value))
 
 
 def _write(forecaster: Forecaster, path: Path) -> list[Path]:
     """Writes the file or files of a forecaster."""
-    from agents.forecasting.learned import Learned
-    from agents.forecasting.quantiles import Quantiles
+    from dohyo.agents.forecasting.learned import Learned
+    from dohyo.agents.forecasting.quantiles import Quantiles
 
     forecaster.save(path)
     if not isinstance(forecaster, Learned | Quantiles):
@@ -116,9 +116,9 @@ def _report(
     forecaster: Forecaster, table: SpeedData, sets: Sequence[str], as_json: bool, written: Sequence[Path]
 ) -> None:
     """Errors by set and row ahead, beside persistence's."""
-    from agents.forecasting.scores import errors
-    from agents.forecasting.simple import Persistence
-    from agents.forecasting.windows import make_windows
+    from dohyo.agents.forecasting.scores import errors
+    from dohyo.agents.forecasting.simple import Persistence
+    from dohyo.agents.forecasting.windows import make_windows
 
     document: dict[str, Any] = {"segments": len(table.segments), "step_s": table.step_s, "sets": {}}
     rows = []

@@ -10,12 +10,17 @@ from typing import Any
 
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from evaluation.freeway_benchmark import ForecastBenchmark, days_folder, freeway_benchmark_names, load_freeway_benchmark
-from evaluation.freeway_report import finding, unit_word, write_page
-from evaluation.freeway_result import FreewayResult, rows
-from service.cli.output import DASH, console, interval, number, print_json, print_rows
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.freeway.dataset import make_dataset
+from dohyo.evaluation.freeway_benchmark import (
+    ForecastBenchmark,
+    days_folder,
+    freeway_benchmark_names,
+    load_freeway_benchmark,
+)
+from dohyo.evaluation.freeway_report import finding, unit_word, write_page
+from dohyo.evaluation.freeway_result import FreewayResult, rows
+from dohyo.service.cli.output import DASH, console, interval, number, print_json, print_rows
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.freeway.dataset import make_dataset
 
 
 def evaluate_on_freeway(
@@ -41,13 +46,13 @@ def evaluate_on_freeway(
 
     try:
         if isinstance(found, ForecastBenchmark):
-            from agents.forecasting.benchmark import evaluate_forecaster  # torch takes seconds to import
+            from dohyo.agents.forecasting.benchmark import evaluate_forecaster  # torch takes seconds to import
 
             if seeds is not None:
                 raise InvalidInputError(f"benchmark '{found.name}' has days of its own; leave out --seeds")
             result = evaluate_forecaster(found, agent, settings, folder, processes, tell)
         else:
-            from agents.speed_planning.benchmark import evaluate_controller
+            from dohyo.agents.speed_planning.benchmark import evaluate_controller
 
             progress.update(task, description=f"{agent} on {found.name}")
             result = evaluate_controller(found, agent, settings, seeds, folder, processes, tell)

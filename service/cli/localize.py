@@ -10,20 +10,20 @@ import numpy as np
 import typer
 from rich.progress import MofNCompleteColumn, Progress
 
-from agents.localization.consistency import mean_bounds, quantile
-from agents.localization.figures import error_figure, nis_figure, page, track_figure
-from agents.localization.localizer import Localizer, Settings
-from agents.localization.logs import ImuLog, PositionLog, check_together, read_imu, read_positions
-from agents.localization.lowpass import ALPHA
-from agents.localization.study import FILTERS, grid, write_results
-from agents.localization.study import study as run_study
-from agents.localization.tables import by_sigma
-from agents.localization.track import Track, follow
-from evaluation.scores.localization import accuracy, max_drift, p95, rmse
-from evaluation.store import write_atomically
-from service.cli.output import console, number, print_json, print_rows
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.agents.localization.consistency import mean_bounds, quantile
+from dohyo.agents.localization.figures import error_figure, nis_figure, page, track_figure
+from dohyo.agents.localization.localizer import Localizer, Settings
+from dohyo.agents.localization.logs import ImuLog, PositionLog, check_together, read_imu, read_positions
+from dohyo.agents.localization.lowpass import ALPHA
+from dohyo.agents.localization.study import FILTERS, grid, write_results
+from dohyo.agents.localization.study import study as run_study
+from dohyo.agents.localization.tables import by_sigma
+from dohyo.agents.localization.track import Track, follow
+from dohyo.evaluation.scores.localization import accuracy, max_drift, p95, rmse
+from dohyo.evaluation.store import write_atomically
+from dohyo.service.cli.output import console, number, print_json, print_rows
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 
 def localize(

@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from service.cli import (
+from dohyo.service.cli import (
     catalogs,
     dataset,
     evaluate,
@@ -22,7 +22,7 @@ from service.cli import (
     train,
     worker,
 )
-from sumo_networks.errors import DohyoError
+from dohyo.sumo_networks.errors import DohyoError
 
 BAD_INPUT, INTERRUPTED = 2, 130
 

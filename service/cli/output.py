@@ -10,8 +10,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from evaluation.statistics import Estimate
-from evaluation.summary import Summary
+from dohyo.evaluation.statistics import Estimate
+from dohyo.evaluation.summary import Summary
 
 console = Console()
 DASH = "—"

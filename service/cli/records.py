@@ -12,21 +12,27 @@ from typing import Annotated, Literal
 
 import typer
 
-from evaluation.agent import agent_info, make_agent
-from evaluation.closed_loop import applies, compare_closed_loop, lost_episodes, score_records, summarise_closed_loop
-from evaluation.closed_loop import as_document as closed_loop_document
-from evaluation.evaluation import Result, read_result
-from evaluation.record import AgentInfo, EpisodeRecord
-from evaluation.report import write_report
-from evaluation.report_rows import Evaluation
-from evaluation.runner import drive_episode, versions
-from evaluation.scores.driving import IrsLength, Rules
-from evaluation.store import read_record
-from evaluation.summary import as_document, compare, score_drive, summarise, summarise_cells
-from service.cli.closed_loop import print_closed_loop, print_legend, print_terms
-from service.cli.output import console, interval, number, print_cells, print_comparison, print_json, print_rows
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.agent import agent_info, make_agent
+from dohyo.evaluation.closed_loop import (
+    applies,
+    compare_closed_loop,
+    lost_episodes,
+    score_records,
+    summarise_closed_loop,
+)
+from dohyo.evaluation.closed_loop import as_document as closed_loop_document
+from dohyo.evaluation.evaluation import Result, read_result
+from dohyo.evaluation.record import AgentInfo, EpisodeRecord
+from dohyo.evaluation.report import write_report
+from dohyo.evaluation.report_rows import Evaluation
+from dohyo.evaluation.runner import drive_episode, versions
+from dohyo.evaluation.scores.driving import IrsLength, Rules
+from dohyo.evaluation.store import read_record
+from dohyo.evaluation.summary import as_document, compare, score_drive, summarise, summarise_cells
+from dohyo.service.cli.closed_loop import print_closed_loop, print_legend, print_terms
+from dohyo.service.cli.output import console, interval, number, print_cells, print_comparison, print_json, print_rows
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError
 
 RulesOption = Annotated[Literal["1.0", "2.0", "2.1"], typer.Option(help="CARLA Leaderboard rules of the score.")]
 IrsOption = Annotated[Literal["driven", "route"], typer.Option(help="Kilometres that IRS divides by.")]

@@ -11,15 +11,15 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from evaluation.evaluation import MANIFEST, RECORDS
-from evaluation.record import AgentInfo
-from evaluation.statistics import Estimate
-from evaluation.store import write_atomically
-from service.calls import Document
-from service.cli.evaluate import parse_seeds, parse_settings
-from service.cli.output import DASH, SCORES, console, interval, number, print_json, print_rows
-from service.client import ENDED, POLL_S, Client
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.evaluation import MANIFEST, RECORDS
+from dohyo.evaluation.record import AgentInfo
+from dohyo.evaluation.statistics import Estimate
+from dohyo.evaluation.store import write_atomically
+from dohyo.service.calls import Document
+from dohyo.service.cli.evaluate import parse_seeds, parse_settings
+from dohyo.service.cli.output import DASH, SCORES, console, interval, number, print_json, print_rows
+from dohyo.service.client import ENDED, POLL_S, Client
+from dohyo.sumo_networks.errors import InvalidInputError
 
 evaluations = typer.Typer(help="Evaluations at a service.", no_args_is_help=True)
 

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from evaluation.carla_routes import MAX_SNAP_M, import_routes, write_benchmark
-from service.cli.output import console, print_json, print_rows
-from sumo_networks.scenario import Traffic
+from dohyo.evaluation.carla_routes import MAX_SNAP_M, import_routes, write_benchmark
+from dohyo.service.cli.output import console, print_json, print_rows
+from dohyo.sumo_networks.scenario import Traffic
 
 
 def import_file(

@@ -8,8 +8,8 @@ from typing import Annotated, Any
 import typer
 from pydantic import SecretStr, ValidationError
 
-from service.settings import Settings
-from sumo_networks.errors import InvalidInputError
+from dohyo.service.settings import Settings
+from dohyo.sumo_networks.errors import InvalidInputError
 
 FAILED = 3
 
@@ -33,7 +33,7 @@ def serve(
     given: dict[str, Any] = {"host": host, "port": port, "data": data, "insecure": insecure}
     given |= {"executor": executor, "ray_address": ray_address, "processes": processes}
     given |= {"tls_certificate": tls_certificate, "tls_key": tls_key}
-    from service.server import run  # a second of imports, which other commands need not wait for
+    from dohyo.service.server import run  # a second of imports, which other commands need not wait for
 
     if not run(make_settings(given, database), _announce):
         raise typer.Exit(FAILED)

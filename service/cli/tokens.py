@@ -11,13 +11,13 @@ from typing import Annotated
 import typer
 from sqlalchemy.orm import Session
 
-from service.cli.output import DASH, console, print_json, print_rows
-from service.cli.serve import make_settings
-from service.database.engine import Database
-from service.database.models import Role
-from service.database.tokens import create_token, list_tokens, revoke_token
-from service.views import view_token
-from sumo_networks.errors import InvalidInputError
+from dohyo.service.cli.output import DASH, console, print_json, print_rows
+from dohyo.service.cli.serve import make_settings
+from dohyo.service.database.engine import Database
+from dohyo.service.database.models import Role
+from dohyo.service.database.tokens import create_token, list_tokens, revoke_token
+from dohyo.service.views import view_token
+from dohyo.sumo_networks.errors import InvalidInputError
 
 tokens = typer.Typer(help="Tokens of the service.", no_args_is_help=True)
 

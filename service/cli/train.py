@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from service.cli.output import console
+from dohyo.service.cli.output import console
 
 if TYPE_CHECKING:
-    from agents.training.report import Report
+    from dohyo.agents.training.report import Report
 
 INTERRUPTED = 130
 RUNS = Path("runs")
@@ -32,9 +32,9 @@ def train(
     out: Annotated[Path | None, typer.Option(help="Folder of the run; by default runs/NAME.")] = None,
 ) -> None:
     """Trains what learns: checkpoints, curves, held-out evaluations, and the actor as safetensors and ONNX."""
-    from agents.training.registry import Order, trainer_named
-    from agents.training.run import RunStoppedError, stored_config  # torch takes seconds to import
-    from agents.training.settings import read_settings
+    from dohyo.agents.training.registry import Order, trainer_named
+    from dohyo.agents.training.run import RunStoppedError, stored_config  # torch takes seconds to import
+    from dohyo.agents.training.settings import read_settings
 
     sys.path.insert(0, os.getcwd())  # so that a trainer of one's own is found
     trainer, given = trainer_named(name), list(settings or [])

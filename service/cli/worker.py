@@ -9,12 +9,12 @@ from typing import Annotated
 
 import typer
 
-from agents.registry import resolve_with
-from evaluation.agent import agent_info, make_agent
-from service.cli.evaluate import parse_settings
-from service.client import Client
-from service.worker import Driver, keep_working, work
-from service.worker_session import WorkerSession
+from dohyo.agents.registry import resolve_with
+from dohyo.evaluation.agent import agent_info, make_agent
+from dohyo.service.cli.evaluate import parse_settings
+from dohyo.service.client import Client
+from dohyo.service.worker import Driver, keep_working, work
+from dohyo.service.worker_session import WorkerSession
 
 TOKEN = "DOHYO_TOKEN"
 
@@ -42,7 +42,7 @@ def worker(
     if capacity == 1:
         work(WorkerSession(server, token, agent, version=version), Driver(resolved, given), episodes)
         return
-    command = ["-c", "from service.cli import main; main()", "worker", "--server", server, "--agent", agent]
+    command = ["-c", "from dohyo.service.cli import main; main()", "worker", "--server", server, "--agent", agent]
     command += ["--entry", entry or agent, *[part for pair in settings or [] for part in ("--set", pair)]]
     command += ["--episodes", str(episodes)] if episodes is not None else []
     keep_working(command, capacity, {TOKEN: token})  # not as an argument, which everybody on this machine can read

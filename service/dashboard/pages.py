@@ -22,10 +22,10 @@ from markupsafe import Markup
 from starlette.responses import Response
 from starlette.types import Scope
 
-from evaluation.look import ENDINGS, MARKS, agent_colours
-from service.dashboard.session import COOKIE, same_origin
-from service.database.tokens import find_token
-from service.state import ServicesOf
+from dohyo.evaluation.look import ENDINGS, MARKS, agent_colours
+from dohyo.service.dashboard.session import COOKIE, same_origin
+from dohyo.service.database.tokens import find_token
+from dohyo.service.state import ServicesOf
 
 _HERE: Final = Path(__file__).parent
 _TOKEN: Final = re.compile(r"[\x21-\x7e]{8,200}")
@@ -54,7 +54,7 @@ def _words() -> Markup:
 router = APIRouter(include_in_schema=False)
 static = Assets(directory=_HERE / "static")
 _templates = Environment(
-    loader=PackageLoader("service.dashboard"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    loader=PackageLoader("dohyo.service.dashboard"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
 )
 _templates.globals["words"] = _words()
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from sqlalchemy import and_, func, select
 from sqlalchemy.orm import Session
 
-from evaluation.record import AgentInfo
-from service.database.engine import serialise
-from service.database.models import Agent, AgentKind, Submission, new_id
+from dohyo.evaluation.record import AgentInfo
+from dohyo.service.database.engine import serialise
+from dohyo.service.database.models import Agent, AgentKind, Submission, new_id
 
 
 def find_agent(session: Session, name: str) -> Agent | None:

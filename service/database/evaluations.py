@@ -9,8 +9,8 @@ from typing import Any
 from sqlalchemy import func, select, tuple_, update
 from sqlalchemy.orm import Session
 
-from evaluation.benchmark import Benchmark
-from service.database.models import (
+from dohyo.evaluation.benchmark import Benchmark
+from dohyo.service.database.models import (
     Agent,
     BenchmarkVersion,
     Episode,
@@ -21,7 +21,7 @@ from service.database.models import (
     new_id,
     now,
 )
-from sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.scenario import Scenario
 
 UNFINISHED = (EvaluationStatus.QUEUED, EvaluationStatus.RUNNING)
 AGAIN = (EpisodeStatus.LOST, EpisodeStatus.CANCELLED)

@@ -7,9 +7,9 @@ from datetime import timedelta
 from sqlalchemy import delete
 from sqlalchemy.orm import Session
 
-from service.database.engine import serialise
-from service.database.models import Idempotency, now
-from sumo_networks.errors import InvalidInputError
+from dohyo.service.database.engine import serialise
+from dohyo.service.database.models import Idempotency, now
+from dohyo.sumo_networks.errors import InvalidInputError
 
 KEPT = timedelta(days=7)
 

@@ -168,7 +168,8 @@ class Evaluation(Base):
 class Episode(Base):
     """One scenario of an evaluation.
 
-    `summary` is a copy of what pages sort and count by (`service.scoring.summary_of`), recomputable from the record.
+    `summary` is a copy of what pages sort and count by (`dohyo.service.scoring.summary_of`), recomputable from the
+    record.
     """
 
     __tablename__ = "episodes"

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from sqlalchemy import ColumnElement, func, select, true
 from sqlalchemy.orm import Session
 
-from service.database.models import (
+from dohyo.service.database.models import (
     Agent,
     BenchmarkVersion,
     Episode,
@@ -19,8 +19,8 @@ from service.database.models import (
     EvaluationStatus,
     Submission,
 )
-from service.leaderboard import Entry
-from service.scoring import Drive
+from dohyo.service.leaderboard import Entry
+from dohyo.service.scoring import Drive
 
 
 def find_evaluation(session: Session, evaluation_id: str, owner: str | None) -> Evaluation | None:

@@ -11,8 +11,8 @@ from datetime import datetime, timedelta
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from service.database.engine import serialise
-from service.database.models import Role, Token, new_id, now
+from dohyo.service.database.engine import serialise
+from dohyo.service.database.models import Role, Token, new_id, now
 
 PREFIX = "dohyo_"
 FIRST_OWNER = "admin"

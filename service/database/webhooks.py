@@ -10,8 +10,8 @@ from typing import Any
 from sqlalchemy import func, or_, select
 from sqlalchemy.orm import Session
 
-from service.database.evaluations import mark_announced, names_of
-from service.database.models import Delivery, Evaluation, EvaluationStatus, Webhook, new_id, now
+from dohyo.service.database.evaluations import mark_announced, names_of
+from dohyo.service.database.models import Delivery, Evaluation, EvaluationStatus, Webhook, new_id, now
 
 ATTEMPTS = 8
 FIRST_WAIT = timedelta(seconds=10)

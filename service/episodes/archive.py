@@ -10,11 +10,11 @@ import os
 import shutil
 from pathlib import Path
 
-from evaluation.record import EpisodeRecord
-from evaluation.store import read_record
-from service.settings import Settings
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.scenario import Scenario
+from dohyo.evaluation.record import EpisodeRecord
+from dohyo.evaluation.store import read_record
+from dohyo.service.settings import Settings
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Scenario
 
 
 def staged_folder(settings: Settings, evaluation_id: str) -> Path:

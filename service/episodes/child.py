@@ -1,8 +1,8 @@
 """An episode process: drives one order after the other until the server closes its channel or dies.
 
-Started as `python -m service.episodes.child CHANNEL ALARM [CLUSTER]`, two file descriptors. The alarm is shared memory
-with one float64: the moment on the monotonic clock by which the agent must have returned, 0 while none is called.
-CLUSTER is the address of a Ray cluster that drives instead, all but the episodes of policy workers.
+Started as `python -m dohyo.service.episodes.child CHANNEL ALARM [CLUSTER]`, two file descriptors. The alarm is shared
+memory with one float64: the moment on the monotonic clock by which the agent must have returned, 0 while none is
+called. CLUSTER is the address of a Ray cluster that drives instead, all but the episodes of policy workers.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ import traceback
 from functools import cache
 from typing import TYPE_CHECKING
 
-from evaluation.executors import drive_job, lost_episode
-from service.episodes.channel import Channel, Kind
-from service.episodes.order import Order, checked_job
-from service.episodes.remote import drive_remotely
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.executors import drive_job, lost_episode
+from dohyo.service.episodes.channel import Channel, Kind
+from dohyo.service.episodes.order import Order, checked_job
+from dohyo.service.episodes.remote import drive_remotely
+from dohyo.sumo_networks.errors import InvalidInputError
 
 if TYPE_CHECKING:
-    from service.episodes.cluster import Cluster
+    from dohyo.service.episodes.cluster import Cluster
 
 ALARM_BYTES = 8
 
@@ -64,7 +64,7 @@ def _drive(order: Order, channel: Channel, alarm: memoryview[float]) -> tuple[Ki
 
 @cache
 def _cluster(address: str) -> Cluster:
-    from service.episodes.cluster import Cluster  # Ray takes a second to import, and may not be installed
+    from dohyo.service.episodes.cluster import Cluster  # Ray takes a second to import, and may not be installed
 
     return Cluster(address)
 

@@ -1,8 +1,9 @@
 """Cluster: an episode process's way to the machines of a Ray cluster. Ray is the extra `cluster`.
 
-The process here only waits: for it, an actor somewhere keeps a worker process that drives, as `evaluation.ray_executor`
-has them. Machines need not share a disk: an uploaded policy goes there as bytes, record and trajectory come back. The
-connection is held by the episode process and not by the server, which no fault of Ray's can then take down.
+The process here only waits: for it, an actor somewhere keeps a worker process that drives, as
+`dohyo.evaluation.ray_executor` has them. Machines need not share a disk: an uploaded policy goes there as bytes, record
+and trajectory come back. The connection is held by the episode process and not by the server, which no fault of Ray's
+can then take down.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from evaluation.ray_executor import THREADS, Station, connect, first_line, require_ray, write_here
-from evaluation.record import EpisodeRecord
-from service.episodes.order import Order, checked_job
-from service.policies.agent import ENTRY, FOLDER_VARIABLE
-from sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.evaluation.ray_executor import THREADS, Station, connect, first_line, require_ray, write_here
+from dohyo.evaluation.record import EpisodeRecord
+from dohyo.service.episodes.order import Order, checked_job
+from dohyo.service.policies.agent import ENTRY, FOLDER_VARIABLE
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 
 
 def check_cluster(address: str) -> None:

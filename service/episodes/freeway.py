@@ -14,20 +14,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from evaluation.freeway_benchmark import TrafficBenchmark
-from evaluation.store import write_atomically
-from service.database.models import new_id
-from service.episodes.freeway_order import FreewayOrder
-from service.episodes.lease import RemoteEpisode
-from service.episodes.process import End, EpisodeProcess, Outcome
-from service.episodes.remote import SEEN
-from service.errors import NotFoundError, TooManyRequestsError
-from service.settings import Settings
+from dohyo.evaluation.freeway_benchmark import TrafficBenchmark
+from dohyo.evaluation.store import write_atomically
+from dohyo.service.database.models import new_id
+from dohyo.service.episodes.freeway_order import FreewayOrder
+from dohyo.service.episodes.lease import RemoteEpisode
+from dohyo.service.episodes.process import End, EpisodeProcess, Outcome
+from dohyo.service.episodes.remote import SEEN
+from dohyo.service.errors import NotFoundError, TooManyRequestsError
+from dohyo.service.settings import Settings
 
 if TYPE_CHECKING:
-    from service.episodes.scheduler import Scheduler
+    from dohyo.service.episodes.scheduler import Scheduler
 
-PROGRAM = "service.episodes.freeway_child"
+PROGRAM = "dohyo.service.episodes.freeway_child"
 VERSION = 1
 """Mornings are of no submission; a worker that takes only another version gets none."""
 MAX_ATTEMPTS, LOOK_S = 2, 0.2

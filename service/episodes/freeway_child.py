@@ -1,8 +1,8 @@
 """The process of a morning on the freeway in which a policy worker is the planner.
 
-Started like `service.episodes.child`. The worker decides once a minute, before each publication; everybody else is
-played here: the forecaster takes the last reports for now, and connected vehicles drive what the plan says where they
-are, but for those near their leader, which are left to their drivers.
+Started like `dohyo.service.episodes.child`. The worker decides once a minute, before each publication; everybody else
+is played here: the forecaster takes the last reports for now, and connected vehicles drive what the plan says where
+they are, but for those near their leader, which are left to their drivers.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from typing import Any
 
 import numpy as np
 
-from agents.speed_planning.benchmark import morning_of
-from agents.speed_planning.env import FASTEST_MPS, FORECASTER, PLANNER, DissipationEnv
-from evaluation.scores.traffic import OBSERVED_EVERY_S, Outcome, OutcomeWatch
-from service.episodes.channel import Channel, Kind
-from service.episodes.child import ALARM_BYTES, end_with_server
-from service.episodes.freeway_order import FreewayOrder
-from service.episodes.remote import SEEN, Bridge
-from sumo_networks.arrays import Float32Array
-from sumo_networks.errors import AgentError, InvalidInputError
-from sumo_networks.freeway.process import TICK_S
+from dohyo.agents.speed_planning.benchmark import morning_of
+from dohyo.agents.speed_planning.env import FASTEST_MPS, FORECASTER, PLANNER, DissipationEnv
+from dohyo.evaluation.scores.traffic import OBSERVED_EVERY_S, Outcome, OutcomeWatch
+from dohyo.service.episodes.channel import Channel, Kind
+from dohyo.service.episodes.child import ALARM_BYTES, end_with_server
+from dohyo.service.episodes.freeway_order import FreewayOrder
+from dohyo.service.episodes.remote import SEEN, Bridge
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.errors import AgentError, InvalidInputError
+from dohyo.sumo_networks.freeway.process import TICK_S
 
 STATE = "speeds"
 """The planner's only sensor: (L, X) lane by sub-segment, m/s."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from evaluation.freeway_benchmark import TrafficBenchmark
-from sumo_networks.config import Config
+from dohyo.evaluation.freeway_benchmark import TrafficBenchmark
+from dohyo.sumo_networks.config import Config
 
 DECIDES_EVERY_S = 60.0
 

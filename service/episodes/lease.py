@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 from dataclasses import dataclass, field
 
-from service.episodes.freeway_order import FreewayOrder
-from service.episodes.order import Order
-from service.episodes.process import EpisodeProcess
-from service.wire import Reply
+from dohyo.service.episodes.freeway_order import FreewayOrder
+from dohyo.service.episodes.order import Order
+from dohyo.service.episodes.process import EpisodeProcess
+from dohyo.service.wire import Reply
 
 
 @dataclass(slots=True)

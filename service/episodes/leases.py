@@ -18,14 +18,14 @@ from typing import Any
 
 import msgspec
 
-from evaluation.runner import RESET_DEADLINE_S
-from service.episodes.channel import Kind
-from service.episodes.lease import Lease, RemoteEpisode, Worker
-from service.episodes.process import End, Outcome
-from service.episodes.remote import FORMATS, SEEN, Fault
-from service.errors import ConflictError, GoneError, TooManyRequestsError, UnauthorisedError
-from service.wire import NOTHING, Format, Reply, Step
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.runner import RESET_DEADLINE_S
+from dohyo.service.episodes.channel import Kind
+from dohyo.service.episodes.lease import Lease, RemoteEpisode, Worker
+from dohyo.service.episodes.process import End, Outcome
+from dohyo.service.episodes.remote import FORMATS, SEEN, Fault
+from dohyo.service.errors import ConflictError, GoneError, TooManyRequestsError, UnauthorisedError
+from dohyo.service.wire import NOTHING, Format, Reply, Step
+from dohyo.sumo_networks.errors import InvalidInputError
 
 SWEEP_S = 0.1
 WORKERS_PER_OWNER = 256

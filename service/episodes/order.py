@@ -6,13 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
-from agents.registry import resolve
-from evaluation.agent import agent_info, make_agent
-from evaluation.executors import Job
-from evaluation.record import AgentInfo, Status
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.scenario import Config, Scenario
-from sumo_networks.simulation import TICK_S
+from dohyo.agents.registry import resolve
+from dohyo.evaluation.agent import agent_info, make_agent
+from dohyo.evaluation.executors import Job
+from dohyo.evaluation.record import AgentInfo, Status
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Config, Scenario
+from dohyo.sumo_networks.simulation import TICK_S
 
 
 class Order(Config):
@@ -64,7 +64,7 @@ class Order(Config):
 
     @property
     def job(self) -> Job:
-        """The same for `evaluation.executors`."""
+        """The same for `dohyo.evaluation.executors`."""
         return Job(self.scenario, self.info, self.benchmark, self.directory, self.stem, self.act_deadline_s)
 
 

@@ -20,12 +20,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from evaluation.executors import KILL_GRACE_S, POLL_S
-from service.episodes.channel import Frames, Kind
-from service.episodes.freeway_order import FreewayOrder
-from service.episodes.order import Order
+from dohyo.evaluation.executors import KILL_GRACE_S, POLL_S
+from dohyo.service.episodes.channel import Frames, Kind
+from dohyo.service.episodes.freeway_order import FreewayOrder
+from dohyo.service.episodes.order import Order
 
-PROGRAM = "service.episodes.child"
+PROGRAM = "dohyo.service.episodes.child"
 ALARM_BYTES = 8
 SECRETS = ("DOHYO_DATABASE",)  # of no use to an agent
 

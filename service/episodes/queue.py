@@ -13,7 +13,7 @@ from typing import Any
 from sqlalchemy import exists, func, select, update
 from sqlalchemy.orm import Session
 
-from service.database.models import (
+from dohyo.service.database.models import (
     AgentKind,
     Episode,
     EpisodeStatus,

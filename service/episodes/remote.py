@@ -11,17 +11,17 @@ from typing import Literal
 
 import numpy as np
 
-from evaluation.agent import Agent, AgentSpec, Mission, Observation
-from evaluation.runner import drive_episode
-from evaluation.store import write_record
-from service.episodes.channel import Channel, Kind
-from service.episodes.order import Order
-from service.wire import Format, decode, encode_observations, unpack
-from sumo_networks.control import InvalidActionError, make_control
-from sumo_networks.errors import AgentError, AgentTimeoutError, DohyoError, InvalidInputError
-from sumo_networks.sensors import Track, make_sensors
-from sumo_networks.simulation import TICK_S
-from sumo_networks.vehicle import VehicleParameters
+from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
+from dohyo.evaluation.runner import drive_episode
+from dohyo.evaluation.store import write_record
+from dohyo.service.episodes.channel import Channel, Kind
+from dohyo.service.episodes.order import Order
+from dohyo.service.wire import Format, decode, encode_observations, unpack
+from dohyo.sumo_networks.control import InvalidActionError, make_control
+from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, DohyoError, InvalidInputError
+from dohyo.sumo_networks.sensors import Track, make_sensors
+from dohyo.sumo_networks.simulation import TICK_S
+from dohyo.sumo_networks.vehicle import VehicleParameters
 
 SEEN = struct.Struct("!IdI")  # tick, simulated time [s], decisions missed
 FORMATS = (Format.MSGPACK, Format.JSON)

@@ -18,25 +18,25 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 from sqlalchemy.exc import OperationalError, SQLAlchemyError
 from sqlalchemy.orm import Session
 
-from evaluation.benchmark import Benchmark
-from evaluation.executors import MAX_ATTEMPTS
-from evaluation.record import AgentInfo, EpisodeRecord, Status
-from service.database.models import AgentKind
-from service.episodes import queue
-from service.episodes.archive import archived_path, discard, lost_because, shelve, staged_folder
-from service.episodes.lease import RemoteEpisode
-from service.episodes.leases import SWEEP_S, LeaseBook
-from service.episodes.order import Order
-from service.episodes.process import End, EpisodeProcess, Outcome
-from service.episodes.queue import Progress, Ticket, Waiting
-from service.episodes.turns import Turns
-from service.settings import Settings
-from sumo_networks.errors import DohyoError, InvalidInputError
-from sumo_networks.scenario import Scenario
+from dohyo.evaluation.benchmark import Benchmark
+from dohyo.evaluation.executors import MAX_ATTEMPTS
+from dohyo.evaluation.record import AgentInfo, EpisodeRecord, Status
+from dohyo.service.database.models import AgentKind
+from dohyo.service.episodes import queue
+from dohyo.service.episodes.archive import archived_path, discard, lost_because, shelve, staged_folder
+from dohyo.service.episodes.lease import RemoteEpisode
+from dohyo.service.episodes.leases import SWEEP_S, LeaseBook
+from dohyo.service.episodes.order import Order
+from dohyo.service.episodes.process import End, EpisodeProcess, Outcome
+from dohyo.service.episodes.queue import Progress, Ticket, Waiting
+from dohyo.service.episodes.turns import Turns
+from dohyo.service.settings import Settings
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.sumo_networks.scenario import Scenario
 
 if TYPE_CHECKING:
-    from service.database.engine import Database
-    from service.state import Broadcast
+    from dohyo.service.database.engine import Database
+    from dohyo.service.state import Broadcast
 
 LOOK_S = 2.0  # at the queue, even if nobody said that there is something
 RETRY_S = (0.5, 1.0, 2.0, 5.0, 10.0)
@@ -293,7 +293,7 @@ class Scheduler:
         return Outcome(End.FINISHED) if lost is None else Outcome(End.FAILED, lost)
 
     async def _remember(self, ticket: Ticket, record: EpisodeRecord) -> None:
-        from service.scoring import summary_at
+        from dohyo.service.scoring import summary_at
 
         path, rules = archived_path(self._settings, record.record_hash), ticket.document.get("rules", "2.0")
         summary = await asyncio.to_thread(summary_at, path, record, rules)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from service.episodes.queue import Waiting
+from dohyo.service.episodes.queue import Waiting
 
 
 @dataclass(slots=True)

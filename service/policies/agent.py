@@ -12,14 +12,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from evaluation.agent import Agent, AgentSpec, Mission, Observation
-from service.policies.checks import check_policy
-from service.policies.interface import expected_action, expected_inputs
-from service.policies.limits import PolicyLimits
-from service.policies.sandbox import Sandbox
-from sumo_networks.errors import AgentError, InvalidInputError
+from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
+from dohyo.service.policies.checks import check_policy
+from dohyo.service.policies.interface import expected_action, expected_inputs
+from dohyo.service.policies.limits import PolicyLimits
+from dohyo.service.policies.sandbox import Sandbox
+from dohyo.sumo_networks.errors import AgentError, InvalidInputError
 
-ENTRY = "service.policies.agent:OnnxPolicy"
+ENTRY = "dohyo.service.policies.agent:OnnxPolicy"
 FOLDER_VARIABLE = "DOHYO_POLICIES"
 SHA256 = re.compile(r"[0-9a-f]{64}")
 

@@ -14,12 +14,12 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import ValidationError
 
-from evaluation.agent import AgentSpec
-from service.policies.interface import NEXT_STATE, STATE, Tensor, expected_action, expected_inputs
-from service.policies.limits import MEGABYTE, PolicyLimits
-from service.policies.sandbox import Sandbox, inspect_safely
-from sumo_networks.errors import AgentError, InvalidInputError
-from sumo_networks.scenario import Config
+from dohyo.evaluation.agent import AgentSpec
+from dohyo.service.policies.interface import NEXT_STATE, STATE, Tensor, expected_action, expected_inputs
+from dohyo.service.policies.limits import MEGABYTE, PolicyLimits
+from dohyo.service.policies.sandbox import Sandbox, inspect_safely
+from dohyo.sumo_networks.errors import AgentError, InvalidInputError
+from dohyo.sumo_networks.scenario import Config
 
 DOMAINS = ("", "ai.onnx", "ai.onnx.ml")
 OLDEST_OPSET = 7

@@ -50,19 +50,19 @@ def main() -> None:
 
 def _prepare(job: Job) -> tuple[Callable[[Job, int], None], dict[str, Any]]:
     """Imports what the task needs and gives up everything else; the task, and what protects from it."""
-    from service.policies.confinement import confine, leave_network
+    from dohyo.service.policies.confinement import confine, leave_network
 
     own_network = leave_network()  # first, while there is one thread
     if job["task"] != "probe":
         __import__("onnx" if job["task"] == "inspect" else "onnxruntime")
     if job["task"] == "inspect":
-        from service.policies import inspection  # noqa: F401 - imported for later
+        from dohyo.service.policies import inspection  # noqa: F401 - imported for later
     protections = confine(job["memory_mb"], job["cpu_s"])
     return TASKS[job["task"]], {**protections, "own_network": own_network}
 
 
 def _inspect(job: Job, answers: int) -> None:
-    from service.policies.inspection import inspect_model
+    from dohyo.service.policies.inspection import inspect_model
 
     _write(answers, GOOD, json.dumps(inspect_model(bytes(_read()))))
 

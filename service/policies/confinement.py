@@ -24,7 +24,7 @@ import tempfile
 from contextlib import suppress
 from typing import Any
 
-from service.policies.seccomp import install_filter
+from dohyo.service.policies.seccomp import install_filter
 
 _CLONE_NEWUSER, _CLONE_NEWNET = 0x10000000, 0x40000000
 _CAPABILITY_VERSION = 0x20080522

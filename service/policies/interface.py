@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box
 
-from evaluation.agent import AgentSpec
-from sumo_networks.control import CONTROLS, make_control
-from sumo_networks.errors import UnknownNameError
-from sumo_networks.sensors import SENSORS, Track, make_sensors
-from sumo_networks.simulation import TICK_S
-from sumo_networks.vehicle import VehicleParameters
+from dohyo.evaluation.agent import AgentSpec
+from dohyo.sumo_networks.control import CONTROLS, make_control
+from dohyo.sumo_networks.errors import UnknownNameError
+from dohyo.sumo_networks.sensors import SENSORS, Track, make_sensors
+from dohyo.sumo_networks.simulation import TICK_S
+from dohyo.sumo_networks.vehicle import VehicleParameters
 
 ACTION = "action"
 STATE, NEXT_STATE = "state_", "next_state_"

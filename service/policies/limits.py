@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from sumo_networks.scenario import Config
+from dohyo.sumo_networks.scenario import Config
 
 MEGABYTE = 1_000_000
 

@@ -25,18 +25,18 @@ from typing import Any
 
 import numpy as np
 
-from service.policies.child import GOOD, LENGTH
-from service.policies.interface import Tensor
-from service.policies.limits import PolicyLimits
-from sumo_networks.arrays import Float32Array
-from sumo_networks.env import Observation
-from sumo_networks.errors import AgentError, AgentTimeoutError, SimulationError
+from dohyo.service.policies.child import GOOD, LENGTH
+from dohyo.service.policies.interface import Tensor
+from dohyo.service.policies.limits import PolicyLimits
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.env import Observation
+from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, SimulationError
 
 START_S = 30.0
 LARGEST_ANSWER = 1_000_000
 PIPE_BYTES = 1 << 20
 ROOT = Path(__file__).parents[2]
-START = "import sys; sys.path.append(sys.argv[1]); from service.policies.child import main; main()"
+START = "import sys; sys.path.append(sys.argv[1]); from dohyo.service.policies.child import main; main()"
 OUT_OF_MEMORY = re.compile("Failed to allocate memory|bad_alloc|more memory than")
 SOURCE_LINE = re.compile(r"/onnxruntime_src/\S+ .*?\) (?=[A-Z\[])|\[ONNXRuntimeError\] : \d+ : [A-Z_]+ : ")
 # Nothing of ours. One thread in numpy's libraries; and onnxruntime's wheels report to their maker unless told not to.

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from sumo_networks.events.configs import KINDS, Event
+from dohyo.sumo_networks.events.configs import KINDS, Event
 
 __all__ = ["KINDS", "Event"]

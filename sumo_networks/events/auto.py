@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.events.configs import KINDS, Event
-from sumo_networks.events.director import make_script
-from sumo_networks.events.script import Unfit
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.events.configs import KINDS, Event
+from dohyo.sumo_networks.events.director import make_script
+from dohyo.sumo_networks.events.script import Unfit
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
 
 EVERY_M = (200.0, 300.0)
 FIRST_M = 30.0

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sumo_networks.events.configs import Blockage
-from sumo_networks.events.flow import Source, side_flow
-from sumo_networks.events.puppet import VEHICLES, Puppet
-from sumo_networks.events.roads import need_clear_road, need_kerb, next_passage, section
-from sumo_networks.events.script import Moment, Script, Unfit
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
-from sumo_networks.world import ActorKind
+from dohyo.sumo_networks.events.configs import Blockage
+from dohyo.sumo_networks.events.flow import Source, side_flow
+from dohyo.sumo_networks.events.puppet import VEHICLES, Puppet
+from dohyo.sumo_networks.events.roads import need_clear_road, need_kerb, next_passage, section
+from dohyo.sumo_networks.events.script import Moment, Script, Unfit
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.world import ActorKind
 
 PAST_M = 10.0
 NEAR_M = 25.0

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from sumo_networks.config import Config, Name, Place
+from dohyo.sumo_networks.config import Config, Name, Place
 
 Metres = Annotated[float, Field(ge=0, le=1000)]
 Seconds = Annotated[float, Field(ge=0, le=3600)]

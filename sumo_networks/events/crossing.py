@@ -6,15 +6,15 @@ import math
 
 import numpy as np
 
-from sumo_networks.events.configs import Crossing
-from sumo_networks.events.paths import Path
-from sumo_networks.events.puppet import VEHICLES, Puppet
-from sumo_networks.events.roads import Section, crossing_after, need_kerb, next_passage, turns
-from sumo_networks.events.script import Moment, Script, Unfit
-from sumo_networks.geometry import boxes_overlap
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
-from sumo_networks.world import ActorKind
+from dohyo.sumo_networks.events.configs import Crossing
+from dohyo.sumo_networks.events.paths import Path
+from dohyo.sumo_networks.events.puppet import VEHICLES, Puppet
+from dohyo.sumo_networks.events.roads import Section, crossing_after, need_kerb, next_passage, turns
+from dohyo.sumo_networks.events.script import Moment, Script, Unfit
+from dohyo.sumo_networks.geometry import boxes_overlap
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.world import ActorKind
 
 BEHIND_JUNCTION = ("pedestrian_group_crossing", "cyclist_after_turn", "pedestrian_after_turn", "crossing_bicycle_flow")
 BEHIND_TURN = ("cyclist_after_turn", "pedestrian_after_turn")

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.events.blockage import BlockageScript
-from sumo_networks.events.configs import (
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.events.blockage import BlockageScript
+from dohyo.sumo_networks.events.configs import (
     BaseEvent,
     Blockage,
     Crossing,
@@ -24,20 +24,20 @@ from sumo_networks.events.configs import (
     Rival,
     SlowBicycles,
 )
-from sumo_networks.events.crossing import CrossingScript
-from sumo_networks.events.emergency import EmergencyScript
-from sumo_networks.events.flow import FlowScript
-from sumo_networks.events.intruder import IntruderScript
-from sumo_networks.events.lead import LeadScript, SlowBicyclesScript
-from sumo_networks.events.oncoming import OncomingScript
-from sumo_networks.events.puppet import Puppet
-from sumo_networks.events.rival import RivalScript
-from sumo_networks.events.script import Moment, Script, Unfit
-from sumo_networks.events.stage import Stage
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
-from sumo_networks.scenario import Scenario
-from sumo_networks.world import SIGHT_M, Egos, EventPhase, EventState, World
+from dohyo.sumo_networks.events.crossing import CrossingScript
+from dohyo.sumo_networks.events.emergency import EmergencyScript
+from dohyo.sumo_networks.events.flow import FlowScript
+from dohyo.sumo_networks.events.intruder import IntruderScript
+from dohyo.sumo_networks.events.lead import LeadScript, SlowBicyclesScript
+from dohyo.sumo_networks.events.oncoming import OncomingScript
+from dohyo.sumo_networks.events.puppet import Puppet
+from dohyo.sumo_networks.events.rival import RivalScript
+from dohyo.sumo_networks.events.script import Moment, Script, Unfit
+from dohyo.sumo_networks.events.stage import Stage
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.world import SIGHT_M, Egos, EventPhase, EventState, World
 
 TRIGGER_M = 2.0
 LINGER_S = 20.0

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from sumo_networks.events.configs import Emergency
-from sumo_networks.events.paths import Path, lane_path, upstream
-from sumo_networks.events.puppet import VEHICLES, Puppet
-from sumo_networks.events.roads import section
-from sumo_networks.events.script import Moment, Script, Unfit
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
+from dohyo.sumo_networks.events.configs import Emergency
+from dohyo.sumo_networks.events.paths import Path, lane_path, upstream
+from dohyo.sumo_networks.events.puppet import VEHICLES, Puppet
+from dohyo.sumo_networks.events.roads import section
+from dohyo.sumo_networks.events.script import Moment, Script, Unfit
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
 
 CLOSE_M = 25.0
 PASSED_M = 5.0

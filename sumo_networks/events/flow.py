@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sumo_networks.events.configs import Flow
-from sumo_networks.events.paths import downstream, edges_of, lane_path, upstream
-from sumo_networks.events.roads import Stream, next_passage, section, streams
-from sumo_networks.events.script import Moment, Script, Unfit
-from sumo_networks.events.stage import Entry
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Command, Passage, Route
+from dohyo.sumo_networks.events.configs import Flow
+from dohyo.sumo_networks.events.paths import downstream, edges_of, lane_path, upstream
+from dohyo.sumo_networks.events.roads import Stream, next_passage, section, streams
+from dohyo.sumo_networks.events.script import Moment, Script, Unfit
+from dohyo.sumo_networks.events.stage import Entry
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Command, Passage, Route
 
 INTERURBAN_MPS = 50 / 3.6 - 0.1
 VEHICLE_M = 4.6

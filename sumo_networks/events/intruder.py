@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from sumo_networks.events.configs import Intruder
-from sumo_networks.events.puppet import ACCELERATION_MPS2, VEHICLES, Puppet
-from sumo_networks.events.roads import need_clear_road, need_kerb, section
-from sumo_networks.events.script import Moment, Script, Unfit
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
+from dohyo.sumo_networks.events.configs import Intruder
+from dohyo.sumo_networks.events.puppet import ACCELERATION_MPS2, VEHICLES, Puppet
+from dohyo.sumo_networks.events.roads import need_clear_road, need_kerb, section
+from dohyo.sumo_networks.events.script import Moment, Script, Unfit
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
 
 ROOM_M = 35.0
 SLOW_SHARE = 0.5

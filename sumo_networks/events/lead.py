@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from sumo_networks.events.configs import Lead, SlowBicycles
-from sumo_networks.events.puppet import VEHICLES, Puppet
-from sumo_networks.events.roads import need_clear_road, section
-from sumo_networks.events.script import Moment, Script, Unfit
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
-from sumo_networks.world import ActorKind
+from dohyo.sumo_networks.events.configs import Lead, SlowBicycles
+from dohyo.sumo_networks.events.puppet import VEHICLES, Puppet
+from dohyo.sumo_networks.events.roads import need_clear_road, section
+from dohyo.sumo_networks.events.script import Moment, Script, Unfit
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.world import ActorKind
 
 SETTLE_S = 3.0
 CLOSING_SHARE = 0.3

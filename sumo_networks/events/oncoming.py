@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from sumo_networks.events.configs import Oncoming
-from sumo_networks.events.paths import Path
-from sumo_networks.events.puppet import VEHICLES, Puppet
-from sumo_networks.events.roads import need_clear_road, section
-from sumo_networks.events.script import Moment, Script, Unfit
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
+from dohyo.sumo_networks.events.configs import Oncoming
+from dohyo.sumo_networks.events.paths import Path
+from dohyo.sumo_networks.events.puppet import VEHICLES, Puppet
+from dohyo.sumo_networks.events.roads import need_clear_road, section
+from dohyo.sumo_networks.events.script import Moment, Script, Unfit
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
 
 CHANGE_S = 1.2
 BACK_M = 15.0

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.geometry import wrap
-from sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.geometry import wrap
+from dohyo.sumo_networks.network import RoadNetwork
 
 SPACING_M = 1.0
 MEETING_M = 1.0

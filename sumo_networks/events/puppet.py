@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sumo_networks.arrays import BoolArray, FloatArray
-from sumo_networks.events.paths import Path
-from sumo_networks.world import ActorKind
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray
+from dohyo.sumo_networks.events.paths import Path
+from dohyo.sumo_networks.world import ActorKind
 
 ACCELERATION_MPS2 = 2.5
 COMFORTABLE_MPS2 = 4.0

@@ -11,14 +11,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.events.configs import BaseEvent
-from sumo_networks.events.paths import Path
-from sumo_networks.events.puppet import Puppet
-from sumo_networks.events.stage import Stage
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
-from sumo_networks.world import Egos, LightState, World
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.events.configs import BaseEvent
+from dohyo.sumo_networks.events.paths import Path
+from dohyo.sumo_networks.events.puppet import Puppet
+from dohyo.sumo_networks.events.stage import Stage
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.world import Egos, LightState, World
 
 STANDS_MPS = 0.5
 IN_LANE_M = 1.5

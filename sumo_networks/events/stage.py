@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from sumo_networks.events.puppet import Puppet
+from dohyo.sumo_networks.events.puppet import Puppet
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from sumo_networks.freeway.process import TICK_S
-from sumo_networks.freeway.road import FreewayRoad, load_freeway
-from sumo_networks.freeway.scenario import Day, FreewayScenario, Incident, draw_day
-from sumo_networks.freeway.simulation import FreewaySimulation
-from sumo_networks.freeway.world import FreewayWorld
+from dohyo.sumo_networks.freeway.process import TICK_S
+from dohyo.sumo_networks.freeway.road import FreewayRoad, load_freeway
+from dohyo.sumo_networks.freeway.scenario import Day, FreewayScenario, Incident, draw_day
+from dohyo.sumo_networks.freeway.simulation import FreewaySimulation
+from dohyo.sumo_networks.freeway.world import FreewayWorld
 
 __all__ = [
     "TICK_S",

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import TypeVar
 
-from sumo_networks.errors import SimulationError
+from dohyo.sumo_networks.errors import SimulationError
 
 Result = TypeVar("Result")
 Progress = Callable[[float], None]
@@ -33,7 +33,7 @@ def drive_apart(drive: Callable[[Progress], Result], progress: Progress) -> Resu
         Exception: Whatever the function raised.
     """
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["sumo_networks.freeway.days"])
+    context.set_forkserver_preload(["dohyo.sumo_networks.freeway.days"])
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_answer, args=(theirs, drive))
     process.start()

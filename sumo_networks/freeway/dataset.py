@@ -21,13 +21,13 @@ import numpy as np
 import polars as pl
 from pydantic import Field
 
-from sumo_networks.config import Config
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.freeway.days import Scale, SpeedDay, drive_day
-from sumo_networks.freeway.measure import LAG_MINUTES, MINUTE_S, reported_speeds
-from sumo_networks.freeway.road import load_freeway
-from sumo_networks.freeway.scenario import DAY_S, Day, FreewayScenario, draw_day
-from sumo_networks.simulation.process import sumo_version
+from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.freeway.days import Scale, SpeedDay, drive_day
+from dohyo.sumo_networks.freeway.measure import LAG_MINUTES, MINUTE_S, reported_speeds
+from dohyo.sumo_networks.freeway.road import load_freeway
+from dohyo.sumo_networks.freeway.scenario import DAY_S, Day, FreewayScenario, draw_day
+from dohyo.sumo_networks.simulation.process import sumo_version
 
 Split = Literal["train", "easy", "hard"]
 SPLITS: tuple[Split, ...] = ("train", "easy", "hard")

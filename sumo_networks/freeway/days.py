@@ -16,16 +16,16 @@ from typing import Literal
 import libsumo
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import SimulationError
-from sumo_networks.freeway.apart import Progress, drive_apart
-from sumo_networks.freeway.demand import draw_demand, write_routes
-from sumo_networks.freeway.drivers import KINDS, PROBE
-from sumo_networks.freeway.measure import MINUTE_S
-from sumo_networks.freeway.process import MESO, MICRO, start_sumo
-from sumo_networks.freeway.road import FreewayRoad, load_freeway
-from sumo_networks.freeway.scenario import FreewayScenario
-from sumo_networks.simulation.process import failing_as_simulation_error
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import SimulationError
+from dohyo.sumo_networks.freeway.apart import Progress, drive_apart
+from dohyo.sumo_networks.freeway.demand import draw_demand, write_routes
+from dohyo.sumo_networks.freeway.drivers import KINDS, PROBE
+from dohyo.sumo_networks.freeway.measure import MINUTE_S
+from dohyo.sumo_networks.freeway.process import MESO, MICRO, start_sumo
+from dohyo.sumo_networks.freeway.road import FreewayRoad, load_freeway
+from dohyo.sumo_networks.freeway.scenario import FreewayScenario
+from dohyo.sumo_networks.simulation.process import failing_as_simulation_error
 
 Scale = Literal["meso", "micro"]
 CRAWL_MPS = 5.5

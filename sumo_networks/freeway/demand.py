@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from sumo_networks.arrays import BoolArray, FloatArray, IntArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.freeway.drivers import CAR, CONNECTED, KINDS, PROBE, TRUCK, vehicle_types
-from sumo_networks.freeway.road import FreewayRoad
-from sumo_networks.freeway.scenario import WEEKEND, Day, FreewayScenario, Incident
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.freeway.drivers import CAR, CONNECTED, KINDS, PROBE, TRUCK, vehicle_types
+from dohyo.sumo_networks.freeway.road import FreewayRoad
+from dohyo.sumo_networks.freeway.scenario import WEEKEND, Day, FreewayScenario, Incident
 
 SLICE_S = 60.0
 APPROACH_MPS = 28.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numba import njit, vectorize
 
-from sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.arrays import FloatArray
 
 
 @njit(cache=True)

@@ -9,9 +9,9 @@ from typing import Final
 
 import numpy as np
 
-from sumo_networks.arrays import BoolArray, FloatArray, IntArray, StringArray
-from sumo_networks.freeway.road import FreewayRoad
-from sumo_networks.freeway.world import NO_LANE, FreewayWorld
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray, StringArray
+from dohyo.sumo_networks.freeway.road import FreewayRoad
+from dohyo.sumo_networks.freeway.world import NO_LANE, FreewayWorld
 
 MINUTE_S: Final = 60.0
 PING_S: Final = 1.0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import libsumo
 
-from sumo_networks.errors import SimulationError
+from dohyo.sumo_networks.errors import SimulationError
 
 TICK_S = 0.5
 MICRO = (

@@ -9,11 +9,11 @@ from functools import lru_cache
 import numpy as np
 from pydantic import ValidationError
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.catalog import load_network, network_folder
-from sumo_networks.config import Config
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.catalog import load_network, network_folder
+from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.network import RoadNetwork
 
 MAINLINE = "mainline.toml"
 

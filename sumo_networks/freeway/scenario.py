@@ -7,8 +7,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
-from sumo_networks.config import Config
-from sumo_networks.freeway.road import FreewayRoad
+from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.freeway.road import FreewayRoad
 
 DAY_S = 86400.0
 WEEKEND = (5, 6)

@@ -17,14 +17,14 @@ from typing import ClassVar, Final
 import libsumo
 import numpy as np
 
-from sumo_networks.errors import InvalidInputError, SimulationError
-from sumo_networks.freeway.demand import draw_demand, write_routes
-from sumo_networks.freeway.drivers import CONNECTED, KINDS, PROBE
-from sumo_networks.freeway.process import MICRO, TICK_S, start_sumo
-from sumo_networks.freeway.road import FreewayRoad, Track, load_freeway
-from sumo_networks.freeway.scenario import FreewayScenario
-from sumo_networks.freeway.world import NO_LANE, FreewayWorld
-from sumo_networks.simulation.process import failing_as_simulation_error
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.freeway.demand import draw_demand, write_routes
+from dohyo.sumo_networks.freeway.drivers import CONNECTED, KINDS, PROBE
+from dohyo.sumo_networks.freeway.process import MICRO, TICK_S, start_sumo
+from dohyo.sumo_networks.freeway.road import FreewayRoad, Track, load_freeway
+from dohyo.sumo_networks.freeway.scenario import FreewayScenario
+from dohyo.sumo_networks.freeway.world import NO_LANE, FreewayWorld
+from dohyo.sumo_networks.simulation.process import failing_as_simulation_error
 
 NOTHING: Final[Mapping[str, float]] = MappingProxyType({})
 HUMAN: Final = -1.0

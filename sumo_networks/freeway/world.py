@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from sumo_networks.arrays import BoolArray, FloatArray, IntArray
-from sumo_networks.freeway.road import FreewayRoad
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from dohyo.sumo_networks.freeway.road import FreewayRoad
 
 NO_LANE = -1
 

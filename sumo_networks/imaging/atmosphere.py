@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.conditions import Conditions
-from sumo_networks.imaging.surfaces import Surface
-from sumo_networks.world import SIGHT_M
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.conditions import Conditions
+from dohyo.sumo_networks.imaging.surfaces import Surface
+from dohyo.sumo_networks.world import SIGHT_M
 
 _GROUND = {
     Surface.TERRAIN: (141, 154, 108),

@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray, IntArray
-from sumo_networks.world import ActorKind
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.world import ActorKind
 
 COLUMNS = 12
 Part = tuple[float, ...]

@@ -9,10 +9,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from sumo_networks.arrays import BoolArray, FloatArray, IntArray
-from sumo_networks.geometry import boxes_overlap
-from sumo_networks.imaging.surfaces import LONGEST_M, CellIndex, ground_of
-from sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from dohyo.sumo_networks.geometry import boxes_overlap
+from dohyo.sumo_networks.imaging.surfaces import LONGEST_M, CellIndex, ground_of
+from dohyo.sumo_networks.network import RoadNetwork
 
 BLOCK_M = 256.0
 BLOCKS = 256

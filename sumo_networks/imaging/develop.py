@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.imaging.perspective import FINAL, SHINES, Values
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.imaging.perspective import FINAL, SHINES, Values
 
 
 @njit(cache=True, error_model="numpy")

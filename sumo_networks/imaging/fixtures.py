@@ -7,9 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray, IntArray
-from sumo_networks.imaging.surfaces import CellIndex
-from sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.imaging.surfaces import CellIndex
+from dohyo.sumo_networks.network import RoadNetwork
 
 BEYOND_M = 8.0
 HEAD_GAP_M = 0.9

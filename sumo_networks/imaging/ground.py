@@ -8,9 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sumo_networks.arrays import Float32Array, FloatArray, IntArray
-from sumo_networks.imaging.perspective import FINAL, Values
-from sumo_networks.imaging.tiles import SIDE_PX
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.imaging.perspective import FINAL, Values
+from dohyo.sumo_networks.imaging.tiles import SIDE_PX
 
 _LOW, _BYTE, _ONE = np.uint64(255), np.uint64(8), np.uint64(1)
 

@@ -7,8 +7,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_networks.imaging.surfaces import Surface
-from sumo_networks.world import ActorKind, LightState
+from dohyo.sumo_networks.imaging.surfaces import Surface
+from dohyo.sumo_networks.world import ActorKind, LightState
 
 
 class Label(IntEnum):

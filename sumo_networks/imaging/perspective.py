@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sumo_networks.arrays import Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray, IntArray
 
 NEAR_M = 0.1
 FINAL = np.uint32(1 << 24)

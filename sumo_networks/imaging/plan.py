@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sumo_networks.arrays import FloatArray, IntArray
-from sumo_networks.imaging.perspective import span
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.imaging.perspective import span
 
 Bits = NDArray[np.uint16]
 

@@ -8,17 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sumo_networks.arrays import Float32Array, FloatArray, IntArray
-from sumo_networks.imaging.perspective import (
-    NEAR_M,
-    Values,
-    block,
-    facade,
-    face,
-    frame_of,
-    point,
-    shadow,
-)
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.imaging.perspective import NEAR_M, Values, block, facade, face, frame_of, point, shadow
 
 HEAD_LOW_M, HEAD_HIGH_M = 4.0, 5.6
 LAMP_TOP_M, LAMP_STEP_M, LAMP_RADIUS_M = 5.3, 0.5, 0.22

@@ -9,8 +9,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.network import RoadNetwork
 
 CELL_M = 32.0
 LONGEST_M = 25.0

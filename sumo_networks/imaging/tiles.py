@@ -11,9 +11,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sumo_networks.arrays import Float32Array, FloatArray, IntArray
-from sumo_networks.imaging.surfaces import CELL_M, LONGEST_M, Ground, ground_of
-from sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.imaging.surfaces import CELL_M, LONGEST_M, Ground, ground_of
+from dohyo.sumo_networks.network import RoadNetwork
 
 TILE_PX = 256
 SIDE_PX = TILE_PX + 1

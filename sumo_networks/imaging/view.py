@@ -9,10 +9,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_networks.arrays import Float32Array, FloatArray, IntArray
-from sumo_networks.conditions import Conditions
-from sumo_networks.imaging.atmosphere import Atmosphere
-from sumo_networks.world import SIGHT_M
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.conditions import Conditions
+from dohyo.sumo_networks.imaging.atmosphere import Atmosphere
+from dohyo.sumo_networks.world import SIGHT_M
 
 FINEST_M = 0.05
 FINEST_REACH_M = 32.0

@@ -6,25 +6,25 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from sumo_networks.conditions import Conditions
-from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.sensors.base import Sensor, SensorConfig, Track
-from sumo_networks.sensors.birdseye import BirdseyeConfig
-from sumo_networks.sensors.camera import CameraConfig
-from sumo_networks.sensors.conflicts import Conflicts
-from sumo_networks.sensors.detections import Detections
-from sumo_networks.sensors.ego_state import EgoState
-from sumo_networks.sensors.gnss import Gnss, GnssRtk
-from sumo_networks.sensors.imu import Imu
-from sumo_networks.sensors.lane import Lane
-from sumo_networks.sensors.lanes import Lanes
-from sumo_networks.sensors.lights import Lights
-from sumo_networks.sensors.objects import Objects
-from sumo_networks.sensors.path import Path
-from sumo_networks.sensors.radar import Radar
-from sumo_networks.sensors.route import Navigation, Route
-from sumo_networks.sensors.route_map import RouteMap
-from sumo_networks.sensors.speedometer import Speedometer
+from dohyo.sumo_networks.conditions import Conditions
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.sensors.base import Sensor, SensorConfig, Track
+from dohyo.sumo_networks.sensors.birdseye import BirdseyeConfig
+from dohyo.sumo_networks.sensors.camera import CameraConfig
+from dohyo.sumo_networks.sensors.conflicts import Conflicts
+from dohyo.sumo_networks.sensors.detections import Detections
+from dohyo.sumo_networks.sensors.ego_state import EgoState
+from dohyo.sumo_networks.sensors.gnss import Gnss, GnssRtk
+from dohyo.sumo_networks.sensors.imu import Imu
+from dohyo.sumo_networks.sensors.lane import Lane
+from dohyo.sumo_networks.sensors.lanes import Lanes
+from dohyo.sumo_networks.sensors.lights import Lights
+from dohyo.sumo_networks.sensors.objects import Objects
+from dohyo.sumo_networks.sensors.path import Path
+from dohyo.sumo_networks.sensors.radar import Radar
+from dohyo.sumo_networks.sensors.route import Navigation, Route
+from dohyo.sumo_networks.sensors.route_map import RouteMap
+from dohyo.sumo_networks.sensors.speedometer import Speedometer
 
 __all__ = ["PRESETS", "SENSORS", "BirdseyeConfig", "CameraConfig", "Sensor", "SensorConfig", "Track", "make_sensors"]
 

@@ -10,9 +10,9 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from sumo_networks.conditions import Conditions
-from sumo_networks.config import Config, Name
-from sumo_networks.world import World
+from dohyo.sumo_networks.conditions import Conditions
+from dohyo.sumo_networks.config import Config, Name
+from dohyo.sumo_networks.world import World
 
 
 class Track(IntEnum):

@@ -15,14 +15,22 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 from pydantic import Field
 
-from sumo_networks.arrays import FloatArray, IntArray
-from sumo_networks.conditions import Conditions
-from sumo_networks.imaging.plan import draw_arrows, draw_boxes, draw_discs, draw_path, to_colours, to_masks, warp
-from sumo_networks.imaging.surfaces import CellIndex, Surface
-from sumo_networks.imaging.tiles import CAPACITY, TILE_PX, surface_tiles
-from sumo_networks.network import RoadNetwork
-from sumo_networks.sensors.base import Sensor, SensorConfig, Track
-from sumo_networks.world import ActorKind, LightState, World
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.conditions import Conditions
+from dohyo.sumo_networks.imaging.plan import (
+    draw_arrows,
+    draw_boxes,
+    draw_discs,
+    draw_path,
+    to_colours,
+    to_masks,
+    warp,
+)
+from dohyo.sumo_networks.imaging.surfaces import CellIndex, Surface
+from dohyo.sumo_networks.imaging.tiles import CAPACITY, TILE_PX, surface_tiles
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.sensors.base import Sensor, SensorConfig, Track
+from dohyo.sumo_networks.world import ActorKind, LightState, World
 
 SIGN_RADIUS_M = 1.2
 TEXELS_PER_PX = 2

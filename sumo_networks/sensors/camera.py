@@ -15,21 +15,21 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 from pydantic import Field
 
-from sumo_networks.arrays import FloatArray, IntArray
-from sumo_networks.conditions import Conditions
-from sumo_networks.imaging.atmosphere import FACADES, GROUND_COLOURS
-from sumo_networks.imaging.bodies import HEIGHT_M, PAINTS, PARTS, PARTS_START, own_colours
-from sumo_networks.imaging.buildings import buildings_near
-from sumo_networks.imaging.develop import add_rain, develop_colours, develop_depth, develop_labels
-from sumo_networks.imaging.fixtures import fixtures_of
-from sumo_networks.imaging.ground import ground_colours, ground_labels
-from sumo_networks.imaging.labels import OF_KIND, OF_SURFACE, Label
-from sumo_networks.imaging.scene import draw_bodies, draw_buildings, draw_fixtures, draw_shadows
-from sumo_networks.imaging.tiles import Tiles, colour_tiles
-from sumo_networks.imaging.view import Optics, View, view_of
-from sumo_networks.network import RoadNetwork
-from sumo_networks.sensors.base import Sensor, SensorConfig, Track
-from sumo_networks.world import SIGHT_M, ActorKind, World
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.conditions import Conditions
+from dohyo.sumo_networks.imaging.atmosphere import FACADES, GROUND_COLOURS
+from dohyo.sumo_networks.imaging.bodies import HEIGHT_M, PAINTS, PARTS, PARTS_START, own_colours
+from dohyo.sumo_networks.imaging.buildings import buildings_near
+from dohyo.sumo_networks.imaging.develop import add_rain, develop_colours, develop_depth, develop_labels
+from dohyo.sumo_networks.imaging.fixtures import fixtures_of
+from dohyo.sumo_networks.imaging.ground import ground_colours, ground_labels
+from dohyo.sumo_networks.imaging.labels import OF_KIND, OF_SURFACE, Label
+from dohyo.sumo_networks.imaging.scene import draw_bodies, draw_buildings, draw_fixtures, draw_shadows
+from dohyo.sumo_networks.imaging.tiles import Tiles, colour_tiles
+from dohyo.sumo_networks.imaging.view import Optics, View, view_of
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.sensors.base import Sensor, SensorConfig, Track
+from dohyo.sumo_networks.world import SIGHT_M, ActorKind, World
 
 FAR_M = 1000.0
 GRAIN = 1 << 16

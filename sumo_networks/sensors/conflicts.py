@@ -12,11 +12,11 @@ import numpy as np
 from gymnasium.spaces import Box
 from numba import njit
 
-from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Passage
-from sumo_networks.sensors.base import Sensor, Track
-from sumo_networks.world import ActorKind, LightState, World
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Passage
+from dohyo.sumo_networks.sensors.base import Sensor, Track
+from dohyo.sumo_networks.world import ActorKind, LightState, World
 
 ROWS = 16
 COLUMNS = 8

@@ -7,11 +7,11 @@ from typing import Self
 import numpy as np
 from gymnasium.spaces import Box
 
-from sumo_networks.arrays import Float32Array
-from sumo_networks.conditions import Conditions
-from sumo_networks.sensors.base import Sensor, Track
-from sumo_networks.sensors.objects import COLUMNS, ROWS, Objects
-from sumo_networks.world import World
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.conditions import Conditions
+from dohyo.sumo_networks.sensors.base import Sensor, Track
+from dohyo.sumo_networks.sensors.objects import COLUMNS, ROWS, Objects
+from dohyo.sumo_networks.world import World
 
 REFERENCE_M = 20.0
 

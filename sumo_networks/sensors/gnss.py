@@ -9,11 +9,11 @@ from typing import Self
 import numpy as np
 from gymnasium.spaces import Box
 
-from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.conditions import Conditions
-from sumo_networks.projection import read_projection
-from sumo_networks.sensors.base import Sensor, Track
-from sumo_networks.world import World
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.conditions import Conditions
+from dohyo.sumo_networks.projection import read_projection
+from dohyo.sumo_networks.sensors.base import Sensor, Track
+from dohyo.sumo_networks.world import World
 
 VERTICAL = 1.5
 _CEP = 1.1774  # circular error probable of a round normal distribution, in standard deviations of one axis

@@ -9,11 +9,11 @@ from typing import Self
 import numpy as np
 from gymnasium.spaces import Box
 
-from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.conditions import Conditions
-from sumo_networks.sensors.base import Sensor, Track
-from sumo_networks.vehicle import GRAVITY, SUBSTEP_S, VehicleParameters
-from sumo_networks.world import World
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.conditions import Conditions
+from dohyo.sumo_networks.sensors.base import Sensor, Track
+from dohyo.sumo_networks.vehicle import GRAVITY, SUBSTEP_S, VehicleParameters
+from dohyo.sumo_networks.world import World
 
 SAMPLES = 10
 _Vector = tuple[float, float, float]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from gymnasium.spaces import Box
 
-from sumo_networks.arrays import Float32Array
-from sumo_networks.sensors.base import Sensor, Track
-from sumo_networks.world import World
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.sensors.base import Sensor, Track
+from dohyo.sumo_networks.world import World
 
 
 class Lane(Sensor):

@@ -10,11 +10,11 @@ import numpy as np
 from gymnasium.spaces import Box
 from numba import njit
 
-from sumo_networks.arrays import Float32Array, FloatArray, IntArray
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
-from sumo_networks.sensors.base import Sensor, Track
-from sumo_networks.world import World
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.sensors.base import Sensor, Track
+from dohyo.sumo_networks.world import World
 
 ROWS = 160
 POINTS = 20

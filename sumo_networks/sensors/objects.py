@@ -8,10 +8,10 @@ import numpy as np
 from gymnasium.spaces import Box
 from numba import njit
 
-from sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from sumo_networks.geometry import wrap
-from sumo_networks.sensors.base import Sensor, Track
-from sumo_networks.world import ActorKind, World
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.geometry import wrap
+from dohyo.sumo_networks.sensors.base import Sensor, Track
+from dohyo.sumo_networks.world import ActorKind, World
 
 ROWS = 48
 COLUMNS = 8

@@ -7,10 +7,10 @@ import math
 import numpy as np
 from gymnasium.spaces import Box
 
-from sumo_networks.arrays import Float32Array
-from sumo_networks.geometry import wrap_angle
-from sumo_networks.sensors.base import Sensor, Track
-from sumo_networks.world import World
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.geometry import wrap_angle
+from dohyo.sumo_networks.sensors.base import Sensor, Track
+from dohyo.sumo_networks.world import World
 
 POINTS = 192
 BEHIND = 12

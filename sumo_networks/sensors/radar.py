@@ -9,11 +9,11 @@ import numpy as np
 from gymnasium.spaces import Box
 from numba import njit
 
-from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.conditions import Conditions
-from sumo_networks.geometry import ray_to_box
-from sumo_networks.sensors.base import Sensor, Track
-from sumo_networks.world import ActorKind, World
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.conditions import Conditions
+from dohyo.sumo_networks.geometry import ray_to_box
+from dohyo.sumo_networks.sensors.base import Sensor, Track
+from dohyo.sumo_networks.world import ActorKind, World
 
 RANGE_M = 80.0
 ANGLES = np.radians(np.arange(60.0, -61.0, -15.0))

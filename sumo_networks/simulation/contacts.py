@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from sumo_networks.arrays import BoolArray, FloatArray, IntArray
-from sumo_networks.geometry import box_overlaps
-from sumo_networks.world import ActorKind, Actors, Contact, Egos
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from dohyo.sumo_networks.geometry import box_overlaps
+from dohyo.sumo_networks.world import ActorKind, Actors, Contact, Egos
 
 
 def contacts(egos: Egos, actors: Actors) -> tuple[Contact, ...]:

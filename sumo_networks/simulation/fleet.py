@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sumo_networks.arrays import BoolArray, FloatArray
-from sumo_networks.geometry import wrap
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
-from sumo_networks.vehicle import ACCELERATION, HEADING, SPEED, STEERING, YAW_RATE, VehicleParameters, Vehicles
-from sumo_networks.world import Egos
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray
+from dohyo.sumo_networks.geometry import wrap
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.vehicle import ACCELERATION, HEADING, SPEED, STEERING, YAW_RATE, VehicleParameters, Vehicles
+from dohyo.sumo_networks.world import Egos
 
 
 class Fleet:

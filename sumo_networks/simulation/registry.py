@@ -10,13 +10,13 @@ import libsumo
 import numpy as np
 from numba import njit
 
-from sumo_networks.arrays import FloatArray, IntArray
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
-from sumo_networks.scenario import Scenario
-from sumo_networks.simulation.surroundings import Surroundings
-from sumo_networks.vehicle import VehicleParameters
-from sumo_networks.world import ActorKind, Actors
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.simulation.surroundings import Surroundings
+from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.world import ActorKind, Actors
 
 KINDS = {
     "car": ActorKind.CAR,

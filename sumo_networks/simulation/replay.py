@@ -6,19 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray, IntArray
-from sumo_networks.conditions import conditions_named
-from sumo_networks.errors import InvalidInputError, SimulationError
-from sumo_networks.log import Log, logs_folder, read_log
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Scenario
-from sumo_networks.simulation.contacts import contacts
-from sumo_networks.simulation.fleet import Fleet
-from sumo_networks.simulation.process import TICK_S
-from sumo_networks.vehicle import VehicleParameters
-from sumo_networks.world import SIGHT_M, Actors, Egos, World
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.conditions import conditions_named
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.log import Log, logs_folder, read_log
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.simulation.contacts import contacts
+from dohyo.sumo_networks.simulation.fleet import Fleet
+from dohyo.sumo_networks.simulation.process import TICK_S
+from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.world import SIGHT_M, Actors, Egos, World
 
 
 class Replay:

@@ -7,9 +7,9 @@ import math
 import libsumo
 import numpy as np
 
-from sumo_networks.arrays import IntArray
-from sumo_networks.network import RoadNetwork
-from sumo_networks.world import LightState
+from dohyo.sumo_networks.arrays import IntArray
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.world import LightState
 
 _LIGHTS = dict.fromkeys("Gg", LightState.GREEN) | dict.fromkeys("yY", LightState.YELLOW)
 _LIGHTS |= dict.fromkeys("ru", LightState.RED) | dict.fromkeys("oO", LightState.OFF)

@@ -14,29 +14,29 @@ from typing import ClassVar
 import libsumo
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.conditions import conditions_named
-from sumo_networks.errors import SimulationError
-from sumo_networks.events.director import Director, check_placement
-from sumo_networks.events.puppet import Puppet
-from sumo_networks.flows import make_streams
-from sumo_networks.geometry import boxes_overlap
-from sumo_networks.jaywalkers import Jaywalkers
-from sumo_networks.log import LogRecorder
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Scenario
-from sumo_networks.simulation.contacts import contacts
-from sumo_networks.simulation.fleet import Fleet
-from sumo_networks.simulation.process import TICK_S, failing_as_simulation_error, set_impatience, start_sumo
-from sumo_networks.simulation.registry import Registry
-from sumo_networks.simulation.signals import SignalReader
-from sumo_networks.simulation.stage import SumoStage
-from sumo_networks.simulation.survey import Survey, reachable
-from sumo_networks.traffic import Population, Trip, Walk
-from sumo_networks.vehicle import VehicleParameters
-from sumo_networks.world import Actors, Egos, World
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.conditions import conditions_named
+from dohyo.sumo_networks.errors import SimulationError
+from dohyo.sumo_networks.events.director import Director, check_placement
+from dohyo.sumo_networks.events.puppet import Puppet
+from dohyo.sumo_networks.flows import make_streams
+from dohyo.sumo_networks.geometry import boxes_overlap
+from dohyo.sumo_networks.jaywalkers import Jaywalkers
+from dohyo.sumo_networks.log import LogRecorder
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.simulation.contacts import contacts
+from dohyo.sumo_networks.simulation.fleet import Fleet
+from dohyo.sumo_networks.simulation.process import TICK_S, failing_as_simulation_error, set_impatience, start_sumo
+from dohyo.sumo_networks.simulation.registry import Registry
+from dohyo.sumo_networks.simulation.signals import SignalReader
+from dohyo.sumo_networks.simulation.stage import SumoStage
+from dohyo.sumo_networks.simulation.survey import Survey, reachable
+from dohyo.sumo_networks.traffic import Population, Trip, Walk
+from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.world import Actors, Egos, World
 
 START_CLEARANCE_M = 20.0
 FASTER = 1.3  # how much faster than the limit an ego may come along

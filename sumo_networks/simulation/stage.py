@@ -8,12 +8,12 @@ from collections.abc import Callable, Sequence
 import libsumo
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.events.puppet import Puppet
-from sumo_networks.events.stage import Entry
-from sumo_networks.network import RoadNetwork
-from sumo_networks.simulation.registry import Registry
-from sumo_networks.world import SIGHT_M, ActorKind, Actors, Egos
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.events.puppet import Puppet
+from dohyo.sumo_networks.events.stage import Entry
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.simulation.registry import Registry
+from dohyo.sumo_networks.world import SIGHT_M, ActorKind, Actors, Egos
 
 ALIGNED_RAD = 0.6
 GRAZED_M = 0.3

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import libsumo
 
-from sumo_networks.scenario import Traffic
-from sumo_networks.world import SIGHT_M
+from dohyo.sumo_networks.scenario import Traffic
+from dohyo.sumo_networks.world import SIGHT_M
 
 Reading = tuple[str, float, float, float, float, str, int]
 """Name, x, y [m, SUMO's point of reference], angle [degrees clockwise from north], speed [m/s], lane id, signals."""

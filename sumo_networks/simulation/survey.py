@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 import libsumo
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.events.puppet import Puppet
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import Route
-from sumo_networks.simulation.registry import INDICATOR, KINDS
-from sumo_networks.world import SIGHT_M, ActorKind, Actors
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.events.puppet import Puppet
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.simulation.registry import INDICATOR, KINDS
+from dohyo.sumo_networks.world import SIGHT_M, ActorKind, Actors
 
 SPACING_M = 40
 _SLACK_M = 30.0

@@ -6,12 +6,12 @@ import dataclasses
 
 import numpy as np
 
-from evaluation.agent import Agent, make_agent
-from sumo_networks.control import make_control
-from sumo_networks.geometry import wrap_angle
-from sumo_networks.sensors import Track, make_sensors
-from sumo_networks.vehicle import HEADING, SPEED, STEERING, VehicleParameters, Vehicles
-from sumo_networks.world import Egos, World
+from dohyo.evaluation.agent import Agent, make_agent
+from dohyo.sumo_networks.control import make_control
+from dohyo.sumo_networks.geometry import wrap_angle
+from dohyo.sumo_networks.sensors import Track, make_sensors
+from dohyo.sumo_networks.vehicle import HEADING, SPEED, STEERING, VehicleParameters, Vehicles
+from dohyo.sumo_networks.world import Egos, World
 from tests.worlds import TICK_S, Scene, _contacts
 
 
@@ -60,7 +60,7 @@ def _moved(told: World, before: World, vehicles: Vehicles) -> Egos:
 
 def made(name: str) -> Agent:
     """An expert by its class name."""
-    return make_agent(f"agents.experts.{name.lower()}:{name}")
+    return make_agent(f"dohyo.agents.experts.{name.lower()}:{name}")
 
 
 def fronts(worlds: list[World]) -> np.ndarray:

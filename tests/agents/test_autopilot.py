@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sumo_networks.scenario import Mission, Obstacle, Place, Traffic
-from sumo_networks.world import ActorKind, LightState
+from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Traffic
+from dohyo.sumo_networks.world import ActorKind, LightState
 from tests.agents.driving import drive, fronts, made, observed, speeds, touched
 from tests.conftest import MakeEnv
 from tests.sumo_networks.drives import in_ingolstadt, on
@@ -43,7 +43,7 @@ def test_it_slows_down_for_a_bend_and_keeps_to_it() -> None:
 
 
 def test_its_settings_are_those_of_its_style() -> None:
-    from agents.experts.autopilot import Autopilot
+    from dohyo.agents.experts.autopilot import Autopilot
 
     worlds = drive(Autopilot(max_speed=7.0), straight_road().with_ego(x=50.0), 15.0)
     assert speeds(worlds)[-1] == pytest.approx(7.0, abs=0.2)

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from agents.experts.reckless import Reckless
-from sumo_networks.control import CONTROLS, PedalsSteering
-from sumo_networks.sensors import Track, make_sensors
-from sumo_networks.world import ActorKind, LightState
+from dohyo.agents.experts.reckless import Reckless
+from dohyo.sumo_networks.control import CONTROLS, PedalsSteering
+from dohyo.sumo_networks.sensors import Track, make_sensors
+from dohyo.sumo_networks.world import ActorKind, LightState
 from tests.agents.driving import drive, fronts, made, speeds, touched
 from tests.worlds import crossing_for_pedestrians, lit_crossing, straight_road
 

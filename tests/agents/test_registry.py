@@ -4,10 +4,10 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from agents import registry
-from agents.registry import GROUP, agent_entries, resolve
-from evaluation.agent import make_agent
-from sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.agents import registry
+from dohyo.agents.registry import GROUP, agent_entries, resolve
+from dohyo.evaluation.agent import make_agent
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 
 def test_the_experts_are_registered_and_can_be_made() -> None:

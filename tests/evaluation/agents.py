@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 
-from evaluation.agent import Agent, AgentSpec, Mission, Observation
+from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
 
 
 class Steady(Agent):

@@ -7,10 +7,19 @@ from typing import Any, cast
 
 import numpy as np
 
-from evaluation.record import AgentInfo, EgoRecord, EpisodeRecord, Infraction, InfractionKind, Status, Timing, Versions
-from evaluation.trajectory import Trajectory, TrajectoryRecorder
-from sumo_networks.scenario import Mission, Place, Scenario
-from sumo_networks.world import ActorKind, Actors, Egos, World
+from dohyo.evaluation.record import (
+    AgentInfo,
+    EgoRecord,
+    EpisodeRecord,
+    Infraction,
+    InfractionKind,
+    Status,
+    Timing,
+    Versions,
+)
+from dohyo.evaluation.trajectory import Trajectory, TrajectoryRecorder
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario
+from dohyo.sumo_networks.world import ActorKind, Actors, Egos, World
 
 AGENT = AgentInfo(name="tester", entry="tests:Tester", track="privileged", sensors=(), control="pedals_steering")
 TIMING = Timing(created="2024-01-01T00:00:00Z", wall_s=1.5, ticks_per_s=400.0, decision_ms={"ego": (1.0, 2.0, 3.0)})

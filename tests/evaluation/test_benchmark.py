@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from evaluation.benchmark import load_benchmark
+from dohyo.evaluation.benchmark import load_benchmark
 
 
 def test_a_changed_copy_has_a_version_of_its_own() -> None:

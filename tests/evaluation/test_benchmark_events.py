@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evaluation.agent import Agent, AgentSpec, Observation
-from evaluation.benchmark import Benchmark, load_benchmark
-from evaluation.record import EpisodeRecord, InfractionKind
-from evaluation.runner import run_episode
-from evaluation.scores.driving import driving_score
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.events import KINDS
-from sumo_networks.events.director import check_placement
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Mission
+from dohyo.evaluation.agent import Agent, AgentSpec, Observation
+from dohyo.evaluation.benchmark import Benchmark, load_benchmark
+from dohyo.evaluation.record import EpisodeRecord, InfractionKind
+from dohyo.evaluation.runner import run_episode
+from dohyo.evaluation.scores.driving import driving_score
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.events import KINDS
+from dohyo.sumo_networks.events.director import check_placement
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Mission
 
 COUNTRY: dict[str, Any] = {
     "name": "eventful",

@@ -12,15 +12,15 @@ import pytest
 import sumo
 from typer.testing import CliRunner
 
-from evaluation.benchmark import load_benchmark
-from evaluation.carla_routes import import_routes, net_offset, read_routes, write_benchmark
-from service.cli import app
-from sumo_networks.catalog import load_network, network_path
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.importing import import_network
-from sumo_networks.route import Route
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Mission, Place
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.carla_routes import import_routes, net_offset, read_routes, write_benchmark
+from dohyo.service.cli import app
+from dohyo.sumo_networks.catalog import load_network, network_path
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.importing import import_network
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Mission, Place
 
 Points = list[tuple[float, float]]
 

@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evaluation.record import EpisodeRecord, InfractionKind, Status
-from evaluation.scores.closed_loop import ClosedLoop, closed_loop, times_to_collision
-from evaluation.scores.frames import frames_of
-from evaluation.trajectory import Trajectory, TrajectoryRecorder
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.scenario import Scenario
-from sumo_networks.world import ActorKind
+from dohyo.evaluation.record import EpisodeRecord, InfractionKind, Status
+from dohyo.evaluation.scores.closed_loop import ClosedLoop, closed_loop, times_to_collision
+from dohyo.evaluation.scores.frames import frames_of
+from dohyo.evaluation.trajectory import Trajectory, TrajectoryRecorder
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.world import ActorKind
 from tests.evaluation.builders import ego, episode, infraction
 from tests.worlds import Scene, crossing_for_pedestrians, lit_crossing, straight_road
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluation.closed_loop import (
+from dohyo.evaluation.closed_loop import (
     ScoredDrive,
     as_document,
     by_type,
@@ -14,8 +14,8 @@ from evaluation.closed_loop import (
     score_records,
     summarise_closed_loop,
 )
-from evaluation.scores.closed_loop import ClosedLoop
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.scores.closed_loop import ClosedLoop
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.evaluation.builders import episode
 
 GOOD = ClosedLoop(1, 1, 1, 1, 1, 1, 1, 1)

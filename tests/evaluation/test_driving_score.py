@@ -6,8 +6,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from evaluation.record import EgoRecord, Infraction, InfractionKind, Status
-from evaluation.scores.driving import (
+from dohyo.evaluation.record import EgoRecord, Infraction, InfractionKind, Status
+from dohyo.evaluation.scores.driving import (
     Rules,
     driving_score,
     infraction_penalty,
@@ -15,7 +15,7 @@ from evaluation.scores.driving import (
     outside_fraction,
     route_completion,
 )
-from sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.evaluation.builders import ego, infraction
 
 RULES: tuple[Rules, ...] = ("1.0", "2.0", "2.1")

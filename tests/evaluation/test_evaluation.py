@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 import sumo
 
-from evaluation.benchmark import Benchmark
-from evaluation.evaluation import Result, read_result, run_benchmark
-from evaluation.executors import ProcessPool
-from evaluation.record import Status
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.scenario import Mission, Place, Traffic
+from dohyo.evaluation.benchmark import Benchmark
+from dohyo.evaluation.evaluation import Result, read_result, run_benchmark
+from dohyo.evaluation.executors import ProcessPool
+from dohyo.evaluation.record import Status
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Mission, Place, Traffic
 
 ROOT = Path(__file__).parents[2]
 STEADY = "tests.evaluation.agents:Steady"
@@ -125,7 +125,7 @@ def test_an_agent_that_never_returns_is_ended_and_at_fault(tmp_path: Path) -> No
 
 def command(out: Path) -> list[str]:
     evaluate = ["evaluate", "--agent", "autopilot", "--benchmark", "quickstart", "--seeds", "0", "--json"]
-    program = "from service.cli import main; main()"
+    program = "from dohyo.service.cli import main; main()"
     return [sys.executable, "-c", program, *evaluate, "--workers", "2", "--out", str(out)]
 
 
@@ -149,7 +149,7 @@ def children(pid: int) -> list[int]:
 @pytest.mark.slow
 def test_kill_nine_of_a_worker_and_of_the_command_lose_nothing(tmp_path: Path) -> None:
     undisturbed = run_benchmark(
-        "quickstart", "agents.experts.autopilot:Autopilot", seeds=[0], out=tmp_path / "undisturbed"
+        "quickstart", "dohyo.agents.experts.autopilot:Autopilot", seeds=[0], out=tmp_path / "undisturbed"
     )
     out = tmp_path / "killed"
     process = subprocess.Popen(command(out), cwd=ROOT, stdout=subprocess.DEVNULL)
@@ -166,7 +166,7 @@ def test_kill_nine_of_a_worker_and_of_the_command_lose_nothing(tmp_path: Path) -
         assert time.monotonic() < patience, "workers outlive their parent"
         time.sleep(0.05)
 
-    again = run_benchmark("quickstart", "agents.experts.autopilot:Autopilot", seeds=[0], out=out)
+    again = run_benchmark("quickstart", "dohyo.agents.experts.autopilot:Autopilot", seeds=[0], out=out)
     assert again.resumed == len(before)
     assert hashes(again) == hashes(undisturbed)
     assert not list((out / "records").glob("*.tmp"))

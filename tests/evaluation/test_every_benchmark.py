@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from evaluation.benchmark import Benchmark, TimeLimit, benchmark_names, load_benchmark
-from evaluation.evaluation import run_benchmark
-from evaluation.executors import ProcessPool
+from dohyo.evaluation.benchmark import Benchmark, TimeLimit, benchmark_names, load_benchmark
+from dohyo.evaluation.evaluation import run_benchmark
+from dohyo.evaluation.executors import ProcessPool
 
-AGENT = "agents.experts.autopilot:Autopilot"
+AGENT = "dohyo.agents.experts.autopilot:Autopilot"
 
 
 def shortened(benchmark: Benchmark) -> Benchmark:

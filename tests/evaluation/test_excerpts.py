@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from evaluation.benchmark import Benchmark, load_benchmark
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.benchmark import Benchmark, load_benchmark
+from dohyo.sumo_networks.errors import InvalidInputError
 
 PLAIN = {
     "name": "mine",

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from evaluation.benchmark import benchmark_names
-from evaluation.freeway_benchmark import (
+from dohyo.evaluation.benchmark import benchmark_names
+from dohyo.evaluation.freeway_benchmark import (
     FREEWAY_BENCHMARKS,
     ForecastBenchmark,
     TrafficBenchmark,
@@ -16,8 +16,8 @@ from evaluation.freeway_benchmark import (
     is_freeway_benchmark,
     load_freeway_benchmark,
 )
-from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.freeway.dataset import day_orders
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.freeway.dataset import day_orders
 
 
 def test_the_benchmarks_that_come_with_dohyo() -> None:

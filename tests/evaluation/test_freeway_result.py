@@ -8,10 +8,19 @@ from pathlib import Path
 
 import pytest
 
-from evaluation.freeway_benchmark import load_freeway_benchmark
-from evaluation.freeway_report import finding, page, write_page
-from evaluation.freeway_result import RESULT, AgentFacts, FreewayResult, Metric, Units, claim, rows, write_result
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.freeway_benchmark import load_freeway_benchmark
+from dohyo.evaluation.freeway_report import finding, page, write_page
+from dohyo.evaluation.freeway_result import (
+    RESULT,
+    AgentFacts,
+    FreewayResult,
+    Metric,
+    Units,
+    claim,
+    rows,
+    write_result,
+)
+from dohyo.sumo_networks.errors import InvalidInputError
 
 METRICS = (Metric("mse", "error", "x 10^3", "lower"), Metric("rmse", "its root", "km/h", "lower", root=True))
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evaluation.scores.localization import accuracy, errors, max_drift, p95, rmse
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.scores.localization import accuracy, errors, max_drift, p95, rmse
+from dohyo.sumo_networks.errors import InvalidInputError
 
 TRUE = np.zeros((4, 2))
 OFF = np.array([[0.3, 0.4], [0.0, 0.0], [3.0, 4.0], [0.0, -0.51]])

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from evaluation.lock import held
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.lock import held
+from dohyo.sumo_networks.errors import InvalidInputError
 
-HOLDS = "import sys, time; from pathlib import Path; from evaluation.lock import held\nwith held(Path(sys.argv[1])):\n"
+HOLDS = "import sys, time; from pathlib import Path; from dohyo.evaluation.lock import held\n"
+HOLDS += "with held(Path(sys.argv[1])):\n"
 HOLDS += "    print('held', flush=True); time.sleep(60)"
 
 

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from evaluation.agent import make_agent
-from evaluation.benchmark import Benchmark, load_benchmark
-from evaluation.closed_loop import by_type, compare_closed_loop, score_records, summarise_closed_loop
-from evaluation.evaluation import run_benchmark
-from evaluation.logs import REFERENCE, Reference, drive_reference, missing_logs, prepare_logs
-from evaluation.record import Status
-from evaluation.runner import drive_episode
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.log import log_path, read_log
-from sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from dohyo.evaluation.agent import make_agent
+from dohyo.evaluation.benchmark import Benchmark, load_benchmark
+from dohyo.evaluation.closed_loop import by_type, compare_closed_loop, score_records, summarise_closed_loop
+from dohyo.evaluation.evaluation import run_benchmark
+from dohyo.evaluation.logs import REFERENCE, Reference, drive_reference, missing_logs, prepare_logs
+from dohyo.evaluation.record import Status
+from dohyo.evaluation.runner import drive_episode
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.log import log_path, read_log
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
 
 LANE = "B1C1_0"
 

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from evaluation.record import InfractionKind, Status
-from evaluation.scores.nocrash import drove, road_completed, success
+from dohyo.evaluation.record import InfractionKind, Status
+from dohyo.evaluation.scores.nocrash import drove, road_completed, success
 from tests.evaluation.builders import ego, infraction
 
 COLLISIONS = (

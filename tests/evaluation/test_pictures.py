@@ -9,8 +9,8 @@ import cv2
 import plotly.graph_objects as go
 import pytest
 
-from evaluation.pictures import write_page
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.pictures import write_page
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 def square() -> go.Figure:

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from evaluation.record import InfractionKind, Status
-from evaluation.scores.rates import infraction_counts, infractions_per_km, route_km
+from dohyo.evaluation.record import InfractionKind, Status
+from dohyo.evaluation.scores.rates import infraction_counts, infractions_per_km, route_km
 from tests.evaluation.builders import ego, infraction
 
 RED = infraction(InfractionKind.RED_LIGHT)

@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evaluation.agent import agent_info
-from evaluation.benchmark import Benchmark
-from evaluation.evaluation import Result, run_benchmark
-from evaluation.executors import Job, ProcessPool
-from evaluation.ray_executor import RayExecutor
-from evaluation.record import Status
-from evaluation.store import read_trajectory
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from dohyo.evaluation.agent import agent_info
+from dohyo.evaluation.benchmark import Benchmark
+from dohyo.evaluation.evaluation import Result, run_benchmark
+from dohyo.evaluation.executors import Job, ProcessPool
+from dohyo.evaluation.ray_executor import RayExecutor
+from dohyo.evaluation.record import Status
+from dohyo.evaluation.store import read_trajectory
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
 from tests.evaluation.agents import Steady
 
 ROOT = Path(__file__).parents[2]
@@ -166,7 +166,7 @@ goal = { lane = "737320747#4_2", position_m = 40.0 }
 
 def evaluate(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     (folder / "short.toml").write_text(SHORT)
-    program = "from service.cli import main; main()"
+    program = "from dohyo.service.cli import main; main()"
     order = ["evaluate", "--agent", STEADY, "--benchmark", str(folder / "short.toml"), "--out", str(folder / "out")]
     return subprocess.run(
         [sys.executable, "-c", program, *order, *options],
@@ -179,6 +179,6 @@ def evaluate(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_without_ray_there_is_one_clear_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("evaluation.ray_executor.find_spec", lambda name: None)
+    monkeypatch.setattr("dohyo.evaluation.ray_executor.find_spec", lambda name: None)
     with pytest.raises(InvalidInputError, match=r"pip install 'dohyo\[cluster\]'"):
         RayExecutor()

@@ -15,15 +15,15 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
-from evaluation import figures, look
-from evaluation.record import AgentInfo, EpisodeRecord, Infraction, InfractionKind, Status
-from evaluation.report import COLUMNS, write_report
-from evaluation.report_rows import Evaluation
-from evaluation.road_map import LaneShape, drivable_lanes
-from evaluation.scores.driving import Rules
-from evaluation.statistics import Estimate
-from evaluation.summary import compare, summarise
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation import figures, look
+from dohyo.evaluation.record import AgentInfo, EpisodeRecord, Infraction, InfractionKind, Status
+from dohyo.evaluation.report import COLUMNS, write_report
+from dohyo.evaluation.report_rows import Evaluation
+from dohyo.evaluation.road_map import LaneShape, drivable_lanes
+from dohyo.evaluation.scores.driving import Rules
+from dohyo.evaluation.statistics import Estimate
+from dohyo.evaluation.summary import compare, summarise
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.evaluation.builders import AGENT, ego, episode, infraction, lost
 
 HASH = "0" * 64

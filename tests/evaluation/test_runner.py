@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from agents.experts.reckless import Reckless
-from evaluation.benchmark import load_benchmark
-from evaluation.record import InfractionKind, Status
-from evaluation.runner import drive_episode, run_episode
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
+from dohyo.agents.experts.reckless import Reckless
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.record import InfractionKind, Status
+from dohyo.evaluation.runner import drive_episode, run_episode
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
 from tests.evaluation import agents
 
 

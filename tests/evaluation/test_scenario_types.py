@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evaluation.scenario_types import TYPES, Run
-from sumo_networks.log import LogRecorder
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Mission, Place
-from sumo_networks.world import ActorKind, LightState
+from dohyo.evaluation.scenario_types import TYPES, Run
+from dohyo.sumo_networks.log import LogRecorder
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Mission, Place
+from dohyo.sumo_networks.world import ActorKind, LightState
 from tests.worlds import Scene, Speed, lit_crossing, straight_road
 
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import savgol_filter  # type: ignore[import-untyped]
 
-from evaluation.scores.smoothing import savitzky_golay
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.scores.smoothing import savitzky_golay
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 @pytest.mark.parametrize(("window", "order", "derivative"), [(7, 2, 0), (7, 2, 1), (15, 2, 1), (15, 3, 2)])

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from evaluation.agent import agent_info, make_agent
-from evaluation.sources import source_files
+from dohyo.evaluation.agent import agent_info, make_agent
+from dohyo.evaluation.sources import source_files
 
 FILES = {
     "__init__.py": '"""A team\'s agents."""\n',
@@ -18,7 +18,7 @@ FILES = {
     "planner/driver.py": """
 from __future__ import annotations
 import numpy as np
-from evaluation.agent import Agent, AgentSpec
+from dohyo.evaluation.agent import Agent, AgentSpec
 from team.planner import costs
 from .tree import grow
 from ..shared.units import KMH
@@ -102,7 +102,7 @@ def test_a_broken_neighbour_is_read_all_the_same(team: Path) -> None:
 
 
 def test_the_autopilot_is_more_than_its_file_and_no_part_of_the_world() -> None:
-    files = source_files(type(make_agent("agents.experts.autopilot:Autopilot")))
+    files = source_files(type(make_agent("dohyo.agents.experts.autopilot:Autopilot")))
     names = {path.name for path in files}
     assert {"autopilot.py", "surroundings.py", "passing.py"} <= names
     assert {path.parents[1].name for path in files} <= {"agents", "main"} | {path.parent.name for path in files}

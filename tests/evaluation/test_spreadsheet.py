@@ -7,7 +7,7 @@ import io
 
 import pytest
 
-from evaluation.spreadsheet import csv_text
+from dohyo.evaluation.spreadsheet import csv_text
 
 
 @pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1"])

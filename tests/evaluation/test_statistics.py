@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evaluation import statistics
-from evaluation.statistics import Estimate, mean_estimate, paired, ratio_estimate, share_estimate
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation import statistics
+from dohyo.evaluation.statistics import Estimate, mean_estimate, paired, ratio_estimate, share_estimate
+from dohyo.sumo_networks.errors import InvalidInputError
 
 values = st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=30)
 

@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 
-from evaluation.record import AgentInfo, EpisodeRecord, InfractionKind, Status
-from evaluation.store import read_record, read_records, read_trajectory, seal, write_atomically, write_record
-from evaluation.trajectory import Trajectory
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.scenario import content_hash
+from dohyo.evaluation.record import AgentInfo, EpisodeRecord, InfractionKind, Status
+from dohyo.evaluation.store import read_record, read_records, read_trajectory, seal, write_atomically, write_record
+from dohyo.evaluation.trajectory import Trajectory
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import content_hash
 from tests.evaluation.builders import AGENT, drive, ego, episode, infraction, lost
 
 OUTSIDE_THE_HASH = ("record_hash", "timing", "parquet_sha256")
@@ -108,7 +108,7 @@ def test_a_killed_process_leaves_a_whole_record_or_none(call: int, tmp_path: Pat
     code = f"""
         import os, signal
         from pathlib import Path
-        from evaluation.store import seal, write_record
+        from dohyo.evaluation.store import seal, write_record
         from tests.evaluation.builders import drive
         from tests.evaluation.test_store import a_record
         record, trajectory, calls = a_record(), drive(), 0

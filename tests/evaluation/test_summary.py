@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evaluation.record import AgentInfo, EpisodeRecord, InfractionKind, Status
-from evaluation.summary import SCORES, as_document, compare, summarise
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.record import AgentInfo, EpisodeRecord, InfractionKind, Status
+from dohyo.evaluation.summary import SCORES, as_document, compare, summarise
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.evaluation.builders import AGENT, ego, episode, infraction, lost
 
 RED = infraction(InfractionKind.RED_LIGHT)

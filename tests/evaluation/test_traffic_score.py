@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluation.scores.traffic import OutcomeWatch, PassageCount
-from sumo_networks.freeway.road import load_freeway
+from dohyo.evaluation.scores.traffic import OutcomeWatch, PassageCount
+from dohyo.sumo_networks.freeway.road import load_freeway
 from tests.sumo_networks.freeway.worlds import world_of
 
 AT = load_freeway().bottleneck_m

@@ -7,9 +7,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from evaluation.trajectory import Trajectory, TrajectoryRecorder
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.world import ActorKind, World
+from dohyo.evaluation.trajectory import Trajectory, TrajectoryRecorder
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.world import ActorKind, World
 from tests.evaluation.builders import drive, world
 
 

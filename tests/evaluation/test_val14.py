@@ -7,17 +7,17 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from agents.experts.autopilot import Autopilot
-from evaluation.benchmark import load_benchmark
-from evaluation.runner import drive_episode
-from evaluation.scenario_types import TYPES, Run
-from evaluation.scores.closed_loop import OUTSIDE_M, drivable_area, driving_direction
-from evaluation.scores.frames import Frames, Others
-from sumo_networks.catalog import load_network
-from sumo_networks.log import SHIPPED, read_log
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Scenario
-from sumo_networks.vehicle import VehicleParameters
+from dohyo.agents.experts.autopilot import Autopilot
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.runner import drive_episode
+from dohyo.evaluation.scenario_types import TYPES, Run
+from dohyo.evaluation.scores.closed_loop import OUTSIDE_M, drivable_area, driving_direction
+from dohyo.evaluation.scores.frames import Frames, Others
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.log import SHIPPED, read_log
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.vehicle import VehicleParameters
 
 SCENARIOS = {scenario.name: scenario for scenario in load_benchmark("val14").scenarios([0])}
 BEYOND_M = 5.0

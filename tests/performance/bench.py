@@ -22,12 +22,12 @@ import highway_env
 import libsumo
 import numpy as np
 
-from evaluation.criteria import criteria_for
-from sumo_networks.catalog import load_network
-from sumo_networks.env import DrivingEnv
-from sumo_networks.scenario import Mission, Place, Scenario, Traffic
-from sumo_networks.simulation import Simulation
-from sumo_networks.vector_env import VectorDrivingEnv
+from dohyo.evaluation.criteria import criteria_for
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from dohyo.sumo_networks.simulation import Simulation
+from dohyo.sumo_networks.vector_env import VectorDrivingEnv
 from tests.performance import localization
 
 SENSORS = ("speedometer", "navigation", "lane", "route", "objects", "lights")

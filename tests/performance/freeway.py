@@ -16,9 +16,9 @@ from pathlib import Path
 
 import libsumo
 
-from sumo_networks.freeway import TICK_S, FreewayScenario, FreewaySimulation
-from sumo_networks.freeway.days import drive_day
-from sumo_networks.freeway.scenario import DAY_S
+from dohyo.sumo_networks.freeway import TICK_S, FreewayScenario, FreewaySimulation
+from dohyo.sumo_networks.freeway.days import drive_day
+from dohyo.sumo_networks.freeway.scenario import DAY_S
 
 MINUTES = 8
 DENSE = FreewayScenario(seed=1, start_s=6.6 * 3600, duration_s=MINUTES * 60.0, warm_up_s=600.0, penetration=0.05)

@@ -13,10 +13,10 @@ from multiprocessing import get_context
 import libsumo
 import numpy as np
 
-from evaluation.benchmark import load_benchmark
-from sumo_networks.catalog import load_network
-from sumo_networks.scenario import Scenario, Traffic
-from sumo_networks.simulation import Simulation
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.scenario import Scenario, Traffic
+from dohyo.sumo_networks.simulation import Simulation
 
 WORLDS = {
     "town-test dense": ("nocrash", "town-test", Traffic(vehicles=70, pedestrians=150)),

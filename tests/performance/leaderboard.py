@@ -21,10 +21,10 @@ import uvicorn
 from fastapi import FastAPI
 from sqlalchemy.orm import Session
 
-from evaluation.benchmark import load_benchmark
-from service.api import leaderboard
-from service.database.engine import Database
-from service.database.models import (
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.service.api import leaderboard
+from dohyo.service.database.engine import Database
+from dohyo.service.database.models import (
     Agent,
     AgentKind,
     Base,
@@ -35,8 +35,8 @@ from service.database.models import (
     EvaluationStatus,
     Submission,
 )
-from service.settings import Settings
-from service.state import Broadcast, Services
+from dohyo.service.settings import Settings
+from dohyo.service.state import Broadcast, Services
 
 SUBMISSIONS, EPISODES, WARM = 50, 300, 200
 SHA256 = "b" * 64

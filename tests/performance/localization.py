@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from agents.localization.filters import Filter, FilterNoise, InitialState
-from agents.localization.localizer import FILTERS
-from sumo_networks.sensors import make_sensors
-from sumo_networks.world import World
+from dohyo.agents.localization.filters import Filter, FilterNoise, InitialState
+from dohyo.agents.localization.localizer import FILTERS
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.world import World
 
 ROUNDS, CALLS = 15, 400
 SENSORS = ("radar", "imu", "gnss")

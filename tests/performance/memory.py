@@ -11,9 +11,9 @@ import sys
 import time
 from pathlib import Path
 
-from agents.experts.reckless import Reckless
-from evaluation.runner import run_episode
-from sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from dohyo.agents.experts.reckless import Reckless
+from dohyo.evaluation.runner import run_episode
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
 
 EPISODES, WARM_UP, LIMIT_MB = 1000, 50, 50.0
 

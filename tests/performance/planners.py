@@ -5,7 +5,7 @@ nearest 48: scene, forecast, search. MBAPPE is as it is by default, with its lea
 velocity, and with the value network. Observations differ from decision to decision.
 
     python tests/performance/planners.py [FILE.json]
-    python -m agents.mcts.speed                          # draws agents/mcts/results/speed.json
+    python -m dohyo.agents.mcts.speed                          # draws agents/mcts/results/speed.json
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 import numpy as np
 
-from agents.experts.pdm import PdmClosed
-from agents.mcts.mbappe import Mbappe
-from agents.planning.scene import SENSORS
-from agents.planning.warm_up import empty_road
-from evaluation.agent import Agent, Mission, Observation
-from sumo_networks.scenario import Place
-from sumo_networks.sensors.lanes import ATTRIBUTES, POINTS
+from dohyo.agents.experts.pdm import PdmClosed
+from dohyo.agents.mcts.mbappe import Mbappe
+from dohyo.agents.planning.scene import SENSORS
+from dohyo.agents.planning.warm_up import empty_road
+from dohyo.evaluation.agent import Agent, Mission, Observation
+from dohyo.sumo_networks.scenario import Place
+from dohyo.sumo_networks.sensors.lanes import ATTRIBUTES, POINTS
 
 SIMULATIONS = (64, 128, 256, 512, 1024, 2048, 4096)
 ACTORS = (0, 10, 20, 30, 40, 60, 80, 100)

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.benchmark import load_benchmark
-from evaluation.record import AgentInfo, EgoRecord, EpisodeRecord, Status, Versions
-from evaluation.trajectory import Trajectory
-from service.replay import encode, replay_of
-from sumo_networks.catalog import load_network
-from sumo_networks.network import RoadNetwork
-from sumo_networks.world import ActorKind
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.record import AgentInfo, EgoRecord, EpisodeRecord, Status, Versions
+from dohyo.evaluation.trajectory import Trajectory
+from dohyo.service.replay import encode, replay_of
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.world import ActorKind
 
 TICKS, ACTORS, TIMES = 2000, 100, 5
 

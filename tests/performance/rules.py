@@ -20,14 +20,14 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 import numpy as np
 
-from agents.hierarchical.facts import SENSORS
-from agents.hierarchical.rss import EGO, judge
-from agents.hierarchical.rulebook import read_rulebook
-from agents.hierarchical.rules_only import RULES, RulesOnly
-from agents.hierarchical.solver import Fact, Solver, fact
-from agents.planning.warm_up import empty_road
-from evaluation.agent import Mission, Observation
-from sumo_networks.scenario import Place
+from dohyo.agents.hierarchical.facts import SENSORS
+from dohyo.agents.hierarchical.rss import EGO, judge
+from dohyo.agents.hierarchical.rulebook import read_rulebook
+from dohyo.agents.hierarchical.rules_only import RULES, RulesOnly
+from dohyo.agents.hierarchical.solver import Fact, Solver, fact
+from dohyo.agents.planning.warm_up import empty_road
+from dohyo.evaluation.agent import Mission, Observation
+from dohyo.sumo_networks.scenario import Place
 
 REPEATS = 30
 MOMENTS = 40

@@ -17,12 +17,12 @@ import time
 
 import numpy as np
 
-from sumo_networks.catalog import load_network
-from sumo_networks.conditions import CONDITIONS
-from sumo_networks.network import RoadNetwork
-from sumo_networks.scenario import Mission, Place
-from sumo_networks.sensors import PRESETS, SensorConfig, make_sensors
-from sumo_networks.world import ActorKind, World
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.conditions import CONDITIONS
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.scenario import Mission, Place
+from dohyo.sumo_networks.sensors import PRESETS, SensorConfig, make_sensors
+from dohyo.sumo_networks.world import ActorKind, World
 from tests.worlds import Scene, straight_road
 
 MISSION = Mission(start=Place(lane="46039050#0_2", position_m=8.0), goal=Place(lane="414563781_4", position_m=-15.0))

@@ -15,9 +15,9 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 import numpy as np
 
-from agents.hierarchical.state import StateConfig, StateEncoder
-from agents.hierarchical.vision.latents import Encoder
-from sumo_networks.sensors import make_sensors
+from dohyo.agents.hierarchical.state import StateConfig, StateEncoder
+from dohyo.agents.hierarchical.vision.latents import Encoder
+from dohyo.sumo_networks.sensors import make_sensors
 from tests.worlds import straight_road
 
 REPEATS = 500

@@ -27,13 +27,13 @@ import numpy as np
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
 
-from evaluation.agent import make_agent  # noqa: E402
-from evaluation.benchmark import load_benchmark  # noqa: E402
-from evaluation.record import AgentInfo  # noqa: E402
-from evaluation.runner import run_episode  # noqa: E402
-from service.settings import Settings  # noqa: E402
-from service.wire import Format, decode, encode, encode_observations, pack  # noqa: E402
-from sumo_networks.scenario import Mission, Place, Scenario  # noqa: E402
+from dohyo.evaluation.agent import make_agent  # noqa: E402
+from dohyo.evaluation.benchmark import load_benchmark  # noqa: E402
+from dohyo.evaluation.record import AgentInfo  # noqa: E402
+from dohyo.evaluation.runner import run_episode  # noqa: E402
+from dohyo.service.settings import Settings  # noqa: E402
+from dohyo.service.wire import Format, decode, encode, encode_observations, pack  # noqa: E402
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario  # noqa: E402
 
 BODY = {"vector": np.zeros(3000, np.float32)}  # 12 kB
 PORT_WAIT_S = 60.0
@@ -42,8 +42,8 @@ READERS, READ_EVERY_S = 200, 5.0
 
 def null_episode() -> None:
     """The program of a process that answers every action with 12 kB, and never ends."""
-    from service.episodes.channel import Channel, Kind
-    from service.episodes.remote import SEEN
+    from dohyo.service.episodes.channel import Channel, Kind
+    from dohyo.service.episodes.remote import SEEN
 
     channel = Channel(socket.socket(fileno=int(sys.argv[1])))
     seen, tick = encode_observations({"ego": BODY}), 0
@@ -56,14 +56,14 @@ def null_episode() -> None:
 
 def serve_null(data: str, port: int, episodes: int) -> None:
     """A service whose every episode is a null episode."""
-    from service import server
-    from service.app import create_app
-    from service.database.models import Agent, Role, new_id
-    from service.database.tokens import create_token
-    from service.episodes.lease import RemoteEpisode
-    from service.episodes.order import Order
-    from service.episodes.process import EpisodeProcess
-    from service.episodes.scheduler import Scheduler
+    from dohyo.service import server
+    from dohyo.service.app import create_app
+    from dohyo.service.database.models import Agent, Role, new_id
+    from dohyo.service.database.tokens import create_token
+    from dohyo.service.episodes.lease import RemoteEpisode
+    from dohyo.service.episodes.order import Order
+    from dohyo.service.episodes.process import EpisodeProcess
+    from dohyo.service.episodes.scheduler import Scheduler
 
     class NullScheduler(Scheduler):
         async def start(self) -> None:
@@ -200,7 +200,7 @@ def measure_real(quick: bool) -> dict[str, Any]:
         service = Service(Path(data), processes=1, requests_per_minute=1_000_000, lease_ttl_s=60)
         service.start(log)
         try:
-            shown = service.submit(info_of("agents.experts.autopilot:Autopilot"), one, kind=_builtin())
+            shown = service.submit(info_of("dohyo.agents.experts.autopilot:Autopilot"), one, kind=_builtin())
             service.wait(shown)
             rounds = 1 if quick else 3
             alone = [_drive(service, info, one) for _ in range(rounds)]
@@ -226,7 +226,7 @@ def measure_real(quick: bool) -> dict[str, Any]:
 
 
 def _builtin() -> Any:
-    from service.database.models import AgentKind
+    from dohyo.service.database.models import AgentKind
 
     return AgentKind.BUILTIN
 

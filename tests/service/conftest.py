@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Browser
 from pydantic import SecretStr
 
-from service.database.engine import Database
+from dohyo.service.database.engine import Database
 from tests.service import browsing, postgres
 from tests.service.harness import Harness, running
 

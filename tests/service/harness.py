@@ -11,13 +11,13 @@ from typing import Any
 from fastapi.testclient import TestClient
 from sqlalchemy import update
 
-from service.app import create_app
-from service.database.engine import Database
-from service.database.models import Episode, EpisodeStatus, Evaluation, EvaluationStatus, Role, now
-from service.database.tokens import create_token
-from service.episodes.leases import LeaseBook
-from service.settings import Settings
-from service.state import Broadcast, Services
+from dohyo.service.app import create_app
+from dohyo.service.database.engine import Database
+from dohyo.service.database.models import Episode, EpisodeStatus, Evaluation, EvaluationStatus, Role, now
+from dohyo.service.database.tokens import create_token
+from dohyo.service.episodes.leases import LeaseBook
+from dohyo.service.settings import Settings
+from dohyo.service.state import Broadcast, Services
 
 PASSWORD_OF_NOBODY = "dohyo_" + "A" * 43
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from sqlalchemy import select
 
-from service.database import webhooks
-from service.database.models import Delivery
+from dohyo.service.database import webhooks
+from dohyo.service.database.models import Delivery
 from tests.service.harness import Harness
 
 

@@ -19,9 +19,9 @@ from typing import Any
 import httpx
 from typer.testing import CliRunner
 
-from service.cli.main import app
+from dohyo.service.cli.main import app
 
-MAIN = "from service.cli import main; main()"
+MAIN = "from dohyo.service.cli import main; main()"
 DOHYO = [sys.executable, "-c", MAIN]
 START_S = 60.0
 

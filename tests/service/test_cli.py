@@ -31,7 +31,7 @@ goal = { lane = "737320747#4_2", position_m = 20.0 }
 
 
 def dohyo(*arguments: str, cwd: Path = ROOT, columns: int = 160) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", "from service.cli import main; main()", *arguments]
+    command = [sys.executable, "-c", "from dohyo.service.cli import main; main()", *arguments]
     environment = {"PYTHONPATH": str(ROOT), "COLUMNS": str(columns)}
 
     return subprocess.run(
@@ -179,7 +179,7 @@ def test_bad_input_is_one_line_and_writes_nothing(arguments: list[str], says: st
 def test_an_agent_of_ones_own_is_found_in_the_working_folder(short: Path, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(
         "import numpy as np\n"
-        "from evaluation.agent import Agent, AgentSpec\n"
+        "from dohyo.evaluation.agent import Agent, AgentSpec\n"
         "class Mine(Agent):\n"
         "    spec = AgentSpec(name='mine', sensors=('speedometer',), control='lane_command')\n"
         "    def act(self, observation):\n"

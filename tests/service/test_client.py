@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from evaluation.record import AgentInfo
-from service.calls import Calls
-from service.client import AsyncClient, Client, ServiceError
-from service.database.models import EpisodeStatus, EvaluationStatus
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.record import AgentInfo
+from dohyo.service.calls import Calls
+from dohyo.service.client import AsyncClient, Client, ServiceError
+from dohyo.service.database.models import EpisodeStatus, EvaluationStatus
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.harness import Harness, finish
 from tests.service.policies import models
 from tests.service.serving import command
@@ -57,8 +57,8 @@ def wired(service: Harness, monkeypatch: pytest.MonkeyPatch) -> Harness:
         monkeypatch.setattr(service.client, "close", lambda: None)
         return service.client
 
-    monkeypatch.setattr("service.client.httpx.Client", inside)
-    monkeypatch.setattr("service.client.httpx.AsyncClient", Inside)
+    monkeypatch.setattr("dohyo.service.client.httpx.Client", inside)
+    monkeypatch.setattr("dohyo.service.client.httpx.AsyncClient", Inside)
     return service
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from service.cli import main
+from dohyo.service.cli import main
 
 
 def dohyo(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:

@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
-from service import delivery
-from service.database import webhooks
-from service.database.engine import Database
-from service.database.models import Delivery, EpisodeStatus, EvaluationStatus, now
-from sumo_networks.errors import InvalidInputError
+from dohyo.service import delivery
+from dohyo.service.database import webhooks
+from dohyo.service.database.engine import Database
+from dohyo.service.database.models import Delivery, EpisodeStatus, EvaluationStatus, now
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.harness import Harness, assert_problem, finish, running
 from tests.service.receiver import Receiver, settled
 

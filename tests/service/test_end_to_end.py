@@ -15,15 +15,15 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from evaluation import benchmark as benchmarks
-from evaluation.agent import agent_info
-from evaluation.evaluation import read_result
-from evaluation.runner import run_episode
-from evaluation.scores.driving import driving_score
-from evaluation.store import read_record
+from dohyo.evaluation import benchmark as benchmarks
+from dohyo.evaluation.agent import agent_info
+from dohyo.evaluation.evaluation import read_result
+from dohyo.evaluation.runner import run_episode
+from dohyo.evaluation.scores.driving import driving_score
+from dohyo.evaluation.store import read_record
+from dohyo.service.client import Client
+from dohyo.service.policies.agent import ENTRY, OnnxPolicy
 from examples.onnx_policy import SENSORS, export
-from service.client import Client
-from service.policies.agent import ENTRY, OnnxPolicy
 from tests.service.browsing import READY, visiting
 from tests.service.serving import DOHYO, Served, run, serving
 
@@ -46,7 +46,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def served(folder: Path) -> Iterator[Served]:
-    before = f"import pathlib, evaluation.benchmark as b; b.BENCHMARKS = pathlib.Path({str(folder / 'benchmarks')!r})"
+    before = (
+        f"import pathlib, dohyo.evaluation.benchmark as b; b.BENCHMARKS = pathlib.Path({str(folder / 'benchmarks')!r})"
+    )
     with serving(folder / "data", before=before) as service:
         yield service
         assert service.end() == 0

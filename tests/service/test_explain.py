@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from agents.registry import resolve
-from evaluation.agent import agent_info, make_agent
-from evaluation.benchmark import load_benchmark
-from evaluation.runner import drive_episode
-from evaluation.store import write_record
-from service.cli.main import app
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.registry import resolve
+from dohyo.evaluation.agent import agent_info, make_agent
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.runner import drive_episode
+from dohyo.evaluation.store import write_record
+from dohyo.service.cli.main import app
+from dohyo.sumo_networks.errors import InvalidInputError
 
 SETTINGS = {"predictor": "constant_velocity", "simulations": 32}
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from agents.forecasting import benchmark as benchmarks
-from evaluation.freeway_benchmark import ForecastBenchmark, days_folder, load_freeway_benchmark
-from service.cli import main
+from dohyo.agents.forecasting import benchmark as benchmarks
+from dohyo.evaluation.freeway_benchmark import ForecastBenchmark, days_folder, load_freeway_benchmark
+from dohyo.service.cli import main
 from tests.agents.forecasting.roads import write_folder
 
 TWO_DAYS = """

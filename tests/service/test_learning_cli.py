@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from agents.mcts.predictors.dataset import Shard
-from agents.mcts.predictors.learned import Learned
-from service.cli import main
+from dohyo.agents.mcts.predictors.dataset import Shard
+from dohyo.agents.mcts.predictors.learned import Learned
+from dohyo.service.cli import main
 from tests.agents.mcts.predictors.scenes import busy, sampled
 
 

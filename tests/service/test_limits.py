@@ -12,9 +12,9 @@ import pytest
 from sqlalchemy.exc import OperationalError
 from starlette.testclient import TestClient
 
-from service.limits import AccessLog, RateLimit
-from service.logs import JsonLines
-from service.settings import Settings
+from dohyo.service.limits import AccessLog, RateLimit
+from dohyo.service.logs import JsonLines
+from dohyo.service.settings import Settings
 from tests.service.harness import PASSWORD_OF_NOBODY, Caller, Harness, assert_problem, running
 
 
@@ -135,8 +135,8 @@ def test_other_origins_get_no_permission_unless_they_are_named(service: Harness,
 
 
 def test_a_locked_database_is_busy_and_not_broken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.database.engine.BUSY_S", 0.2)
-    monkeypatch.setattr("service.database.engine.Database.__init__.__kwdefaults__", {"busy_s": 0.2, "pool": 20})
+    monkeypatch.setattr("dohyo.service.database.engine.BUSY_S", 0.2)
+    monkeypatch.setattr("dohyo.service.database.engine.Database.__init__.__kwdefaults__", {"busy_s": 0.2, "pool": 20})
     with running(tmp_path / "data") as service:
         team = service.caller("team")
         lock = sqlite3.connect(tmp_path / "data" / "dohyo.db", isolation_level=None)
@@ -157,7 +157,7 @@ def test_a_full_disk_under_the_database_keeps_nothing(service: Harness, monkeypa
     def full(*_: object) -> None:
         raise OperationalError("COMMIT", {}, sqlite3.OperationalError("database or disk is full"))
 
-    monkeypatch.setattr("service.api.evaluations.remember", full)
+    monkeypatch.setattr("dohyo.service.api.evaluations.remember", full)
     assert_problem(team.post("/v1/evaluations", {"agent": "a", "benchmark": "quickstart"}), 507, "no space")
     monkeypatch.undo()
     assert team.get("/v1/evaluations").json()["items"] == []
@@ -171,7 +171,7 @@ def test_a_full_disk_while_an_upload_comes_in(service: Harness, monkeypatch: pyt
     async def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("service.uploads._copy", full)
+    monkeypatch.setattr("dohyo.service.uploads._copy", full)
     files = {"file": ("p.onnx", b"x" * 5000)}
     path = "/v1/agents/a/submissions/onnx"
     assert_problem(service.client.post(path, data={"spec": "{}"}, files=files, headers=team.headers), 507)
@@ -183,7 +183,7 @@ def test_a_defect_tells_its_name_and_the_log_the_rest(
     def broken(*_: object, **__: object) -> None:
         raise RuntimeError("password=hunter2")
 
-    monkeypatch.setattr("service.api.agents.list_agents", broken)
+    monkeypatch.setattr("dohyo.service.api.agents.list_agents", broken)
     answer = service.client.get("/v1/agents")
     assert_problem(answer, 500)
     assert "hunter2" not in answer.text
@@ -226,8 +226,8 @@ def test_unknown_addresses_and_methods_are_problems_too(service: Harness) -> Non
 
 
 def test_two_services_on_one_folder_refuse(tmp_path: Path) -> None:
-    from service.app import create_app
-    from sumo_networks.errors import InvalidInputError
+    from dohyo.service.app import create_app
+    from dohyo.sumo_networks.errors import InvalidInputError
     from tests.service.harness import IdleScheduler
 
     with running(tmp_path / "data"):

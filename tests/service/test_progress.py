@@ -5,10 +5,10 @@ import threading
 from collections.abc import AsyncIterator
 from typing import Any
 
-from service import progress
-from service.database.models import AgentKind, EvaluationStatus, now
-from service.state import BACKLOG, Broadcast
-from service.views import EvaluationView, Progress
+from dohyo.service import progress
+from dohyo.service.database.models import AgentKind, EvaluationStatus, now
+from dohyo.service.state import BACKLOG, Broadcast
+from dohyo.service.views import EvaluationView, Progress
 
 
 def state(done: int, status: EvaluationStatus = EvaluationStatus.RUNNING) -> EvaluationView:

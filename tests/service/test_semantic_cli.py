@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from agents.hierarchical.vision import recording
-from agents.hierarchical.vision.latents import Encoder
-from service.cli import main
+from dohyo.agents.hierarchical.vision import recording
+from dohyo.agents.hierarchical.vision.latents import Encoder
+from dohyo.service.cli import main
 from tests.agents.hierarchical.vision.weights import picture, pictures
 
 

@@ -12,12 +12,12 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.database.engine import Database
-from service.database.evaluations import list_episodes, list_evaluations
-from service.database.models import EpisodeStatus, Evaluation
-from service.server import check_exposure
-from service.settings import Settings
-from sumo_networks.errors import InvalidInputError
+from dohyo.service.database.engine import Database
+from dohyo.service.database.evaluations import list_episodes, list_evaluations
+from dohyo.service.database.models import EpisodeStatus, Evaluation
+from dohyo.service.server import check_exposure
+from dohyo.service.settings import Settings
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.serving import command, serving
 
 
@@ -88,9 +88,9 @@ def test_sigterm_under_load_ends_streams_and_queues_again_what_was_unfinished(tm
 
 
 SLOW_TO_QUEUE = """
-import service.server, time
-from service.api import evaluations
-service.server.CLOSE_S = 0.5
+import dohyo.service.server, time
+from dohyo.service.api import evaluations
+dohyo.service.server.CLOSE_S = 0.5
 find = evaluations.find_benchmark
 evaluations.find_benchmark = lambda name: (time.sleep(3.0), find(name))[1]
 """

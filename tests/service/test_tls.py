@@ -13,11 +13,11 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
-from service import delivery
-from service.client import Client, ServiceError
-from service.database import webhooks
-from service.database.models import EpisodeStatus, EvaluationStatus
-from service.worker_session import WorkerSession
+from dohyo.service import delivery
+from dohyo.service.client import Client, ServiceError
+from dohyo.service.database import webhooks
+from dohyo.service.database.models import EpisodeStatus, EvaluationStatus
+from dohyo.service.worker_session import WorkerSession
 from tests.service.harness import finish, running
 from tests.service.receiver import Receiver, settled
 from tests.service.serving import DOHYO, serving

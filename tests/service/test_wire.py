@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays_of
 
-from service.wire import (
+from dohyo.service.wire import (
     DTYPES,
     NOTHING,
     Format,
@@ -26,7 +26,7 @@ from service.wire import (
     pack,
     unpack,
 )
-from sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError
 
 any_array = st.sampled_from(DTYPES).flatmap(
     lambda dtype: arrays_of.arrays(

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.catalog import load_network
-from sumo_networks.scenario import Mission, Place, Scenario, Traffic
-from sumo_networks.simulation import Simulation
-from sumo_networks.world import World
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from dohyo.sumo_networks.simulation import Simulation
+from dohyo.sumo_networks.world import World
 from tests.worlds import Scene, straight_road
 
 BRAKE = np.array([-8.0, 0.0])

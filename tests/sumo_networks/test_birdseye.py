@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import shapely
 
-from sumo_networks.imaging.surfaces import LINE_M
-from sumo_networks.sensors import BirdseyeConfig, make_sensors
-from sumo_networks.sensors.birdseye import BACKGROUND, COLOURS, Layer
-from sumo_networks.world import ActorKind, LightState, World
+from dohyo.sumo_networks.imaging.surfaces import LINE_M
+from dohyo.sumo_networks.sensors import BirdseyeConfig, make_sensors
+from dohyo.sumo_networks.sensors.birdseye import BACKGROUND, COLOURS, Layer
+from dohyo.sumo_networks.world import ActorKind, LightState, World
 from tests.worlds import Scene, crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road
 
 PX_M = 0.25

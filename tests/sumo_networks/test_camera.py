@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from sumo_networks.conditions import CONDITIONS
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.imaging.labels import Label
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Mission, Place
-from sumo_networks.sensors import CameraConfig, Track, make_sensors
-from sumo_networks.world import ActorKind, LightState, World
+from dohyo.sumo_networks.conditions import CONDITIONS
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.imaging.labels import Label
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Mission, Place
+from dohyo.sumo_networks.sensors import CameraConfig, Track, make_sensors
+from dohyo.sumo_networks.world import ActorKind, LightState, World
 from tests.worlds import Scene, crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road
 
 MODES = ("rgb", "semantic", "depth")

@@ -15,14 +15,14 @@ import shapely
 import sumo
 from PIL import Image
 
-from sumo_networks.catalog import CATALOG, load_network, network_names, network_path
-from sumo_networks.drawing import draw_map, svg, write_map
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.importing import build_network
-from sumo_networks.inspection import inspect_network
-from sumo_networks.network import RoadNetwork, read_network
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Mission, Place
+from dohyo.sumo_networks.catalog import CATALOG, load_network, network_names, network_path
+from dohyo.sumo_networks.drawing import draw_map, svg, write_map
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.importing import build_network
+from dohyo.sumo_networks.inspection import inspect_network
+from dohyo.sumo_networks.network import RoadNetwork, read_network
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Mission, Place
 
 TOWNS = ("town-train", "town-test")
 OURS = (*TOWNS, "district")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sumo_networks.conditions import CONDITIONS, TEST, TRAIN, conditions_named
-from sumo_networks.env import DrivingEnv
-from sumo_networks.errors import UnknownNameError
-from sumo_networks.scenario import Mission, Place, Scenario, Traffic
-from sumo_networks.sensors import make_sensors
-from sumo_networks.world import ActorKind
+from dohyo.sumo_networks.conditions import CONDITIONS, TEST, TRAIN, conditions_named
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.errors import UnknownNameError
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.world import ActorKind
 from tests.worlds import LANE_M, Scene, straight_road
 
 MISSION = Mission(start=Place(lane="737320747#3_2", position_m=5.0), goal=Place(lane="737320747#4_2", position_m=60.0))

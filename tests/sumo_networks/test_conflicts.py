@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from sumo_networks.scenario import Mission, Place
-from sumo_networks.sensors import make_sensors
-from sumo_networks.sensors.conflicts import ROWS
-from sumo_networks.world import ActorKind, LightState
+from dohyo.sumo_networks.scenario import Mission, Place
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.sensors.conflicts import ROWS
+from dohyo.sumo_networks.world import ActorKind, LightState
 from tests.worlds import Scene, crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road
 
 NORTH, SOUTH, WEST = math.pi / 2, -math.pi / 2, math.pi

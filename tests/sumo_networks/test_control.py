@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.control import (
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.control import (
     CONTROLS,
     WAYPOINT_COUNT,
     WAYPOINT_INTERVAL_S,
@@ -18,10 +18,10 @@ from sumo_networks.control import (
     make_control,
     pure_pursuit,
 )
-from sumo_networks.errors import AgentError, UnknownNameError
-from sumo_networks.route import Route
-from sumo_networks.vehicle import HEADING, SPEED, VehicleParameters, Vehicles
-from sumo_networks.world import World
+from dohyo.sumo_networks.errors import AgentError, UnknownNameError
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.vehicle import HEADING, SPEED, VehicleParameters, Vehicles
+from dohyo.sumo_networks.world import World
 from tests.worlds import straight_road
 
 CAR = VehicleParameters()

@@ -8,12 +8,12 @@ from pettingzoo.test import parallel_api_test
 from torchrl.envs import PettingZooWrapper
 from torchrl.envs.utils import check_env_specs
 
-from sumo_networks.control import CONTROLS, InvalidActionError
-from sumo_networks.env import DrivingEnv
-from sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
-from sumo_networks.reward import REWARDS
-from sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
-from sumo_networks.sensors import SENSORS
+from dohyo.sumo_networks.control import CONTROLS, InvalidActionError
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
+from dohyo.sumo_networks.reward import REWARDS
+from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
+from dohyo.sumo_networks.sensors import SENSORS
 from tests.conftest import MakeEnv
 from tests.sumo_networks.drives import busy_road, in_ingolstadt, on, standing_at
 from tests.worlds import straight_road

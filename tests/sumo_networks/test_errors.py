@@ -6,7 +6,7 @@ import pickle
 
 import pytest
 
-from sumo_networks.errors import DohyoError, InvalidInputError, SimulationError, UnknownNameError
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, SimulationError, UnknownNameError
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.flows import Stream, make_streams
-from sumo_networks.scenario import Flow, Scenario, Traffic
-from sumo_networks.simulation import TICK_S, Simulation
-from sumo_networks.traffic import Population, Trip, Walk
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.flows import Stream, make_streams
+from dohyo.sumo_networks.scenario import Flow, Scenario, Traffic
+from dohyo.sumo_networks.simulation import TICK_S, Simulation
+from dohyo.sumo_networks.traffic import Population, Trip, Walk
 from tests.conftest import Start
 from tests.worlds import LANE_M, lit_crossing, straight_road
 

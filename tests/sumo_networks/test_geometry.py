@@ -9,8 +9,8 @@ import shapely
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.geometry import boxes_overlap, crossed_segments, project_on_path, wrap, wrap_angle
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.geometry import boxes_overlap, crossed_segments, project_on_path, wrap, wrap_angle
 
 near = st.floats(-8, 8)
 angles = st.floats(-10, 10)

@@ -8,15 +8,15 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_networks.catalog import load_network
-from sumo_networks.imaging import buildings
-from sumo_networks.imaging.atmosphere import GROUND_COLOURS
-from sumo_networks.imaging.bodies import HEIGHT_M, PARTS, PARTS_START, own_colours
-from sumo_networks.imaging.buildings import buildings_near
-from sumo_networks.imaging.fixtures import fixtures_of
-from sumo_networks.imaging.surfaces import CellIndex, Surface, ground_of
-from sumo_networks.imaging.tiles import CAPACITY, SIDE_PX, Tiles, rasterise
-from sumo_networks.world import ActorKind
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.imaging import buildings
+from dohyo.sumo_networks.imaging.atmosphere import GROUND_COLOURS
+from dohyo.sumo_networks.imaging.bodies import HEIGHT_M, PARTS, PARTS_START, own_colours
+from dohyo.sumo_networks.imaging.buildings import buildings_near
+from dohyo.sumo_networks.imaging.fixtures import fixtures_of
+from dohyo.sumo_networks.imaging.surfaces import CellIndex, Surface, ground_of
+from dohyo.sumo_networks.imaging.tiles import CAPACITY, SIDE_PX, Tiles, rasterise
+from dohyo.sumo_networks.world import ActorKind
 from tests.worlds import crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road
 
 COLOURS = np.array(GROUND_COLOURS, dtype=np.float64)

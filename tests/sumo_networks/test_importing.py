@@ -12,13 +12,13 @@ import pytest
 import sumo
 from typer.testing import CliRunner
 
-from service.cli import app
-from sumo_networks.catalog import CATALOG, load_network, network_entry, network_names, network_path
-from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.importing import Imported, import_network
-from sumo_networks.inspection import inspect_network
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Mission, Place
+from dohyo.service.cli import app
+from dohyo.sumo_networks.catalog import CATALOG, load_network, network_entry, network_names, network_path
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.importing import Imported, import_network
+from dohyo.sumo_networks.inspection import inspect_network
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Mission, Place
 
 TOWN = CATALOG / "town-test" / "town-test.net.xml"
 

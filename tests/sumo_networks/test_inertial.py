@@ -12,16 +12,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_networks.catalog import load_network
-from sumo_networks.conditions import CONDITIONS, Conditions
-from sumo_networks.geometry import ray_to_box
-from sumo_networks.projection import Projection, enu_to_geodetic, geodetic_to_enu, read_projection
-from sumo_networks.sensors import make_sensors
-from sumo_networks.sensors.gnss import L80, Gnss, GnssErrors, GnssNoise
-from sumo_networks.sensors.imu import ICM_20600, Imu, ImuErrors, ImuNoise, specific_force_and_rate
-from sumo_networks.sensors.radar import ANGLES, Radar
-from sumo_networks.vehicle import GRAVITY, HEADING, SPEED, VehicleParameters, Vehicles
-from sumo_networks.world import ActorKind, World
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.conditions import CONDITIONS, Conditions
+from dohyo.sumo_networks.geometry import ray_to_box
+from dohyo.sumo_networks.projection import Projection, enu_to_geodetic, geodetic_to_enu, read_projection
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.sensors.gnss import L80, Gnss, GnssErrors, GnssNoise
+from dohyo.sumo_networks.sensors.imu import ICM_20600, Imu, ImuErrors, ImuNoise, specific_force_and_rate
+from dohyo.sumo_networks.sensors.radar import ANGLES, Radar
+from dohyo.sumo_networks.vehicle import GRAVITY, HEADING, SPEED, VehicleParameters, Vehicles
+from dohyo.sumo_networks.world import ActorKind, World
 from tests.worlds import Scene, straight_road
 
 PERFECT = ImuNoise()

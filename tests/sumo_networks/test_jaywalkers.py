@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.events.puppet import Puppet
-from sumo_networks.jaywalkers import END_M, ROOM_M, Jaywalkers, is_free, streets
-from sumo_networks.scenario import Mission, Place, Scenario, Traffic
-from sumo_networks.simulation import TICK_S, Simulation
-from sumo_networks.world import ActorKind, World
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.events.puppet import Puppet
+from dohyo.sumo_networks.jaywalkers import END_M, ROOM_M, Jaywalkers, is_free, streets
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from dohyo.sumo_networks.simulation import TICK_S, Simulation
+from dohyo.sumo_networks.world import ActorKind, World
 from tests.conftest import Start
 from tests.worlds import straight_road
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sumo_networks.env import DrivingEnv
-from sumo_networks.errors import InvalidInputError, SimulationError
-from sumo_networks.log import Log, LogRecorder, log_path, logs_folder, read_log, write_log
-from sumo_networks.scenario import Mission, Place, Scenario
-from sumo_networks.simulation import Replay
-from sumo_networks.simulation.replay import in_sight
-from sumo_networks.world import ActorKind, Actors, LightState
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.log import Log, LogRecorder, log_path, logs_folder, read_log, write_log
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario
+from dohyo.sumo_networks.simulation import Replay
+from dohyo.sumo_networks.simulation.replay import in_sight
+from dohyo.sumo_networks.world import ActorKind, Actors, LightState
 from tests.worlds import Scene, lit_crossing, straight_road
 
 TICKS = 30

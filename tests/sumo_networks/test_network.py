@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import shapely
 
-from sumo_networks import network as network_module
-from sumo_networks.catalog import load_network, network_entry, network_names, network_path
-from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.network import RoadNetwork, read_network
-from sumo_networks.parsing import parse_net
+from dohyo.sumo_networks import network as network_module
+from dohyo.sumo_networks.catalog import load_network, network_entry, network_names, network_path
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.network import RoadNetwork, read_network
+from dohyo.sumo_networks.parsing import parse_net
 from tests.worlds import LANE_M, _build, crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road
 
 CITIES = ("ingolstadt", "adlershof")

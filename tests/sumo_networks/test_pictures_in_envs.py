@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from sumo_networks.env import DrivingEnv
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.sensors import BirdseyeConfig, CameraConfig, Track, make_sensors
-from sumo_networks.torchrl_env import make_torchrl_env
-from sumo_networks.vector_env import VectorDrivingEnv
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.sensors import BirdseyeConfig, CameraConfig, Track, make_sensors
+from dohyo.sumo_networks.torchrl_env import make_torchrl_env
+from dohyo.sumo_networks.vector_env import VectorDrivingEnv
 from tests.sumo_networks.drives import busy_road
 
 NAMES = ("speedometer", "camera_semantic", "camera_depth", "birdseye_rgb")

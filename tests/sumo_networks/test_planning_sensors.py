@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sumo_networks.sensors import make_sensors
-from sumo_networks.sensors.lanes import ATTRIBUTES, POINTS
-from sumo_networks.world import LightState, World
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.sensors.lanes import ATTRIBUTES, POINTS
+from dohyo.sumo_networks.world import LightState, World
 from tests.worlds import lit_crossing, straight_road
 
 

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_networks.catalog import load_network
-from sumo_networks.edge_graph import draw
-from sumo_networks.scenario import Mission, Place, Scenario, Traffic
-from sumo_networks.simulation import TICK_S, surroundings
-from sumo_networks.simulation.signals import _LIGHTS
-from sumo_networks.world import SIGHT_M, LightState, World
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.edge_graph import draw
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from dohyo.sumo_networks.simulation import TICK_S, surroundings
+from dohyo.sumo_networks.simulation.signals import _LIGHTS
+from dohyo.sumo_networks.world import SIGHT_M, LightState, World
 from tests.conftest import Start
 
 MISSIONS = {

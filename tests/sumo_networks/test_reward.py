@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from sumo_networks.errors import UnknownNameError
-from sumo_networks.reward import Roach, make_reward
-from sumo_networks.world import ActorKind, LightState, World
+from dohyo.sumo_networks.errors import UnknownNameError
+from dohyo.sumo_networks.reward import Roach, make_reward
+from dohyo.sumo_networks.world import ActorKind, LightState, World
 from tests.worlds import Scene, crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road
 
 SOUTH = -math.pi / 2

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.network import RoadNetwork
-from sumo_networks.route import COMMAND_LEAD_M, Command, Route
-from sumo_networks.routing import (
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.route import COMMAND_LEAD_M, Command, Route
+from dohyo.sumo_networks.routing import (
     LANE_CHANGE_COST_S,
     MIN_LANE_CHANGE_M,
     SHORT_LANE_CHANGE_COST_S,
@@ -22,7 +22,7 @@ from sumo_networks.routing import (
     _search,
     plan_route,
 )
-from sumo_networks.scenario import Mission, Place
+from dohyo.sumo_networks.scenario import Mission, Place
 from tests.worlds import crossing_for_pedestrians, lit_crossing, straight_road
 
 CITIES = ("ingolstadt", "adlershof")

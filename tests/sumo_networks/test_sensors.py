@@ -6,13 +6,13 @@ import math
 import numpy as np
 import pytest
 
-from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.route import Command
-from sumo_networks.scenario import Mission, Place
-from sumo_networks.sensors import PRESETS, SENSORS, Track, make_sensors
-from sumo_networks.sensors.lights import MAJOR, STOPS
-from sumo_networks.sensors.objects import ROWS
-from sumo_networks.world import ActorKind, LightState, World
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.route import Command
+from dohyo.sumo_networks.scenario import Mission, Place
+from dohyo.sumo_networks.sensors import PRESETS, SENSORS, Track, make_sensors
+from dohyo.sumo_networks.sensors.lights import MAJOR, STOPS
+from dohyo.sumo_networks.sensors.objects import ROWS
+from dohyo.sumo_networks.world import ActorKind, LightState, World
 from tests.worlds import Scene, crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road
 
 

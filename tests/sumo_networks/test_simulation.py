@@ -10,12 +10,12 @@ import libsumo
 import numpy as np
 import pytest
 
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError, SimulationError
-from sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
-from sumo_networks.simulation import START_CLEARANCE_M, TICK_S, Simulation
-from sumo_networks.vehicle import VehicleParameters, Vehicles
-from sumo_networks.world import ActorKind, LightState, World
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
+from dohyo.sumo_networks.simulation import START_CLEARANCE_M, TICK_S, Simulation
+from dohyo.sumo_networks.vehicle import VehicleParameters, Vehicles
+from dohyo.sumo_networks.world import ActorKind, LightState, World
 from tests.conftest import Start
 from tests.sumo_networks.drives import BRAKE, busy_road, driven, fingerprint, in_ingolstadt, on, standing_at
 from tests.worlds import LANE_M, Scene, _build, crossing_for_pedestrians, lit_crossing, straight_road

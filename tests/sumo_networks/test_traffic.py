@@ -5,12 +5,12 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.network import RoadNetwork
-from sumo_networks.scenario import Traffic
-from sumo_networks.traffic import VEHICLE_SHARES, VEHICLE_TYPES, Population, Trip, Walk
-from sumo_networks.world import SIGHT_M
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.scenario import Traffic
+from dohyo.sumo_networks.traffic import VEHICLE_SHARES, VEHICLE_TYPES, Population, Trip, Walk
+from dohyo.sumo_networks.world import SIGHT_M
 from tests.worlds import _build, _road, lit_crossing
 
 CITIES = ("ingolstadt", "adlershof")

@@ -16,12 +16,12 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from sumo_networks.control import InvalidActionError
-from sumo_networks.env import DrivingEnv
-from sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
-from sumo_networks.scenario import Mission, Place, Scenario, Traffic
-from sumo_networks.vector_env import VectorDrivingEnv
-from sumo_networks.vector_worker import episode_seed
+from dohyo.sumo_networks.control import InvalidActionError
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from dohyo.sumo_networks.vector_env import VectorDrivingEnv
+from dohyo.sumo_networks.vector_worker import episode_seed
 
 ROOT = Path(__file__).parents[2]
 
@@ -279,7 +279,7 @@ PROGRAM = """
 import signal
 import sys
 import numpy as np
-from sumo_networks.vector_env import VectorDrivingEnv
+from dohyo.sumo_networks.vector_env import VectorDrivingEnv
 from tests.sumo_networks.test_vector_env import scenario
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores it
@@ -346,7 +346,7 @@ def test_a_torchrl_collector_collects(egos: int) -> None:
     from torchrl.collectors import Collector
     from torchrl.envs.utils import check_env_specs
 
-    from sumo_networks.torchrl_env import make_torchrl_env
+    from dohyo.sumo_networks.torchrl_env import make_torchrl_env
 
     env = make_torchrl_env([scenario(*(5.0, 15.0)[:egos], limit_s=0.6)], 2)
     check_env_specs(env)
@@ -371,7 +371,7 @@ def test_torchrl_collects_in_processes_of_its_own() -> None:
 
     from torchrl.collectors import MultiAsyncCollector
 
-    from sumo_networks.torchrl_env import make_torchrl_env
+    from dohyo.sumo_networks.torchrl_env import make_torchrl_env
 
     makers = [partial(make_torchrl_env, [scenario(5.0, limit_s=0.6)], 1, seed=seed) for seed in range(2)]
     collector = MultiAsyncCollector(makers, None, frames_per_batch=12, total_frames=24)

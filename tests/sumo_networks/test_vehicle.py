@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.vehicle import (
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.vehicle import (
     ACCELERATION,
     DRIVE,
     GRAVITY,

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from sumo_networks import catalog
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Mission, Place
-from sumo_networks.xml_guard import scan
+from dohyo.sumo_networks import catalog
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Mission, Place
+from dohyo.sumo_networks.xml_guard import scan
 from tests.worlds import straight_road
 
 NET = straight_road().network.path.read_bytes()

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from agents.forecasting.windows import HORIZON
+from dohyo.agents.forecasting.windows import HORIZON
 
 Trunk = Callable[[int], nn.Module]
 """Makes what reads a history, for so many segments."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from agents.forecasting.networks.attention import TransformerTrunk, TsMixerTrunk
-from agents.forecasting.networks.convolution import ConvLstmTrunk, SaConvLstmTrunk
-from agents.forecasting.networks.looking_ahead import AllAtOnce, NStep, Recursive, SpeedNetwork, Trunk
-from agents.forecasting.networks.lstm import LstmTrunk, SaLstmTrunk
-from sumo_networks.errors import UnknownNameError
+from dohyo.agents.forecasting.networks.attention import TransformerTrunk, TsMixerTrunk
+from dohyo.agents.forecasting.networks.convolution import ConvLstmTrunk, SaConvLstmTrunk
+from dohyo.agents.forecasting.networks.looking_ahead import AllAtOnce, NStep, Recursive, SpeedNetwork, Trunk
+from dohyo.agents.forecasting.networks.lstm import LstmTrunk, SaLstmTrunk
+from dohyo.sumo_networks.errors import UnknownNameError
 
 NETWORKS: Mapping[str, tuple[type[Recursive] | type[AllAtOnce] | type[NStep], Trunk]] = MappingProxyType(
     {

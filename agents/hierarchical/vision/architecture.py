@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from agents.hierarchical.vision.classes import CLASSES, HEIGHT, WIDTH
+from dohyo.agents.hierarchical.vision.classes import CLASSES, HEIGHT, WIDTH
 
 FILTERS = (32, 64, 128, 256)
 KERNEL, STRIDE = 4, 2

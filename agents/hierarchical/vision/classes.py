@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_networks.arrays import Float32Array
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.imaging.labels import Label
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.imaging.labels import Label
 
 HEIGHT, WIDTH = 80, 160
 

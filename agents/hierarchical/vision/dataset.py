@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.hierarchical.vision.classes import HEIGHT, WIDTH
-from agents.shards import check_array, find_shards, pack_shard, read_shard
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.imaging.labels import Label
+from dohyo.agents.hierarchical.vision.classes import HEIGHT, WIDTH
+from dohyo.agents.shards import check_array, find_shards, pack_shard, read_shard
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.imaging.labels import Label
 
 SCHEMA_VERSION = 1
 SCHEMA = MappingProxyType(

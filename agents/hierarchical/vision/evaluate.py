@@ -1,6 +1,6 @@
 """How good an autoencoder is: what it rebuilds by class, and what its latents tell, on pictures it was not trained on.
 
-    python -m agents.hierarchical.vision.evaluate --data data/semantic --run runs/semantic
+    python -m dohyo.agents.hierarchical.vision.evaluate --data data/semantic --run runs/semantic
 
 Writes results/vision.json, and results/vision.png: pictures beside what became of them. "validation" is other drives in
 the town of training, "test" a town that was never seen.
@@ -17,13 +17,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from agents.hierarchical.nearby import EVENT_M, IMPACT_M
-from agents.hierarchical.vision.classes import CLASSES, Seen
-from agents.hierarchical.vision.dataset import Pictures, load_split
-from agents.hierarchical.vision.figure import draw
-from agents.hierarchical.vision.network import Autoencoder
-from agents.hierarchical.vision.train import Batch, load_autoencoder
-from evaluation.store import write_atomically
+from dohyo.agents.hierarchical.nearby import EVENT_M, IMPACT_M
+from dohyo.agents.hierarchical.vision.classes import CLASSES, Seen
+from dohyo.agents.hierarchical.vision.dataset import Pictures, load_split
+from dohyo.agents.hierarchical.vision.figure import draw
+from dohyo.agents.hierarchical.vision.network import Autoencoder
+from dohyo.agents.hierarchical.vision.train import Batch, load_autoencoder
+from dohyo.evaluation.store import write_atomically
 
 RESULTS = Path(__file__).parents[1] / "results"
 BATCH = 32

@@ -11,11 +11,11 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from agents.hierarchical.nearby import EVENT_M, IMPACT_M
-from agents.hierarchical.vision.classes import Seen
-from agents.hierarchical.vision.dataset import Pictures
-from agents.hierarchical.vision.network import Autoencoder
-from agents.hierarchical.vision.train import Batch
+from dohyo.agents.hierarchical.nearby import EVENT_M, IMPACT_M
+from dohyo.agents.hierarchical.vision.classes import Seen
+from dohyo.agents.hierarchical.vision.dataset import Pictures
+from dohyo.agents.hierarchical.vision.network import Autoencoder
+from dohyo.agents.hierarchical.vision.train import Batch
 
 SAND, INK, QUIET = "#FAF8F4", "#1F2328", "#6B7280"
 COLOURS = {

@@ -17,10 +17,10 @@ from onnx import TensorProto, helper, numpy_helper
 from safetensors import SafetensorError
 from safetensors.numpy import load_file
 
-from agents.hierarchical.vision.architecture import FILTERS, STRIDE, encoder_shapes
-from agents.hierarchical.vision.classes import CLASSES, HEIGHT, WIDTH, planes
-from sumo_networks.arrays import Float32Array
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.hierarchical.vision.architecture import FILTERS, STRIDE, encoder_shapes
+from dohyo.agents.hierarchical.vision.classes import CLASSES, HEIGHT, WIDTH, planes
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.errors import InvalidInputError
 
 SHIPPED = Path(__file__).with_name("checkpoints") / "semantic.safetensors"
 OPSET, IR_VERSION = 17, 8

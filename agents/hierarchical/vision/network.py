@@ -12,8 +12,8 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from agents.hierarchical.vision.architecture import FILTERS, HEAD, KERNEL, LATENT, STRIDE, TOLD, features, sizes
-from agents.hierarchical.vision.classes import CLASSES
+from dohyo.agents.hierarchical.vision.architecture import FILTERS, HEAD, KERNEL, LATENT, STRIDE, TOLD, features, sizes
+from dohyo.agents.hierarchical.vision.classes import CLASSES
 
 
 class Encoder(nn.Module):

@@ -19,21 +19,21 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.experts.autopilot import Autopilot
-from agents.hierarchical.nearby import distances
-from agents.hierarchical.vision.classes import HEIGHT, WIDTH
-from agents.hierarchical.vision.dataset import SCHEMA_VERSION, Pictures, load_shard
-from agents.mcts.predictors import recording as motion
-from agents.shards import claim_folder
-from evaluation.store import write_atomically
-from sumo_networks.arrays import FloatArray
-from sumo_networks.catalog import load_network
-from sumo_networks.conditions import TRAIN, conditions_named
-from sumo_networks.control import AccelerationSteering
-from sumo_networks.env import DrivingEnv, Observation
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.scenario import Scenario
-from sumo_networks.sensors import CameraConfig, Sensor
+from dohyo.agents.experts.autopilot import Autopilot
+from dohyo.agents.hierarchical.nearby import distances
+from dohyo.agents.hierarchical.vision.classes import HEIGHT, WIDTH
+from dohyo.agents.hierarchical.vision.dataset import SCHEMA_VERSION, Pictures, load_shard
+from dohyo.agents.mcts.predictors import recording as motion
+from dohyo.agents.shards import claim_folder
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.conditions import TRAIN, conditions_named
+from dohyo.sumo_networks.control import AccelerationSteering
+from dohyo.sumo_networks.env import DrivingEnv, Observation
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.sensors import CameraConfig, Sensor
 
 TRAINING, HELD_OUT = "town-train", "town-test"
 CAMERA = CameraConfig(name="camera_semantic", mode="semantic", width=WIDTH, height=HEIGHT)

@@ -25,19 +25,19 @@ from safetensors.torch import save
 from torch import Tensor
 from torch.nn.functional import cross_entropy, one_hot, smooth_l1_loss
 
-from agents.hierarchical.nearby import EVENT_M, IMPACT_M
-from agents.hierarchical.vision.classes import CLASSES, OF_LABEL
-from agents.hierarchical.vision.dataset import Pictures, load_split
-from agents.hierarchical.vision.network import Autoencoder
-from agents.training.checkpoint import load_checkpoint, random_state, restore_random_state, save_checkpoint
-from agents.training.metrics import Table
-from agents.training.registry import Order, Trainer
-from agents.training.report import Report
-from agents.training.run import RunStoppedError, Stop
-from agents.training.settings import differences
-from evaluation.store import write_atomically
-from sumo_networks.config import Config
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.hierarchical.nearby import EVENT_M, IMPACT_M
+from dohyo.agents.hierarchical.vision.classes import CLASSES, OF_LABEL
+from dohyo.agents.hierarchical.vision.dataset import Pictures, load_split
+from dohyo.agents.hierarchical.vision.network import Autoencoder
+from dohyo.agents.training.checkpoint import load_checkpoint, random_state, restore_random_state, save_checkpoint
+from dohyo.agents.training.metrics import Table
+from dohyo.agents.training.registry import Order, Trainer
+from dohyo.agents.training.report import Report
+from dohyo.agents.training.run import RunStoppedError, Stop
+from dohyo.agents.training.settings import differences
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.errors import InvalidInputError
 
 COLUMNS = (
     *("loss", "pixels", "divergence", "distances", "signal"),

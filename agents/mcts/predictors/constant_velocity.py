@@ -6,11 +6,11 @@ from typing import Literal
 
 import numpy as np
 
-from agents.planning.prediction import STEP_S, STEPS, Forecast
-from agents.planning.scene import HISTORY_STEP_S, Scene
-from sumo_networks.arrays import BoolArray, FloatArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.geometry import wrap_angle
+from dohyo.agents.planning.prediction import STEP_S, STEPS, Forecast
+from dohyo.agents.planning.scene import HISTORY_STEP_S, Scene
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.geometry import wrap_angle
 
 Model = Literal["velocity", "ctra"]
 MOST_ACCELERATION, MOST_TURN_RATE = 3.0, 0.8

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.planning import scene as scenes
-from agents.planning.scene import Scene
-from agents.shards import check_array, find_shards, pack_shard, read_shard
-from sumo_networks.arrays import BoolArray, Float32Array, FloatArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.planning import scene as scenes
+from dohyo.agents.planning.scene import Scene
+from dohyo.agents.shards import check_array, find_shards, pack_shard, read_shard
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 SCHEMA_VERSION = 1
 FUTURE_STEPS, FUTURE_STEP_S = 16, 0.5

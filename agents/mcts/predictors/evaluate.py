@@ -1,6 +1,6 @@
 """Evaluation of the predictors on networks none of them has seen.
 
-    python -m agents.mcts.predictors.evaluate --data FOLDER [--split test] [--out results.json]
+    python -m dohyo.agents.mcts.predictors.evaluate --data FOLDER [--split test] [--out results.json]
 
 Judged are the ego and its nearest 30 actors, where they were seen for the whole 8 s. Scenes of one episode resemble
 each other, so the unit of every mean, interval and comparison is the episode: its mean is one value.
@@ -21,17 +21,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.mcts.predictors.constant_velocity import ConstantVelocity
-from agents.mcts.predictors.dataset import FUTURE_STEP_S, Sample, load_shard, shards_of
-from agents.mcts.predictors.idm import IdmRollout
-from agents.mcts.predictors.learned import SHIPPED, Learned
-from agents.planning.prediction import NEAREST, STEP_S, Forecast, Predictor
-from evaluation.statistics import mean_estimate, paired
-from evaluation.store import write_atomically
-from sumo_networks.arrays import BoolArray, FloatArray, IntArray
-from sumo_networks.errors import DohyoError
-from sumo_networks.geometry import wrap_angle
-from sumo_networks.world import ActorKind
+from dohyo.agents.mcts.predictors.constant_velocity import ConstantVelocity
+from dohyo.agents.mcts.predictors.dataset import FUTURE_STEP_S, Sample, load_shard, shards_of
+from dohyo.agents.mcts.predictors.idm import IdmRollout
+from dohyo.agents.mcts.predictors.learned import SHIPPED, Learned
+from dohyo.agents.planning.prediction import NEAREST, STEP_S, Forecast, Predictor
+from dohyo.evaluation.statistics import mean_estimate, paired
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from dohyo.sumo_networks.errors import DohyoError
+from dohyo.sumo_networks.geometry import wrap_angle
+from dohyo.sumo_networks.world import ActorKind
 
 HORIZONS_S = (1.0, 3.0, 8.0)
 MISS_M = 4.0

@@ -1,4 +1,4 @@
-"""Export of the network to ONNX: python -m agents.mcts.predictors.export predictor.safetensors predictor.onnx."""
+"""Export of the network to ONNX: python -m dohyo.agents.mcts.predictors.export predictor.safetensors predictor.onnx."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file
 
-from agents.mcts.predictors.features import SHAPES
-from agents.mcts.predictors.network import MotionNetwork
-from evaluation.store import write_atomically
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.mcts.predictors.features import SHAPES
+from dohyo.agents.mcts.predictors.network import MotionNetwork
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.errors import InvalidInputError
 
 OPSET = 17
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.mcts.predictors.dataset import FUTURE_STEP_S, FUTURE_STEPS
-from agents.mcts.predictors.idm import IdmRollout
-from agents.planning.prediction import NEAREST, STEP_S
-from agents.planning.scene import HISTORY, Scene
-from sumo_networks.arrays import Float32Array
-from sumo_networks.sensors.lanes import POINTS
-from sumo_networks.world import ActorKind
+from dohyo.agents.mcts.predictors.dataset import FUTURE_STEP_S, FUTURE_STEPS
+from dohyo.agents.mcts.predictors.idm import IdmRollout
+from dohyo.agents.planning.prediction import NEAREST, STEP_S
+from dohyo.agents.planning.scene import HISTORY, Scene
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.sensors.lanes import POINTS
+from dohyo.sumo_networks.world import ActorKind
 
 AGENTS = NEAREST + 1
 LANES = 64

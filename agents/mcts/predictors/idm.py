@@ -13,13 +13,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from agents.planning.motion import Idm, idm_acceleration
-from agents.planning.prediction import STEP_S, STEPS, Forecast
-from agents.planning.scene import Scene
-from sumo_networks.arrays import BoolArray, FloatArray, IntArray
-from sumo_networks.geometry import wrap
-from sumo_networks.sensors.lanes import CROSSING
-from sumo_networks.world import ActorKind
+from dohyo.agents.planning.motion import Idm, idm_acceleration
+from dohyo.agents.planning.prediction import STEP_S, STEPS, Forecast
+from dohyo.agents.planning.scene import Scene
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from dohyo.sumo_networks.geometry import wrap
+from dohyo.sumo_networks.sensors.lanes import CROSSING
+from dohyo.sumo_networks.world import ActorKind
 
 MODEL = Idm(gap=2.0, headway=1.0, acceleration=2.0, braking=2.5, exponent=4.0, least_gap=0.1, hardest=6.0)
 """SUMO's cars keep 2.5 m and 1 s; the rest is that of an ordinary driver."""

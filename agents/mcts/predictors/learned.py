@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import onnxruntime  # type: ignore[import-untyped]
 
-from agents.mcts.predictors.features import SHAPES, features
-from agents.planning.prediction import NEAREST, STEPS, Forecast, constant_velocity
-from agents.planning.scene import Scene
-from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.geometry import wrap_angle
+from dohyo.agents.mcts.predictors.features import SHAPES, features
+from dohyo.agents.planning.prediction import NEAREST, STEPS, Forecast, constant_velocity
+from dohyo.agents.planning.scene import Scene
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.geometry import wrap_angle
 
 SHIPPED = Path(__file__).with_name("checkpoints") / "motion.onnx"
 _TICKS = 5

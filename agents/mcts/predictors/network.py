@@ -13,8 +13,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from agents.mcts.predictors.features import AGENT_ATTRIBUTES, LANE_ATTRIBUTES, SPEED_UNIT
-from agents.planning.scene import HISTORY
+from dohyo.agents.mcts.predictors.features import AGENT_ATTRIBUTES, LANE_ATTRIBUTES, SPEED_UNIT
+from dohyo.agents.planning.scene import HISTORY
 
 STEPS, STEP_S = 16, 0.5
 WIDTH, HEADS, LAYERS = 64, 4, 2

@@ -15,21 +15,28 @@ from types import MappingProxyType
 
 import numpy as np
 
-from agents.experts.autopilot import Autopilot
-from agents.mcts.predictors.dataset import FUTURE_STEP_S, FUTURE_STEPS, SCHEMA_VERSION, Sample, Shard, load_shard
-from agents.planning.scene import SENSORS, TICK_S, Scene, SceneBuilder
-from agents.shards import claim_folder
-from evaluation.agent import Agent
-from evaluation.store import write_atomically
-from sumo_networks.arrays import FloatArray
-from sumo_networks.catalog import load_network
-from sumo_networks.env import DrivingEnv
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.geometry import wrap_angle
-from sumo_networks.network import RoadNetwork
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Mission, Place, Scenario, Traffic
-from sumo_networks.world import World
+from dohyo.agents.experts.autopilot import Autopilot
+from dohyo.agents.mcts.predictors.dataset import (
+    FUTURE_STEP_S,
+    FUTURE_STEPS,
+    SCHEMA_VERSION,
+    Sample,
+    Shard,
+    load_shard,
+)
+from dohyo.agents.planning.scene import SENSORS, TICK_S, Scene, SceneBuilder
+from dohyo.agents.shards import claim_folder
+from dohyo.evaluation.agent import Agent
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.geometry import wrap_angle
+from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from dohyo.sumo_networks.world import World
 
 TRAINING = ("town-train", "adlershof", "braunschweig", "district")
 HELD_OUT = ("town-test", "ingolstadt")

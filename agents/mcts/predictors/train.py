@@ -27,12 +27,12 @@ from safetensors.torch import save
 from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
-from agents.mcts.predictors.dataset import FUTURE_STEPS, Sample, load_shard, shards_of
-from agents.mcts.predictors.features import AGENTS, SHAPES, features
-from agents.mcts.predictors.network import MotionNetwork
-from evaluation.store import write_atomically
-from sumo_networks.config import Config
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.mcts.predictors.dataset import FUTURE_STEPS, Sample, load_shard, shards_of
+from dohyo.agents.mcts.predictors.features import AGENTS, SHAPES, features
+from dohyo.agents.mcts.predictors.network import MotionNetwork
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.errors import InvalidInputError
 
 COLUMNS = ("step", "epoch", "loss", "learning_rate", "validation_ade_m", "validation_fde_m", "wall_s")
 

@@ -12,21 +12,12 @@ from numba import njit
 from safetensors import SafetensorError
 from safetensors.numpy import load_file
 
-from agents.mcts.config import DT, HORIZON_S, Rules
-from agents.mcts.simulator import (
-    ACCELERATION,
-    DEMAND,
-    HEADING,
-    LATERAL,
-    OFF_ROAD,
-    SPEED,
-    STEERING,
-    S,
-)
-from agents.planning.motion import Body
-from agents.planning.situation import Situation, at_row, leader
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.mcts.config import DT, HORIZON_S, Rules
+from dohyo.agents.mcts.simulator import ACCELERATION, DEMAND, HEADING, LATERAL, OFF_ROAD, SPEED, STEERING, S
+from dohyo.agents.planning.motion import Body
+from dohyo.agents.planning.situation import Situation, at_row, leader
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 SHIPPED = Path(__file__).parents[1] / "checkpoints" / "value.safetensors"
 FEATURES, WIDTH = 24, 32

@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from agents.mcts.config import DT, Rules
-from agents.mcts.mbappe import Mbappe
-from agents.mcts.simulator import FAILED
-from agents.mcts.tree import NODES, Tree
-from agents.mcts.value.mlp import FEATURES, describe
-from agents.planning.motion import Body
-from agents.planning.scene import Scene
-from agents.planning.situation import Situation
-from evaluation.agent import Mission
-from sumo_networks.arrays import FloatArray
-from sumo_networks.scenario import Place
+from dohyo.agents.mcts.config import DT, Rules
+from dohyo.agents.mcts.mbappe import Mbappe
+from dohyo.agents.mcts.simulator import FAILED
+from dohyo.agents.mcts.tree import NODES, Tree
+from dohyo.agents.mcts.value.mlp import FEATURES, describe
+from dohyo.agents.planning.motion import Body
+from dohyo.agents.planning.scene import Scene
+from dohyo.agents.planning.situation import Situation
+from dohyo.evaluation.agent import Mission
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.scenario import Place
 
 LEAST_VISITS = 12
 """A state tried less often has not shown what it is worth."""

@@ -20,14 +20,14 @@ from pydantic import Field
 from safetensors.numpy import save
 from torch import Tensor, nn
 
-from agents.mcts.predictors.dataset import load_shard, shards_of
-from agents.mcts.value.mlp import FEATURES, WIDTH
-from agents.mcts.value.records import Records, records_of
-from agents.planning.scene import Scene
-from evaluation.store import write_atomically
-from sumo_networks.arrays import FloatArray
-from sumo_networks.config import Config
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.mcts.predictors.dataset import load_shard, shards_of
+from dohyo.agents.mcts.value.mlp import FEATURES, WIDTH
+from dohyo.agents.mcts.value.records import Records, records_of
+from dohyo.agents.planning.scene import Scene
+from dohyo.evaluation.store import write_atomically
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 class ValueConfig(Config):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from alembic import context
 from sqlalchemy import Connection
 
-from service.database.engine import Database
-from service.database.models import Base
-from service.settings import Settings
+from dohyo.service.database.engine import Database
+from dohyo.service.database.models import Base
+from dohyo.service.settings import Settings
 
 
 def run(connection: Connection) -> None:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.experts.gaps import leaves_room
+from dohyo.agents.experts.gaps import leaves_room
 
 LENGTH_M = 4.6
 HALF_M = 2.25

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from agents.experts.courtesy import squeeze_past
-from agents.experts.sidestep import Sidestep
-from agents.experts.surroundings import Surroundings
-from evaluation.benchmark import load_benchmark
-from evaluation.record import InfractionKind, Status
-from evaluation.runner import run_episode
-from sumo_networks.events import Event
-from sumo_networks.scenario import Mission, Place, Scenario
-from sumo_networks.world import ActorKind, World
+from dohyo.agents.experts.courtesy import squeeze_past
+from dohyo.agents.experts.sidestep import Sidestep
+from dohyo.agents.experts.surroundings import Surroundings
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.record import InfractionKind, Status
+from dohyo.evaluation.runner import run_episode
+from dohyo.sumo_networks.events import Event
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario
+from dohyo.sumo_networks.world import ActorKind, World
 from tests.agents.driving import drive, fronts, made, observed, speeds, touched
 from tests.sumo_networks.drives import on
 from tests.worlds import Scene, straight_road

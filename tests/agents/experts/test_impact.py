@@ -8,10 +8,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from agents.experts.impact import SAFE_ACCELERATION, Impact, impact_speed
-from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.sensors import objects
-from sumo_networks.world import ActorKind
+from dohyo.agents.experts.impact import SAFE_ACCELERATION, Impact, impact_speed
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.sensors import objects
+from dohyo.sumo_networks.world import ActorKind
 from tests.agents.driving import drive, made, speeds, touched
 from tests.worlds import straight_road
 

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from agents.experts.idm import IdmPlanner
-from agents.experts.pdm import LINE_GAP_M, MODEL, PdmClosed, Variant
-from agents.experts.proposals import (
+from dohyo.agents.experts.idm import IdmPlanner
+from dohyo.agents.experts.pdm import LINE_GAP_M, MODEL, PdmClosed, Variant
+from dohyo.agents.experts.proposals import (
     COMFORT,
     DAC,
     DDC,
@@ -27,15 +27,15 @@ from agents.experts.proposals import (
     roll_out,
     score,
 )
-from agents.planning.motion import Idm, body, boxes_meet, idm_acceleration, project
-from agents.planning.prediction import constant_velocity
-from agents.planning.scene import SceneBuilder
-from agents.planning.situation import ROAD_BIT, ROUTE_BIT, Situation, leader, on_grid, situation
-from evaluation.agent import Agent
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.vehicle import VehicleParameters
-from sumo_networks.world import LightState
+from dohyo.agents.planning.motion import Idm, body, boxes_meet, idm_acceleration, project
+from dohyo.agents.planning.prediction import constant_velocity
+from dohyo.agents.planning.scene import SceneBuilder
+from dohyo.agents.planning.situation import ROAD_BIT, ROUTE_BIT, Situation, leader, on_grid, situation
+from dohyo.evaluation.agent import Agent
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.world import LightState
 from tests.agents.driving import drive, fronts, speeds, touched
 from tests.agents.mcts.roads import observation, straight
 from tests.worlds import Scene, lit_crossing, straight_road

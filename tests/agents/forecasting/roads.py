@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from agents.forecasting.data import Stretch
-from sumo_networks.arrays import FloatArray
+from dohyo.agents.forecasting.data import Stretch
+from dohyo.sumo_networks.arrays import FloatArray
 
 FREE_MPS, WAVE_MPS, CELL_M, JAM_PER_M, CAPACITY = 31.0, 5.0, 540.0, 0.6, 2.2
 """Speeds of traffic and of a jam's tail, a cell, vehicles per metre when standing, vehicles per second at most."""

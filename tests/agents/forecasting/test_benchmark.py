@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.forecasting import benchmark as benchmarks
-from agents.forecasting.base import Forecaster, Progress
-from agents.forecasting.benchmark import benchmark_windows, evaluate_forecaster
-from agents.forecasting.windows import Windows
-from evaluation.freeway_benchmark import ForecastBenchmark, days_folder, load_freeway_benchmark
-from evaluation.freeway_result import RESULT
-from sumo_networks.arrays import Float32Array, FloatArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.forecasting import benchmark as benchmarks
+from dohyo.agents.forecasting.base import Forecaster, Progress
+from dohyo.agents.forecasting.benchmark import benchmark_windows, evaluate_forecaster
+from dohyo.agents.forecasting.windows import Windows
+from dohyo.evaluation.freeway_benchmark import ForecastBenchmark, days_folder, load_freeway_benchmark
+from dohyo.evaluation.freeway_result import RESULT
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.forecasting.roads import write_folder
 
 NAME = "tests.agents.forecasting.test_benchmark"

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from service.cli import app
-from sumo_networks.errors import DohyoError
+from dohyo.service.cli import app
+from dohyo.sumo_networks.errors import DohyoError
 from tests.agents.forecasting.roads import road_speeds, write_csv, write_folder
 
 

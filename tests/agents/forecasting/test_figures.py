@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agents.forecasting.figures import SHOWN, figure, forecasts, stages
-from agents.forecasting.registry import make_forecaster
-from agents.forecasting.windows import make_windows
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.forecasting.figures import SHOWN, figure, forecasts, stages
+from dohyo.agents.forecasting.registry import make_forecaster
+from dohyo.agents.forecasting.windows import make_windows
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.forecasting.roads import road_stretch
 
 

@@ -9,16 +9,16 @@ import pytest
 import torch
 from safetensors.numpy import save_file
 
-from agents.forecasting.base import Forecaster
-from agents.forecasting.learned import Learned
-from agents.forecasting.networks.registry import NETWORKS
-from agents.forecasting.quantiles import Quantiles, conformal_quantile
-from agents.forecasting.registry import NAMES, load_forecaster, make_forecaster, shipped
-from agents.forecasting.scores import by_stretch, coverage, crossed, errors
-from agents.forecasting.simple import Linear, Persistence
-from agents.forecasting.training import TrainSettings
-from agents.forecasting.windows import Windows, make_windows
-from sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.agents.forecasting.base import Forecaster
+from dohyo.agents.forecasting.learned import Learned
+from dohyo.agents.forecasting.networks.registry import NETWORKS
+from dohyo.agents.forecasting.quantiles import Quantiles, conformal_quantile
+from dohyo.agents.forecasting.registry import NAMES, load_forecaster, make_forecaster, shipped
+from dohyo.agents.forecasting.scores import by_stretch, coverage, crossed, errors
+from dohyo.agents.forecasting.simple import Linear, Persistence
+from dohyo.agents.forecasting.training import TrainSettings
+from dohyo.agents.forecasting.windows import Windows, make_windows
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from tests.agents.forecasting.roads import road_stretch
 
 N = 5

@@ -8,7 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.forecasting.pyramid import LaplacianLoss, expand, padded_length, pyramid, reconstruct
+from dohyo.agents.forecasting.pyramid import LaplacianLoss, expand, padded_length, pyramid, reconstruct
 
 
 @pytest.mark.parametrize(("depth", "length"), [(0, 21), (1, 22), (2, 24), (3, 24), (4, 32)])

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.forecasting.gaps import fill
-from agents.forecasting.reading import Format, read_data
-from agents.forecasting.windows import make_windows
-from sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.agents.forecasting.gaps import fill
+from dohyo.agents.forecasting.reading import Format, read_data
+from dohyo.agents.forecasting.windows import make_windows
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from tests.agents.forecasting.roads import road_speeds, road_stretch, write_csv, write_folder
 
 NAN = float("nan")

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.forecasting import study, tables
-from agents.forecasting.reading import read_data
+from dohyo.agents.forecasting import study, tables
+from dohyo.agents.forecasting.reading import read_data
 from tests.agents.forecasting.roads import write_folder
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from agents.hierarchical.study_tables import Drive
+from dohyo.agents.hierarchical.study_tables import Drive
 
 
 def a_drive(**changes: object) -> Drive:

@@ -9,14 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.hierarchical.actuation import (
-    ACCELERATION_M_S2,
-    Steering,
-    action_of,
-    command,
-    steering_limit,
-)
-from sumo_networks.vehicle import VehicleParameters
+from dohyo.agents.hierarchical.actuation import ACCELERATION_M_S2, Steering, action_of, command, steering_limit
+from dohyo.sumo_networks.vehicle import VehicleParameters
 
 CAR = VehicleParameters()
 UNIT = st.floats(-1.0, 1.0)

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from agents.hierarchical import nearby
-from agents.hierarchical.allowances import ALLOWANCES, allowances
-from agents.hierarchical.pace import following_speed, stopping_speed
-from sumo_networks.sensors import make_sensors
-from sumo_networks.world import ActorKind, LightState
+from dohyo.agents.hierarchical import nearby
+from dohyo.agents.hierarchical.allowances import ALLOWANCES, allowances
+from dohyo.agents.hierarchical.pace import following_speed, stopping_speed
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.world import ActorKind, LightState
 from tests.worlds import Scene, lit_crossing, straight_road
 
 HALF = 2.25

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agents.hierarchical.conductor import Conductor, Prospect, Tempo
-from agents.hierarchical.manoeuvres import Manoeuvre
-from agents.hierarchical.outlook import OPTIONS
+from dohyo.agents.hierarchical.conductor import Conductor, Prospect, Tempo
+from dohyo.agents.hierarchical.manoeuvres import Manoeuvre
+from dohyo.agents.hierarchical.outlook import OPTIONS
 
 LANE, LIGHTS = OPTIONS.index(Manoeuvre.LANE), OPTIONS.index(Manoeuvre.LIGHTS)
 TEMPO = Tempo(least_ticks=5, most_ticks=20)

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from agents.hierarchical import crossed
-from evaluation.statistics import mean_estimate
+from dohyo.agents.hierarchical import crossed
+from dohyo.evaluation.statistics import mean_estimate
 
 
 def test_the_crossed_bootstrap_knows_how_far_trainings_and_scenarios_differ():

@@ -7,9 +7,9 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from agents.hierarchical import curves
-from agents.hierarchical.training_results import TrainingRun
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.hierarchical import curves
+from dohyo.agents.hierarchical.training_results import TrainingRun
+from dohyo.sumo_networks.errors import InvalidInputError
 
 HALF = 4.302653 * 10.0 / 3**0.5
 """Of Student's interval of three values 10 apart."""

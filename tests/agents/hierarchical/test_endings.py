@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import pytest
 
-from agents.hierarchical.endings import End, Endings
-from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
-from sumo_networks.world import EventPhase, EventState, LightState, World
+from dohyo.agents.hierarchical.endings import End, Endings
+from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
+from dohyo.sumo_networks.world import EventPhase, EventState, LightState, World
 from tests.worlds import Scene, lit_crossing, straight_road
 
 

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.experts.surroundings import Surroundings
-from agents.hierarchical.actuation import ACTIONS
-from agents.hierarchical.exercise import MEASURES, Exercise, Ride
-from agents.hierarchical.journey import UNDER_RULES, Journey, JourneyTask
-from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre, deviation, learned
-from agents.hierarchical.outlook import CRITICAL, FRESH, OPTIONS
-from agents.hierarchical.rewards import INFRACTION
-from agents.hierarchical.tasks import ManoeuvreTask
-from agents.training.task import HELD_OUT_FROM, check_task
-from sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.agents.experts.surroundings import Surroundings
+from dohyo.agents.hierarchical.actuation import ACTIONS
+from dohyo.agents.hierarchical.exercise import MEASURES, Exercise, Ride
+from dohyo.agents.hierarchical.journey import UNDER_RULES, Journey, JourneyTask
+from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre, deviation, learned
+from dohyo.agents.hierarchical.outlook import CRITICAL, FRESH, OPTIONS
+from dohyo.agents.hierarchical.rewards import INFRACTION
+from dohyo.agents.hierarchical.tasks import ManoeuvreTask
+from dohyo.agents.training.task import HELD_OUT_FROM, check_task
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from tests.agents.hierarchical.untrained import TWIN
 
 ROOT = Path(__file__).parents[3]
@@ -106,7 +106,7 @@ def test_who_stands_on_a_free_road_is_ended_after_5_s_without_reward():
 
 
 def _stands(seed: int) -> bool:
-    from agents.hierarchical.scenarios import draw_scenario
+    from dohyo.agents.hierarchical.scenarios import draw_scenario
 
     scenario = draw_scenario(Manoeuvre.LANE, seed)
     return scenario.missions[0].start_speed_mps is None and not scenario.traffic.vehicles
@@ -192,7 +192,8 @@ def test_a_journey_tells_what_may_begin_and_takes_an_option_with_each_action(rul
 
 
 def test_the_processes_of_environments_do_not_load_torch():
-    code = "import sys, agents.hierarchical.tasks, agents.hierarchical.journey; assert 'torch' not in sys.modules"
+    modules = "dohyo.agents.hierarchical.tasks, dohyo.agents.hierarchical.journey"
+    code = f"import sys, {modules}; assert 'torch' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
 
 

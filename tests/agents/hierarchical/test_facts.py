@@ -7,15 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from agents.experts.sidestep import Sidestep
-from agents.experts.surroundings import Surroundings
-from agents.hierarchical.facts import SENSORS, FactsBuilder, Memory, Moment, tenths, travel_time
-from agents.hierarchical.rulebook import read_rulebook
-from agents.hierarchical.rules_only import RULES
-from agents.hierarchical.solver import Solver
-from agents.hierarchical.watch import Danger
-from sumo_networks.sensors import make_sensors
-from sumo_networks.world import ActorKind, LightState, World
+from dohyo.agents.experts.sidestep import Sidestep
+from dohyo.agents.experts.surroundings import Surroundings
+from dohyo.agents.hierarchical.facts import SENSORS, FactsBuilder, Memory, Moment, tenths, travel_time
+from dohyo.agents.hierarchical.rulebook import read_rulebook
+from dohyo.agents.hierarchical.rules_only import RULES
+from dohyo.agents.hierarchical.solver import Solver
+from dohyo.agents.hierarchical.watch import Danger
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.world import ActorKind, LightState, World
 from tests.worlds import Scene, crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road
 
 WEST, NORTH, SOUTH = math.pi, math.pi / 2, -math.pi / 2

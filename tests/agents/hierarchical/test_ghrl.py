@@ -10,27 +10,27 @@ import numpy as np
 import pytest
 import torch
 
-from agents.hierarchical import ghrl
-from agents.hierarchical.ghrl import ARMS, Ghrl
-from agents.hierarchical.hierarchy import CONFIG, WEIGHTS, read_sub_policies
-from agents.hierarchical.journey import Journey, JourneyTask
-from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
-from agents.hierarchical.master import read_master
-from agents.hierarchical.master_training import OptionCritic, OptionCriticConfig
-from agents.hierarchical.rules_only import RulesOnly
-from agents.hierarchical.scenarios import draw_scenario
-from agents.hierarchical.subpolicies import SubPolicyConfig
-from agents.training.environments import Environments
-from agents.training.settings import as_toml
-from evaluation.agent import agent_info, make_agent
-from sumo_networks.env import DrivingEnv
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.world import LightState
+from dohyo.agents.hierarchical import ghrl
+from dohyo.agents.hierarchical.ghrl import ARMS, Ghrl
+from dohyo.agents.hierarchical.hierarchy import CONFIG, WEIGHTS, read_sub_policies
+from dohyo.agents.hierarchical.journey import Journey, JourneyTask
+from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
+from dohyo.agents.hierarchical.master import read_master
+from dohyo.agents.hierarchical.master_training import OptionCritic, OptionCriticConfig
+from dohyo.agents.hierarchical.rules_only import RulesOnly
+from dohyo.agents.hierarchical.scenarios import draw_scenario
+from dohyo.agents.hierarchical.subpolicies import SubPolicyConfig
+from dohyo.agents.training.environments import Environments
+from dohyo.agents.training.settings import as_toml
+from dohyo.evaluation.agent import agent_info, make_agent
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.world import LightState
 from tests.agents.driving import drive, observed
 from tests.agents.hierarchical.untrained import TWIN, write_master, write_sub_policies
 from tests.worlds import lit_crossing, straight_road
 
-ENTRY = "agents.hierarchical.ghrl:Ghrl"
+ENTRY = "dohyo.agents.hierarchical.ghrl:Ghrl"
 
 
 @pytest.fixture(scope="module")

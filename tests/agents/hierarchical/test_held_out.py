@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from agents.hierarchical import held_out
-from agents.hierarchical.arms import run_folder
-from agents.hierarchical.hierarchy import read_sub_policies
-from agents.hierarchical.tasks import ManoeuvreTask
-from agents.training.evaluate import evaluate
-from agents.training.worker import take_seats
-from evaluation.store import read_lines
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.hierarchical import held_out
+from dohyo.agents.hierarchical.arms import run_folder
+from dohyo.agents.hierarchical.hierarchy import read_sub_policies
+from dohyo.agents.hierarchical.tasks import ManoeuvreTask
+from dohyo.agents.training.evaluate import evaluate
+from dohyo.agents.training.worker import take_seats
+from dohyo.evaluation.store import read_lines
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.hierarchical.untrained import write_sub_policies
 
 

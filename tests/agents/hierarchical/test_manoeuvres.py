@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from agents.experts.surroundings import Surroundings
-from agents.hierarchical.manoeuvres import Course, Manoeuvre, deviation, lane_is_free, light_ahead, line_near
-from sumo_networks.sensors import make_sensors
-from sumo_networks.world import LightState
+from dohyo.agents.experts.surroundings import Surroundings
+from dohyo.agents.hierarchical.manoeuvres import Course, Manoeuvre, deviation, lane_is_free, light_ahead, line_near
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.world import LightState
 from tests.worlds import LANE_M, Scene, lit_crossing, straight_road
 
 SENSORS = ("route", "path", "lights", "objects", "lanes", "navigation", "speedometer")

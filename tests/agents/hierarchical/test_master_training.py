@@ -12,15 +12,15 @@ import pytest
 import torch
 from gymnasium.spaces import Box
 
-from agents.hierarchical.conductor import Tempo
-from agents.hierarchical.manoeuvres import Manoeuvre
-from agents.hierarchical.master import Manner, Master, Told, parts
-from agents.hierarchical.master_training import OptionCritic, OptionCriticConfig
-from agents.hierarchical.outlook import CRITICAL, FLAGS, FRESH, OPTIONS
-from agents.training.environments import Environments
-from agents.training.policy import Actor
-from agents.training.task import Task, held_out_seeds
-from agents.training.worker import HereSeat
+from dohyo.agents.hierarchical.conductor import Tempo
+from dohyo.agents.hierarchical.manoeuvres import Manoeuvre
+from dohyo.agents.hierarchical.master import Manner, Master, Told, parts
+from dohyo.agents.hierarchical.master_training import OptionCritic, OptionCriticConfig
+from dohyo.agents.hierarchical.outlook import CRITICAL, FLAGS, FRESH, OPTIONS
+from dohyo.agents.training.environments import Environments
+from dohyo.agents.training.policy import Actor
+from dohyo.agents.training.task import Task, held_out_seeds
+from dohyo.agents.training.worker import HereSeat
 
 PLACES, GAMMA = 4, 0.9
 LEFT, RIGHT, LIGHTS = (OPTIONS.index(one) for one in (Manoeuvre.LEFT, Manoeuvre.RIGHT, Manoeuvre.LIGHTS))

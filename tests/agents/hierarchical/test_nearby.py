@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.hierarchical.nearby import SENSORS, actors_near, crossings, distances, junctions, root, strips
-from sumo_networks.sensors import make_sensors
-from sumo_networks.world import ActorKind, LightState
+from dohyo.agents.hierarchical.nearby import SENSORS, actors_near, crossings, distances, junctions, root, strips
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.world import ActorKind, LightState
 from tests.worlds import Scene, lit_crossing, stop_sign_crossing, straight_road
 
 HALF_M = 2.25

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from agents.hierarchical.options import (
+from dohyo.agents.hierarchical.options import (
     Batch,
     OptionValues,
     Replay,
@@ -17,7 +17,7 @@ from agents.hierarchical.options import (
     smdp_target,
     termination_loss,
 )
-from sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError
 
 GAMMA = 0.9
 NONE_ENDED = torch.tensor([False])

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agents.hierarchical.actuation import Steering
-from agents.hierarchical.manoeuvres import Manoeuvre
-from agents.hierarchical.outlook import CRITICAL, FINISHED, FRESH, OPTIONS, Outlook
-from agents.hierarchical.rules_only import RulesOnly
-from sumo_networks.sensors import make_sensors
-from sumo_networks.world import LightState
+from dohyo.agents.hierarchical.actuation import Steering
+from dohyo.agents.hierarchical.manoeuvres import Manoeuvre
+from dohyo.agents.hierarchical.outlook import CRITICAL, FINISHED, FRESH, OPTIONS, Outlook
+from dohyo.agents.hierarchical.rules_only import RulesOnly
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.world import LightState
 from tests.agents.hierarchical.untrained import TWIN
 from tests.worlds import LANE_M, Scene, lit_crossing, straight_road
 

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from agents.experts.surroundings import Surroundings
-from agents.hierarchical.pace import Pace, Restraint, following_speed, pace_of, stopping_speed
-from sumo_networks.sensors import make_sensors
-from sumo_networks.world import ActorKind, LightState
+from dohyo.agents.experts.surroundings import Surroundings
+from dohyo.agents.hierarchical.pace import Pace, Restraint, following_speed, pace_of, stopping_speed
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.world import ActorKind, LightState
 from tests.worlds import Scene, lit_crossing, straight_road
 
 ALL = frozenset(Restraint)

@@ -8,16 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.hierarchical.pace import Pace
-from agents.hierarchical.rewards import (
-    INFRACTION,
-    Terms,
-    angle_term,
-    deviation_term,
-    reward,
-    speed_term,
-    terms,
-)
+from dohyo.agents.hierarchical.pace import Pace
+from dohyo.agents.hierarchical.rewards import INFRACTION, Terms, angle_term, deviation_term, reward, speed_term, terms
 
 TEN = Pace(least=8.0, target=10.0, most=12.0)
 STAND = Pace(least=0.0, target=0.0, most=2.0)

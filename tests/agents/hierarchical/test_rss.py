@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numba import njit
 
-from agents.hierarchical.rss import (
+from dohyo.agents.hierarchical.rss import (
     COLUMNS,
     EGO,
     GAP,
@@ -26,9 +26,9 @@ from agents.hierarchical.rss import (
     oncoming_distance,
     side_distance,
 )
-from agents.hierarchical.watch import SENSORS, Watch
-from sumo_networks.sensors import make_sensors
-from sumo_networks.world import World
+from dohyo.agents.hierarchical.watch import SENSORS, Watch
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.world import World
 from tests.worlds import Scene, straight_road
 
 WEST, NORTH = math.pi, math.pi / 2

@@ -9,9 +9,9 @@ from clingo import SymbolType, parse_term
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.hierarchical.rulebook import read_rulebook
-from agents.hierarchical.rules_only import RULES
-from agents.hierarchical.solver import Decision, Fact, Solver, fact
+from dohyo.agents.hierarchical.rulebook import read_rulebook
+from dohyo.agents.hierarchical.rules_only import RULES
+from dohyo.agents.hierarchical.solver import Decision, Fact, Solver, fact
 
 BOOK = Solver(read_rulebook(RULES))
 EGO = "speed(80). advised(120). standing(0). refused(0). sight(1790)."

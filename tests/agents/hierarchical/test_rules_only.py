@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.hierarchical.rulebook import RuleError
-from agents.hierarchical.rules_only import RULES, RulesOnly, advised_speed, follow
-from evaluation.agent import agent_info, make_agent
-from evaluation.benchmark import load_benchmark
-from evaluation.record import Status
-from evaluation.runner import run_episode
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.world import ActorKind, LightState, World
+from dohyo.agents.hierarchical.rulebook import RuleError
+from dohyo.agents.hierarchical.rules_only import RULES, RulesOnly, advised_speed, follow
+from dohyo.evaluation.agent import agent_info, make_agent
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.record import Status
+from dohyo.evaluation.runner import run_episode
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.world import ActorKind, LightState, World
 from tests.agents.driving import drive, fronts, observed, speeds, touched
 from tests.worlds import Scene, lit_crossing, stop_sign_crossing, straight_road
 
 WEST, NORTH = math.pi, math.pi / 2
-ENTRY = "agents.hierarchical.rules_only:RulesOnly"
+ENTRY = "dohyo.agents.hierarchical.rules_only:RulesOnly"
 
 
 @pytest.fixture(scope="module")

@@ -5,15 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agents.experts.surroundings import Surroundings
-from agents.hierarchical.manoeuvres import CHANGES, DRIVE, Course, Manoeuvre
-from agents.hierarchical.scenarios import BRAKING_EVENTS, LIGHTLESS_M, TIME_LIMITS_S, careful_speed, draw_scenario
-from agents.training.task import HELD_OUT_FROM
-from sumo_networks.catalog import load_network
-from sumo_networks.env import DrivingEnv
-from sumo_networks.route import Route
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Scenario
+from dohyo.agents.experts.surroundings import Surroundings
+from dohyo.agents.hierarchical.manoeuvres import CHANGES, DRIVE, Course, Manoeuvre
+from dohyo.agents.hierarchical.scenarios import (
+    BRAKING_EVENTS,
+    LIGHTLESS_M,
+    TIME_LIMITS_S,
+    careful_speed,
+    draw_scenario,
+)
+from dohyo.agents.training.task import HELD_OUT_FROM
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Scenario
 
 SEEDS = range(12)
 

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.hierarchical.shield import RESPONSES, Shielded
-from agents.registry import resolve_with
-from evaluation.agent import AgentSpec, agent_info, make_agent
-from sumo_networks.control import CONTROLS
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.world import ActorKind
+from dohyo.agents.hierarchical.shield import RESPONSES, Shielded
+from dohyo.agents.registry import resolve_with
+from dohyo.evaluation.agent import AgentSpec, agent_info, make_agent
+from dohyo.sumo_networks.control import CONTROLS
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.world import ActorKind
 from tests.agents.driving import drive, observed, speeds, touched
 from tests.worlds import Scene, straight_road
 
-RECKLESS = "agents.experts.reckless:Reckless"
+RECKLESS = "dohyo.agents.experts.reckless:Reckless"
 FULL_SPEED: dict[str, Any] = {
     "pedals_steering": [1.0, 0.0, 0.3],
     "acceleration_steering": [2.0, 0.3],

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from agents.hierarchical.rulebook import RuleError, read_rulebook
-from agents.hierarchical.solver import Fact, Solver, fact
+from dohyo.agents.hierarchical.rulebook import RuleError, read_rulebook
+from dohyo.agents.hierarchical.solver import Fact, Solver, fact
 
 
 def solver(folder: Path, text: str, **others: str) -> Solver:

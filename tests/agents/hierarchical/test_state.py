@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.hierarchical.state import WAYPOINTS_M, StateConfig, StateEncoder
-from agents.hierarchical.vision.latents import Encoder
-from agents.mcts.predictors import recording as motion
-from sumo_networks.env import DrivingEnv
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.scenario import Traffic
-from sumo_networks.sensors import Track, make_sensors
+from dohyo.agents.hierarchical.state import WAYPOINTS_M, StateConfig, StateEncoder
+from dohyo.agents.hierarchical.vision.latents import Encoder
+from dohyo.agents.mcts.predictors import recording as motion
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Traffic
+from dohyo.sumo_networks.sensors import Track, make_sensors
 from tests.agents.hierarchical.vision.weights import picture, untrained
 from tests.worlds import Scene, lit_crossing, straight_road
 

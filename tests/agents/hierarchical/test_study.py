@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.hierarchical import study
-from agents.hierarchical.study_tables import read_drives
-from evaluation.record import Status
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.hierarchical import study
+from dohyo.agents.hierarchical.study_tables import read_drives
+from dohyo.evaluation.record import Status
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.hierarchical.drives import a_drive
 from tests.agents.hierarchical.untrained import write_master, write_sub_policies
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 
-from agents.hierarchical import study_tables as tables
-from agents.hierarchical.crossed import estimate
-from evaluation.statistics import share_estimate
+from dohyo.agents.hierarchical import study_tables as tables
+from dohyo.agents.hierarchical.crossed import estimate
+from dohyo.evaluation.statistics import share_estimate
 from tests.agents.hierarchical.drives import a_drive, drives_of
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agents.hierarchical.conductor import Conductor, Tempo
-from agents.hierarchical.manoeuvres import Manoeuvre
-from agents.hierarchical.outlook import OPTIONS
-from agents.hierarchical.trail import Trail
+from dohyo.agents.hierarchical.conductor import Conductor, Tempo
+from dohyo.agents.hierarchical.manoeuvres import Manoeuvre
+from dohyo.agents.hierarchical.outlook import OPTIONS
+from dohyo.agents.hierarchical.trail import Trail
 
 REWARDS = (1.0, 0.0, 4.0)
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from agents.hierarchical import arms
-from agents.hierarchical import training_results as results
-from evaluation.statistics import Estimate
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.hierarchical import arms
+from dohyo.agents.hierarchical import training_results as results
+from dohyo.evaluation.statistics import Estimate
+from dohyo.sumo_networks.errors import InvalidInputError
 
 HEAD = (
     "steps",
@@ -68,8 +68,8 @@ def runs(tmp_path):
 
 
 def test_policies_are_those_that_can_be_trained():
-    from agents.hierarchical.hierarchy import FLAT, MASTER
-    from agents.hierarchical.manoeuvres import Manoeuvre
+    from dohyo.agents.hierarchical.hierarchy import FLAT, MASTER
+    from dohyo.agents.hierarchical.manoeuvres import Manoeuvre
 
     assert (*(one.value for one in Manoeuvre), MASTER, FLAT) == arms.POLICIES
 

@@ -12,15 +12,15 @@ from pathlib import Path
 
 import pytest
 
-from agents.hierarchical import trainings
-from agents.hierarchical.arms import ARMS, MASTER, POLICIES, SUB_POLICIES, config_of
-from agents.training.settings import as_toml
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.hierarchical import trainings
+from dohyo.agents.hierarchical.arms import ARMS, MASTER, POLICIES, SUB_POLICIES, config_of
+from dohyo.agents.training.settings import as_toml
+from dohyo.sumo_networks.errors import InvalidInputError
 
 ROOT = Path(__file__).parents[3]
 RESULTS = ROOT / "agents" / "hierarchical" / "results" / "training"
 TINY = ("steps=24", "held_out=1", "evaluate_every=1000", "ppo.horizon=12", "ppo.batch=12", "ppo.epochs=1")
-COMMAND = (sys.executable, "-m", "agents.hierarchical.trainings", "--policies", "right")
+COMMAND = (sys.executable, "-m", "dohyo.agents.hierarchical.trainings", "--policies", "right")
 
 
 @pytest.mark.parametrize("folder", sorted(RESULTS.glob("*/seed-*/*")), ids=lambda path: str(path.relative_to(RESULTS)))

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import torch
 
-from agents.hierarchical.conductor import Tempo
-from agents.hierarchical.hierarchy import CONFIG, FLAT, MASTER, WEIGHTS, read_sub_policies
-from agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
-from agents.hierarchical.master import Master, master_of
-from agents.hierarchical.state import StateConfig
-from agents.hierarchical.subpolicies import SubPolicyConfig
-from agents.hierarchical.tasks import ManoeuvreTask
-from agents.training.export import export
-from agents.training.policy import actor_for
-from agents.training.settings import as_toml
+from dohyo.agents.hierarchical.conductor import Tempo
+from dohyo.agents.hierarchical.hierarchy import CONFIG, FLAT, MASTER, WEIGHTS, read_sub_policies
+from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
+from dohyo.agents.hierarchical.master import Master, master_of
+from dohyo.agents.hierarchical.state import StateConfig
+from dohyo.agents.hierarchical.subpolicies import SubPolicyConfig
+from dohyo.agents.hierarchical.tasks import ManoeuvreTask
+from dohyo.agents.training.export import export
+from dohyo.agents.training.policy import actor_for
+from dohyo.agents.training.settings import as_toml
 
 TWIN = StateConfig(vision="none")
 

@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from agents.localization.attitude import exponential, matrix, normalised, product
-from agents.localization.ekf import Ekf, _linearised
-from agents.localization.es_ekf import EsEkf, integrate
-from agents.localization.filters import Filter, FilterNoise, InitialState
-from agents.localization.lowpass import LowPass, cut_off_hz, delay_s
-from agents.localization.ukf import Ukf, _moved
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.localization.attitude import exponential, matrix, normalised, product
+from dohyo.agents.localization.ekf import Ekf, _linearised
+from dohyo.agents.localization.es_ekf import EsEkf, integrate
+from dohyo.agents.localization.filters import Filter, FilterNoise, InitialState
+from dohyo.agents.localization.lowpass import LowPass, cut_off_hz, delay_s
+from dohyo.agents.localization.ukf import Ukf, _moved
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.localization.test_es_ekf import some_state, start
 
 FORCE, RATE = np.array([1.0, 3.0, 9.8]), np.array([0.1, -0.2, 0.6])

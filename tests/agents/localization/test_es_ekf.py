@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from filterpy.stats import mahalanobis
 
-from agents.localization.attitude import exponential, from_heading, inverse, logarithm, normalised, product
-from agents.localization.consistency import mean_bounds, nees, quantile
-from agents.localization.es_ekf import DT, EsEkf, integrate, reset_jacobian, transition
-from agents.localization.filters import CONDITIONING, FilterNoise, InitialState, gnss_covariance
-from sumo_networks.arrays import FloatArray
-from sumo_networks.sensors.imu import ICM_20600
+from dohyo.agents.localization.attitude import exponential, from_heading, inverse, logarithm, normalised, product
+from dohyo.agents.localization.consistency import mean_bounds, nees, quantile
+from dohyo.agents.localization.es_ekf import DT, EsEkf, integrate, reset_jacobian, transition
+from dohyo.agents.localization.filters import CONDITIONING, FilterNoise, InitialState, gnss_covariance
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.sensors.imu import ICM_20600
 
 STEP = 0.01
 

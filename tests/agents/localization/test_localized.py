@@ -7,16 +7,16 @@ import math
 import numpy as np
 import pytest
 
-from agents.localization.localized import STAND, Localized
-from agents.registry import resolve_with
-from evaluation.agent import AgentSpec, agent_info, make_agent
-from evaluation.benchmark import load_benchmark
-from sumo_networks.control import CONTROLS, make_control
-from sumo_networks.env import DrivingEnv
-from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.sensors import make_sensors
-from sumo_networks.vehicle import VehicleParameters
-from sumo_networks.world import World
+from dohyo.agents.localization.localized import STAND, Localized
+from dohyo.agents.registry import resolve_with
+from dohyo.evaluation.agent import AgentSpec, agent_info, make_agent
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.sumo_networks.control import CONTROLS, make_control
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.world import World
 from tests.worlds import straight_road
 
 
@@ -117,12 +117,15 @@ def test_the_setting_localization_wraps_and_others_are_handed_on() -> None:
     agent = make_agent(entry, settings)
     assert agent.spec.name == "autopilot+ekf"
     assert agent.inner.style.max_speed == 9.0  # type: ignore[attr-defined]
-    assert resolve_with("autopilot", {"max_speed": 9.0}) == ("agents.experts.autopilot:Autopilot", {"max_speed": 9.0})
+    assert resolve_with("autopilot", {"max_speed": 9.0}) == (
+        "dohyo.agents.experts.autopilot:Autopilot",
+        {"max_speed": 9.0},
+    )
     assert resolve_with(entry, settings) == (entry, settings), "a record's agent is made again as it was"
 
 
 def test_a_record_tells_both_files_apart() -> None:
-    plain = make_agent("agents.experts.autopilot:Autopilot")
+    plain = make_agent("dohyo.agents.experts.autopilot:Autopilot")
     wrapped = [Localized(inner=name) for name in ("autopilot", "reckless")]
     hashes = {agent_info(agent, "x").source_sha256 for agent in (plain, *wrapped)}
     assert len(hashes) == 3

@@ -10,17 +10,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from agents.localization.calibration import calibrate
-from agents.localization.filters import FilterNoise
-from agents.localization.localizer import FILTERS, Fix, Localizer, Settings
-from agents.localization.study import fixes_of, score
-from agents.localization.synthetic import DT, Journey, Recording, journey_named, record
-from agents.localization.track import Track, follow
-from evaluation.scores.localization import errors
-from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.sensors.gnss import GnssNoise
-from sumo_networks.sensors.imu import ICM_20600, ImuErrors
-from sumo_networks.vehicle import GRAVITY
+from dohyo.agents.localization.calibration import calibrate
+from dohyo.agents.localization.filters import FilterNoise
+from dohyo.agents.localization.localizer import FILTERS, Fix, Localizer, Settings
+from dohyo.agents.localization.study import fixes_of, score
+from dohyo.agents.localization.synthetic import DT, Journey, Recording, journey_named, record
+from dohyo.agents.localization.track import Track, follow
+from dohyo.evaluation.scores.localization import errors
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.sensors.gnss import GnssNoise
+from dohyo.sumo_networks.sensors.imu import ICM_20600, ImuErrors
+from dohyo.sumo_networks.vehicle import GRAVITY
 
 WHITE = GnssNoise(0.3, correlated_share=0.0)
 

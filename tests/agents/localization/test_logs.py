@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from agents.localization.logs import check_together, read_imu, read_positions
-from agents.localization.synthetic import journey_named, record
-from service.cli import app
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.projection import enu_to_geodetic
-from sumo_networks.sensors.gnss import GnssNoise
-from sumo_networks.sensors.imu import ICM_20600
+from dohyo.agents.localization.logs import check_together, read_imu, read_positions
+from dohyo.agents.localization.synthetic import journey_named, record
+from dohyo.service.cli import app
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.projection import enu_to_geodetic
+from dohyo.sumo_networks.sensors.gnss import GnssNoise
+from dohyo.sumo_networks.sensors.imu import ICM_20600
 
 VALLAURIS = (43.58, 7.05, 100.0)
 IMU, GNSS = "t,ax,ay,az,gx,gy,gz", "t,lat,lon,alt"

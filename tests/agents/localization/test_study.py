@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from agents.localization import study
-from agents.localization.study import ARMS, RATES_HZ, SIGMAS_M, Cell, grid
-from agents.localization.synthetic import ROUTES
-from agents.localization.tables import by_sigma
-from service.cli import app
-from sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.agents.localization import study
+from dohyo.agents.localization.study import ARMS, RATES_HZ, SIGMAS_M, Cell, grid
+from dohyo.agents.localization.synthetic import ROUTES
+from dohyo.agents.localization.tables import by_sigma
+from dohyo.service.cli import app
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 
 @pytest.fixture

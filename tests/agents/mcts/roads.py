@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.planning.prediction import constant_velocity
-from agents.planning.scene import SENSORS, SceneBuilder
-from agents.planning.situation import NO_LINE, Situation, situation
-from agents.planning.warm_up import empty_road
-from evaluation.agent import Observation
-from sumo_networks.sensors.lanes import ATTRIBUTES, POINTS
-from sumo_networks.world import ActorKind
+from dohyo.agents.planning.prediction import constant_velocity
+from dohyo.agents.planning.scene import SENSORS, SceneBuilder
+from dohyo.agents.planning.situation import NO_LINE, Situation, situation
+from dohyo.agents.planning.warm_up import empty_road
+from dohyo.evaluation.agent import Observation
+from dohyo.sumo_networks.sensors.lanes import ATTRIBUTES, POINTS
+from dohyo.sumo_networks.world import ActorKind
 
 ROAD_M = 170.0
 KINDS = {"car": ActorKind.CAR, "pedestrian": ActorKind.PEDESTRIAN, "static": ActorKind.STATIC}

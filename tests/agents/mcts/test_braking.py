@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agents.mcts.mbappe import Mbappe
+from dohyo.agents.mcts.mbappe import Mbappe
 from tests.agents.mcts.roads import observation
 
 

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.mcts.caution import cautious
-from agents.mcts.predictors.constant_velocity import ConstantVelocity
-from agents.planning.prediction import STEPS
-from sumo_networks.arrays import FloatArray
-from sumo_networks.world import ActorKind
+from dohyo.agents.mcts.caution import cautious
+from dohyo.agents.mcts.predictors.constant_velocity import ConstantVelocity
+from dohyo.agents.planning.prediction import STEPS
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.world import ActorKind
 from tests.agents.mcts.predictors.scenes import Body, scene
 
 TIMES = np.arange(STEPS) * 0.1

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from agents.registry import resolve
-from evaluation.agent import make_agent
-from evaluation.benchmark import load_benchmark
-from evaluation.runner import run_episode
+from dohyo.agents.registry import resolve
+from dohyo.evaluation.agent import make_agent
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.runner import run_episode
 
 SETTINGS = {
     "mbappe": {"predictor": "constant_velocity", "simulations": 64},

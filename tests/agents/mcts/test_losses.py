@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.mcts.losses import CAUSES, losses
-from evaluation.record import Infraction, InfractionKind
-from evaluation.scores.closed_loop import ClosedLoop
+from dohyo.agents.mcts.losses import CAUSES, losses
+from dohyo.evaluation.record import Infraction, InfractionKind
+from dohyo.evaluation.scores.closed_loop import ClosedLoop
 from tests.evaluation.builders import ego, infraction
 
 FLAWLESS = ClosedLoop(1, 1, 1, 1, 1, 1, 1, 1, 0)

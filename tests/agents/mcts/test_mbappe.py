@@ -7,15 +7,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from agents.mcts.mbappe import Mbappe
-from agents.mcts.predictor_only import PredictorOnly
-from agents.mcts.random_shooting import RandomShooting
-from agents.planning.prediction import STEPS, Forecast
-from agents.planning.scene import Scene
-from evaluation.agent import Agent, Mission
-from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.scenario import Place
-from sumo_networks.world import LightState
+from dohyo.agents.mcts.mbappe import Mbappe
+from dohyo.agents.mcts.predictor_only import PredictorOnly
+from dohyo.agents.mcts.random_shooting import RandomShooting
+from dohyo.agents.planning.prediction import STEPS, Forecast
+from dohyo.agents.planning.scene import Scene
+from dohyo.evaluation.agent import Agent, Mission
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.scenario import Place
+from dohyo.sumo_networks.world import LightState
 from tests.agents.driving import drive, fronts, speeds, touched
 from tests.agents.mcts.roads import observation
 from tests.worlds import lit_crossing, straight_road

@@ -6,8 +6,8 @@ import json
 
 import pytest
 
-from agents.mcts.speed import RESULTS, WAYS, draw
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.mcts.speed import RESULTS, WAYS, draw
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 def result(ms: float) -> dict[str, float]:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from agents.mcts.config import Settings
-from agents.mcts.study import (
+from dohyo.agents.mcts.config import Settings
+from dohyo.agents.mcts.study import (
     ARMS,
     CLAIMS,
     ROUTE_CLAIMS,
@@ -19,12 +19,12 @@ from agents.mcts.study import (
     run,
     verdict,
 )
-from agents.mcts.tables import EXCERPTS, ROUTES, tables, write_tables
-from evaluation.benchmark import load_benchmark
-from evaluation.evaluation import Manifest, Result
-from evaluation.record import InfractionKind, Status
-from evaluation.scenario_types import TYPES
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.mcts.tables import EXCERPTS, ROUTES, tables, write_tables
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.evaluation import Manifest, Result
+from dohyo.evaluation.record import InfractionKind, Status
+from dohyo.evaluation.scenario_types import TYPES
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.evaluation.builders import ego, episode, infraction, lost
 
 

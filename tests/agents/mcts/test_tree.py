@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba.core.runtime import _nrt_python, rtsys
 
-from agents.mcts.config import ACTIONS, LATERAL_LIMIT, MIDDLE, Rules, Settings, rules
-from agents.mcts.mbappe import CRAFTED_IDM
-from agents.mcts.prior import kernel
-from agents.mcts.simulator import (
+from dohyo.agents.mcts.config import ACTIONS, LATERAL_LIMIT, MIDDLE, Rules, Settings, rules
+from dohyo.agents.mcts.mbappe import CRAFTED_IDM
+from dohyo.agents.mcts.prior import kernel
+from dohyo.agents.mcts.simulator import (
     ACCELERATION,
     COLLISION,
     DEMAND,
@@ -29,11 +29,23 @@ from agents.mcts.simulator import (
     X,
     advance,
 )
-from agents.mcts.tree import BEST_LEAF, NODES, PAIRS, Beliefs, Tree, back_up, make_tree, prior_of, search, select, start
-from agents.planning.motion import body
-from agents.planning.situation import Situation
-from sumo_networks.arrays import FloatArray
-from sumo_networks.vehicle import VehicleParameters
+from dohyo.agents.mcts.tree import (
+    BEST_LEAF,
+    NODES,
+    PAIRS,
+    Beliefs,
+    Tree,
+    back_up,
+    make_tree,
+    prior_of,
+    search,
+    select,
+    start,
+)
+from dohyo.agents.planning.motion import body
+from dohyo.agents.planning.situation import Situation
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.vehicle import VehicleParameters
 from tests.agents.mcts.roads import ROAD_M, straight
 
 CAR = body(VehicleParameters(), LATERAL_LIMIT)
@@ -336,8 +348,8 @@ def test_whoever_comes_from_behind_is_not_the_egos_to_avoid() -> None:
 
 def test_the_inner_vehicle_moves_like_the_egos() -> None:
     """One second of a lane change at 8 m/s and then braking, against the plant in steps of 0.01 s."""
-    from agents.mcts.simulator import controls
-    from sumo_networks.vehicle import Vehicles
+    from dohyo.agents.mcts.simulator import controls
+    from dohyo.sumo_networks.vehicle import Vehicles
 
     road, given, parameters = straight(width=12.0), rules(Settings(predictor="constant_velocity")), VehicleParameters()
     plant, state = Vehicles(parameters, 1), state_at(8.0)

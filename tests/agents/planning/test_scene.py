@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from agents.planning.prediction import constant_velocity
-from agents.planning.scene import HISTORY, SENSORS, Scene, SceneBuilder
-from sumo_networks.sensors import make_sensors
-from sumo_networks.world import LightState, World
+from dohyo.agents.planning.prediction import constant_velocity
+from dohyo.agents.planning.scene import HISTORY, SENSORS, Scene, SceneBuilder
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.world import LightState, World
 from tests.worlds import lit_crossing, stop_sign_crossing, straight_road
 
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from agents.speed_planning.acc import MPH, Memory, SetPointPolicy, Settings, settings_of, stock_acc
-from agents.speed_planning.acc_training import follows_plan, follows_traffic, reward
-from agents.speed_planning.platoon import HUMANS, PlatoonEnv, idm
-from agents.speed_planning.ppo import Actor, PpoConfig, train
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.speed_planning.acc import MPH, Memory, SetPointPolicy, Settings, settings_of, stock_acc
+from dohyo.agents.speed_planning.acc_training import follows_plan, follows_traffic, reward
+from dohyo.agents.speed_planning.platoon import HUMANS, PlatoonEnv, idm
+from dohyo.agents.speed_planning.ppo import Actor, PpoConfig, train
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 @pytest.mark.parametrize(

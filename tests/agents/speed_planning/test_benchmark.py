@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from agents.speed_planning.benchmark import controller, evaluate_controller, morning_of, untouched_folder
-from agents.speed_planning.dissipation import Morning
-from agents.speed_planning.study import run_path
-from evaluation.freeway_benchmark import TrafficBenchmark, load_freeway_benchmark
-from evaluation.freeway_result import RESULT
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.speed_planning.benchmark import controller, evaluate_controller, morning_of, untouched_folder
+from dohyo.agents.speed_planning.dissipation import Morning
+from dohyo.agents.speed_planning.study import run_path
+from dohyo.evaluation.freeway_benchmark import TrafficBenchmark, load_freeway_benchmark
+from dohyo.evaluation.freeway_result import RESULT
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.speed_planning.bottleneck import BottleneckWatch, heads
+from dohyo.agents.speed_planning.bottleneck import BottleneckWatch, heads
 
 
 def test_congestion_ends_where_speed_rises_again() -> None:

@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agents.speed_planning.calibration import CELL_M, FROM_M, LAST_M, Survey, Surveyor, diagram, discharge
-from agents.speed_planning.fundamental_diagram import Triangle
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.freeway.road import load_freeway
-from sumo_networks.freeway.world import FreewayWorld
+from dohyo.agents.speed_planning.calibration import CELL_M, FROM_M, LAST_M, Survey, Surveyor, diagram, discharge
+from dohyo.agents.speed_planning.fundamental_diagram import Triangle
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.freeway.road import load_freeway
+from dohyo.sumo_networks.freeway.world import FreewayWorld
 
 ROAD = load_freeway("freeway")
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pettingzoo.test import parallel_api_test
 
-from agents.speed_planning.dissipation import Morning
-from agents.speed_planning.env import FORECASTER, PLANNER, DissipationEnv
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.speed_planning.dissipation import Morning
+from dohyo.agents.speed_planning.env import FORECASTER, PLANNER, DissipationEnv
+from dohyo.sumo_networks.errors import InvalidInputError
 
 EARLY = Morning(start_s=5.3 * 3600, duration_s=70, warm_up_s=60, penetration=0.3)
 """Before the peak, so that a test has little traffic."""

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.speed_planning.fleet import AccBased, Controller, Fleet, Limiter
-from agents.speed_planning.planner import SpeedPlan
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.freeway.road import load_freeway
-from sumo_networks.freeway.world import FreewayWorld
+from dohyo.agents.speed_planning.fleet import AccBased, Controller, Fleet, Limiter
+from dohyo.agents.speed_planning.planner import SpeedPlan
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.freeway.road import load_freeway
+from dohyo.sumo_networks.freeway.world import FreewayWorld
 
 ROAD = load_freeway("freeway")
 

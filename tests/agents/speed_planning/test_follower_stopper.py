@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.speed_planning.acc import EMERGENCY, stock_acc
-from agents.speed_planning.follower_stopper import LaneChangeRecovery, envelope, follower_stopper, safe_speed
+from dohyo.agents.speed_planning.acc import EMERGENCY, stock_acc
+from dohyo.agents.speed_planning.follower_stopper import LaneChangeRecovery, envelope, follower_stopper, safe_speed
 
 LENGTH_M = 5.0
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.speed_planning.fundamental_diagram import FundamentalDiagram, Greenshields, Triangle, calibrated
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.speed_planning.fundamental_diagram import FundamentalDiagram, Greenshields, Triangle, calibrated
+from dohyo.sumo_networks.errors import InvalidInputError
 
 DIAGRAMS = [Greenshields(30.0, 0.14), Triangle(30.0, 5.0, 0.14)]
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.speed_planning.fundamental_diagram import FundamentalDiagram, Greenshields, Triangle
-from agents.speed_planning.macroscopic import CellRoad, CellTraffic, advance, empty, speeds, vehicles
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.speed_planning.fundamental_diagram import FundamentalDiagram, Greenshields, Triangle
+from dohyo.agents.speed_planning.macroscopic import CellRoad, CellTraffic, advance, empty, speeds, vehicles
+from dohyo.sumo_networks.errors import InvalidInputError
 
 TRIANGLE = Triangle(free_speed_mps=30.0, wave_speed_mps=5.0, jam_density=0.14)  # tip at 0.02 veh/m, 0.6 veh/s
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from agents.speed_planning.buffer import (
+from dohyo.agents.speed_planning.buffer import (
     CELLS,
     RELEASE_M,
     RuleBuffer,
@@ -15,8 +15,8 @@ from agents.speed_planning.buffer import (
     in_buffer,
     observation,
 )
-from agents.speed_planning.fundamental_diagram import FREEWAY, FundamentalDiagram, Triangle
-from agents.speed_planning.planner import (
+from dohyo.agents.speed_planning.fundamental_diagram import FREEWAY, FundamentalDiagram, Triangle
+from dohyo.agents.speed_planning.planner import (
     ADVECTION_MPS,
     NO_PLAN_MPS,
     OFF_MAINLINE_MPS,
@@ -26,10 +26,10 @@ from agents.speed_planning.planner import (
     open_gap,
     targets,
 )
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.freeway.measure import Pings
-from sumo_networks.freeway.road import load_freeway
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.freeway.measure import Pings
+from dohyo.sumo_networks.freeway.road import load_freeway
 
 NOBODY = Pings(np.empty(0), np.empty(0, np.str_), np.empty(0), np.empty(0, np.int64), np.empty(0))
 ROAD = load_freeway("freeway")

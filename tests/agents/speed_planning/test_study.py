@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from agents.speed_planning.buffer_training import BufferEnv, discharge
-from agents.speed_planning.dissipation import Arm, Morning, run
-from agents.speed_planning.study import (
+from dohyo.agents.speed_planning.buffer_training import BufferEnv, discharge
+from dohyo.agents.speed_planning.dissipation import Arm, Morning, run
+from dohyo.agents.speed_planning.study import (
     ARMS,
     collect,
     compared,
@@ -20,7 +20,7 @@ from agents.speed_planning.study import (
     tables,
     write_tables,
 )
-from sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 
 OUTCOME = {
     "throughput_vph": 5000.0, "speed_mps": 20.0, "speed_std_mps": 10.0, "speed_std_within_mps": 9.0,

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agents.speed_planning.traffic_state import LaneGrid, forward_kernel, fuse
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.freeway.measure import Pings
+from dohyo.agents.speed_planning.traffic_state import LaneGrid, forward_kernel, fuse
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.freeway.measure import Pings
 
 GRID = LaneGrid(bounds_m=np.array([0.0, 500.0, 1100.0]), lanes=3)
 

@@ -11,8 +11,8 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
-from agents.training.task import Array, Env, Task, held_out_seeds
-from sumo_networks.errors import SimulationError
+from dohyo.agents.training.task import Array, Env, Task, held_out_seeds
+from dohyo.sumo_networks.errors import SimulationError
 
 Step = tuple[Array, float, bool, bool, dict[str, Any]]
 

@@ -10,9 +10,9 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
-from agents.training.task import Array, Env, Task, held_out_seeds
-from sumo_networks.env import DrivingEnv
-from sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from dohyo.agents.training.task import Array, Env, Task, held_out_seeds
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
 from tests.worlds import straight_road
 
 EGO = "ego"

@@ -14,9 +14,15 @@ import numpy as np
 import pytest
 import torch
 
-from agents.training import checkpoint
-from agents.training.checkpoint import generator_of, generator_state, load_checkpoint, random_state, save_checkpoint
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.training import checkpoint
+from dohyo.agents.training.checkpoint import (
+    generator_of,
+    generator_state,
+    load_checkpoint,
+    random_state,
+    save_checkpoint,
+)
+from dohyo.sumo_networks.errors import InvalidInputError
 
 ROOT = Path(__file__).parents[3]
 
@@ -57,7 +63,7 @@ def test_a_process_killed_while_it_writes_leaves_a_whole_one(tmp_path):
     code = f"""
 import torch
 from pathlib import Path
-from agents.training.checkpoint import save_checkpoint
+from dohyo.agents.training.checkpoint import save_checkpoint
 for steps in range(10_000):
     save_checkpoint(Path({str(tmp_path)!r}), steps, dict(steps=steps, weights=torch.full((400_000,), float(steps))))
 """

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 
-from agents.training import environments as environments_module
-from agents.training.environments import Environments, training_seed
-from agents.training.evaluate import evaluate
-from agents.training.task import HELD_OUT_FROM, Task, check_task
-from agents.training.worker import HereSeat, TaskError, take_seats
-from sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.agents.training import environments as environments_module
+from dohyo.agents.training.environments import Environments, training_seed
+from dohyo.agents.training.evaluate import evaluate
+from dohyo.agents.training.task import HELD_OUT_FROM, Task, check_task
+from dohyo.agents.training.worker import HereSeat, TaskError, take_seats
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from tests.agents.training.problems import LENGTH, STEP, Lock, Point
 
 ROOT = Path(__file__).parents[3]
@@ -227,5 +227,5 @@ def test_a_task_that_cannot_travel_is_refused():
 
 
 def test_a_process_of_an_environment_does_not_load_torch():
-    code = "import sys, agents.training.worker, agents.training.task; assert 'torch' not in sys.modules"
+    code = "import sys, dohyo.agents.training.worker, dohyo.agents.training.task; assert 'torch' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)

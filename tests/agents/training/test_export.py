@@ -15,9 +15,9 @@ from hypothesis.extra.numpy import arrays
 from safetensors import safe_open
 from safetensors.torch import save_file
 
-from agents.training.export import export
-from agents.training.policy import Actor
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.training.export import export
+from dohyo.agents.training.policy import Actor
+from dohyo.sumo_networks.errors import InvalidInputError
 
 LOW, HIGH = torch.tensor([-8.0, -0.5]), torch.tensor([4.0, 0.5])
 FACTS = {"steps": "12", "device": "cpu", "tier": "3"}

@@ -10,9 +10,9 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.training.imitation import Imitation
-from agents.training.moments import LEAST_SCALE, Moments
-from agents.training.policy import FARTHEST, Actor
+from dohyo.agents.training.imitation import Imitation
+from dohyo.agents.training.moments import LEAST_SCALE, Moments
+from dohyo.agents.training.policy import FARTHEST, Actor
 from tests.agents.training.problems import BEST_RETURN, STEP, Point
 from tests.agents.training.test_ppo import Reticent, learner, trained
 from tests.agents.training.toys import POINT, SMALL, PointConfig

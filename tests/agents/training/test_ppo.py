@@ -12,14 +12,14 @@ import torch
 from gymnasium.spaces import Box
 from torch.distributions import Normal
 
-from agents.training.config import PpoConfig
-from agents.training.environments import Environments
-from agents.training.ppo import Ppo
-from agents.training.registry import Order, Trainer
-from agents.training.report import no_report
-from agents.training.task import Array, Env
-from agents.training.worker import HereSeat
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.training.config import PpoConfig
+from dohyo.agents.training.environments import Environments
+from dohyo.agents.training.ppo import Ppo
+from dohyo.agents.training.registry import Order, Trainer
+from dohyo.agents.training.report import no_report
+from dohyo.agents.training.task import Array, Env
+from dohyo.agents.training.worker import HereSeat
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.training.problems import BEST_RETURN, STEP, Lock, Point
 from tests.agents.training.toys import LOCK, POINT, SMALL, PointConfig, ToyConfig
 

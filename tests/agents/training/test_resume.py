@@ -15,12 +15,12 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from agents.training import training
-from agents.training.ppo import Ppo
-from agents.training.registry import Order
-from agents.training.report import no_report
-from agents.training.run import RunStoppedError
-from service.cli import main
+from dohyo.agents.training import training
+from dohyo.agents.training.ppo import Ppo
+from dohyo.agents.training.registry import Order
+from dohyo.agents.training.report import no_report
+from dohyo.agents.training.run import RunStoppedError
+from dohyo.service.cli import main
 from tests.agents.training.toys import POINT, PointConfig
 
 ROOT = Path(__file__).parents[3]
@@ -44,7 +44,7 @@ class Dohyo:
         self.out = out
         command = order(toy, out, *arguments)
         self.process = subprocess.Popen(
-            [sys.executable, "-c", "from service.cli import main; main()", *command],
+            [sys.executable, "-c", "from dohyo.service.cli import main; main()", *command],
             cwd=ROOT,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

@@ -14,16 +14,16 @@ import pytest
 from safetensors import safe_open
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from agents.training import registry
-from agents.training.config import RunConfig
-from agents.training.metrics import Table
-from agents.training.policy import Actor
-from agents.training.registry import Order
-from agents.training.report import Report, no_report
-from agents.training.run import Run, RunStoppedError, Stop
-from agents.training.settings import read_settings
-from service.cli import main
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.training import registry
+from dohyo.agents.training.config import RunConfig
+from dohyo.agents.training.metrics import Table
+from dohyo.agents.training.policy import Actor
+from dohyo.agents.training.registry import Order
+from dohyo.agents.training.report import Report, no_report
+from dohyo.agents.training.run import Run, RunStoppedError, Stop
+from dohyo.agents.training.settings import read_settings
+from dohyo.service.cli import main
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.training.problems import Point
 from tests.agents.training.toys import POINT, SMALL, PointConfig
 

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.training.config import PpoConfig, PpoRunConfig
-from agents.training.settings import as_toml, differences, read_settings
-from sumo_networks.config import Config
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.training.config import PpoConfig, PpoRunConfig
+from dohyo.agents.training.settings import as_toml, differences, read_settings
+from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 class Odd(Config):

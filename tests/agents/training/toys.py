@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from agents.training.config import PpoConfig, PpoRunConfig
-from agents.training.ppo import ppo_trainer
+from dohyo.agents.training.config import PpoConfig, PpoRunConfig
+from dohyo.agents.training.ppo import ppo_trainer
 from tests.agents.training.problems import Lock, Point
 from tests.agents.training.street import Street
 

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from evaluation.criteria import ENDS, Blocked
-from evaluation.record import InfractionKind, Status
-from sumo_networks.world import ActorKind
+from dohyo.evaluation.criteria import ENDS, Blocked
+from dohyo.evaluation.record import InfractionKind, Status
+from dohyo.sumo_networks.world import ActorKind
 from tests.worlds import Speed, run, straight_road
 
 

@@ -7,20 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evaluation.criteria import Collision
-from evaluation.criteria.collision import keeps_to_one_lane
-from evaluation.record import Infraction, InfractionKind
-from sumo_networks.scenario import Mission, Place
-from sumo_networks.world import ActorKind
-from tests.worlds import (
-    LANE_M,
-    TICK_S,
-    Scene,
-    crossing_for_pedestrians,
-    lit_crossing,
-    run,
-    straight_road,
-)
+from dohyo.evaluation.criteria import Collision
+from dohyo.evaluation.criteria.collision import keeps_to_one_lane
+from dohyo.evaluation.record import Infraction, InfractionKind
+from dohyo.sumo_networks.scenario import Mission, Place
+from dohyo.sumo_networks.world import ActorKind
+from tests.worlds import LANE_M, TICK_S, Scene, crossing_for_pedestrians, lit_crossing, run, straight_road
 
 
 def the_collision(scene: Scene, seconds: float = 2.0) -> Infraction:

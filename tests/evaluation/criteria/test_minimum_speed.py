@@ -4,10 +4,10 @@ import dataclasses
 
 import pytest
 
-from evaluation.criteria import MinimumSpeed
-from evaluation.record import InfractionKind
-from sumo_networks.scenario import Mission, Place
-from sumo_networks.world import ActorKind
+from dohyo.evaluation.criteria import MinimumSpeed
+from dohyo.evaluation.record import InfractionKind
+from dohyo.sumo_networks.scenario import Mission, Place
+from dohyo.sumo_networks.world import ActorKind
 from tests.worlds import LANE_M, Scene, Speed, run, straight_road
 
 

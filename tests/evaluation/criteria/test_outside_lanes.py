@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from evaluation.criteria import OutsideLanes
-from evaluation.record import InfractionKind
+from dohyo.evaluation.criteria import OutsideLanes
+from dohyo.evaluation.record import InfractionKind
 from tests.worlds import LANE_M, lit_crossing, run, straight_road
 
 

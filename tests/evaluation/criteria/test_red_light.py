@@ -6,10 +6,10 @@ from typing import Literal
 
 import pytest
 
-from evaluation.criteria import RedLight
-from evaluation.record import InfractionKind
-from sumo_networks.scenario import Mission, Place
-from sumo_networks.world import LightState
+from dohyo.evaluation.criteria import RedLight
+from dohyo.evaluation.record import InfractionKind
+from dohyo.sumo_networks.scenario import Mission, Place
+from dohyo.sumo_networks.world import LightState
 from tests.worlds import LANE_M, TICK_S, Scene, Speed, bridge, lit_crossing, run, straight_road
 
 RED, YELLOW, GREEN, OFF = LightState.RED, LightState.YELLOW, LightState.GREEN, LightState.OFF

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from evaluation.criteria import ENDS, RouteDeviation
-from evaluation.record import InfractionKind, Status
+from dohyo.evaluation.criteria import ENDS, RouteDeviation
+from dohyo.evaluation.record import InfractionKind, Status
 from tests.worlds import run, straight_road
 
 

@@ -5,8 +5,8 @@ import math
 
 import pytest
 
-from evaluation.criteria import StopSign
-from evaluation.record import InfractionKind
+from dohyo.evaluation.criteria import StopSign
+from dohyo.evaluation.record import InfractionKind
 from tests.worlds import Scene, lit_crossing, run, stop_sign_crossing
 
 

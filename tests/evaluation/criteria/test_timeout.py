@@ -4,10 +4,10 @@ import dataclasses
 
 import pytest
 
-from evaluation.criteria import ENDS, RouteTimeout, criteria_for
-from evaluation.criteria.timeout import travel_time
-from evaluation.record import InfractionKind, Status
-from sumo_networks.scenario import Mission, Place, Scenario
+from dohyo.evaluation.criteria import ENDS, RouteTimeout, criteria_for
+from dohyo.evaluation.criteria.timeout import travel_time
+from dohyo.evaluation.record import InfractionKind, Status
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 from tests.worlds import run, straight_road
 
 

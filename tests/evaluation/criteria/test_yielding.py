@@ -5,10 +5,10 @@ import math
 
 import pytest
 
-from evaluation.criteria import ENDS, Yielding, criteria_for
-from evaluation.record import InfractionKind
-from sumo_networks.scenario import Mission, Place, Scenario
-from sumo_networks.world import EventPhase, EventState, World
+from dohyo.evaluation.criteria import ENDS, Yielding, criteria_for
+from dohyo.evaluation.record import InfractionKind
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario
+from dohyo.sumo_networks.world import EventPhase, EventState, World
 from tests.worlds import run, straight_road
 
 ACTIVE, DONE, TIMED_OUT = EventPhase.ACTIVE, EventPhase.DONE, EventPhase.TIMED_OUT

@@ -6,7 +6,7 @@ from datetime import timedelta
 
 import pytest
 
-from service.database.models import Role
+from dohyo.service.database.models import Role
 from tests.service.harness import PASSWORD_OF_NOBODY, Caller, Harness, assert_problem
 
 

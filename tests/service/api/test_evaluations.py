@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from evaluation.benchmark import load_benchmark
-from service.database.models import EpisodeStatus, EvaluationStatus, Role
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.service.database.models import EpisodeStatus, EvaluationStatus, Role
 from tests.service.harness import Harness, assert_problem, finish, running
 
 
@@ -197,7 +197,7 @@ def test_resume_queues_what_was_lost_and_nothing_else(stored: Harness) -> None:
     evaluation = team.evaluation("a")
     database = stored.services.database
     with database.session() as session:
-        from service.database.evaluations import list_episodes
+        from dohyo.service.database.evaluations import list_episodes
 
         done, lost, *_ = list_episodes(session, evaluation)
         done.status, done.record_hash, done.attempts = EpisodeStatus.DONE, "ab" * 32, 1

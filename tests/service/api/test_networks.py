@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from service.network_map import map_document
-from sumo_networks.catalog import load_network, network_path
+from dohyo.service.network_map import map_document
+from dohyo.sumo_networks.catalog import load_network, network_path
 from tests.service.harness import Caller, Harness, assert_problem
 
 PLAIN = b"""<net version="1.20" junctionCornerDetail="5" limitTurnSpeed="5.50">
@@ -133,11 +133,11 @@ def test_what_is_no_network_is_refused_and_leaves_nothing(
 
 
 def test_a_full_disk_during_an_import_is_told_as_such(service: Harness, monkeypatch: pytest.MonkeyPatch) -> None:
-    from service.errors import StorageFullError
+    from dohyo.service.errors import StorageFullError
 
     def full(*_: object) -> None:
         raise StorageFullError()
 
-    monkeypatch.setattr("service.api.networks.run_isolated", full)
+    monkeypatch.setattr("dohyo.service.api.networks.run_isolated", full)
     assert_problem(upload(service.caller("team"), PLAIN), 507)
     assert not Path(service.services.settings.data / "networks").exists()

@@ -17,9 +17,9 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from schemathesis import GenerationMode
 
-from service.app import create_app
-from service.database.models import Role
-from service.settings import Settings
+from dohyo.service.app import create_app
+from dohyo.service.database.models import Role
+from dohyo.service.settings import Settings
 from tests.service.harness import Harness, IdleScheduler
 
 EXAMPLES = 8

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from agents.registry import agent_entries
-from evaluation.agent import agent_info, make_agent
-from service.api import submissions
-from service.policies.agent import OnnxPolicy
+from dohyo.agents.registry import agent_entries
+from dohyo.evaluation.agent import agent_info, make_agent
+from dohyo.service.api import submissions
+from dohyo.service.policies.agent import OnnxPolicy
 from tests.service.harness import Caller, Harness, assert_problem
 from tests.service.policies.models import identity
 
@@ -79,7 +79,7 @@ def test_a_built_in_agent_is_what_a_local_evaluation_would_record(service: Harne
     entry = agent_entries()["random"]
     info = agent_info(make_agent(entry), entry).model_dump(mode="json")
     with service.services.database.reading() as session:
-        from service.database.models import Submission
+        from dohyo.service.database.models import Submission
 
         assert session.get_one(Submission, made.json()["id"]).info == info
     assert made.json()["version"] == 1
@@ -93,7 +93,7 @@ def test_a_built_in_agent_is_what_a_local_evaluation_would_record(service: Harne
     [
         ({"kind": "builtin", "entry": "autopilott"}, "did you mean 'autopilot'"),
         ({"kind": "builtin", "entry": "os:system", "settings": {"command": "touch HERE"}}, "no built-in agent"),
-        ({"kind": "builtin", "entry": "service.policies.agent:OnnxPolicy"}, "no built-in agent"),
+        ({"kind": "builtin", "entry": "dohyo.service.policies.agent:OnnxPolicy"}, "no built-in agent"),
         ({"kind": "builtin", "entry": "autopilot", "settings": {"nonsense": 1}}, "nonsense"),
         ({"kind": "remote", "track": "sensors", "sensors": ["route"]}, "'route'"),
         ({"kind": "remote", "track": "map", "sensors": ["speedometer", "objects"]}, "'objects'"),
@@ -204,7 +204,7 @@ def test_a_full_disk_keeps_nothing_of_a_policy(service: Harness, team: Caller, m
     def full(descriptor: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("service.api.submissions.os.fsync", full)
+    monkeypatch.setattr("dohyo.service.api.submissions.os.fsync", full)
     assert_problem(upload(team, policy()), 507, "no space")
     assert list(service.services.settings.policies.iterdir()) == []
     assert team.get("/v1/agents/mine/submissions").json()["items"] == []

@@ -19,16 +19,16 @@ from typing import Any
 from fastapi import FastAPI, HTTPException, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
-from evaluation.record import EpisodeRecord
-from service.comparison import compare_entries
-from service.dashboard import pages
-from service.dashboard.session import SessionCookie, show_errors_as_pages
-from service.leaderboard import Entry, rank
-from service.leaderboard import as_document as row_document
-from service.metrics import as_document as metrics_document
-from service.reading_views import ComparedView, EpisodeDetail, InfractionsView, LeaderboardView, MetricsView
-from service.scoring import Drive, summary_of
-from service.views import AgentView, BenchmarkView, EpisodeView, EvaluationView, MeView, Page, SubmissionView
+from dohyo.evaluation.record import EpisodeRecord
+from dohyo.service.comparison import compare_entries
+from dohyo.service.dashboard import pages
+from dohyo.service.dashboard.session import SessionCookie, show_errors_as_pages
+from dohyo.service.leaderboard import Entry, rank
+from dohyo.service.leaderboard import as_document as row_document
+from dohyo.service.metrics import as_document as metrics_document
+from dohyo.service.reading_views import ComparedView, EpisodeDetail, InfractionsView, LeaderboardView, MetricsView
+from dohyo.service.scoring import Drive, summary_of
+from dohyo.service.views import AgentView, BenchmarkView, EpisodeView, EvaluationView, MeView, Page, SubmissionView
 
 DATA = Path(__file__).parent / "data"
 CSP = (

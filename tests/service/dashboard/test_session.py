@@ -10,8 +10,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from evaluation.look import MARKS
-from service import dashboard
+from dohyo.evaluation.look import MARKS
+from dohyo.service import dashboard
 from tests.service.dashboard import fake as fakes
 from tests.service.dashboard.conftest import Site
 

@@ -13,10 +13,10 @@ from alembic.migration import MigrationContext
 from sqlalchemy import inspect, select, text
 from sqlalchemy.exc import IntegrityError, OperationalError
 
-from service.database.engine import MIGRATIONS, Database
-from service.database.models import Agent, Base, Role, Submission, Token
-from service.database.tokens import create_token
-from sumo_networks.errors import InvalidInputError
+from dohyo.service.database.engine import MIGRATIONS, Database
+from dohyo.service.database.models import Agent, Base, Role, Submission, Token
+from dohyo.service.database.tokens import create_token
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 def test_the_migrations_make_exactly_what_the_models_say(database: Database) -> None:

@@ -4,9 +4,9 @@ from datetime import timedelta
 
 from sqlalchemy import select, text
 
-from service.database.engine import Database
-from service.database.models import Role, now
-from service.database.tokens import create_token, find_token, first_admin_token, revoke_token
+from dohyo.service.database.engine import Database
+from dohyo.service.database.models import Role, now
+from dohyo.service.database.tokens import create_token, find_token, first_admin_token, revoke_token
 
 
 def test_the_secret_is_nowhere_in_the_database(database: Database) -> None:

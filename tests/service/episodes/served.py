@@ -14,13 +14,13 @@ from typing import IO, Any
 
 from sqlalchemy import select
 
-from evaluation.agent import agent_info, make_agent
-from evaluation.benchmark import Benchmark
-from evaluation.record import AgentInfo, EpisodeRecord
-from evaluation.store import read_record
-from service.database.engine import Database
-from service.database.evaluations import add_evaluation
-from service.database.models import (
+from dohyo.evaluation.agent import agent_info, make_agent
+from dohyo.evaluation.benchmark import Benchmark
+from dohyo.evaluation.record import AgentInfo, EpisodeRecord
+from dohyo.evaluation.store import read_record
+from dohyo.service.database.engine import Database
+from dohyo.service.database.evaluations import add_evaluation
+from dohyo.service.database.models import (
     Agent,
     AgentKind,
     Episode,
@@ -31,10 +31,10 @@ from service.database.models import (
     Submission,
     new_id,
 )
-from service.database.tokens import create_token
-from service.episodes.archive import archived_path
-from service.settings import Settings
-from sumo_networks.scenario import Mission, Place, Traffic
+from dohyo.service.database.tokens import create_token
+from dohyo.service.episodes.archive import archived_path
+from dohyo.service.settings import Settings
+from dohyo.sumo_networks.scenario import Mission, Place, Traffic
 
 ROOT = Path(__file__).parents[3]
 STEADY = "tests.evaluation.agents:Steady"
@@ -99,7 +99,7 @@ class Service:
 
     def start(self, log: IO[bytes] | None = None) -> None:
         """Starts the process and waits until it listens; it writes its log here, or where this process does."""
-        program = "from service.cli import main; main()"
+        program = "from dohyo.service.cli import main; main()"
         command = [sys.executable, "-c", program, "serve", "--data", str(self.data), "--port", str(self.port)]
         self.process = subprocess.Popen(
             command, cwd=ROOT, env=os.environ | self.environment, stdout=subprocess.DEVNULL, stderr=log
@@ -138,7 +138,7 @@ class Service:
         """Identifiers of its episode processes."""
         assert self.process is not None
         found = subprocess.run(
-            ["pgrep", "-P", str(self.process.pid), "-f", "service.episodes.child"],
+            ["pgrep", "-P", str(self.process.pid), "-f", "dohyo.service.episodes.child"],
             capture_output=True,
             text=True,
             check=False,

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from onnx import helper
 
-from evaluation.agent import agent_info
-from service.database.models import AgentKind, EvaluationStatus
-from service.policies.agent import ENTRY, OnnxPolicy
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.agent import agent_info
+from dohyo.service.database.models import AgentKind, EvaluationStatus
+from dohyo.service.policies.agent import ENTRY, OnnxPolicy
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.evaluation.agents import Steady
 from tests.service.episodes.served import STEADY, Service, info_of, short
 from tests.service.episodes.wire_worker import hire

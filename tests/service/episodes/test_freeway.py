@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evaluation.freeway_benchmark import TrafficBenchmark, load_freeway_benchmark
-from service.client import Client, ServiceError
-from service.episodes.freeway_child import FASTEST_MPS, checked, last_report, vehicles
-from service.worker_session import BadActionError, WorkerSession
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.freeway_benchmark import TrafficBenchmark, load_freeway_benchmark
+from dohyo.service.client import Client, ServiceError
+from dohyo.service.episodes.freeway_child import FASTEST_MPS, checked, last_report, vehicles
+from dohyo.service.worker_session import BadActionError, WorkerSession
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.episodes.served import ROOT, Service, wait_until
 
 

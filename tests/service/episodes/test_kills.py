@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from evaluation.agent import make_agent
-from evaluation.record import Status
-from evaluation.runner import drive_episode, run_episode
-from evaluation.store import write_record
-from service.database.models import AgentKind, EpisodeStatus, EvaluationStatus
-from service.episodes.archive import archived_path, staged_folder
+from dohyo.evaluation.agent import make_agent
+from dohyo.evaluation.record import Status
+from dohyo.evaluation.runner import drive_episode, run_episode
+from dohyo.evaluation.store import write_record
+from dohyo.service.database.models import AgentKind, EpisodeStatus, EvaluationStatus
+from dohyo.service.episodes.archive import archived_path, staged_folder
 from tests.service.episodes.conftest import MakeService
 from tests.service.episodes.served import ROOT, STEADY, Service, info_of, short, wait_until
 from tests.service.episodes.wire_worker import hire

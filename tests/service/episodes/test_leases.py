@@ -12,18 +12,18 @@ from typing import Any, cast
 import msgspec
 import pytest
 
-from evaluation.record import AgentInfo
-from service.episodes import leases as module
-from service.episodes.channel import Kind
-from service.episodes.lease import Lease, RemoteEpisode, Worker
-from service.episodes.leases import LeaseBook, StaleTickError
-from service.episodes.order import Order
-from service.episodes.process import End, EpisodeProcess, Outcome
-from service.episodes.remote import SEEN, Fault
-from service.errors import ConflictError, GoneError, UnauthorisedError
-from service.wire import Format, Step, encode_observations
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.scenario import Mission, Place, Scenario
+from dohyo.evaluation.record import AgentInfo
+from dohyo.service.episodes import leases as module
+from dohyo.service.episodes.channel import Kind
+from dohyo.service.episodes.lease import Lease, RemoteEpisode, Worker
+from dohyo.service.episodes.leases import LeaseBook, StaleTickError
+from dohyo.service.episodes.order import Order
+from dohyo.service.episodes.process import End, EpisodeProcess, Outcome
+from dohyo.service.episodes.remote import SEEN, Fault
+from dohyo.service.errors import ConflictError, GoneError, UnauthorisedError
+from dohyo.service.wire import Format, Step, encode_observations
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 
 TTL_S, DEADLINE_S = 0.6, 0.3
 

@@ -20,11 +20,11 @@ import pytest
 from pydantic import SecretStr
 from sqlalchemy import create_engine, text
 
-from service.database.engine import Database
-from service.database.models import AgentKind, EpisodeStatus, EvaluationStatus
-from service.episodes import scheduler as scheduling
-from service.episodes.scheduler import Scheduler
-from service.state import Broadcast
+from dohyo.service.database.engine import Database
+from dohyo.service.database.models import AgentKind, EpisodeStatus, EvaluationStatus
+from dohyo.service.episodes import scheduler as scheduling
+from dohyo.service.episodes.scheduler import Scheduler
+from dohyo.service.state import Broadcast
 from tests.service.episodes.conftest import MakeService
 from tests.service.episodes.served import STEADY, Service, info_of, short
 from tests.service.episodes.wire_worker import hire

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from service.database.engine import Database
-from service.database.evaluations import resume
-from service.database.models import AgentKind, EpisodeStatus, Evaluation, EvaluationStatus
-from service.episodes import queue
-from service.episodes.queue import Ticket, Waiting
-from service.episodes.turns import Turns
+from dohyo.service.database.engine import Database
+from dohyo.service.database.evaluations import resume
+from dohyo.service.database.models import AgentKind, EpisodeStatus, Evaluation, EvaluationStatus
+from dohyo.service.episodes import queue
+from dohyo.service.episodes.queue import Ticket, Waiting
+from dohyo.service.episodes.turns import Turns
 from tests.service.episodes.served import STEADY, Service, info_of, short
 
 

@@ -9,11 +9,11 @@ import time
 
 import pytest
 
-from evaluation.agent import make_agent
-from evaluation.record import AgentInfo, Status
-from evaluation.runner import run_episode
-from service.database.models import AgentKind, EpisodeStatus, EvaluationStatus
-from sumo_networks.scenario import Traffic
+from dohyo.evaluation.agent import make_agent
+from dohyo.evaluation.record import AgentInfo, Status
+from dohyo.evaluation.runner import run_episode
+from dohyo.service.database.models import AgentKind, EpisodeStatus, EvaluationStatus
+from dohyo.sumo_networks.scenario import Traffic
 from tests.service.episodes.served import STEADY, Service, info_of, short
 from tests.service.episodes.wire_worker import JSON, MSGPACK, hire
 

@@ -13,15 +13,15 @@ from urllib.request import urlopen
 
 import pytest
 
-from evaluation.agent import make_agent
-from evaluation.benchmark import load_benchmark
-from evaluation.record import AgentInfo, Status
-from evaluation.runner import run_episode
-from service.client import AsyncClient, Client, ServiceError
-from service.database.models import AgentKind, EpisodeStatus, EvaluationStatus
-from service.worker import Driver, work
-from service.worker_session import WorkerSession
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.agent import make_agent
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.record import AgentInfo, Status
+from dohyo.evaluation.runner import run_episode
+from dohyo.service.client import AsyncClient, Client, ServiceError
+from dohyo.service.database.models import AgentKind, EpisodeStatus, EvaluationStatus
+from dohyo.service.worker import Driver, work
+from dohyo.service.worker_session import WorkerSession
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.episodes.conftest import MakeService
 from tests.service.episodes.served import ROOT, STEADY, Service, info_of, short, wait_until
 
@@ -30,7 +30,7 @@ NODE = shutil.which("node")
 
 
 def dohyo_worker(service: Service, agent: str, *options: str, token: str = "") -> subprocess.Popen[bytes]:
-    program = "from service.cli import main; main()"
+    program = "from dohyo.service.cli import main; main()"
     command = [sys.executable, "-c", program, "worker", "--server", service.url, "--agent", agent, *options]
     return subprocess.Popen(command, cwd=ROOT, env=os.environ | {"DOHYO_TOKEN": token or service.submitter_token})
 

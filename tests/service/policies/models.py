@@ -8,7 +8,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from evaluation.agent import AgentSpec
+from dohyo.evaluation.agent import AgentSpec
 
 SPEC = AgentSpec(name="test", sensors=("speedometer",))
 SPEEDOMETER = {"speedometer": (2,)}

@@ -18,11 +18,11 @@ from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
 from safetensors.numpy import save
 
-from evaluation.agent import AgentSpec
-from service.policies.checks import PolicyInfo, PolicyRefusedError, check_policy
-from service.policies.inspection import inspect_model
-from service.policies.limits import PolicyLimits
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.agent import AgentSpec
+from dohyo.service.policies.checks import PolicyInfo, PolicyRefusedError, check_policy
+from dohyo.service.policies.inspection import inspect_model
+from dohyo.service.policies.limits import PolicyLimits
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.policies import models
 
 LIMITS = PolicyLimits(memory_mb=1024, load_s=10.0, decision_s=2.0)

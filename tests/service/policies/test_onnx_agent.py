@@ -11,20 +11,20 @@ import numpy as np
 import onnx
 import pytest
 
-from evaluation.agent import AgentSpec, agent_info, make_agent
-from evaluation.benchmark import load_benchmark
-from evaluation.record import EpisodeRecord, Status
-from evaluation.runner import run_episode
+from dohyo.evaluation.agent import AgentSpec, agent_info, make_agent
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.record import EpisodeRecord, Status
+from dohyo.evaluation.runner import run_episode
+from dohyo.service.policies.agent import ENTRY, FOLDER_VARIABLE, OnnxPolicy
+from dohyo.service.policies.checks import PolicyRefusedError
+from dohyo.service.policies.interface import observation_spec, published_spec
+from dohyo.service.policies.limits import PolicyLimits
+from dohyo.service.policies.sandbox import SandboxError
+from dohyo.sumo_networks.control import CONTROLS
+from dohyo.sumo_networks.errors import AgentError, InvalidInputError
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario
+from dohyo.sumo_networks.sensors import SENSORS as ALL_SENSORS
 from examples.onnx_policy import SENSORS, export
-from service.policies.agent import ENTRY, FOLDER_VARIABLE, OnnxPolicy
-from service.policies.checks import PolicyRefusedError
-from service.policies.interface import observation_spec, published_spec
-from service.policies.limits import PolicyLimits
-from service.policies.sandbox import SandboxError
-from sumo_networks.control import CONTROLS
-from sumo_networks.errors import AgentError, InvalidInputError
-from sumo_networks.scenario import Mission, Place, Scenario
-from sumo_networks.sensors import SENSORS as ALL_SENSORS
 from tests.service.policies import models
 
 SCENARIO = Scenario(
@@ -171,7 +171,7 @@ def test_a_sandbox_that_cannot_be_started_is_not_the_agents_fault(monkeypatch: p
     def refuse(*_: object) -> None:
         raise SandboxError("this machine cannot confine a policy: no namespaces")
 
-    monkeypatch.setattr("service.policies.agent.Sandbox", refuse)
+    monkeypatch.setattr("dohyo.service.policies.agent.Sandbox", refuse)
     record = drive(OnnxPolicy(content=models.identity().SerializeToString(), sensors=["speedometer"]))
     (ego,) = record.egos
     assert ego.status is Status.SIMULATION

@@ -12,10 +12,10 @@ import numpy as np
 import onnx
 import pytest
 
-from service.policies.interface import Tensor
-from service.policies.limits import PolicyLimits
-from service.policies.sandbox import Sandbox, probe
-from sumo_networks.errors import AgentError, AgentTimeoutError
+from dohyo.service.policies.interface import Tensor
+from dohyo.service.policies.limits import PolicyLimits
+from dohyo.service.policies.sandbox import Sandbox, probe
+from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError
 from tests.service.policies import models
 
 LIMITS = PolicyLimits(memory_mb=1024, load_s=10.0, decision_s=1.0)
@@ -172,7 +172,7 @@ def test_a_deadline_further_up_leaves_no_late_answer_behind(monkeypatch: pytest.
     def interrupted(*_: object) -> bytes:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("service.policies.sandbox._Child.receive", interrupted)
+    monkeypatch.setattr("dohyo.service.policies.sandbox._Child.receive", interrupted)
     with pytest.raises(KeyboardInterrupt):
         sandbox.decide(SLOW)
     monkeypatch.undo()

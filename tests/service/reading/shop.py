@@ -10,14 +10,14 @@ from typing import Any, cast
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
-from evaluation.benchmark import Benchmark
-from evaluation.record import EpisodeRecord
-from evaluation.store import seal, write_record
-from evaluation.trajectory import Trajectory
-from service import errors
-from service.api import comparison, episodes, leaderboard, metrics, rescoring
-from service.database.engine import Database
-from service.database.models import (
+from dohyo.evaluation.benchmark import Benchmark
+from dohyo.evaluation.record import EpisodeRecord
+from dohyo.evaluation.store import seal, write_record
+from dohyo.evaluation.trajectory import Trajectory
+from dohyo.service import errors
+from dohyo.service.api import comparison, episodes, leaderboard, metrics, rescoring
+from dohyo.service.database.engine import Database
+from dohyo.service.database.models import (
     Agent,
     AgentKind,
     Base,
@@ -30,11 +30,11 @@ from service.database.models import (
     Submission,
     new_id,
 )
-from service.database.tokens import create_token
-from service.episodes.archive import archived_path
-from service.scoring import summary_of
-from service.settings import Settings
-from service.state import Broadcast, Services
+from dohyo.service.database.tokens import create_token
+from dohyo.service.episodes.archive import archived_path
+from dohyo.service.scoring import summary_of
+from dohyo.service.settings import Settings
+from dohyo.service.state import Broadcast, Services
 from tests.evaluation.builders import AGENT, drive
 
 BENCHMARK = {

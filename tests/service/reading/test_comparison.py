@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from service.comparison import compare_entries, differing_scenarios
-from sumo_networks.errors import InvalidInputError
+from dohyo.service.comparison import compare_entries, differing_scenarios
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.reading.test_leaderboard import drives
 from tests.service.reading.test_scoring import entry
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from service.database import reading
-from service.database.models import EvaluationStatus
+from dohyo.service.database import reading
+from dohyo.service.database.models import EvaluationStatus
 from tests.evaluation.builders import ego, episode, lost
 from tests.service.reading.shop import Shop
 from tests.service.reading.test_api import records

@@ -6,9 +6,9 @@ import random
 
 import pytest
 
-from evaluation.record import Status
-from service.leaderboard import COLUMNS, Entry, as_csv, as_document, rank
-from service.scoring import Drive, summary_of
+from dohyo.evaluation.record import Status
+from dohyo.service.leaderboard import COLUMNS, Entry, as_csv, as_document, rank
+from dohyo.service.scoring import Drive, summary_of
 from tests.evaluation.builders import ego, episode
 from tests.service.reading.test_scoring import drives_of, entry, terms
 

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluation.record import InfractionKind
-from service.metrics import as_csv, as_document
-from service.prometheus import Family, Sample, exposition
-from sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.record import InfractionKind
+from dohyo.service.metrics import as_csv, as_document
+from dohyo.service.prometheus import Family, Sample, exposition
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.evaluation.builders import ego, episode, infraction
 from tests.service.reading.test_scoring import drives_of, entry
 

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.experts.autopilot import Autopilot
-from evaluation.agent import Observation, agent_info
-from evaluation.benchmark import load_benchmark
-from evaluation.record import EpisodeRecord
-from evaluation.runner import drive_episode
-from evaluation.store import seal, write_record
-from evaluation.trajectory import Trajectory
-from service.redrive import Trace, explanation_at
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.scenario import Traffic
+from dohyo.agents.experts.autopilot import Autopilot
+from dohyo.evaluation.agent import Observation, agent_info
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.record import EpisodeRecord
+from dohyo.evaluation.runner import drive_episode
+from dohyo.evaluation.store import seal, write_record
+from dohyo.evaluation.trajectory import Trajectory
+from dohyo.service.redrive import Trace, explanation_at
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Traffic
 from tests.service.reading.shop import Shop
 
 Driven = tuple[EpisodeRecord, Trajectory, list[dict[str, Any]]]
@@ -51,7 +51,7 @@ def driven() -> Driven:
     scenario = load_benchmark("quickstart").scenarios([0])[0]
     scenario = scenario.model_copy(update={"traffic": Traffic(vehicles=0, pedestrians=0), "time_limit_s": 6.0})
     agent = Recorded()
-    info = agent_info(Autopilot(), "agents.experts.autopilot:Autopilot")
+    info = agent_info(Autopilot(), "dohyo.agents.experts.autopilot:Autopilot")
     record, trajectory = drive_episode(scenario, {"ego": agent}, infos={"ego": info}, benchmark=("made", "0" * 64))
     return record, trajectory, agent.said
 
@@ -142,7 +142,7 @@ def test_a_redrive_ends_with_its_parent(tmp_path: Path, driven: Driven) -> None:
     record, trajectory, _ = driven
     long = record.model_copy(update={"scenario": load_benchmark("quickstart").scenarios([0])[0]})
     path = write_record(tmp_path, "long", seal(long), trajectory)
-    command = [sys.executable, "-m", "service.redrive", str(path), str(tmp_path / "trace.gz")]
+    command = [sys.executable, "-m", "dohyo.service.redrive", str(path), str(tmp_path / "trace.gz")]
     child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     assert child.stdin is not None
     child.stdin.close()

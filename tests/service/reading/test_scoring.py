@@ -6,17 +6,25 @@ from pathlib import Path
 
 import pytest
 
-from evaluation.agent import make_agent
-from evaluation.benchmark import load_benchmark
-from evaluation.closed_loop import score_records
-from evaluation.record import EpisodeRecord, InfractionKind, Status
-from evaluation.runner import drive_episode
-from evaluation.scores.closed_loop import ClosedLoop
-from evaluation.store import write_record
-from evaluation.summary import summarise
-from service.leaderboard import Entry
-from service.scoring import Drive, headline_of, rates_per_km, scores_of, summarise_drives, summary_at, summary_of
-from sumo_networks.scenario import Scenario, Traffic
+from dohyo.evaluation.agent import make_agent
+from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.closed_loop import score_records
+from dohyo.evaluation.record import EpisodeRecord, InfractionKind, Status
+from dohyo.evaluation.runner import drive_episode
+from dohyo.evaluation.scores.closed_loop import ClosedLoop
+from dohyo.evaluation.store import write_record
+from dohyo.evaluation.summary import summarise
+from dohyo.service.leaderboard import Entry
+from dohyo.service.scoring import (
+    Drive,
+    headline_of,
+    rates_per_km,
+    scores_of,
+    summarise_drives,
+    summary_at,
+    summary_of,
+)
+from dohyo.sumo_networks.scenario import Scenario, Traffic
 from tests.evaluation.builders import ego, episode, infraction, lost
 from tests.service.episodes.served import STEADY, short
 

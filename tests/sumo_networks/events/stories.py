@@ -10,14 +10,14 @@ from functools import cache
 import numpy as np
 from pydantic import TypeAdapter
 
-from sumo_networks.arrays import FloatArray
-from sumo_networks.catalog import load_network
-from sumo_networks.env import DrivingEnv
-from sumo_networks.events import Event
-from sumo_networks.route import Route
-from sumo_networks.routing import plan_route
-from sumo_networks.scenario import Mission, Place, Scenario
-from sumo_networks.world import EventPhase, EventState, World
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.events import Event
+from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario
+from dohyo.sumo_networks.world import EventPhase, EventState, World
 
 EVENT: TypeAdapter[Event] = TypeAdapter(Event)
 OVER = (EventPhase.DONE, EventPhase.TIMED_OUT)

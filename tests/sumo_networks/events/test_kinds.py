@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from sumo_networks.env import DrivingEnv
-from sumo_networks.events import KINDS
-from sumo_networks.scenario import Place
-from sumo_networks.world import EventPhase, World
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.events import KINDS
+from dohyo.sumo_networks.scenario import Place
+from dohyo.sumo_networks.world import EventPhase, World
 from tests.conftest import MakeEnv
 from tests.sumo_networks.events.stories import STORIES, Story, careful, drive, over, rows_of, state, touched
 

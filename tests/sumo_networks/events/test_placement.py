@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from sumo_networks.catalog import load_network
-from sumo_networks.errors import InvalidInputError, UnknownNameError
-from sumo_networks.events import KINDS, Event
-from sumo_networks.events.auto import auto_events
-from sumo_networks.events.director import check_placement
-from sumo_networks.scenario import Mission, Place, Scenario
-from sumo_networks.simulation import Simulation
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.events import KINDS, Event
+from dohyo.sumo_networks.events.auto import auto_events
+from dohyo.sumo_networks.events.director import check_placement
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario
+from dohyo.sumo_networks.simulation import Simulation
 from tests.sumo_networks.events.stories import COUNTRY, EVENT, HIGHWAY, STORIES, TOWN, route_of
 
 NOT_IN_THE_COUNTRY = {

@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from sumo_networks.env import DrivingEnv
-from sumo_networks.world import ActorKind, EventPhase, World
+from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.world import ActorKind, EventPhase, World
 from tests.conftest import MakeEnv
 from tests.sumo_networks.events.stories import (
     STORIES,

@@ -8,11 +8,11 @@ import hashlib
 import numpy as np
 import pytest
 
-from sumo_networks.catalog import load_network
-from sumo_networks.events.auto import auto_events
-from sumo_networks.geometry import boxes_overlap
-from sumo_networks.scenario import Mission, Place, Scenario, Traffic
-from sumo_networks.world import ActorKind, EventPhase, World
+from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.events.auto import auto_events
+from dohyo.sumo_networks.geometry import boxes_overlap
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from dohyo.sumo_networks.world import ActorKind, EventPhase, World
 from tests.conftest import MakeEnv
 from tests.sumo_networks.events.stories import (
     COUNTRY,

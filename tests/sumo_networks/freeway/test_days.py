@@ -14,13 +14,13 @@ import polars as pl
 import pytest
 from pydantic import ValidationError
 
-from sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
-from sumo_networks.freeway import dataset
-from sumo_networks.freeway.apart import drive_apart
-from sumo_networks.freeway.dataset import Order, day_orders, make_dataset
-from sumo_networks.freeway.days import Measured, Scale, SpeedDay, drive_day
-from sumo_networks.freeway.scenario import Day, FreewayScenario, Incident
-from sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
+from dohyo.sumo_networks.freeway import dataset
+from dohyo.sumo_networks.freeway.apart import drive_apart
+from dohyo.sumo_networks.freeway.dataset import Order, day_orders, make_dataset
+from dohyo.sumo_networks.freeway.days import Measured, Scale, SpeedDay, drive_day
+from dohyo.sumo_networks.freeway.scenario import Day, FreewayScenario, Incident
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
 from tests.conftest import Start
 
 MORNING = FreewayScenario(seed=3, start_s=6 * 3600, duration_s=2.5 * 3600, warm_up_s=600)

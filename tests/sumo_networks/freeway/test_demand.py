@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.freeway.demand import draw_demand, lane_at, share_of_peak, write_routes
-from sumo_networks.freeway.drivers import CONNECTED, KINDS, TRUCK
-from sumo_networks.freeway.road import load_freeway
-from sumo_networks.freeway.scenario import DAY_S, Day, FreewayScenario, Incident, draw_day
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.freeway.demand import draw_demand, lane_at, share_of_peak, write_routes
+from dohyo.sumo_networks.freeway.drivers import CONNECTED, KINDS, TRUCK
+from dohyo.sumo_networks.freeway.road import load_freeway
+from dohyo.sumo_networks.freeway.scenario import DAY_S, Day, FreewayScenario, Incident, draw_day
 
 ROAD = load_freeway()
 CLOCK = np.arange(0.0, DAY_S, 60.0)

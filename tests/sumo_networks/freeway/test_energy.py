@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sumo_networks.freeway.energy import fuel_rate, fuel_rates
+from dohyo.sumo_networks.freeway.energy import fuel_rate, fuel_rates
 
 
 def test_fuel_by_hand_its_floor_and_its_cut_off() -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_networks.freeway.measure import (
+from dohyo.sumo_networks.freeway.measure import (
     NOISE_MPS,
     PingLog,
     SegmentFeed,
@@ -17,7 +17,7 @@ from sumo_networks.freeway.measure import (
     reported_speeds,
     wave_speed,
 )
-from sumo_networks.freeway.road import load_freeway
+from dohyo.sumo_networks.freeway.road import load_freeway
 from tests.sumo_networks.freeway.worlds import world_of
 
 ROAD = load_freeway()

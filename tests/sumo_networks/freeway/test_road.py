@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.freeway.road import load_freeway
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.freeway.road import load_freeway
 
 ROAD = load_freeway()
 

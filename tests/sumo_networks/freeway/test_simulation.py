@@ -9,8 +9,8 @@ import libsumo
 import numpy as np
 import pytest
 
-from sumo_networks.errors import InvalidInputError, SimulationError
-from sumo_networks.freeway import (
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.freeway import (
     TICK_S,
     Day,
     FreewayScenario,
@@ -19,8 +19,8 @@ from sumo_networks.freeway import (
     Incident,
     load_freeway,
 )
-from sumo_networks.freeway.process import MICRO, start_sumo
-from sumo_networks.scenario import Mission, Place, Scenario
+from dohyo.sumo_networks.freeway.process import MICRO, start_sumo
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 from tests.conftest import Start
 
 QUIET = FreewayScenario(seed=5, start_s=5.6 * 3600, duration_s=300, warm_up_s=90, penetration=0.5)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sumo_networks.freeway.road import load_freeway
-from sumo_networks.freeway.world import FreewayWorld
+from dohyo.sumo_networks.freeway.road import load_freeway
+from dohyo.sumo_networks.freeway.world import FreewayWorld
 
 
 def world_of(

@@ -7,10 +7,10 @@ import pytest
 import torch
 from PIL import Image
 
-from agents.hierarchical.vision.classes import CLASSES, Seen
-from agents.hierarchical.vision.evaluate import confusion, intersection_over_union, judge, mean_interval
-from agents.hierarchical.vision.figure import COLOURS, chosen, draw
-from agents.hierarchical.vision.network import Autoencoder
+from dohyo.agents.hierarchical.vision.classes import CLASSES, Seen
+from dohyo.agents.hierarchical.vision.evaluate import confusion, intersection_over_union, judge, mean_interval
+from dohyo.agents.hierarchical.vision.figure import COLOURS, chosen, draw
+from dohyo.agents.hierarchical.vision.network import Autoencoder
 from tests.agents.hierarchical.vision.weights import pictures
 
 

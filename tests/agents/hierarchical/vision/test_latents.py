@@ -7,11 +7,11 @@ import pytest
 import torch
 from safetensors.numpy import load_file, save_file
 
-from agents.hierarchical.vision.architecture import LATENT
-from agents.hierarchical.vision.classes import CLASSES, Seen, planes
-from agents.hierarchical.vision.latents import SHIPPED, Encoder, load_weights, onnx_model
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.imaging.labels import Label
+from dohyo.agents.hierarchical.vision.architecture import LATENT
+from dohyo.agents.hierarchical.vision.classes import CLASSES, Seen, planes
+from dohyo.agents.hierarchical.vision.latents import SHIPPED, Encoder, load_weights, onnx_model
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.imaging.labels import Label
 from tests.agents.hierarchical.vision.weights import picture, untrained
 
 

@@ -16,8 +16,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.hierarchical.vision.dataset import SCHEMA, load_shard, load_split
-from agents.hierarchical.vision.recording import (
+from dohyo.agents.hierarchical.vision.dataset import SCHEMA, load_shard, load_split
+from dohyo.agents.hierarchical.vision.recording import (
     OFF,
     Disturbance,
     Order,
@@ -27,10 +27,10 @@ from agents.hierarchical.vision.recording import (
     record_pictures,
     scenario,
 )
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.imaging.labels import Label
-from sumo_networks.sensors import make_sensors
-from sumo_networks.world import LightState
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.imaging.labels import Label
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.world import LightState
 from tests.worlds import lit_crossing
 
 SMALL = Order(images=12, seed=3, egos=2, every_s=1.0, episode_s=3.0)  # an episode each
@@ -115,7 +115,7 @@ def test_an_episode_is_the_same_each_time(recorded):
 
 def test_a_killed_recording_goes_on_and_ends_with_the_same_bytes(recorded, tmp_path):
     code = (
-        "from pathlib import Path; from agents.hierarchical.vision.recording import Order, record_pictures;"
+        "from pathlib import Path; from dohyo.agents.hierarchical.vision.recording import Order, record_pictures;"
         f"record_pictures({SMALL!r}, Path({str(tmp_path)!r}))"
     )
     process = subprocess.Popen([sys.executable, "-c", code])

@@ -15,10 +15,10 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from agents.hierarchical.vision.architecture import encoder_shapes, sizes
-from agents.hierarchical.vision.classes import Seen
-from agents.hierarchical.vision.network import Autoencoder, Encoder
-from agents.hierarchical.vision.train import (
+from dohyo.agents.hierarchical.vision.architecture import encoder_shapes, sizes
+from dohyo.agents.hierarchical.vision.classes import Seen
+from dohyo.agents.hierarchical.vision.network import Autoencoder, Encoder
+from dohyo.agents.hierarchical.vision.train import (
     Batch,
     TrainConfig,
     batch_indices,
@@ -28,7 +28,7 @@ from agents.hierarchical.vision.train import (
     losses_of,
     train,
 )
-from sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.hierarchical.vision.weights import pictures
 
 
@@ -73,7 +73,7 @@ def test_a_training_that_was_cut_off_ends_with_the_same_weights_and_curve(data, 
 
 def test_a_killed_process_leaves_what_can_be_resumed(data, tmp_path):
     code = (
-        "from pathlib import Path; from agents.hierarchical.vision.train import TrainConfig, train;"
+        "from pathlib import Path; from dohyo.agents.hierarchical.vision.train import TrainConfig, train;"
         f"train(TrainConfig(data=Path({str(data)!r}), out=Path({str(tmp_path)!r}), epochs=500, batch=4, latent=8,"
         " checkpoint_s=1e-9))"
     )

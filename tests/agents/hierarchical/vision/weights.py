@@ -8,10 +8,10 @@ import numpy as np
 import torch
 from safetensors.torch import save_file
 
-from agents.hierarchical.vision.classes import HEIGHT, WIDTH
-from agents.hierarchical.vision.dataset import Pictures
-from agents.hierarchical.vision.network import Encoder
-from sumo_networks.imaging.labels import Label
+from dohyo.agents.hierarchical.vision.classes import HEIGHT, WIDTH
+from dohyo.agents.hierarchical.vision.dataset import Pictures
+from dohyo.agents.hierarchical.vision.network import Encoder
+from dohyo.sumo_networks.imaging.labels import Label
 
 
 def untrained(path: Path, latent: int = 12, seed: int = 0) -> Encoder:

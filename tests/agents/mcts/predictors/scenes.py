@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agents.mcts.predictors.dataset import FUTURE_STEP_S, FUTURE_STEPS, Sample
-from agents.planning.scene import HISTORY, Actors, Ego, Lanes, Path, Scene, StopLines
-from sumo_networks.world import ActorKind
+from dohyo.agents.mcts.predictors.dataset import FUTURE_STEP_S, FUTURE_STEPS, Sample
+from dohyo.agents.planning.scene import HISTORY, Actors, Ego, Lanes, Path, Scene, StopLines
+from dohyo.sumo_networks.world import ActorKind
 
 AGO = np.array([1.5, 1.0, 0.5, 0.0])
 

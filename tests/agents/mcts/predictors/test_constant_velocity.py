@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from agents.mcts.predictors.constant_velocity import ConstantVelocity
-from agents.planning.scene import Scene
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.mcts.predictors.constant_velocity import ConstantVelocity
+from dohyo.agents.planning.scene import Scene
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.mcts.predictors.scenes import Body, scene
 
 

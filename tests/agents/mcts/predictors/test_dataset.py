@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.mcts.predictors.dataset import SCHEMA, Shard, load_shard, shards_of
-from agents.mcts.predictors.features import features
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.mcts.predictors.dataset import SCHEMA, Shard, load_shard, shards_of
+from dohyo.agents.mcts.predictors.features import features
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.mcts.predictors.scenes import busy, sampled
 
 

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.mcts.predictors import evaluate
-from agents.mcts.predictors.constant_velocity import ConstantVelocity
-from agents.mcts.predictors.dataset import Sample, Shard
-from agents.mcts.predictors.evaluate import errors_of, measures, miss_cases, report, table
-from sumo_networks.world import ActorKind
+from dohyo.agents.mcts.predictors import evaluate
+from dohyo.agents.mcts.predictors.constant_velocity import ConstantVelocity
+from dohyo.agents.mcts.predictors.dataset import Sample, Shard
+from dohyo.agents.mcts.predictors.evaluate import errors_of, measures, miss_cases, report, table
+from dohyo.sumo_networks.world import ActorKind
 from tests.agents.mcts.predictors.scenes import Body, busy, sampled, scene
 
 

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from agents.mcts.predictors.idm import MODEL, IdmRollout
-from agents.planning.motion import idm_acceleration
-from agents.planning.scene import Scene
-from sumo_networks.sensors.lanes import CROSSING, JUNCTION
-from sumo_networks.world import ActorKind
+from dohyo.agents.mcts.predictors.idm import MODEL, IdmRollout
+from dohyo.agents.planning.motion import idm_acceleration
+from dohyo.agents.planning.scene import Scene
+from dohyo.sumo_networks.sensors.lanes import CROSSING, JUNCTION
+from dohyo.sumo_networks.world import ActorKind
 from tests.agents.mcts.predictors.scenes import Body, Lane, scene, straight
 
 ASIDE = 50.0

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.mcts.predicting import make_predictor
-from agents.mcts.predictors.learned import SHIPPED, Learned, dense
-from agents.planning.prediction import NEAREST, constant_velocity
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.mcts.predicting import make_predictor
+from dohyo.agents.mcts.predictors.learned import SHIPPED, Learned, dense
+from dohyo.agents.planning.prediction import NEAREST, constant_velocity
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.mcts.predictors.scenes import Body, busy, scene, straight
 
 

@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from safetensors.torch import save_file
 
-from agents.mcts.predictors.export import export, load_network
-from agents.mcts.predictors.features import AGENTS, LANES, SHAPES, features
-from agents.mcts.predictors.learned import Learned
-from agents.mcts.predictors.network import MotionNetwork
-from agents.planning.scene import Scene
-from sumo_networks.errors import InvalidInputError
+from dohyo.agents.mcts.predictors.export import export, load_network
+from dohyo.agents.mcts.predictors.features import AGENTS, LANES, SHAPES, features
+from dohyo.agents.mcts.predictors.learned import Learned
+from dohyo.agents.mcts.predictors.network import MotionNetwork
+from dohyo.agents.planning.scene import Scene
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.mcts.predictors.scenes import busy, moved, turned
 
 FEW = settings(max_examples=10, deadline=None)

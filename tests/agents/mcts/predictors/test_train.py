@@ -10,9 +10,9 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from agents.mcts.predictors.dataset import FUTURE_STEPS, Shard
-from agents.mcts.predictors.features import SHAPES
-from agents.mcts.predictors.train import (
+from dohyo.agents.mcts.predictors.dataset import FUTURE_STEPS, Shard
+from dohyo.agents.mcts.predictors.features import SHAPES
+from dohyo.agents.mcts.predictors.train import (
     Batch,
     TrainConfig,
     batch_indices,
@@ -23,7 +23,7 @@ from agents.mcts.predictors.train import (
     loss_of,
     train,
 )
-from sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.mcts.predictors.scenes import busy, sampled
 
 

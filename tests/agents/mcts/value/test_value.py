@@ -12,22 +12,32 @@ from numba import njit
 from numba.core.runtime import _nrt_python, rtsys
 from safetensors.numpy import load_file, save
 
-from agents.mcts.config import LATERAL_LIMIT, MIDDLE, Rules, Settings, rules
-from agents.mcts.mbappe import CRAFTED_IDM, Mbappe
-from agents.mcts.predictors.dataset import Shard
-from agents.mcts.prior import kernel
-from agents.mcts.simulator import DEMAND, FAILED, SPEED, STATE, S, X
-from agents.mcts.tree import BEST_LEAF, NODES, PAIRS, Beliefs, Tree, make_tree, search, start
-from agents.mcts.value.mlp import FEATURES, SHAPES, SHIPPED, Mlp, describe, evaluate, load_value, no_value, value_of
-from agents.mcts.value.records import LEAST_VISITS, found_in
-from agents.mcts.value.train import ValueConfig, layers, train, weights
-from agents.planning.motion import body
-from agents.planning.situation import Situation
-from evaluation.agent import Mission
-from sumo_networks.arrays import FloatArray
-from sumo_networks.errors import InvalidInputError
-from sumo_networks.scenario import Place
-from sumo_networks.vehicle import VehicleParameters
+from dohyo.agents.mcts.config import LATERAL_LIMIT, MIDDLE, Rules, Settings, rules
+from dohyo.agents.mcts.mbappe import CRAFTED_IDM, Mbappe
+from dohyo.agents.mcts.predictors.dataset import Shard
+from dohyo.agents.mcts.prior import kernel
+from dohyo.agents.mcts.simulator import DEMAND, FAILED, SPEED, STATE, S, X
+from dohyo.agents.mcts.tree import BEST_LEAF, NODES, PAIRS, Beliefs, Tree, make_tree, search, start
+from dohyo.agents.mcts.value.mlp import (
+    FEATURES,
+    SHAPES,
+    SHIPPED,
+    Mlp,
+    describe,
+    evaluate,
+    load_value,
+    no_value,
+    value_of,
+)
+from dohyo.agents.mcts.value.records import LEAST_VISITS, found_in
+from dohyo.agents.mcts.value.train import ValueConfig, layers, train, weights
+from dohyo.agents.planning.motion import body
+from dohyo.agents.planning.situation import Situation
+from dohyo.evaluation.agent import Mission
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Place
+from dohyo.sumo_networks.vehicle import VehicleParameters
 from tests.agents.mcts.predictors.scenes import busy, sampled
 from tests.agents.mcts.roads import observation, straight
 
