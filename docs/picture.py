@@ -11,10 +11,10 @@ import numpy as np
 
 from dohyo.agents.registry import agent_entries
 from dohyo.evaluation.agent import make_agent
-from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.criteria import criteria_for
-from dohyo.evaluation.record import Infraction
-from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.evaluation.records.record import Infraction
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.world import ActorKind, LightState, World
 

@@ -16,10 +16,10 @@ from PIL import Image, ImageDraw, ImageFont
 
 from dohyo.agents.registry import agent_entries
 from dohyo.evaluation.agent import make_agent
-from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.sumo_networks.conditions import CONDITIONS
-from dohyo.sumo_networks.env import DrivingEnv
-from dohyo.sumo_networks.imaging.labels import Label
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
+from dohyo.sumo_networks.rendering.labels import Label
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
 from dohyo.sumo_networks.sensors import BirdseyeConfig, CameraConfig, SensorConfig, make_sensors
 from dohyo.sumo_networks.world import LightState, World

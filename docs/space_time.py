@@ -12,8 +12,8 @@ from pathlib import Path
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from dohyo.evaluation.look import template
-from dohyo.evaluation.pictures import write_page
+from dohyo.evaluation.report.pictures import write_page
+from dohyo.evaluation.report.style import template
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.freeway import FreewayRoad
 

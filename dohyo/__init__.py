@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from dohyo.evaluation.agent import Agent
-    from dohyo.sumo_networks.catalog import load_network
-    from dohyo.sumo_networks.env import DrivingEnv
+    from dohyo.sumo_networks.envs.driving_env import DrivingEnv
+    from dohyo.sumo_networks.networks.catalog import load_network
     from dohyo.sumo_networks.scenario import Scenario
 
 __all__ = ["Agent", "DrivingEnv", "Scenario", "load_network"]
 
 _HOMES = {
     "Agent": "dohyo.evaluation.agent",
-    "DrivingEnv": "dohyo.sumo_networks.env",
+    "DrivingEnv": "dohyo.sumo_networks.envs.driving_env",
     "Scenario": "dohyo.sumo_networks.scenario",
-    "load_network": "dohyo.sumo_networks.catalog",
+    "load_network": "dohyo.sumo_networks.networks.catalog",
 }
 
 

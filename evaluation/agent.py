@@ -11,10 +11,10 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from pydantic import ValidationError
 
-from dohyo.evaluation.record import AgentInfo
+from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.sources import source_files
-from dohyo.sumo_networks.control import CONTROLS
-from dohyo.sumo_networks.env import Observation
+from dohyo.sumo_networks.ego.control import CONTROLS
+from dohyo.sumo_networks.envs.driving_env import Observation
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.scenario import Config, Mission
 from dohyo.sumo_networks.sensors import Track, make_sensors
@@ -31,7 +31,7 @@ class AgentSpec(Config):
         name: For people and file names.
         track: Which sensors it may use.
         sensors: What it sees, names of `dohyo.sumo_networks.sensors.SENSORS`.
-        control: How it acts, a name of `dohyo.sumo_networks.control.CONTROLS`.
+        control: How it acts, a name of `dohyo.sumo_networks.ego.control.CONTROLS`.
     """
 
     name: str

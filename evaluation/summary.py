@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dohyo.evaluation.record import AgentInfo, EgoRecord, EpisodeRecord, InfractionKind, Status
+from dohyo.evaluation.records.record import AgentInfo, EgoRecord, EpisodeRecord, InfractionKind, Status
 from dohyo.evaluation.scores import nocrash
 from dohyo.evaluation.scores.driving import (
     MIN_KM,

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
 from urllib.parse import quote
 
-from dohyo.evaluation.record import AgentInfo
+from dohyo.evaluation.records.record import AgentInfo
 from dohyo.sumo_networks.errors import InvalidInputError
 
 Document = dict[str, Any]

@@ -22,8 +22,8 @@ from typing import Any, Self
 
 import httpx
 
-from dohyo.evaluation.record import AgentInfo
-from dohyo.evaluation.store import write_atomically
+from dohyo.evaluation.records.record import AgentInfo
+from dohyo.evaluation.records.store import write_atomically
 from dohyo.service.calls import Call, Calls, Document, path_of
 from dohyo.service.worker_session import WorkerSession
 from dohyo.sumo_networks.errors import DohyoError

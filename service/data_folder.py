@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from dohyo.evaluation.lock import held as folder_held
+from dohyo.evaluation.running.lock import held as folder_held
 from dohyo.service.policies.agent import FOLDER_VARIABLE
 from dohyo.service.settings import Settings
 from dohyo.sumo_networks.errors import InvalidInputError

@@ -81,7 +81,7 @@ def describe_agent(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 def import_file(arguments: Mapping[str, Any]) -> None:
     """Imports a road network into the catalog."""
-    from dohyo.sumo_networks.importing import import_network
+    from dohyo.sumo_networks.networks.importing import import_network
 
     import_network(
         Path(arguments["file"]),

@@ -8,7 +8,7 @@ from datetime import datetime
 from functools import cached_property
 from typing import Any
 
-from dohyo.evaluation.spreadsheet import csv_text
+from dohyo.evaluation.report.spreadsheet import csv_text
 from dohyo.evaluation.statistics import Comparison, Estimate
 from dohyo.service.scoring import CLOSED_LOOP_SCORES, Drive, compare_drives, estimate, rates_per_km, scores_of
 

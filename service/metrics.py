@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
-from dohyo.evaluation.record import InfractionKind
-from dohyo.evaluation.spreadsheet import csv_text
+from dohyo.evaluation.records.record import InfractionKind
+from dohyo.evaluation.report.spreadsheet import csv_text
 from dohyo.service.leaderboard import Entry
 from dohyo.service.scoring import Drive, estimate, scores_of, summarise_drives
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
-from dohyo.sumo_networks.catalog import load_network
-from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.network import RoadNetwork
 
 Box = tuple[float, float, float, float]
 KEPT = 16

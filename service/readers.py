@@ -12,10 +12,10 @@ from typing import Annotated, Final
 
 from fastapi import Depends, Request
 
-from dohyo.evaluation.benchmark import Benchmark
-from dohyo.evaluation.record import EpisodeRecord
-from dohyo.evaluation.store import read_record, read_trajectory, write_atomically
-from dohyo.evaluation.trajectory import Trajectory
+from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.store import read_record, read_trajectory, write_atomically
+from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.service.access import Caller
 from dohyo.service.database import reading
 from dohyo.service.database.models import AgentKind, BenchmarkVersion, Episode, Evaluation

@@ -21,11 +21,11 @@ import msgspec
 import numpy as np
 
 from dohyo.evaluation.agent import Agent, Explanation, Observation, agent_info, make_agent
-from dohyo.evaluation.record import EgoRecord, EpisodeRecord
-from dohyo.evaluation.runner import ACT_DEADLINE_S, drive_episode, versions
-from dohyo.evaluation.store import read_record, write_atomically
-from dohyo.sumo_networks.catalog import load_network
+from dohyo.evaluation.episode.runner import ACT_DEADLINE_S, drive_episode, versions
+from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord
+from dohyo.evaluation.records.store import read_record, write_atomically
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Mission
 
 EXPLANATIONS_LIMIT_BYTES: Final = 100_000_000

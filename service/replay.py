@@ -10,14 +10,14 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from dohyo.evaluation.record import EgoRecord, EpisodeRecord, Infraction
+from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord, Infraction
+from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.evaluation.scores.driving import Rules, infraction_penalty, outside_fraction
 from dohyo.evaluation.summary import score_drive
-from dohyo.evaluation.trajectory import Trajectory
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.world import ActorKind
 
 FORMAT: Final = 1

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any, Final
 
-from dohyo.evaluation.record import EpisodeRecord
+from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.scores.driving import IrsLength, Rules, infraction_rate_score
 from dohyo.evaluation.statistics import mean_estimate
 from dohyo.evaluation.summary import Summary, as_document, score_drive, summarise, summarise_cells

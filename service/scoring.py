@@ -10,11 +10,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-from dohyo.evaluation.benchmark import CLOSED_LOOP
-from dohyo.evaluation.closed_loop import TERMS, applies, score_records
-from dohyo.evaluation.record import EgoRecord, EpisodeRecord, Infraction, InfractionKind, Status
-from dohyo.evaluation.scores.closed_loop import ClosedLoop
+from dohyo.evaluation.benchmarks.benchmark import CLOSED_LOOP
+from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord, Infraction, InfractionKind, Status
 from dohyo.evaluation.scores.driving import MIN_KM, Rules
+from dohyo.evaluation.scores.nuplan.score import ClosedLoop
+from dohyo.evaluation.scores.nuplan.summary import TERMS, applies, score_records
 from dohyo.evaluation.scores.rates import infraction_counts, route_km
 from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired, ratio_estimate, share_estimate
 from dohyo.evaluation.summary import SHARES, score_drive

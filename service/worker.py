@@ -20,8 +20,8 @@ from types import FrameType
 from typing import Any
 
 from dohyo.evaluation.agent import Agent, agent_info, make_agent
-from dohyo.evaluation.deadline import deadline
-from dohyo.evaluation.runner import describe
+from dohyo.evaluation.episode.deadline import deadline
+from dohyo.evaluation.episode.runner import describe
 from dohyo.service.worker_session import (
     Drive,
     LeaseLostError,
@@ -31,10 +31,10 @@ from dohyo.service.worker_session import (
     WireError,
     WorkerSession,
 )
-from dohyo.sumo_networks.control import InvalidActionError, make_control
+from dohyo.sumo_networks.ego.control import InvalidActionError, make_control
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, DohyoError, InvalidInputError
 from dohyo.sumo_networks.simulation import TICK_S
-from dohyo.sumo_networks.vehicle import VehicleParameters
 
 GRACE_S = 1.0  # the service judges first
 REFUSED = 2  # exit code of a command that cannot do what was asked

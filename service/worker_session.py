@@ -25,7 +25,7 @@ import msgspec
 import numpy as np
 
 from dohyo.service.wire import Format, arrays, decode, encode, pack
-from dohyo.sumo_networks.env import Observation
+from dohyo.sumo_networks.envs.driving_env import Observation
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 from dohyo.sumo_networks.scenario import Mission
 

@@ -92,8 +92,9 @@ class Traffic(Config):
         bicycles: Bicycles.
         pedestrians: People on foot.
         warm_up_s: Simulated time before the egos start.
-        jaywalkers: Share of the pedestrians who cross roads away from crossings, see `dohyo.sumo_networks.jaywalkers`.
-        impatience: Of the drivers: how far those who must give way push into gaps that make others brake; 0 never, 1
+        jaywalkers: Share of the pedestrians who cross roads away from crossings, see
+        `dohyo.sumo_networks.traffic.jaywalkers`. impatience: Of the drivers: how far those who must give way push into
+        gaps that make others brake; 0 never, 1
             always. SUMO's, and its default is 0.
         flows: Vehicles that follow each other along one way.
     """

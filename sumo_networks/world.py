@@ -11,8 +11,8 @@ import numpy as np
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from dohyo.sumo_networks.network import RoadNetwork
-    from dohyo.sumo_networks.route import Route
+    from dohyo.sumo_networks.networks.network import RoadNetwork
+    from dohyo.sumo_networks.routes.route import Route
 
 SIGHT_M = 100.0
 """How far around an ego the world is known, m."""

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 import pytest
 from hypothesis import settings
 
-from dohyo.sumo_networks.catalog import load_network
-from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
+from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.simulation import Simulation
 from dohyo.sumo_networks.world import World

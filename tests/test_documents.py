@@ -19,13 +19,13 @@ from dohyo.agents.forecasting.registry import shipped
 from dohyo.agents.registry import agent_entries
 from dohyo.agents.speed_planning.benchmark import NOBODY, PLANNER
 from dohyo.evaluation.agent import make_agent
-from dohyo.evaluation.benchmark import benchmark_names, load_benchmark
-from dohyo.evaluation.freeway_benchmark import is_freeway_benchmark
-from dohyo.evaluation.record import EgoRecord, Infraction, InfractionKind, Status
+from dohyo.evaluation.benchmarks.benchmark import benchmark_names, load_benchmark
+from dohyo.evaluation.freeway.benchmark import is_freeway_benchmark
+from dohyo.evaluation.records.record import EgoRecord, Infraction, InfractionKind, Status
 from dohyo.evaluation.scores.driving import infraction_penalty
 from dohyo.service.cli import app
-from dohyo.sumo_networks.control import CONTROLS
-from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.ego.control import CONTROLS
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.sensors import SENSORS
 
 ROOT = Path(__file__).parents[1]

@@ -29,12 +29,12 @@ import numpy as np
 import sumo
 
 from dohyo.evaluation.criteria import Collision, Criterion, OutsideLanes, criteria_for
-from dohyo.evaluation.record import Infraction, InfractionKind
+from dohyo.evaluation.records.record import Infraction, InfractionKind
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.geometry import boxes_overlap, wrap_angle
-from dohyo.sumo_networks.network import RoadNetwork, cache_folder, read_network
-from dohyo.sumo_networks.route import Route
-from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.networks.network import RoadNetwork, cache_folder, read_network
+from dohyo.sumo_networks.routes.route import Route
+from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 from dohyo.sumo_networks.world import ActorKind, Actors, Contact, Egos, LightState, World
 

@@ -32,8 +32,8 @@ from dohyo.agents.experts.sidestep import Sidestep
 from dohyo.agents.experts.surroundings import Surroundings, ran_into_from_behind
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from dohyo.sumo_networks.arrays import Float32Array
-from dohyo.sumo_networks.control import pure_pursuit, pursuit_distance
-from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.ego.control import pure_pursuit, pursuit_distance
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.world import ActorKind, LightState
 
 RED, YELLOW = int(LightState.RED), int(LightState.YELLOW)

@@ -14,7 +14,7 @@ from dohyo.agents.planning.scene import SENSORS, SceneBuilder
 from dohyo.agents.planning.situation import NO_LINE, Situation, at_row, leader, situation
 from dohyo.agents.planning.warm_up import empty_road
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
-from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 
 MODEL = Idm(gap=1.0, headway=1.5, acceleration=1.5, braking=3.0, exponent=4.0, least_gap=0.1, hardest=5.0)
 MAX_SPEED, CURVE_LATERAL, CURVE_BRAKING, LATERAL_LIMIT = 13.9, 2.5, 1.5, 6.0

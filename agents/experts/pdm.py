@@ -39,8 +39,8 @@ from dohyo.agents.planning.scene import SENSORS, SceneBuilder
 from dohyo.agents.planning.situation import situation
 from dohyo.agents.planning.warm_up import empty_road
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.vehicle import VehicleParameters
 
 MODEL = Idm(gap=1.0, headway=1.5, acceleration=1.5, braking=3.0, exponent=10.0, least_gap=1.0, hardest=3.0)
 MAX_SPEED = 15.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
-from dohyo.sumo_networks.control import PedalsSteering
+from dohyo.sumo_networks.ego.control import PedalsSteering
 
 
 class Random(Agent):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
-from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 
 AIM_M = 6
 

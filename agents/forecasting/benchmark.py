@@ -22,8 +22,8 @@ from dohyo.agents.forecasting.registry import CHECKPOINTS, load_forecaster, make
 from dohyo.agents.forecasting.scores import Errors, errors
 from dohyo.agents.forecasting.simple import Persistence
 from dohyo.agents.forecasting.windows import HORIZON, Windows, make_windows
-from dohyo.evaluation.freeway_benchmark import ForecastBenchmark, days_folder
-from dohyo.evaluation.freeway_result import AgentFacts, FreewayResult, Metric, Units, claim, write_result
+from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, days_folder
+from dohyo.evaluation.freeway.result import AgentFacts, FreewayResult, Metric, Units, claim, write_result
 from dohyo.evaluation.sources import source_files
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.freeway.dataset import dataset_facts, make_dataset

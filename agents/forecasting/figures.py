@@ -20,8 +20,8 @@ from dohyo.agents.forecasting.gaps import fill
 from dohyo.agents.forecasting.reading import read_data
 from dohyo.agents.forecasting.registry import load_forecaster
 from dohyo.agents.forecasting.windows import HORIZON, Windows, make_windows
-from dohyo.evaluation.look import OKABE_ITO, PALETTES, template
-from dohyo.evaluation.pictures import write_page
+from dohyo.evaluation.report.pictures import write_page
+from dohyo.evaluation.report.style import OKABE_ITO, PALETTES, template
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import InvalidInputError
 

@@ -19,7 +19,7 @@ from dohyo.agents.forecasting.networks.registry import make_network
 from dohyo.agents.forecasting.scale import InMetres, Scale
 from dohyo.agents.forecasting.training import TrainSettings, train_network
 from dohyo.agents.forecasting.windows import HISTORY, Windows
-from dohyo.evaluation.store import write_atomically
+from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 

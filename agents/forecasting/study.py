@@ -31,7 +31,7 @@ from dohyo.agents.forecasting.registry import CHECKPOINTS, SIMPLE, load_forecast
 from dohyo.agents.forecasting.scores import coverage, errors
 from dohyo.agents.forecasting.training import TrainSettings, train_network
 from dohyo.agents.forecasting.windows import Windows, make_windows
-from dohyo.evaluation.store import write_atomically
+from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.errors import InvalidInputError
 
 COMPARED = ("lstm", "sa-lstm", "transformer", "convlstm", "sa-convlstm")

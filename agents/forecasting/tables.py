@@ -11,8 +11,8 @@ import numpy as np
 from dohyo.agents.forecasting.registry import SIMPLE
 from dohyo.agents.forecasting.scores import crossed
 from dohyo.agents.forecasting.study import LONG
-from dohyo.evaluation.look import MISSING, number
-from dohyo.evaluation.store import write_atomically
+from dohyo.evaluation.records.store import write_atomically
+from dohyo.evaluation.report.style import MISSING, number
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 

@@ -8,8 +8,8 @@ from enum import StrEnum
 import numpy as np
 
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
-from dohyo.sumo_networks.control import pure_pursuit, pursuit_distance
-from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.ego.control import pure_pursuit, pursuit_distance
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 
 ACTIONS = 2
 ACCELERATION_M_S2 = 8.0

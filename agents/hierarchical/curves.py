@@ -30,8 +30,8 @@ from dohyo.agents.hierarchical.training_results import (
     read_results,
     table,
 )
-from dohyo.evaluation.look import OKABE_ITO, PALETTES, label, number, template
-from dohyo.evaluation.pictures import write_page
+from dohyo.evaluation.report.pictures import write_page
+from dohyo.evaluation.report.style import OKABE_ITO, PALETTES, label, number, template
 from dohyo.evaluation.statistics import Estimate
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 

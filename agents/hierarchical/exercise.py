@@ -21,7 +21,7 @@ from dohyo.agents.hierarchical.views import rows_seen
 from dohyo.agents.training.task import HELD_OUT_FROM, Array
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
-from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 
 if TYPE_CHECKING:

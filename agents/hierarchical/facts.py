@@ -19,9 +19,9 @@ from dohyo.agents.hierarchical.solver import Fact, fact
 from dohyo.agents.hierarchical.watch import Danger
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.sensors.lights import STOPS, YIELDS
 from dohyo.sumo_networks.sensors.path import BEHIND, POINTS
-from dohyo.sumo_networks.vehicle import VehicleParameters
 from dohyo.sumo_networks.world import ActorKind, LightState
 
 SENSORS = ("speedometer", "route", "objects", "lights", "conflicts", "navigation", "path", "lanes")

@@ -12,8 +12,8 @@ from dohyo.agents.experts.surroundings import Lane, Surroundings
 from dohyo.agents.hierarchical.pace import Restraint, yields
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.sensors.path import BEHIND
-from dohyo.sumo_networks.vehicle import VehicleParameters
 from dohyo.sumo_networks.world import LightState
 
 SIDE_M_S2 = 2.0

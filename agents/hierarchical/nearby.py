@@ -14,10 +14,10 @@ from numba import njit
 from dohyo.agents.experts.surroundings import boxes_on_path, project
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.sensors.lanes import ATTRIBUTES, POINTS, ROAD
 from dohyo.sumo_networks.sensors.lights import STOPS, YIELDS
 from dohyo.sumo_networks.sensors.path import BEHIND
-from dohyo.sumo_networks.vehicle import VehicleParameters
 from dohyo.sumo_networks.world import ActorKind, LightState
 
 SENSORS = ("objects", "path", "lanes", "lights", "conflicts", "speedometer")

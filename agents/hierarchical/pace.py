@@ -14,8 +14,8 @@ from dohyo.agents.experts.surroundings import Surroundings
 from dohyo.agents.hierarchical.rules_only import advised_speed
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.sensors.path import BEHIND
-from dohyo.sumo_networks.vehicle import VehicleParameters
 from dohyo.sumo_networks.world import ActorKind, LightState
 
 LEAST_SHARE = 0.8

@@ -22,9 +22,9 @@ from dohyo.agents.hierarchical.watch import Watch
 from dohyo.agents.planning.motion import Idm
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from dohyo.sumo_networks.arrays import Float32Array
-from dohyo.sumo_networks.control import pure_pursuit, pursuit_distance
+from dohyo.sumo_networks.ego.control import pure_pursuit, pursuit_distance
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import UnknownNameError
-from dohyo.sumo_networks.vehicle import VehicleParameters
 
 RULES = Path(__file__).with_name("rules")
 MAX_SPEED_M_S = 14.0

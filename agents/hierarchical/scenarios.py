@@ -18,13 +18,13 @@ from pydantic import TypeAdapter
 
 from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
 from dohyo.sumo_networks.arrays import IntArray
-from dohyo.sumo_networks.catalog import load_network
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.events import Event
 from dohyo.sumo_networks.events.director import check_placement
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.route import Route
-from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Route
+from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
 
 ATTEMPTS = 8000

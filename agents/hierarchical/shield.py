@@ -20,10 +20,10 @@ from dohyo.agents.hierarchical.watch import SENSORS, Danger, Watch
 from dohyo.agents.registry import resolve_with
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation, make_agent
 from dohyo.sumo_networks.arrays import Float32Array
-from dohyo.sumo_networks.control import WAYPOINT_INTERVAL_S
+from dohyo.sumo_networks.ego.control import WAYPOINT_INTERVAL_S
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import UnknownNameError
 from dohyo.sumo_networks.sensors.path import BEHIND
-from dohyo.sumo_networks.vehicle import VehicleParameters
 
 SPEED_GAIN = 1.6
 """Of the controls that take a target speed, 1/s: so far below the speed, the target asks for that braking."""

@@ -34,7 +34,7 @@ from dohyo.agents.localization.view import LocalizedView
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.config import Config
-from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 
 CAMERA = "camera_semantic"
 WAYPOINTS_M = (2, 5, 10, 15, 20, 30, 40, 60)

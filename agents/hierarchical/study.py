@@ -30,12 +30,12 @@ from dohyo.agents.hierarchical.study_tables import Drive, read_drives, tables
 from dohyo.agents.hierarchical.watch import STANDS_M_S, TICK_S
 from dohyo.agents.registry import resolve_with
 from dohyo.evaluation.agent import Agent, Observation, make_agent
-from dohyo.evaluation.benchmark import load_benchmark
-from dohyo.evaluation.lock import held
-from dohyo.evaluation.record import EgoRecord, Status
-from dohyo.evaluation.runner import drive_episode
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.episode.runner import drive_episode
+from dohyo.evaluation.records.record import EgoRecord, Status
+from dohyo.evaluation.records.store import write_atomically
+from dohyo.evaluation.running.lock import held
 from dohyo.evaluation.scores.nocrash import drove, success
-from dohyo.evaluation.store import write_atomically
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 from dohyo.sumo_networks.scenario import Scenario
 

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.special import stdtrit  # type: ignore[import-untyped]
 
 from dohyo.agents.hierarchical.arms import ARMS, POLICIES
-from dohyo.evaluation.look import MISSING, interval
+from dohyo.evaluation.report.style import MISSING, interval
 from dohyo.evaluation.statistics import Estimate
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError

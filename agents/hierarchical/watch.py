@@ -13,9 +13,9 @@ from dohyo.agents.experts.surroundings import Neighbour, Surroundings
 from dohyo.agents.hierarchical.rss import EGO, SPEED, RssConstants, dangerous, judge
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.sensors.lanes import COLUMNS, ROWS
 from dohyo.sumo_networks.sensors.path import BEHIND
-from dohyo.sumo_networks.vehicle import VehicleParameters
 
 SENSORS = ("speedometer", "objects", "path", "conflicts")
 """What a watch reads."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.ego.dynamics import GRAVITY
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.vehicle import GRAVITY
 
 LEVEL_AND_AT_REST = np.array([0.0, 0.0, GRAVITY, 0.0, 0.0, 0.0])
 MIN_SAMPLES = 20

@@ -12,7 +12,7 @@ from plotly.subplots import make_subplots
 
 from dohyo.agents.localization.logs import PositionLog
 from dohyo.agents.localization.track import Track
-from dohyo.evaluation.look import OKABE_ITO, PALETTES, number, template
+from dohyo.evaluation.report.style import OKABE_ITO, PALETTES, number, template
 from dohyo.sumo_networks.arrays import FloatArray
 
 ESTIMATE, FIXES, TRUTH = OKABE_ITO[0], OKABE_ITO[1], OKABE_ITO[2]

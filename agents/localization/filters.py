@@ -9,9 +9,9 @@ from typing import Protocol
 import numpy as np
 
 from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.ego.dynamics import GRAVITY
 from dohyo.sumo_networks.sensors.gnss import VERTICAL
 from dohyo.sumo_networks.sensors.imu import ICM_20600, ImuNoise
-from dohyo.sumo_networks.vehicle import GRAVITY
 
 CONDITIONING = 1e-12
 """Added to the covariance's diagonal at each prediction, so that it stays regular; its size is ours."""

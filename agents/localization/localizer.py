@@ -20,8 +20,8 @@ from dohyo.agents.localization.es_ekf import EsEkf, integrate
 from dohyo.agents.localization.filters import Filter, FilterNoise, InitialState, Innovation
 from dohyo.agents.localization.lowpass import ALPHA, LowPass
 from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.ego.dynamics import GRAVITY
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.vehicle import GRAVITY
 
 
 def _ekf(start: InitialState, noise: FilterNoise) -> Filter:

@@ -16,9 +16,9 @@ import polars as pl
 
 from dohyo.agents.localization.localizer import Fix
 from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.ego.dynamics import GRAVITY
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.projection import geodetic_to_enu
-from dohyo.sumo_networks.vehicle import GRAVITY
+from dohyo.sumo_networks.networks.projection import geodetic_to_enu
 
 IMU_COLUMNS = ("t", "ax", "ay", "az", "gx", "gy", "gz")
 GEODETIC, PLANE = ("lat", "lon", "alt"), ("x", "y", "z")

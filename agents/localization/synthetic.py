@@ -14,15 +14,15 @@ from types import MappingProxyType
 import numpy as np
 
 from dohyo.sumo_networks.arrays import FloatArray
-from dohyo.sumo_networks.catalog import load_network
-from dohyo.sumo_networks.control import SpeedPid, pure_pursuit, pursuit_distance
+from dohyo.sumo_networks.ego.control import SpeedPid, pure_pursuit, pursuit_distance
+from dohyo.sumo_networks.ego.dynamics import HEADING, SPEED, VehicleParameters, Vehicles
 from dohyo.sumo_networks.errors import UnknownNameError
-from dohyo.sumo_networks.route import Route
-from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.routes.route import Route
+from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission, Place
 from dohyo.sumo_networks.sensors.gnss import GnssErrors, GnssNoise
 from dohyo.sumo_networks.sensors.imu import ImuErrors, ImuNoise, specific_force_and_rate
-from dohyo.sumo_networks.vehicle import HEADING, SPEED, VehicleParameters, Vehicles
 
 DT = 0.01
 TICK = 10

@@ -10,7 +10,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from dohyo.evaluation.look import PALETTES, template
+from dohyo.evaluation.report.style import PALETTES, template
 from dohyo.sumo_networks.arrays import FloatArray
 
 LANE, EGO = "#D9D4CA", "#5B4B8A"

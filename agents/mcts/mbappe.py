@@ -43,8 +43,8 @@ from dohyo.agents.planning.situation import ROAD_BIT, Situation, box_on_grid, si
 from dohyo.agents.planning.warm_up import empty_road
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.vehicle import VehicleParameters
 
 CRAFTED_IDM = Idm(gap=2.0, headway=1.2, acceleration=1.5, braking=2.0, exponent=4.0, least_gap=0.1, hardest=3.0)
 _CHOICES = {"visits": 0, "q": 1, "best": 2}

@@ -7,7 +7,7 @@ import numpy as np
 from dohyo.agents.mcts.predicting import make_predictor
 from dohyo.agents.planning.scene import SENSORS, SceneBuilder
 from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
-from dohyo.sumo_networks.control import WAYPOINT_COUNT, WAYPOINT_INTERVAL_S
+from dohyo.sumo_networks.ego.control import WAYPOINT_COUNT, WAYPOINT_INTERVAL_S
 from dohyo.sumo_networks.errors import InvalidInputError
 
 _STRIDE = round(WAYPOINT_INTERVAL_S / 0.1)

@@ -16,8 +16,8 @@ from typing import Any
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from dohyo.evaluation.look import OKABE_ITO, PALETTES, template
-from dohyo.evaluation.pictures import write_page
+from dohyo.evaluation.report.pictures import write_page
+from dohyo.evaluation.report.style import OKABE_ITO, PALETTES, template
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 
 RESULTS = Path(__file__).with_name("results") / "speed.json"

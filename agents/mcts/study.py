@@ -25,17 +25,17 @@ from typing import Any, Literal, get_args
 from dohyo.agents.mcts.losses import CAUSES, losses
 from dohyo.agents.mcts.tables import EXCERPTS, ROUTES, shown, tables, write_tables
 from dohyo.agents.registry import resolve
-from dohyo.evaluation.benchmark import Benchmark, load_benchmark
-from dohyo.evaluation.evaluation import Result, run_benchmark
-from dohyo.evaluation.executors import ProcessPool
-from dohyo.evaluation.record import EgoRecord, Status
-from dohyo.evaluation.scores.closed_loop import ClosedLoop, closed_loop
+from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
+from dohyo.evaluation.records.record import EgoRecord, Status
+from dohyo.evaluation.records.store import read_trajectory, write_atomically
+from dohyo.evaluation.running.executors import ProcessPool
+from dohyo.evaluation.running.run import Result, run_benchmark
 from dohyo.evaluation.scores.nocrash import COLLISIONS
+from dohyo.evaluation.scores.nuplan.score import ClosedLoop, closed_loop
 from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired, share_estimate
-from dohyo.evaluation.store import read_trajectory, write_atomically
 from dohyo.evaluation.summary import score_drive
-from dohyo.sumo_networks.catalog import load_network
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.catalog import load_network
 
 REFERENCE = "autopilot"
 SHARES = ("collisions", "off_road", "nocrash_success", "perfect", "hits", "out_of_time")

@@ -9,8 +9,8 @@ from types import MappingProxyType
 from typing import Any
 
 from dohyo.agents.mcts.losses import CAUSES
+from dohyo.evaluation.records.store import write_atomically
 from dohyo.evaluation.statistics import Estimate
-from dohyo.evaluation.store import write_atomically
 from dohyo.sumo_networks.errors import InvalidInputError
 
 EXCERPTS: Mapping[str, str] = MappingProxyType(

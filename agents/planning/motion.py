@@ -8,7 +8,7 @@ from typing import NamedTuple
 from numba import njit
 
 from dohyo.sumo_networks.arrays import FloatArray
-from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 
 DT = 0.1
 

@@ -16,12 +16,12 @@ from typing import Any, get_args
 
 from dohyo.agents.speed_planning.dissipation import Arm, Morning, SetPoints, buffer_policy, segment_speeds
 from dohyo.agents.speed_planning.study import ARMS, drive_seed, run_path
-from dohyo.evaluation.freeway_benchmark import TrafficBenchmark
-from dohyo.evaluation.freeway_result import AgentFacts, FreewayResult, Metric, Units, claim, write_result
+from dohyo.evaluation.freeway.benchmark import TrafficBenchmark
+from dohyo.evaluation.freeway.result import AgentFacts, FreewayResult, Metric, Units, claim, write_result
 from dohyo.evaluation.sources import source_files
-from dohyo.sumo_networks.catalog import user_catalog
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.freeway.dataset import Order, dataset_facts
+from dohyo.sumo_networks.networks.catalog import user_catalog
 from dohyo.sumo_networks.scenario import content_hash
 
 PLANNER, NOBODY = "speed-planner", "none"

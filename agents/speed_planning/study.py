@@ -34,9 +34,9 @@ from dohyo.agents.speed_planning.dissipation import (
     segment_speeds,
     watched,
 )
+from dohyo.evaluation.records.store import write_atomically
 from dohyo.evaluation.scores.traffic import Outcome
 from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired
-from dohyo.evaluation.store import write_atomically
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.freeway.simulation import FreewaySimulation
 

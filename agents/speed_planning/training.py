@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from dohyo.agents.speed_planning.ppo import Actor, CopiedEnv, PpoConfig, as_json, train
-from dohyo.evaluation.store import write_atomically
+from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.arrays import FloatArray
 
 

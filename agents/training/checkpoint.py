@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from dohyo.evaluation.store import write_atomically
+from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.errors import InvalidInputError
 
 logger = logging.getLogger(__name__)

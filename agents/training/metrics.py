@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dohyo.evaluation.store import write_atomically
+from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.errors import InvalidInputError
 
 Number = int | float | None

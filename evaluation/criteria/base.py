@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Final, Literal
 
-from dohyo.evaluation.record import Infraction, InfractionKind, Status
+from dohyo.evaluation.records.record import Infraction, InfractionKind, Status
 from dohyo.sumo_networks.world import Egos, World
 
 Point = tuple[float, float]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dohyo.evaluation.criteria.base import Criterion, infraction
-from dohyo.evaluation.record import Infraction, InfractionKind
+from dohyo.evaluation.records.record import Infraction, InfractionKind
 from dohyo.sumo_networks.geometry import wrap
 from dohyo.sumo_networks.world import ActorKind, World
 

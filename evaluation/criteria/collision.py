@@ -10,10 +10,10 @@ from itertools import product
 import numpy as np
 
 from dohyo.evaluation.criteria.base import Criterion, axis_point, infraction
-from dohyo.evaluation.record import Infraction, InfractionKind
+from dohyo.evaluation.records.record import Infraction, InfractionKind
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 from dohyo.sumo_networks.geometry import boxes_overlap
-from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.world import ActorKind, Contact, World
 
 STOPPED_MPS = 0.05

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from numba import njit
 
 from dohyo.evaluation.criteria.base import Criterion, infraction
-from dohyo.evaluation.record import Infraction, InfractionKind
+from dohyo.evaluation.records.record import Infraction, InfractionKind
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.world import ActorKind, World
 

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from dohyo.evaluation.criteria.base import Criterion, Point, axis_point, crossed_stop_lines, front, infraction
-from dohyo.evaluation.record import Infraction, InfractionKind
+from dohyo.evaluation.records.record import Infraction, InfractionKind
 from dohyo.sumo_networks.world import LightState, World
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from dohyo.evaluation.criteria.base import Criterion, infraction
-from dohyo.evaluation.record import Infraction, InfractionKind
+from dohyo.evaluation.records.record import Infraction, InfractionKind
 from dohyo.sumo_networks.world import EventPhase, World
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dohyo.evaluation.criteria.base import Criterion, infraction
-from dohyo.evaluation.record import Infraction, InfractionKind
-from dohyo.sumo_networks.route import Route
+from dohyo.evaluation.records.record import Infraction, InfractionKind
+from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.world import World
 
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Final, Literal, get_args
 
-from dohyo.evaluation.record import EgoRecord, Infraction, InfractionKind
+from dohyo.evaluation.records.record import EgoRecord, Infraction, InfractionKind
 from dohyo.sumo_networks.errors import InvalidInputError
 
 Rules = Literal["1.0", "2.0", "2.1"]

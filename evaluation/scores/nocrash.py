@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dohyo.evaluation.record import EgoRecord, Infraction, InfractionKind
+from dohyo.evaluation.records.record import EgoRecord, Infraction, InfractionKind
 from dohyo.evaluation.scores.driving import route_completion
 
 COLLISIONS: Final = frozenset(

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable
 
-from dohyo.evaluation.record import EgoRecord, InfractionKind
+from dohyo.evaluation.records.record import EgoRecord, InfractionKind
 from dohyo.evaluation.scores.driving import MIN_KM, route_completion
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from dohyo.evaluation.benchmark import Benchmark, benchmark_names, load_benchmark
+from dohyo.evaluation.benchmarks.benchmark import Benchmark, benchmark_names, load_benchmark
 from dohyo.service.access import Reader
 from dohyo.service.api.documents import Name, problems
 from dohyo.service.database.evaluations import count_by_version

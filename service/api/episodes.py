@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse
 
-from dohyo.evaluation.record import EpisodeRecord
+from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.service.access import Holder, Reader
 from dohyo.service.api.documents import problems
 from dohyo.service.api.reading import Cached, Identified, already_has, immutable
@@ -31,8 +31,8 @@ from dohyo.service.redrive import explanation_at
 from dohyo.service.replay import FORMAT, encode, infraction_document, replay_of
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.views import view_episode
-from dohyo.sumo_networks.catalog import load_network
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.catalog import load_network
 
 RETRY_S = 2
 

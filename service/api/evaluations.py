@@ -11,9 +11,9 @@ from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.orm import Session
 
-from dohyo.evaluation.benchmark import Benchmark
-from dohyo.evaluation.evaluation import Manifest
-from dohyo.evaluation.record import AgentInfo
+from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.records.record import AgentInfo
+from dohyo.evaluation.running.run import Manifest
 from dohyo.service.access import Caller, Reader, Submitter
 from dohyo.service.api.agents import IdempotencyKey, owned_agent
 from dohyo.service.api.benchmarks import find_benchmark

@@ -8,7 +8,7 @@ from fastapi import APIRouter
 from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field
 
-from dohyo.evaluation.freeway_benchmark import TrafficBenchmark, load_freeway_benchmark
+from dohyo.evaluation.freeway.benchmark import TrafficBenchmark, load_freeway_benchmark
 from dohyo.service.access import Caller, Reader, Submitter
 from dohyo.service.api.agents import owned_agent
 from dohyo.service.api.documents import Identifier, problems

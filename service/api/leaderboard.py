@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from fastapi import APIRouter, Query, Response
 
-from dohyo.evaluation.benchmark import Benchmark, load_benchmark
+from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.service.access import Caller, Reader
 from dohyo.service.api.documents import problems
 from dohyo.service.database import reading

@@ -20,10 +20,10 @@ from dohyo.service.network_map import Box, packed_map
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.uploads import Upload, form_body, receive_upload
 from dohyo.service.views import NetworkView
-from dohyo.sumo_networks.catalog import builtin_names, check_name, load_network, network_entry, network_names
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.importing import SUFFIXES
-from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.networks.catalog import builtin_names, check_name, load_network, network_entry, network_names
+from dohyo.sumo_networks.networks.importing import SUFFIXES
+from dohyo.sumo_networks.networks.network import RoadNetwork
 
 router = APIRouter(prefix="/v1/networks", tags=["networks"])
 

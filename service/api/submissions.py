@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session
 
 from dohyo.agents.registry import agent_entries
 from dohyo.evaluation.agent import AgentSpec, agent_info
-from dohyo.evaluation.record import AgentInfo
+from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.access import Caller, Reader, Submitter
 from dohyo.service.api.agents import IdempotencyKey, owned_agent, visible_agent
 from dohyo.service.api.documents import Limit, Name, problems
@@ -30,7 +30,7 @@ from dohyo.service.policies.limits import MEGABYTE, PolicyLimits
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.uploads import Upload, form_body, receive_upload
 from dohyo.service.views import Page, SubmissionView, view_submission
-from dohyo.sumo_networks.control import CONTROLS
+from dohyo.sumo_networks.ego.control import CONTROLS
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.scenario import content_hash
 from dohyo.sumo_networks.sensors import Track, make_sensors

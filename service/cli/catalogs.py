@@ -10,12 +10,12 @@ from rich.progress import MofNCompleteColumn, Progress
 
 from dohyo.agents.registry import agent_entries
 from dohyo.evaluation.agent import make_agent
-from dohyo.evaluation.benchmark import benchmark_names, load_benchmark
-from dohyo.evaluation.freeway_benchmark import is_freeway_benchmark
-from dohyo.evaluation.logs import prepare_logs
+from dohyo.evaluation.benchmarks.benchmark import benchmark_names, load_benchmark
+from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
+from dohyo.evaluation.freeway.benchmark import is_freeway_benchmark
 from dohyo.service.cli.freeway import freeway_rows, prepare_days
 from dohyo.service.cli.output import console, print_json, print_rows
-from dohyo.sumo_networks.log import logs_folder
+from dohyo.sumo_networks.simulation.traffic_log import logs_folder
 
 agents = typer.Typer(help="Driving agents.", no_args_is_help=True)
 benchmarks = typer.Typer(help="Benchmarks.", no_args_is_help=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from dohyo.evaluation.closed_loop import TERMS, ClosedLoopSummary, ScoredDrive
+from dohyo.evaluation.scores.nuplan.summary import TERMS, ClosedLoopSummary, ScoredDrive
 from dohyo.service.cli.output import console, interval, number, print_rows
 
 SHORT = dict(zip(TERMS, ("NC", "DAC", "DDC", "MP", "TTC", "SL", "EP", "C"), strict=True))

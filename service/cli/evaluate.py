@@ -14,14 +14,14 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from dohyo.agents.registry import resolve_with
-from dohyo.evaluation.closed_loop import as_document as closed_loop_document
-from dohyo.evaluation.closed_loop import by_type, lost_episodes, score_records, summarise_closed_loop
-from dohyo.evaluation.evaluation import Result, run_benchmark
-from dohyo.evaluation.executors import Executor, ProcessPool
-from dohyo.evaluation.freeway_benchmark import is_freeway_benchmark
-from dohyo.evaluation.ray_executor import RayExecutor
-from dohyo.evaluation.record import EpisodeRecord, Status
-from dohyo.evaluation.runner import ACT_DEADLINE_S
+from dohyo.evaluation.episode.runner import ACT_DEADLINE_S
+from dohyo.evaluation.freeway.benchmark import is_freeway_benchmark
+from dohyo.evaluation.records.record import EpisodeRecord, Status
+from dohyo.evaluation.running.executors import Executor, ProcessPool
+from dohyo.evaluation.running.ray_executor import RayExecutor
+from dohyo.evaluation.running.run import Result, run_benchmark
+from dohyo.evaluation.scores.nuplan.summary import as_document as closed_loop_document
+from dohyo.evaluation.scores.nuplan.summary import by_type, lost_episodes, score_records, summarise_closed_loop
 from dohyo.evaluation.summary import as_document, summarise, summarise_cells
 from dohyo.service.cli.closed_loop import print_closed_loop, print_legend
 from dohyo.service.cli.freeway import evaluate_on_freeway

@@ -10,14 +10,14 @@ from typing import Any
 
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from dohyo.evaluation.freeway_benchmark import (
+from dohyo.evaluation.freeway.benchmark import (
     ForecastBenchmark,
     days_folder,
     freeway_benchmark_names,
     load_freeway_benchmark,
 )
-from dohyo.evaluation.freeway_report import finding, unit_word, write_page
-from dohyo.evaluation.freeway_result import FreewayResult, rows
+from dohyo.evaluation.freeway.page import finding, unit_word, write_page
+from dohyo.evaluation.freeway.result import FreewayResult, rows
 from dohyo.service.cli.output import DASH, console, interval, number, print_json, print_rows
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.freeway.dataset import make_dataset

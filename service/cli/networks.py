@@ -10,12 +10,12 @@ import numpy as np
 import typer
 
 from dohyo.service.cli.output import DASH, console, print_json, print_listing, print_rows
-from dohyo.sumo_networks.catalog import builtin_names, load_network, network_entry, network_names
-from dohyo.sumo_networks.drawing import write_map
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.importing import build_network, import_network
-from dohyo.sumo_networks.inspection import NetworkReport, inspect_network
-from dohyo.sumo_networks.xml_guard import LIMIT_MB
+from dohyo.sumo_networks.networks.catalog import builtin_names, load_network, network_entry, network_names
+from dohyo.sumo_networks.networks.drawing import write_map
+from dohyo.sumo_networks.networks.importing import build_network, import_network
+from dohyo.sumo_networks.networks.inspection import NetworkReport, inspect_network
+from dohyo.sumo_networks.networks.xml_guard import LIMIT_MB
 
 SHOWN = 6
 

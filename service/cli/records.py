@@ -13,26 +13,26 @@ from typing import Annotated, Literal
 import typer
 
 from dohyo.evaluation.agent import agent_info, make_agent
-from dohyo.evaluation.closed_loop import (
+from dohyo.evaluation.episode.runner import drive_episode, versions
+from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
+from dohyo.evaluation.records.store import read_record
+from dohyo.evaluation.report.page import write_report
+from dohyo.evaluation.report.rows import Evaluation
+from dohyo.evaluation.running.run import Result, read_result
+from dohyo.evaluation.scores.driving import IrsLength, Rules
+from dohyo.evaluation.scores.nuplan.summary import (
     applies,
     compare_closed_loop,
     lost_episodes,
     score_records,
     summarise_closed_loop,
 )
-from dohyo.evaluation.closed_loop import as_document as closed_loop_document
-from dohyo.evaluation.evaluation import Result, read_result
-from dohyo.evaluation.record import AgentInfo, EpisodeRecord
-from dohyo.evaluation.report import write_report
-from dohyo.evaluation.report_rows import Evaluation
-from dohyo.evaluation.runner import drive_episode, versions
-from dohyo.evaluation.scores.driving import IrsLength, Rules
-from dohyo.evaluation.store import read_record
+from dohyo.evaluation.scores.nuplan.summary import as_document as closed_loop_document
 from dohyo.evaluation.summary import as_document, compare, score_drive, summarise, summarise_cells
 from dohyo.service.cli.closed_loop import print_closed_loop, print_legend, print_terms
 from dohyo.service.cli.output import console, interval, number, print_cells, print_comparison, print_json, print_rows
-from dohyo.sumo_networks.catalog import load_network
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.catalog import load_network
 
 RulesOption = Annotated[Literal["1.0", "2.0", "2.1"], typer.Option(help="CARLA Leaderboard rules of the score.")]
 IrsOption = Annotated[Literal["driven", "route"], typer.Option(help="Kilometres that IRS divides by.")]

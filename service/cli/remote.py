@@ -11,10 +11,10 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from dohyo.evaluation.evaluation import MANIFEST, RECORDS
-from dohyo.evaluation.record import AgentInfo
+from dohyo.evaluation.records.record import AgentInfo
+from dohyo.evaluation.records.store import write_atomically
+from dohyo.evaluation.running.run import MANIFEST, RECORDS
 from dohyo.evaluation.statistics import Estimate
-from dohyo.evaluation.store import write_atomically
 from dohyo.service.calls import Document
 from dohyo.service.cli.evaluate import parse_seeds, parse_settings
 from dohyo.service.cli.output import DASH, SCORES, console, interval, number, print_json, print_rows

@@ -22,7 +22,7 @@ from markupsafe import Markup
 from starlette.responses import Response
 from starlette.types import Scope
 
-from dohyo.evaluation.look import ENDINGS, MARKS, agent_colours
+from dohyo.evaluation.report.style import ENDINGS, MARKS, agent_colours
 from dohyo.service.dashboard.session import COOKIE, same_origin
 from dohyo.service.database.tokens import find_token
 from dohyo.service.state import ServicesOf

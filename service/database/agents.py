@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from sqlalchemy import and_, func, select
 from sqlalchemy.orm import Session
 
-from dohyo.evaluation.record import AgentInfo
+from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.database.engine import serialise
 from dohyo.service.database.models import Agent, AgentKind, Submission, new_id
 

@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import func, select, tuple_, update
 from sqlalchemy.orm import Session
 
-from dohyo.evaluation.benchmark import Benchmark
+from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.service.database.models import (
     Agent,
     BenchmarkVersion,

@@ -10,8 +10,8 @@ import os
 import shutil
 from pathlib import Path
 
-from dohyo.evaluation.record import EpisodeRecord
-from dohyo.evaluation.store import read_record
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.store import read_record
 from dohyo.service.settings import Settings
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Scenario

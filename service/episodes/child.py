@@ -18,7 +18,7 @@ import traceback
 from functools import cache
 from typing import TYPE_CHECKING
 
-from dohyo.evaluation.executors import drive_job, lost_episode
+from dohyo.evaluation.running.executors import drive_job, lost_episode
 from dohyo.service.episodes.channel import Channel, Kind
 from dohyo.service.episodes.order import Order, checked_job
 from dohyo.service.episodes.remote import drive_remotely

@@ -1,9 +1,9 @@
 """Cluster: an episode process's way to the machines of a Ray cluster. Ray is the extra `cluster`.
 
 The process here only waits: for it, an actor somewhere keeps a worker process that drives, as
-`dohyo.evaluation.ray_executor` has them. Machines need not share a disk: an uploaded policy goes there as bytes, record
-and trajectory come back. The connection is held by the episode process and not by the server, which no fault of Ray's
-can then take down.
+`dohyo.evaluation.running.ray_executor` has them. Machines need not share a disk: an uploaded policy goes there as
+bytes, record and trajectory come back. The connection is held by the episode process and not by the server, which no
+fault of Ray's can then take down.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from dohyo.evaluation.ray_executor import THREADS, Station, connect, first_line, require_ray, write_here
-from dohyo.evaluation.record import EpisodeRecord
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.running.ray_executor import THREADS, Station, connect, first_line, require_ray, write_here
 from dohyo.service.episodes.order import Order, checked_job
 from dohyo.service.policies.agent import ENTRY, FOLDER_VARIABLE
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dohyo.evaluation.freeway_benchmark import TrafficBenchmark
-from dohyo.evaluation.store import write_atomically
+from dohyo.evaluation.freeway.benchmark import TrafficBenchmark
+from dohyo.evaluation.records.store import write_atomically
 from dohyo.service.database.models import new_id
 from dohyo.service.episodes.freeway_order import FreewayOrder
 from dohyo.service.episodes.lease import RemoteEpisode

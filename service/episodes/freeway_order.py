@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from dohyo.evaluation.freeway_benchmark import TrafficBenchmark
+from dohyo.evaluation.freeway.benchmark import TrafficBenchmark
 from dohyo.sumo_networks.config import Config
 
 DECIDES_EVERY_S = 60.0

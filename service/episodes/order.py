@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 from dohyo.agents.registry import resolve
 from dohyo.evaluation.agent import agent_info, make_agent
-from dohyo.evaluation.executors import Job
-from dohyo.evaluation.record import AgentInfo, Status
+from dohyo.evaluation.records.record import AgentInfo, Status
+from dohyo.evaluation.running.executors import Job
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Config, Scenario
 from dohyo.sumo_networks.simulation import TICK_S
@@ -64,7 +64,7 @@ class Order(Config):
 
     @property
     def job(self) -> Job:
-        """The same for `dohyo.evaluation.executors`."""
+        """The same for `dohyo.evaluation.running.executors`."""
         return Job(self.scenario, self.info, self.benchmark, self.directory, self.stem, self.act_deadline_s)
 
 

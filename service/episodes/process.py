@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from dohyo.evaluation.executors import KILL_GRACE_S, POLL_S
+from dohyo.evaluation.running.executors import KILL_GRACE_S, POLL_S
 from dohyo.service.episodes.channel import Frames, Kind
 from dohyo.service.episodes.freeway_order import FreewayOrder
 from dohyo.service.episodes.order import Order

@@ -12,16 +12,16 @@ from typing import Literal
 import numpy as np
 
 from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
-from dohyo.evaluation.runner import drive_episode
-from dohyo.evaluation.store import write_record
+from dohyo.evaluation.episode.runner import drive_episode
+from dohyo.evaluation.records.store import write_record
 from dohyo.service.episodes.channel import Channel, Kind
 from dohyo.service.episodes.order import Order
 from dohyo.service.wire import Format, decode, encode_observations, unpack
-from dohyo.sumo_networks.control import InvalidActionError, make_control
+from dohyo.sumo_networks.ego.control import InvalidActionError, make_control
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, DohyoError, InvalidInputError
 from dohyo.sumo_networks.sensors import Track, make_sensors
 from dohyo.sumo_networks.simulation import TICK_S
-from dohyo.sumo_networks.vehicle import VehicleParameters
 
 SEEN = struct.Struct("!IdI")  # tick, simulated time [s], decisions missed
 FORMATS = (Format.MSGPACK, Format.JSON)

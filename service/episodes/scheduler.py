@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 from sqlalchemy.exc import OperationalError, SQLAlchemyError
 from sqlalchemy.orm import Session
 
-from dohyo.evaluation.benchmark import Benchmark
-from dohyo.evaluation.executors import MAX_ATTEMPTS
-from dohyo.evaluation.record import AgentInfo, EpisodeRecord, Status
+from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord, Status
+from dohyo.evaluation.running.executors import MAX_ATTEMPTS
 from dohyo.service.database.models import AgentKind
 from dohyo.service.episodes import queue
 from dohyo.service.episodes.archive import archived_path, discard, lost_because, shelve, staged_folder

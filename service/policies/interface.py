@@ -10,11 +10,11 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from dohyo.evaluation.agent import AgentSpec
-from dohyo.sumo_networks.control import CONTROLS, make_control
+from dohyo.sumo_networks.ego.control import CONTROLS, make_control
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import UnknownNameError
 from dohyo.sumo_networks.sensors import SENSORS, Track, make_sensors
 from dohyo.sumo_networks.simulation import TICK_S
-from dohyo.sumo_networks.vehicle import VehicleParameters
 
 ACTION = "action"
 STATE, NEXT_STATE = "state_", "next_state_"

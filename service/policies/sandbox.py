@@ -29,7 +29,7 @@ from dohyo.service.policies.child import GOOD, LENGTH
 from dohyo.service.policies.interface import Tensor
 from dohyo.service.policies.limits import PolicyLimits
 from dohyo.sumo_networks.arrays import Float32Array
-from dohyo.sumo_networks.env import Observation
+from dohyo.sumo_networks.envs.driving_env import Observation
 from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, SimulationError
 
 START_S = 30.0

@@ -12,8 +12,8 @@ from dohyo.sumo_networks.events.flow import Source, side_flow
 from dohyo.sumo_networks.events.puppet import VEHICLES, Puppet
 from dohyo.sumo_networks.events.roads import need_clear_road, need_kerb, next_passage, section
 from dohyo.sumo_networks.events.script import Moment, Script, Unfit
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.world import ActorKind
 
 PAST_M = 10.0

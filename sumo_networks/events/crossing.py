@@ -12,8 +12,8 @@ from dohyo.sumo_networks.events.puppet import VEHICLES, Puppet
 from dohyo.sumo_networks.events.roads import Section, crossing_after, need_kerb, next_passage, turns
 from dohyo.sumo_networks.events.script import Moment, Script, Unfit
 from dohyo.sumo_networks.geometry import boxes_overlap
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.world import ActorKind
 
 BEHIND_JUNCTION = ("pedestrian_group_crossing", "cyclist_after_turn", "pedestrian_after_turn", "crossing_bicycle_flow")

@@ -34,8 +34,8 @@ from dohyo.sumo_networks.events.puppet import Puppet
 from dohyo.sumo_networks.events.rival import RivalScript
 from dohyo.sumo_networks.events.script import Moment, Script, Unfit
 from dohyo.sumo_networks.events.stage import Stage
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.world import SIGHT_M, Egos, EventPhase, EventState, World
 

@@ -11,8 +11,8 @@ from dohyo.sumo_networks.events.paths import Path, lane_path, upstream
 from dohyo.sumo_networks.events.puppet import VEHICLES, Puppet
 from dohyo.sumo_networks.events.roads import section
 from dohyo.sumo_networks.events.script import Moment, Script, Unfit
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Route
 
 CLOSE_M = 25.0
 PASSED_M = 5.0

@@ -11,8 +11,8 @@ from dohyo.sumo_networks.events.paths import downstream, edges_of, lane_path, up
 from dohyo.sumo_networks.events.roads import Stream, next_passage, section, streams
 from dohyo.sumo_networks.events.script import Moment, Script, Unfit
 from dohyo.sumo_networks.events.stage import Entry
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.route import Command, Passage, Route
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Command, Passage, Route
 
 INTERURBAN_MPS = 50 / 3.6 - 0.1
 VEHICLE_M = 4.6

@@ -10,8 +10,8 @@ from dohyo.sumo_networks.events.configs import Intruder
 from dohyo.sumo_networks.events.puppet import ACCELERATION_MPS2, VEHICLES, Puppet
 from dohyo.sumo_networks.events.roads import need_clear_road, need_kerb, section
 from dohyo.sumo_networks.events.script import Moment, Script, Unfit
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Route
 
 ROOM_M = 35.0
 SLOW_SHARE = 0.5

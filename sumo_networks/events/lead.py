@@ -10,8 +10,8 @@ from dohyo.sumo_networks.events.configs import Lead, SlowBicycles
 from dohyo.sumo_networks.events.puppet import VEHICLES, Puppet
 from dohyo.sumo_networks.events.roads import need_clear_road, section
 from dohyo.sumo_networks.events.script import Moment, Script, Unfit
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.world import ActorKind
 
 SETTLE_S = 3.0

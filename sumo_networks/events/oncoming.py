@@ -11,8 +11,8 @@ from dohyo.sumo_networks.events.paths import Path
 from dohyo.sumo_networks.events.puppet import VEHICLES, Puppet
 from dohyo.sumo_networks.events.roads import need_clear_road, section
 from dohyo.sumo_networks.events.script import Moment, Script, Unfit
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Route
 
 CHANGE_S = 1.2
 BACK_M = 15.0

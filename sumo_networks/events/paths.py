@@ -9,7 +9,7 @@ import numpy as np
 
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.geometry import wrap
-from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.networks.network import RoadNetwork
 
 SPACING_M = 1.0
 MEETING_M = 1.0

@@ -10,8 +10,8 @@ from dohyo.sumo_networks.events.configs import Rival
 from dohyo.sumo_networks.events.puppet import VEHICLES, Puppet
 from dohyo.sumo_networks.events.roads import Stream, next_passage, streams
 from dohyo.sumo_networks.events.script import Moment, Script, Unfit
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Route
 
 CATCH_UP = 1.5
 BEND_M_S2 = 4.0

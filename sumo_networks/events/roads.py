@@ -10,8 +10,8 @@ import numpy as np
 from dohyo.sumo_networks.events.paths import Path, downstream, lane_path, meeting, upstream
 from dohyo.sumo_networks.events.script import Unfit
 from dohyo.sumo_networks.geometry import wrap
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.route import Command, Passage, Route
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Command, Passage, Route
 
 ALIGNED_RAD = 0.5
 FAST_ROAD_MPS = 20.0

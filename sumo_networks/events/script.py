@@ -16,8 +16,8 @@ from dohyo.sumo_networks.events.configs import BaseEvent
 from dohyo.sumo_networks.events.paths import Path
 from dohyo.sumo_networks.events.puppet import Puppet
 from dohyo.sumo_networks.events.stage import Stage
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.world import Egos, LightState, World
 
 STANDS_MPS = 0.5

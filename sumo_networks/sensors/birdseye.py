@@ -17,7 +17,8 @@ from pydantic import Field
 
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.conditions import Conditions
-from dohyo.sumo_networks.imaging.plan import (
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.rendering.plan import (
     draw_arrows,
     draw_boxes,
     draw_discs,
@@ -26,9 +27,8 @@ from dohyo.sumo_networks.imaging.plan import (
     to_masks,
     warp,
 )
-from dohyo.sumo_networks.imaging.surfaces import CellIndex, Surface
-from dohyo.sumo_networks.imaging.tiles import CAPACITY, TILE_PX, surface_tiles
-from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.rendering.surfaces import CellIndex, Surface
+from dohyo.sumo_networks.rendering.tiles import CAPACITY, TILE_PX, surface_tiles
 from dohyo.sumo_networks.sensors.base import Sensor, SensorConfig, Track
 from dohyo.sumo_networks.world import ActorKind, LightState, World
 

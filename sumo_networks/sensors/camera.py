@@ -17,17 +17,17 @@ from pydantic import Field
 
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.conditions import Conditions
-from dohyo.sumo_networks.imaging.atmosphere import FACADES, GROUND_COLOURS
-from dohyo.sumo_networks.imaging.bodies import HEIGHT_M, PAINTS, PARTS, PARTS_START, own_colours
-from dohyo.sumo_networks.imaging.buildings import buildings_near
-from dohyo.sumo_networks.imaging.develop import add_rain, develop_colours, develop_depth, develop_labels
-from dohyo.sumo_networks.imaging.fixtures import fixtures_of
-from dohyo.sumo_networks.imaging.ground import ground_colours, ground_labels
-from dohyo.sumo_networks.imaging.labels import OF_KIND, OF_SURFACE, Label
-from dohyo.sumo_networks.imaging.scene import draw_bodies, draw_buildings, draw_fixtures, draw_shadows
-from dohyo.sumo_networks.imaging.tiles import Tiles, colour_tiles
-from dohyo.sumo_networks.imaging.view import Optics, View, view_of
-from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.rendering.atmosphere import FACADES, GROUND_COLOURS
+from dohyo.sumo_networks.rendering.bodies import HEIGHT_M, PAINTS, PARTS, PARTS_START, own_colours
+from dohyo.sumo_networks.rendering.buildings import buildings_near
+from dohyo.sumo_networks.rendering.develop import add_rain, develop_colours, develop_depth, develop_labels
+from dohyo.sumo_networks.rendering.fixtures import fixtures_of
+from dohyo.sumo_networks.rendering.ground import ground_colours, ground_labels
+from dohyo.sumo_networks.rendering.labels import OF_KIND, OF_SURFACE, Label
+from dohyo.sumo_networks.rendering.scene import draw_bodies, draw_buildings, draw_fixtures, draw_shadows
+from dohyo.sumo_networks.rendering.tiles import Tiles, colour_tiles
+from dohyo.sumo_networks.rendering.view import Optics, View, view_of
 from dohyo.sumo_networks.sensors.base import Sensor, SensorConfig, Track
 from dohyo.sumo_networks.world import SIGHT_M, ActorKind, World
 

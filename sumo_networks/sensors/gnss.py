@@ -11,7 +11,7 @@ from gymnasium.spaces import Box
 
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.conditions import Conditions
-from dohyo.sumo_networks.projection import read_projection
+from dohyo.sumo_networks.networks.projection import read_projection
 from dohyo.sumo_networks.sensors.base import Sensor, Track
 from dohyo.sumo_networks.world import World
 

@@ -11,8 +11,8 @@ from gymnasium.spaces import Box
 from numba import njit
 
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray, IntArray
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.sensors.base import Sensor, Track
 from dohyo.sumo_networks.world import World
 

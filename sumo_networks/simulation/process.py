@@ -9,7 +9,7 @@ from pathlib import Path
 import libsumo
 
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
-from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.networks.network import RoadNetwork
 
 TICK_S = 0.1
 DRIVERS = ("car", "van", "truck", "bus")

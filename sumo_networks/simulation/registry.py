@@ -11,11 +11,11 @@ import numpy as np
 from numba import njit
 
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.simulation.surroundings import Surroundings
-from dohyo.sumo_networks.vehicle import VehicleParameters
 from dohyo.sumo_networks.world import ActorKind, Actors
 
 KINDS = {

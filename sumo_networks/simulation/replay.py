@@ -8,16 +8,16 @@ import numpy as np
 
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.conditions import conditions_named
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
+from dohyo.sumo_networks.ego.fleet import Fleet
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
-from dohyo.sumo_networks.log import Log, logs_folder, read_log
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.route import Route
-from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Route
+from dohyo.sumo_networks.routes.routing import plan_route
+from dohyo.sumo_networks.rules.contacts import contacts
 from dohyo.sumo_networks.scenario import Scenario
-from dohyo.sumo_networks.simulation.contacts import contacts
-from dohyo.sumo_networks.simulation.fleet import Fleet
 from dohyo.sumo_networks.simulation.process import TICK_S
-from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.simulation.traffic_log import Log, logs_folder, read_log
 from dohyo.sumo_networks.world import SIGHT_M, Actors, Egos, World
 
 

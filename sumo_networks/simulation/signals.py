@@ -8,7 +8,7 @@ import libsumo
 import numpy as np
 
 from dohyo.sumo_networks.arrays import IntArray
-from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.world import LightState
 
 _LIGHTS = dict.fromkeys("Gg", LightState.GREEN) | dict.fromkeys("yY", LightState.YELLOW)

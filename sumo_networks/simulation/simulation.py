@@ -16,26 +16,26 @@ import numpy as np
 
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.conditions import conditions_named
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
+from dohyo.sumo_networks.ego.fleet import Fleet
 from dohyo.sumo_networks.errors import SimulationError
 from dohyo.sumo_networks.events.director import Director, check_placement
 from dohyo.sumo_networks.events.puppet import Puppet
-from dohyo.sumo_networks.flows import make_streams
 from dohyo.sumo_networks.geometry import boxes_overlap
-from dohyo.sumo_networks.jaywalkers import Jaywalkers
-from dohyo.sumo_networks.log import LogRecorder
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.route import Route
-from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Route
+from dohyo.sumo_networks.routes.routing import plan_route
+from dohyo.sumo_networks.rules.contacts import contacts
 from dohyo.sumo_networks.scenario import Scenario
-from dohyo.sumo_networks.simulation.contacts import contacts
-from dohyo.sumo_networks.simulation.fleet import Fleet
 from dohyo.sumo_networks.simulation.process import TICK_S, failing_as_simulation_error, set_impatience, start_sumo
 from dohyo.sumo_networks.simulation.registry import Registry
 from dohyo.sumo_networks.simulation.signals import SignalReader
 from dohyo.sumo_networks.simulation.stage import SumoStage
 from dohyo.sumo_networks.simulation.survey import Survey, reachable
-from dohyo.sumo_networks.traffic import Population, Trip, Walk
-from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.simulation.traffic_log import LogRecorder
+from dohyo.sumo_networks.traffic.flows import make_streams
+from dohyo.sumo_networks.traffic.jaywalkers import Jaywalkers
+from dohyo.sumo_networks.traffic.population import Population, Trip, Walk
 from dohyo.sumo_networks.world import Actors, Egos, World
 
 START_CLEARANCE_M = 20.0

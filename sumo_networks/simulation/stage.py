@@ -11,7 +11,7 @@ import numpy as np
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.events.puppet import Puppet
 from dohyo.sumo_networks.events.stage import Entry
-from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.simulation.registry import Registry
 from dohyo.sumo_networks.world import SIGHT_M, ActorKind, Actors, Egos
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.events.puppet import Puppet
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.route import Route
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.simulation.registry import INDICATOR, KINDS
 from dohyo.sumo_networks.world import SIGHT_M, ActorKind, Actors
 

@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 
 from dohyo.evaluation.agent import Agent, make_agent
-from dohyo.sumo_networks.control import make_control
+from dohyo.sumo_networks.ego.control import make_control
+from dohyo.sumo_networks.ego.dynamics import HEADING, SPEED, STEERING, VehicleParameters, Vehicles
 from dohyo.sumo_networks.geometry import wrap_angle
 from dohyo.sumo_networks.sensors import Track, make_sensors
-from dohyo.sumo_networks.vehicle import HEADING, SPEED, STEERING, VehicleParameters, Vehicles
 from dohyo.sumo_networks.world import Egos, World
 from tests.worlds import TICK_S, Scene, _contacts
 

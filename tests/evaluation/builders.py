@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from dohyo.evaluation.record import (
+from dohyo.evaluation.records.record import (
     AgentInfo,
     EgoRecord,
     EpisodeRecord,
@@ -17,7 +17,7 @@ from dohyo.evaluation.record import (
     Timing,
     Versions,
 )
-from dohyo.evaluation.trajectory import Trajectory, TrajectoryRecorder
+from dohyo.evaluation.records.trajectory import Trajectory, TrajectoryRecorder
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 from dohyo.sumo_networks.world import ActorKind, Actors, Egos, World
 

@@ -23,11 +23,11 @@ import libsumo
 import numpy as np
 
 from dohyo.evaluation.criteria import criteria_for
-from dohyo.sumo_networks.catalog import load_network
-from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
+from dohyo.sumo_networks.envs.vector_env import VectorDrivingEnv
+from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
 from dohyo.sumo_networks.simulation import Simulation
-from dohyo.sumo_networks.vector_env import VectorDrivingEnv
 from tests.performance import localization
 
 SENSORS = ("speedometer", "navigation", "lane", "route", "objects", "lights")

@@ -13,8 +13,8 @@ from multiprocessing import get_context
 import libsumo
 import numpy as np
 
-from dohyo.evaluation.benchmark import load_benchmark
-from dohyo.sumo_networks.catalog import load_network
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Scenario, Traffic
 from dohyo.sumo_networks.simulation import Simulation
 

@@ -21,7 +21,7 @@ import uvicorn
 from fastapi import FastAPI
 from sqlalchemy.orm import Session
 
-from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.service.api import leaderboard
 from dohyo.service.database.engine import Database
 from dohyo.service.database.models import (

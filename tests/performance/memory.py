@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 from dohyo.agents.experts.reckless import Reckless
-from dohyo.evaluation.runner import run_episode
+from dohyo.evaluation.episode.runner import run_episode
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
 
 EPISODES, WARM_UP, LIMIT_MB = 1000, 50, 50.0

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from dohyo.evaluation.benchmark import load_benchmark
-from dohyo.evaluation.record import AgentInfo, EgoRecord, EpisodeRecord, Status, Versions
-from dohyo.evaluation.trajectory import Trajectory
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.records.record import AgentInfo, EgoRecord, EpisodeRecord, Status, Versions
+from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.service.replay import encode, replay_of
-from dohyo.sumo_networks.catalog import load_network
-from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.world import ActorKind
 
 TICKS, ACTORS, TIMES = 2000, 100, 5

@@ -17,9 +17,9 @@ import time
 
 import numpy as np
 
-from dohyo.sumo_networks.catalog import load_network
 from dohyo.sumo_networks.conditions import CONDITIONS
-from dohyo.sumo_networks.network import RoadNetwork
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.scenario import Mission, Place
 from dohyo.sumo_networks.sensors import PRESETS, SensorConfig, make_sensors
 from dohyo.sumo_networks.world import ActorKind, World

@@ -28,9 +28,9 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
 
 from dohyo.evaluation.agent import make_agent  # noqa: E402
-from dohyo.evaluation.benchmark import load_benchmark  # noqa: E402
-from dohyo.evaluation.record import AgentInfo  # noqa: E402
-from dohyo.evaluation.runner import run_episode  # noqa: E402
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark  # noqa: E402
+from dohyo.evaluation.episode.runner import run_episode  # noqa: E402
+from dohyo.evaluation.records.record import AgentInfo  # noqa: E402
 from dohyo.service.settings import Settings  # noqa: E402
 from dohyo.service.wire import Format, decode, encode, encode_observations, pack  # noqa: E402
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario  # noqa: E402

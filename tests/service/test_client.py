@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from dohyo.evaluation.record import AgentInfo
+from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.calls import Calls
 from dohyo.service.client import AsyncClient, Client, ServiceError
 from dohyo.service.database.models import EpisodeStatus, EvaluationStatus

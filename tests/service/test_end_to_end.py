@@ -15,12 +15,12 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from dohyo.evaluation import benchmark as benchmarks
 from dohyo.evaluation.agent import agent_info
-from dohyo.evaluation.evaluation import read_result
-from dohyo.evaluation.runner import run_episode
+from dohyo.evaluation.benchmarks import benchmark as benchmarks
+from dohyo.evaluation.episode.runner import run_episode
+from dohyo.evaluation.records.store import read_record
+from dohyo.evaluation.running.run import read_result
 from dohyo.evaluation.scores.driving import driving_score
-from dohyo.evaluation.store import read_record
 from dohyo.service.client import Client
 from dohyo.service.policies.agent import ENTRY, OnnxPolicy
 from examples.onnx_policy import SENSORS, export
@@ -46,9 +46,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def served(folder: Path) -> Iterator[Served]:
-    before = (
-        f"import pathlib, dohyo.evaluation.benchmark as b; b.BENCHMARKS = pathlib.Path({str(folder / 'benchmarks')!r})"
-    )
+    here = f"pathlib.Path({str(folder / 'benchmarks')!r})"
+    before = f"import pathlib, dohyo.evaluation.benchmarks.benchmark as b; b.BENCHMARKS = {here}"
     with serving(folder / "data", before=before) as service:
         yield service
         assert service.end() == 0

@@ -8,9 +8,9 @@ from typer.testing import CliRunner
 
 from dohyo.agents.registry import resolve
 from dohyo.evaluation.agent import agent_info, make_agent
-from dohyo.evaluation.benchmark import load_benchmark
-from dohyo.evaluation.runner import drive_episode
-from dohyo.evaluation.store import write_record
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.episode.runner import drive_episode
+from dohyo.evaluation.records.store import write_record
 from dohyo.service.cli.main import app
 from dohyo.sumo_networks.errors import InvalidInputError
 

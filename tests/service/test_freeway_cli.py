@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from dohyo.agents.forecasting import benchmark as benchmarks
-from dohyo.evaluation.freeway_benchmark import ForecastBenchmark, days_folder, load_freeway_benchmark
+from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, days_folder, load_freeway_benchmark
 from dohyo.service.cli import main
 from tests.agents.forecasting.roads import write_folder
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dohyo.sumo_networks.conditions import CONDITIONS, TEST, TRAIN, conditions_named
-from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import UnknownNameError
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
 from dohyo.sumo_networks.sensors import make_sensors

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.imaging.labels import Label
+from dohyo.sumo_networks.rendering.labels import Label
 
 HEIGHT, WIDTH = 80, 160
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dohyo.agents.hierarchical.vision.classes import HEIGHT, WIDTH
 from dohyo.agents.shards import check_array, find_shards, pack_shard, read_shard
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.imaging.labels import Label
+from dohyo.sumo_networks.rendering.labels import Label
 
 SCHEMA_VERSION = 1
 SCHEMA = MappingProxyType(

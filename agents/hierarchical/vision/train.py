@@ -35,7 +35,7 @@ from dohyo.agents.training.registry import Order, Trainer
 from dohyo.agents.training.report import Report
 from dohyo.agents.training.run import RunStoppedError, Stop
 from dohyo.agents.training.settings import differences
-from dohyo.evaluation.store import write_atomically
+from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
 

@@ -13,7 +13,7 @@ from safetensors.torch import load_file
 
 from dohyo.agents.mcts.predictors.features import SHAPES
 from dohyo.agents.mcts.predictors.network import MotionNetwork
-from dohyo.evaluation.store import write_atomically
+from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.errors import InvalidInputError
 
 OPSET = 17

@@ -24,7 +24,7 @@ from dohyo.agents.mcts.predictors.dataset import load_shard, shards_of
 from dohyo.agents.mcts.value.mlp import FEATURES, WIDTH
 from dohyo.agents.mcts.value.records import Records, records_of
 from dohyo.agents.planning.scene import Scene
-from dohyo.evaluation.store import write_atomically
+from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError

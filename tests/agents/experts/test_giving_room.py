@@ -11,14 +11,14 @@ from pydantic import TypeAdapter
 from dohyo.agents.experts.courtesy import squeeze_past
 from dohyo.agents.experts.sidestep import Sidestep
 from dohyo.agents.experts.surroundings import Surroundings
-from dohyo.evaluation.benchmark import load_benchmark
-from dohyo.evaluation.record import InfractionKind, Status
-from dohyo.evaluation.runner import run_episode
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.episode.runner import run_episode
+from dohyo.evaluation.records.record import InfractionKind, Status
 from dohyo.sumo_networks.events import Event
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 from dohyo.sumo_networks.world import ActorKind, World
 from tests.agents.driving import drive, fronts, made, observed, speeds, touched
-from tests.sumo_networks.drives import on
+from tests.sumo_networks.simulation.drives import on
 from tests.worlds import Scene, straight_road
 
 WEST = math.pi

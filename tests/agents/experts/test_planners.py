@@ -33,8 +33,8 @@ from dohyo.agents.planning.scene import SceneBuilder
 from dohyo.agents.planning.situation import ROAD_BIT, ROUTE_BIT, Situation, leader, on_grid, situation
 from dohyo.evaluation.agent import Agent
 from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.vehicle import VehicleParameters
 from dohyo.sumo_networks.world import LightState
 from tests.agents.driving import drive, fronts, speeds, touched
 from tests.agents.mcts.roads import observation, straight

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dohyo.agents.hierarchical.actuation import ACCELERATION_M_S2, Steering, action_of, command, steering_limit
-from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 
 CAR = VehicleParameters()
 UNIT = st.floats(-1.0, 1.0)

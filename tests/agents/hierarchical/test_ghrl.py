@@ -23,7 +23,7 @@ from dohyo.agents.hierarchical.subpolicies import SubPolicyConfig
 from dohyo.agents.training.environments import Environments
 from dohyo.agents.training.settings import as_toml
 from dohyo.evaluation.agent import agent_info, make_agent
-from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.world import LightState
 from tests.agents.driving import drive, observed

@@ -10,7 +10,7 @@ from dohyo.agents.hierarchical.hierarchy import read_sub_policies
 from dohyo.agents.hierarchical.tasks import ManoeuvreTask
 from dohyo.agents.training.evaluate import evaluate
 from dohyo.agents.training.worker import take_seats
-from dohyo.evaluation.store import read_lines
+from dohyo.evaluation.records.store import read_lines
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.hierarchical.untrained import write_sub_policies
 

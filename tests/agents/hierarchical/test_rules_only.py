@@ -12,9 +12,9 @@ import pytest
 from dohyo.agents.hierarchical.rulebook import RuleError
 from dohyo.agents.hierarchical.rules_only import RULES, RulesOnly, advised_speed, follow
 from dohyo.evaluation.agent import agent_info, make_agent
-from dohyo.evaluation.benchmark import load_benchmark
-from dohyo.evaluation.record import Status
-from dohyo.evaluation.runner import run_episode
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.episode.runner import run_episode
+from dohyo.evaluation.records.record import Status
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.world import ActorKind, LightState, World
 from tests.agents.driving import drive, fronts, observed, speeds, touched

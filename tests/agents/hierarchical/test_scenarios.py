@@ -15,10 +15,10 @@ from dohyo.agents.hierarchical.scenarios import (
     draw_scenario,
 )
 from dohyo.agents.training.task import HELD_OUT_FROM
-from dohyo.sumo_networks.catalog import load_network
-from dohyo.sumo_networks.env import DrivingEnv
-from dohyo.sumo_networks.route import Route
-from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.routes.route import Route
+from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Scenario
 
 SEEDS = range(12)

@@ -11,7 +11,7 @@ import pytest
 from dohyo.agents.hierarchical.shield import RESPONSES, Shielded
 from dohyo.agents.registry import resolve_with
 from dohyo.evaluation.agent import AgentSpec, agent_info, make_agent
-from dohyo.sumo_networks.control import CONTROLS
+from dohyo.sumo_networks.ego.control import CONTROLS
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.world import ActorKind
 from tests.agents.driving import drive, observed, speeds, touched

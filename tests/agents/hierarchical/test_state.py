@@ -11,7 +11,7 @@ import pytest
 from dohyo.agents.hierarchical.state import WAYPOINTS_M, StateConfig, StateEncoder
 from dohyo.agents.hierarchical.vision.latents import Encoder
 from dohyo.agents.mcts.predictors import recording as motion
-from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Traffic
 from dohyo.sumo_networks.sensors import Track, make_sensors

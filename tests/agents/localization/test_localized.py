@@ -10,12 +10,12 @@ import pytest
 from dohyo.agents.localization.localized import STAND, Localized
 from dohyo.agents.registry import resolve_with
 from dohyo.evaluation.agent import AgentSpec, agent_info, make_agent
-from dohyo.evaluation.benchmark import load_benchmark
-from dohyo.sumo_networks.control import CONTROLS, make_control
-from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.sumo_networks.ego.control import CONTROLS, make_control
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.sensors import make_sensors
-from dohyo.sumo_networks.vehicle import VehicleParameters
 from dohyo.sumo_networks.world import World
 from tests.worlds import straight_road
 

@@ -17,10 +17,10 @@ from dohyo.agents.localization.study import fixes_of, score
 from dohyo.agents.localization.synthetic import DT, Journey, Recording, journey_named, record
 from dohyo.agents.localization.track import Track, follow
 from dohyo.evaluation.scores.localization import errors
+from dohyo.sumo_networks.ego.dynamics import GRAVITY
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.sensors.gnss import GnssNoise
 from dohyo.sumo_networks.sensors.imu import ICM_20600, ImuErrors
-from dohyo.sumo_networks.vehicle import GRAVITY
 
 WHITE = GnssNoise(0.3, correlated_share=0.0)
 

@@ -15,7 +15,7 @@ from dohyo.agents.localization.synthetic import journey_named, record
 from dohyo.service.cli import app
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.projection import enu_to_geodetic
+from dohyo.sumo_networks.networks.projection import enu_to_geodetic
 from dohyo.sumo_networks.sensors.gnss import GnssNoise
 from dohyo.sumo_networks.sensors.imu import ICM_20600
 

@@ -6,8 +6,8 @@ import pytest
 
 from dohyo.agents.registry import resolve
 from dohyo.evaluation.agent import make_agent
-from dohyo.evaluation.benchmark import load_benchmark
-from dohyo.evaluation.runner import run_episode
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.episode.runner import run_episode
 
 SETTINGS = {
     "mbappe": {"predictor": "constant_velocity", "simulations": 64},

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dohyo.agents.mcts.losses import CAUSES, losses
-from dohyo.evaluation.record import Infraction, InfractionKind
-from dohyo.evaluation.scores.closed_loop import ClosedLoop
+from dohyo.evaluation.records.record import Infraction, InfractionKind
+from dohyo.evaluation.scores.nuplan.score import ClosedLoop
 from tests.evaluation.builders import ego, infraction
 
 FLAWLESS = ClosedLoop(1, 1, 1, 1, 1, 1, 1, 1, 0)

@@ -20,10 +20,10 @@ from dohyo.agents.mcts.study import (
     verdict,
 )
 from dohyo.agents.mcts.tables import EXCERPTS, ROUTES, tables, write_tables
-from dohyo.evaluation.benchmark import load_benchmark
-from dohyo.evaluation.evaluation import Manifest, Result
-from dohyo.evaluation.record import InfractionKind, Status
-from dohyo.evaluation.scenario_types import TYPES
+from dohyo.evaluation.authoring.scenario_types import TYPES
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.records.record import InfractionKind, Status
+from dohyo.evaluation.running.run import Manifest, Result
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.evaluation.builders import ego, episode, infraction, lost
 

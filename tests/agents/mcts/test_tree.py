@@ -45,7 +45,7 @@ from dohyo.agents.mcts.tree import (
 from dohyo.agents.planning.motion import body
 from dohyo.agents.planning.situation import Situation
 from dohyo.sumo_networks.arrays import FloatArray
-from dohyo.sumo_networks.vehicle import VehicleParameters
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from tests.agents.mcts.roads import ROAD_M, straight
 
 CAR = body(VehicleParameters(), LATERAL_LIMIT)
@@ -349,7 +349,7 @@ def test_whoever_comes_from_behind_is_not_the_egos_to_avoid() -> None:
 def test_the_inner_vehicle_moves_like_the_egos() -> None:
     """One second of a lane change at 8 m/s and then braking, against the plant in steps of 0.01 s."""
     from dohyo.agents.mcts.simulator import controls
-    from dohyo.sumo_networks.vehicle import Vehicles
+    from dohyo.sumo_networks.ego.dynamics import Vehicles
 
     road, given, parameters = straight(width=12.0), rules(Settings(predictor="constant_velocity")), VehicleParameters()
     plant, state = Vehicles(parameters, 1), state_at(8.0)

@@ -10,8 +10,8 @@ import pytest
 from dohyo.agents.speed_planning.benchmark import controller, evaluate_controller, morning_of, untouched_folder
 from dohyo.agents.speed_planning.dissipation import Morning
 from dohyo.agents.speed_planning.study import run_path
-from dohyo.evaluation.freeway_benchmark import TrafficBenchmark, load_freeway_benchmark
-from dohyo.evaluation.freeway_result import RESULT
+from dohyo.evaluation.freeway.benchmark import TrafficBenchmark, load_freeway_benchmark
+from dohyo.evaluation.freeway.result import RESULT
 from dohyo.sumo_networks.errors import InvalidInputError
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from dohyo.agents.training.task import Array, Env, Task, held_out_seeds
-from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
 from tests.worlds import straight_road
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from dohyo.evaluation.criteria import ENDS, Blocked
-from dohyo.evaluation.record import InfractionKind, Status
+from dohyo.evaluation.records.record import InfractionKind, Status
 from dohyo.sumo_networks.world import ActorKind
 from tests.worlds import Speed, run, straight_road
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from dohyo.evaluation.criteria import Collision
 from dohyo.evaluation.criteria.collision import keeps_to_one_lane
-from dohyo.evaluation.record import Infraction, InfractionKind
+from dohyo.evaluation.records.record import Infraction, InfractionKind
 from dohyo.sumo_networks.scenario import Mission, Place
 from dohyo.sumo_networks.world import ActorKind
 from tests.worlds import LANE_M, TICK_S, Scene, crossing_for_pedestrians, lit_crossing, run, straight_road

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from dohyo.evaluation.criteria import MinimumSpeed
-from dohyo.evaluation.record import InfractionKind
+from dohyo.evaluation.records.record import InfractionKind
 from dohyo.sumo_networks.scenario import Mission, Place
 from dohyo.sumo_networks.world import ActorKind
 from tests.worlds import LANE_M, Scene, Speed, run, straight_road

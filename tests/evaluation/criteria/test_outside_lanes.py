@@ -5,7 +5,7 @@ import math
 import pytest
 
 from dohyo.evaluation.criteria import OutsideLanes
-from dohyo.evaluation.record import InfractionKind
+from dohyo.evaluation.records.record import InfractionKind
 from tests.worlds import LANE_M, lit_crossing, run, straight_road
 
 

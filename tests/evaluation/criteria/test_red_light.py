@@ -7,7 +7,7 @@ from typing import Literal
 import pytest
 
 from dohyo.evaluation.criteria import RedLight
-from dohyo.evaluation.record import InfractionKind
+from dohyo.evaluation.records.record import InfractionKind
 from dohyo.sumo_networks.scenario import Mission, Place
 from dohyo.sumo_networks.world import LightState
 from tests.worlds import LANE_M, TICK_S, Scene, Speed, bridge, lit_crossing, run, straight_road

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from dohyo.evaluation.criteria import ENDS, RouteDeviation
-from dohyo.evaluation.record import InfractionKind, Status
+from dohyo.evaluation.records.record import InfractionKind, Status
 from tests.worlds import run, straight_road
 
 

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from dohyo.evaluation.criteria import ENDS, ScenarioTimeout, criteria_for
-from dohyo.evaluation.record import InfractionKind
+from dohyo.evaluation.records.record import InfractionKind
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 from dohyo.sumo_networks.world import EventPhase, EventState, World
 from tests.worlds import run, straight_road

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from dohyo.evaluation.criteria import StopSign
-from dohyo.evaluation.record import InfractionKind
+from dohyo.evaluation.records.record import InfractionKind
 from tests.worlds import Scene, lit_crossing, run, stop_sign_crossing
 
 

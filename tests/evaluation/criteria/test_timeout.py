@@ -6,7 +6,7 @@ import pytest
 
 from dohyo.evaluation.criteria import ENDS, RouteTimeout, criteria_for
 from dohyo.evaluation.criteria.timeout import travel_time
-from dohyo.evaluation.record import InfractionKind, Status
+from dohyo.evaluation.records.record import InfractionKind, Status
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 from tests.worlds import run, straight_road
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dohyo.evaluation.benchmark import load_benchmark
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.service.database.models import EpisodeStatus, EvaluationStatus, Role
 from tests.service.harness import Harness, assert_problem, finish, running
 

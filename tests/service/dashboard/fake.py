@@ -19,7 +19,7 @@ from typing import Any
 from fastapi import FastAPI, HTTPException, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
-from dohyo.evaluation.record import EpisodeRecord
+from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.service.comparison import compare_entries
 from dohyo.service.dashboard import pages
 from dohyo.service.dashboard.session import SessionCookie, show_errors_as_pages

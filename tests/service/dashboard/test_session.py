@@ -10,7 +10,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from dohyo.evaluation.look import MARKS
+from dohyo.evaluation.report.style import MARKS
 from dohyo.service import dashboard
 from tests.service.dashboard import fake as fakes
 from tests.service.dashboard.conftest import Site
@@ -134,7 +134,7 @@ def test_the_dashboard_shares_the_report_s_palette() -> None:
     root = Path(dashboard.__file__).parents[2]
     tokens = [
         dict(re.findall(r"(--[a-z-]+): (#[0-9A-F]{6})", scheme))
-        for path in ("evaluation/templates/styles.css", "service/dashboard/static/styles.css")
+        for path in ("evaluation/report/templates/styles.css", "service/dashboard/static/styles.css")
         for scheme in (root / path).read_text().split("@media", 2)[:2]
     ]
     for report, ours in ((tokens[0], tokens[2]), (tokens[1], tokens[3])):

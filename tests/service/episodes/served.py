@@ -15,9 +15,9 @@ from typing import IO, Any
 from sqlalchemy import select
 
 from dohyo.evaluation.agent import agent_info, make_agent
-from dohyo.evaluation.benchmark import Benchmark
-from dohyo.evaluation.record import AgentInfo, EpisodeRecord
-from dohyo.evaluation.store import read_record
+from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
+from dohyo.evaluation.records.store import read_record
 from dohyo.service.database.engine import Database
 from dohyo.service.database.evaluations import add_evaluation
 from dohyo.service.database.models import (

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dohyo.evaluation.freeway_benchmark import TrafficBenchmark, load_freeway_benchmark
+from dohyo.evaluation.freeway.benchmark import TrafficBenchmark, load_freeway_benchmark
 from dohyo.service.client import Client, ServiceError
 from dohyo.service.episodes.freeway_child import FASTEST_MPS, checked, last_report, vehicles
 from dohyo.service.worker_session import BadActionError, WorkerSession

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from dohyo.evaluation.agent import make_agent
-from dohyo.evaluation.record import Status
-from dohyo.evaluation.runner import drive_episode, run_episode
-from dohyo.evaluation.store import write_record
+from dohyo.evaluation.episode.runner import drive_episode, run_episode
+from dohyo.evaluation.records.record import Status
+from dohyo.evaluation.records.store import write_record
 from dohyo.service.database.models import AgentKind, EpisodeStatus, EvaluationStatus
 from dohyo.service.episodes.archive import archived_path, staged_folder
 from tests.service.episodes.conftest import MakeService

@@ -12,7 +12,7 @@ from typing import Any, cast
 import msgspec
 import pytest
 
-from dohyo.evaluation.record import AgentInfo
+from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.episodes import leases as module
 from dohyo.service.episodes.channel import Kind
 from dohyo.service.episodes.lease import Lease, RemoteEpisode, Worker

@@ -10,8 +10,8 @@ import time
 import pytest
 
 from dohyo.evaluation.agent import make_agent
-from dohyo.evaluation.record import AgentInfo, Status
-from dohyo.evaluation.runner import run_episode
+from dohyo.evaluation.episode.runner import run_episode
+from dohyo.evaluation.records.record import AgentInfo, Status
 from dohyo.service.database.models import AgentKind, EpisodeStatus, EvaluationStatus
 from dohyo.sumo_networks.scenario import Traffic
 from tests.service.episodes.served import STEADY, Service, info_of, short

@@ -14,9 +14,9 @@ from urllib.request import urlopen
 import pytest
 
 from dohyo.evaluation.agent import make_agent
-from dohyo.evaluation.benchmark import load_benchmark
-from dohyo.evaluation.record import AgentInfo, Status
-from dohyo.evaluation.runner import run_episode
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.episode.runner import run_episode
+from dohyo.evaluation.records.record import AgentInfo, Status
 from dohyo.service.client import AsyncClient, Client, ServiceError
 from dohyo.service.database.models import AgentKind, EpisodeStatus, EvaluationStatus
 from dohyo.service.worker import Driver, work

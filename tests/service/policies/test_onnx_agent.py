@@ -12,15 +12,15 @@ import onnx
 import pytest
 
 from dohyo.evaluation.agent import AgentSpec, agent_info, make_agent
-from dohyo.evaluation.benchmark import load_benchmark
-from dohyo.evaluation.record import EpisodeRecord, Status
-from dohyo.evaluation.runner import run_episode
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.episode.runner import run_episode
+from dohyo.evaluation.records.record import EpisodeRecord, Status
 from dohyo.service.policies.agent import ENTRY, FOLDER_VARIABLE, OnnxPolicy
 from dohyo.service.policies.checks import PolicyRefusedError
 from dohyo.service.policies.interface import observation_spec, published_spec
 from dohyo.service.policies.limits import PolicyLimits
 from dohyo.service.policies.sandbox import SandboxError
-from dohyo.sumo_networks.control import CONTROLS
+from dohyo.sumo_networks.ego.control import CONTROLS
 from dohyo.sumo_networks.errors import AgentError, InvalidInputError
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 from dohyo.sumo_networks.sensors import SENSORS as ALL_SENSORS

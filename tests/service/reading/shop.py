@@ -10,10 +10,10 @@ from typing import Any, cast
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
-from dohyo.evaluation.benchmark import Benchmark
-from dohyo.evaluation.record import EpisodeRecord
-from dohyo.evaluation.store import seal, write_record
-from dohyo.evaluation.trajectory import Trajectory
+from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.store import seal, write_record
+from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.service import errors
 from dohyo.service.api import comparison, episodes, leaderboard, metrics, rescoring
 from dohyo.service.database.engine import Database

@@ -10,13 +10,13 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
-from dohyo.evaluation.benchmark import load_benchmark
-from dohyo.evaluation.record import EpisodeRecord, InfractionKind, Versions
-from dohyo.evaluation.store import read_record
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.records.record import EpisodeRecord, InfractionKind, Versions
+from dohyo.evaluation.records.store import read_record
 from dohyo.service.cli.main import app as cli
 from dohyo.service.database.models import AgentKind, Episode, EpisodeStatus, EvaluationStatus, Role
 from dohyo.service.reading_views import ComparedView, LeaderboardView, MetricsView, RescoredView
-from dohyo.sumo_networks.catalog import load_network
+from dohyo.sumo_networks.networks.catalog import load_network
 from tests.evaluation.builders import drive, ego, episode, infraction
 from tests.service.reading.shop import Shop
 from tests.service.reading.test_metrics import parse

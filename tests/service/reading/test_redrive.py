@@ -12,11 +12,11 @@ import pytest
 
 from dohyo.agents.experts.autopilot import Autopilot
 from dohyo.evaluation.agent import Observation, agent_info
-from dohyo.evaluation.benchmark import load_benchmark
-from dohyo.evaluation.record import EpisodeRecord
-from dohyo.evaluation.runner import drive_episode
-from dohyo.evaluation.store import seal, write_record
-from dohyo.evaluation.trajectory import Trajectory
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.episode.runner import drive_episode
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.store import seal, write_record
+from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.service.redrive import Trace, explanation_at
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Traffic

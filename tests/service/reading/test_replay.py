@@ -6,14 +6,14 @@ import json
 import numpy as np
 import pytest
 
-from dohyo.evaluation.benchmark import load_benchmark
-from dohyo.evaluation.record import EpisodeRecord, InfractionKind, Versions
-from dohyo.evaluation.trajectory import Trajectory, TrajectoryRecorder
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.records.record import EpisodeRecord, InfractionKind, Versions
+from dohyo.evaluation.records.trajectory import Trajectory, TrajectoryRecorder
 from dohyo.service.replay import encode, replay_of
-from dohyo.sumo_networks.catalog import load_network
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.network import RoadNetwork
-from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.routing import plan_route
 from tests.evaluation.builders import ego, episode, infraction, world
 
 SCENARIO, _, _, RIGHT_TURN, *_ = load_benchmark("quickstart").scenarios([0])

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from dohyo.evaluation.agent import make_agent
-from dohyo.evaluation.benchmark import load_benchmark
-from dohyo.evaluation.closed_loop import score_records
-from dohyo.evaluation.record import EpisodeRecord, InfractionKind, Status
-from dohyo.evaluation.runner import drive_episode
-from dohyo.evaluation.scores.closed_loop import ClosedLoop
-from dohyo.evaluation.store import write_record
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.episode.runner import drive_episode
+from dohyo.evaluation.records.record import EpisodeRecord, InfractionKind, Status
+from dohyo.evaluation.records.store import write_record
+from dohyo.evaluation.scores.nuplan.score import ClosedLoop
+from dohyo.evaluation.scores.nuplan.summary import score_records
 from dohyo.evaluation.summary import summarise
 from dohyo.service.leaderboard import Entry
 from dohyo.service.scoring import (

@@ -11,11 +11,11 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from dohyo.sumo_networks.arrays import FloatArray
-from dohyo.sumo_networks.catalog import load_network
-from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.events import Event
-from dohyo.sumo_networks.route import Route
-from dohyo.sumo_networks.routing import plan_route
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.routes.route import Route
+from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 from dohyo.sumo_networks.world import EventPhase, EventState, World
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.events import KINDS
 from dohyo.sumo_networks.scenario import Place
 from dohyo.sumo_networks.world import EventPhase, World

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from dohyo.sumo_networks.catalog import load_network
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.events import KINDS, Event
-from dohyo.sumo_networks.events.auto import auto_events
+from dohyo.sumo_networks.events.auto_events import auto_events
 from dohyo.sumo_networks.events.director import check_placement
+from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 from dohyo.sumo_networks.simulation import Simulation
 from tests.sumo_networks.events.stories import COUNTRY, EVENT, HIGHWAY, STORIES, TOWN, route_of

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from dohyo.sumo_networks.env import DrivingEnv
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.world import ActorKind, EventPhase, World
 from tests.conftest import MakeEnv
 from tests.sumo_networks.events.stories import (

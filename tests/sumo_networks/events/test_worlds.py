@@ -8,9 +8,9 @@ import hashlib
 import numpy as np
 import pytest
 
-from dohyo.sumo_networks.catalog import load_network
-from dohyo.sumo_networks.events.auto import auto_events
+from dohyo.sumo_networks.events.auto_events import auto_events
 from dohyo.sumo_networks.geometry import boxes_overlap
+from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
 from dohyo.sumo_networks.world import ActorKind, EventPhase, World
 from tests.conftest import MakeEnv

@@ -11,7 +11,7 @@ from dohyo.agents.hierarchical.vision.architecture import LATENT
 from dohyo.agents.hierarchical.vision.classes import CLASSES, Seen, planes
 from dohyo.agents.hierarchical.vision.latents import SHIPPED, Encoder, load_weights, onnx_model
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.imaging.labels import Label
+from dohyo.sumo_networks.rendering.labels import Label
 from tests.agents.hierarchical.vision.weights import picture, untrained
 
 

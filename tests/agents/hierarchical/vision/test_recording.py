@@ -28,7 +28,7 @@ from dohyo.agents.hierarchical.vision.recording import (
     scenario,
 )
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.imaging.labels import Label
+from dohyo.sumo_networks.rendering.labels import Label
 from dohyo.sumo_networks.sensors import make_sensors
 from dohyo.sumo_networks.world import LightState
 from tests.worlds import lit_crossing

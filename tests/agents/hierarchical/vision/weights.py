@@ -11,7 +11,7 @@ from safetensors.torch import save_file
 from dohyo.agents.hierarchical.vision.classes import HEIGHT, WIDTH
 from dohyo.agents.hierarchical.vision.dataset import Pictures
 from dohyo.agents.hierarchical.vision.network import Encoder
-from dohyo.sumo_networks.imaging.labels import Label
+from dohyo.sumo_networks.rendering.labels import Label
 
 
 def untrained(path: Path, latent: int = 12, seed: int = 0) -> Encoder:

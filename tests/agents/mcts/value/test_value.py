@@ -35,9 +35,9 @@ from dohyo.agents.planning.motion import body
 from dohyo.agents.planning.situation import Situation
 from dohyo.evaluation.agent import Mission
 from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Place
-from dohyo.sumo_networks.vehicle import VehicleParameters
 from tests.agents.mcts.predictors.scenes import busy, sampled
 from tests.agents.mcts.roads import observation, straight
 

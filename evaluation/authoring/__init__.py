@@ -1,0 +1,1 @@
+"""Scripts that draw the benchmarks; their output is committed in `benchmarks/`."""

@@ -1,0 +1,123 @@
+"""Logs: made by driving the reference through a scenario in live traffic, once, and kept for all who replay it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+
+import numpy as np
+
+from dohyo.evaluation.agent import make_agent
+from dohyo.evaluation.records.trajectory import Trajectory, TrajectoryRecorder
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.simulation.traffic_log import Log, LogRecorder, log_path, write_log
+
+REFERENCE = "dohyo.agents.experts.autopilot:Autopilot"
+"""Who drives where a log is made: the expert whose progress is the measure."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """What the reference did in a scenario.
+
+    Attributes:
+        log: Of everybody else.
+        trajectory: Of the ego and of those in its sight.
+        progress_m: How far it came along the route.
+        goal: Whether it reached the goal, so that the log ends early.
+    """
+
+    log: Log
+    trajectory: Trajectory
+    progress_m: float
+    goal: bool
+
+
+def drive_reference(scenario: Scenario, entry: str = REFERENCE) -> Reference:
+    """Drives the reference through a scenario, with everybody else alive in SUMO.
+
+    Args:
+        scenario: With a duration and one mission; its log, if it names one, is not read.
+        entry: "module:Class" of the reference.
+
+    Raises:
+        InvalidInputError: The scenario has no duration, or cannot be driven.
+        SimulationError: SUMO failed.
+    """
+    if scenario.duration_s is None or len(scenario.missions) != 1:
+        raise InvalidInputError(f"scenario '{scenario.name}': expected a duration and one mission for a log")
+    agent = make_agent(entry)
+    env = DrivingEnv(scenario.model_copy(update={"log": None}), agent.spec.sensors, agent.spec.control, reward=None)
+    recorder, trajectory, ended = LogRecorder(), TrajectoryRecorder(), False
+    name = scenario.missions[0].name
+    try:
+        observations, _ = env.reset()
+        agent.reset(scenario.missions[0], scenario.seed)
+        env.record(recorder)
+        trajectory.append(env.world)
+        goal = False
+        while not ended:
+            observations, _, reached, late, _ = env.step({name: agent.act(observations[name])})
+            goal, ended = reached[name], reached[name] or late[name]
+            env.record(recorder)
+            trajectory.append(env.world)
+    finally:
+        env.close()
+        agent.close()
+    driven = trajectory.finish()
+    progress = float(np.max(driven.progress[driven.key == -1]))
+    return Reference(recorder.finish(), driven, round(progress, 2), goal)
+
+
+def missing_logs(scenarios: Iterable[Scenario]) -> list[Scenario]:
+    """Those scenarios whose logs are not on this machine."""
+    return [one for one in scenarios if one.log is not None and not log_path(one.log).exists()]
+
+
+def prepare_logs(
+    scenarios: Iterable[Scenario],
+    workers: int = 1,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> int:
+    """Makes the logs that are missing; interrupted, it goes on where it stopped.
+
+    Args:
+        scenarios: Those without a log are left alone.
+        workers: Processes; each makes one log after the other.
+        progress: Called with the number done and the total, at the start and after each.
+
+    Returns:
+        How many were made.
+
+    Raises:
+        InvalidInputError: The reference has changed since a scenario was drawn: it gives another log.
+    """
+    todo = missing_logs(scenarios)
+    progress(0, len(todo))
+    if not todo:
+        return 0
+    with ProcessPoolExecutor(min(workers, len(todo)), mp_context=get_context("spawn")) as pool:
+        futures = [pool.submit(_make_log, scenario) for scenario in todo]
+        try:
+            for done, future in enumerate(as_completed(futures), start=1):
+                future.result()
+                progress(done, len(todo))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return len(todo)
+
+
+def _make_log(scenario: Scenario) -> None:
+    log = drive_reference(scenario).log
+    if log.sha256() != scenario.log:
+        raise InvalidInputError(
+            f"scenario '{scenario.name}': expected log {(scenario.log or '')[:12]}, the reference now gives "
+            f"{log.sha256()[:12]}: it, SUMO or the network has changed since the benchmark was drawn "
+            "(python -m dohyo.evaluation.authoring.draw_val14 --pin)"
+        )
+    write_log(log)

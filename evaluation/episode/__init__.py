@@ -1,0 +1,1 @@
+"""One episode: the loop of observing, acting and judging."""

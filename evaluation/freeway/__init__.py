@@ -1,0 +1,1 @@
+"""Benchmarks of the freeway: their definition, results and page."""

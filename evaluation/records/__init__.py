@@ -1,0 +1,1 @@
+"""Records: the facts and trajectories of an episode, and how they are stored."""

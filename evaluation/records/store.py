@@ -1,0 +1,201 @@
+"""Store: a record on disk is `STEM.json` beside `STEM.parquet`, whole or not at all.
+
+The JSON holds the record's facts and, outside their hash, the digest of the Parquet file's bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.trajectory import Trajectory
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import content_hash
+
+_PARQUET_DIGEST: Final = "parquet_sha256"
+_OUTSIDE_THE_HASH: Final = frozenset({"record_hash", "timing", _PARQUET_DIGEST})
+
+
+def seal(record: EpisodeRecord) -> EpisodeRecord:
+    """The record with its hash: sha256 of its canonical JSON without timing and hash.
+
+    Raises:
+        InvalidInputError: If it holds what JSON cannot: an object among an agent's settings, or a NaN.
+    """
+    try:
+        digest = _facts_hash(record.model_dump(mode="json"))
+    except ValueError as error:
+        raise InvalidInputError(f"record of scenario '{record.scenario.name}' is not plain JSON: {error}") from error
+    return record.model_copy(update={"record_hash": digest})
+
+
+def write_record(directory: Path, stem: str, record: EpisodeRecord, trajectory: Trajectory) -> Path:
+    """Writes a sealed record, replacing one of the same stem.
+
+    The JSON makes the record exist, so an old one is removed first and the new one written last: wherever this is
+    interrupted, there is a whole record or none.
+
+    Args:
+        directory: Made if missing.
+        stem: Name of both files, without suffix.
+        record: Sealed.
+        trajectory: The one whose digest the record holds.
+
+    Returns:
+        Path of the JSON file.
+
+    Raises:
+        InvalidInputError: If the record is not sealed, the trajectory is another's, or the stem is no file name.
+        OSError: If the disk refuses.
+    """
+    if not stem or stem.startswith(".") or Path(stem).name != stem:
+        raise InvalidInputError(f"expected a file name without folder or leading dot, got {stem!r}")
+    if record.record_hash != seal(record).record_hash:
+        raise InvalidInputError(f"record '{stem}': expected a sealed record, got hash '{record.record_hash}'")
+    if record.trajectory_sha256 != trajectory.sha256():
+        raise InvalidInputError(f"record '{stem}': its trajectory_sha256 is not the digest of the trajectory given")
+    buffer = io.BytesIO()
+    trajectory.write_parquet(buffer)
+    document = record.model_dump(mode="json") | {_PARQUET_DIGEST: hashlib.sha256(buffer.getbuffer()).hexdigest()}
+    text = json.dumps(document, separators=(",", ":"), allow_nan=False) + "\n"
+
+    directory.mkdir(parents=True, exist_ok=True)
+    facts, table = directory / f"{stem}.json", directory / f"{stem}.parquet"
+    facts.unlink(missing_ok=True)
+    try:
+        write_atomically(table, buffer.getvalue())
+        write_atomically(facts, text.encode())
+    finally:
+        if not facts.exists():
+            table.unlink(missing_ok=True)
+    return facts
+
+
+def read_lines(path: Path) -> list[dict[str, Any]]:
+    """The JSON objects of a file, one per line, as far as it was written: a torn line is left out; none without it."""
+    found = []
+    for text in path.read_text().splitlines() if path.exists() else ():
+        try:
+            found.append(json.loads(text))
+        except json.JSONDecodeError:
+            continue
+    return found
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Writes a file that is either as it was or whole, even if the machine stops half-way.
+
+    Raises:
+        OSError: If the disk refuses.
+    """
+    staged = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        staged.write_bytes(content)
+        _flush(staged)
+        os.replace(staged, path)
+        _flush(path.parent)
+    finally:
+        staged.unlink(missing_ok=True)
+
+
+def read_record(path: Path) -> EpisodeRecord:
+    """Reads the facts of one record and checks their hash.
+
+    Args:
+        path: Of the JSON file.
+
+    Raises:
+        InvalidInputError: If the file is missing, truncated, changed since it was written, or no record.
+    """
+    document = _document(path)
+    document.pop(_PARQUET_DIGEST, None)
+    try:
+        return EpisodeRecord.model_validate(document)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "record"
+        raise InvalidInputError(
+            f"{path}: expected an episode record as this version of dohyo writes it, but {where}: {first['msg']}"
+        ) from error
+
+
+def read_trajectory(path: Path) -> Trajectory:
+    """Reads the trajectories of one record and checks their digest.
+
+    Args:
+        path: Of the record's JSON file.
+
+    Raises:
+        InvalidInputError: If either file is missing or damaged, or the trajectories are not the record's.
+    """
+    document = _document(path)
+    table = path.with_suffix(".parquet")
+    try:
+        digest = hashlib.sha256(table.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InvalidInputError(f"{table}: expected the trajectories of {path.name}, got {error.strerror}") from error
+    # Polars may abort the whole process on a damaged file, so it must not see one.
+    if digest != document.get(_PARQUET_DIGEST):
+        raise InvalidInputError(f"{table}: changed since it was written, or truncated: {path.name} has another digest")
+    trajectory = Trajectory.read_parquet(table)
+    if trajectory.sha256() != document.get("trajectory_sha256"):
+        raise InvalidInputError(f"{table}: expected the trajectories of {path.name}, got another episode's")
+    return trajectory
+
+
+def read_records(directory: Path) -> list[EpisodeRecord]:
+    """Reads all records of a folder in the order of their file names; temporary files are no records.
+
+    Raises:
+        InvalidInputError: If the folder is missing or any of its records cannot be read.
+    """
+    if not directory.is_dir():
+        raise InvalidInputError(f"{directory}: expected a folder of records, and there is none")
+    return [read_record(path) for path in sorted(directory.glob("*.json")) if not path.name.startswith(".")]
+
+
+def _document(path: Path) -> dict[str, Any]:
+    """The JSON object of a record whose facts still have the hash written beside them."""
+    try:
+        text = path.read_bytes()
+    except FileNotFoundError as error:
+        raise InvalidInputError(f"{path}: expected an episode record, and there is no such file") from error
+    except OSError as error:
+        raise InvalidInputError(f"{path}: expected an episode record, and it cannot be read: {error}") from error
+    try:
+        document = json.loads(text)
+    except ValueError as error:
+        raise InvalidInputError(
+            f"{path}: expected the JSON of an episode record, truncated or damaged: {error}"
+        ) from error
+    if not isinstance(document, dict) or "record_hash" not in document:
+        raise InvalidInputError(f"{path}: expected an episode record, got JSON without a record_hash")
+    try:
+        digest = _facts_hash(document)
+    except ValueError as error:
+        raise InvalidInputError(f"{path}: expected finite numbers and valid text: {error}") from error
+    if digest != document["record_hash"]:
+        raise InvalidInputError(
+            f"{path}: changed since it was written: expected facts with hash {document['record_hash']}, got {digest}"
+        )
+    return document
+
+
+def _facts_hash(document: dict[str, Any]) -> str:
+    return content_hash({key: value for key, value in document.items() if key not in _OUTSIDE_THE_HASH})
+
+
+def _flush(path: Path) -> None:
+    """Waits until a file's bytes, or a folder's names, are on the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,282 @@
+"""Report: one or several evaluations of a benchmark as one HTML file that needs no network."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import plotly.graph_objects as go
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from dohyo.evaluation.records.record import Infraction, InfractionKind
+from dohyo.evaluation.records.store import write_atomically
+from dohyo.evaluation.report import figures
+from dohyo.evaluation.report import style as look
+from dohyo.evaluation.report.road_map import LaneShape, Spot, draw_map, drivable_lanes
+from dohyo.evaluation.report.rows import (
+    Contender,
+    Drive,
+    Evaluation,
+    make_contenders,
+    make_drives,
+    make_pair,
+    worst_first,
+)
+from dohyo.evaluation.report.style import ENDINGS, MARKS, MISSING, number
+from dohyo.evaluation.report.tables import csv_tables
+from dohyo.evaluation.scores.driving import IrsLength, Rules
+from dohyo.evaluation.scores.nuplan.summary import (
+    ClosedLoopSummary,
+    applies,
+    by_type,
+    lost_episodes,
+    score_records,
+    summarise_closed_loop,
+)
+from dohyo.sumo_networks.errors import InvalidInputError
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A score as a column of the comparison.
+
+    Attributes:
+        key: Its name in `Summary.scores`.
+        title: For a reader.
+        unit: Of its values.
+        top: Upper end of the axis that all cells share; the lower is 0.
+    """
+
+    key: str
+    title: str
+    unit: str
+    top: float
+
+
+COLUMNS = (
+    Column("driving_score", "driving score DS", "%", 100.0),
+    Column("route_completion", "route completion RC", "%", 100.0),
+    Column("infraction_penalty", "infraction penalty IP", "0-1", 1.0),
+    Column("irs", "infraction rate score IRS", "%", 100.0),
+    Column("success", "success", "%", 100.0),
+    Column("nocrash_success", "success without crash", "%", 100.0),
+)
+
+
+TypeRow = tuple[str, ClosedLoopSummary]
+"""A type of scenario and its summary."""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A plotly figure taken apart, so that the page can set its title and colours itself."""
+
+    name: str
+    title: Markup
+    caption: str
+    height: int
+    document: Markup
+
+
+def write_report(
+    evaluations: Sequence[Evaluation],
+    path: Path,
+    *,
+    rules: Rules = "2.0",
+    irs_length: IrsLength = "driven",
+    lanes: Callable[[str], Iterable[LaneShape]] = drivable_lanes,
+) -> Path:
+    """Writes one self-contained HTML file; the same records give the same bytes.
+
+    Args:
+        evaluations: Of different agents on the same version of one benchmark.
+        path: Where to write; missing folders are created. Records are linked relative to it.
+        rules: Version of the leaderboard's rules behind penalty and driving score.
+        irs_length: What length the infraction rate score divides by.
+        lanes: The lanes to draw of a network, by its name in the scenarios.
+
+    Returns:
+        The path written.
+
+    Raises:
+        InvalidInputError: If there is no evaluation, an agent comes twice, the benchmarks differ, or records cannot be
+            summarised together.
+    """
+    _check(evaluations)
+    contenders = make_contenders(evaluations, rules, irs_length)
+    drives = sorted(make_drives(contenders, path, rules), key=worst_first)
+    counted = [drive for drive in drives if not figures.lost(drive.record)]
+    pairs = [make_pair(a, b, rules, irs_length) for a, b in itertools.combinations(contenders, 2)]
+    networks = sorted({drive.record.scenario.network for drive in drives})
+    page = {
+        "evaluation": evaluations[0],
+        "facts": _facts([one.evaluation for one in contenders], rules, irs_length),
+        "contenders": contenders,
+        "closed_loop": _closed_loop(contenders),
+        "columns": COLUMNS,
+        "kinds": [kind for kind in InfractionKind if any(one.summary.per_km[kind].mean for one in contenders)],
+        "per_km_top": _per_km_top(contenders),
+        "pairs": pairs,
+        "pictures": list(_pictures(contenders, rules)),
+        "maps": [draw_map(network, _marks(counted, network), lanes) for network in networks],
+        "drives": counted,
+        "lost": [drive for drive in drives if figures.lost(drive.record)],
+        "tables": csv_tables(contenders, pairs, counted),
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, _environment().get_template("report.html.j2").render(page).encode())
+    return path
+
+
+def _closed_loop(contenders: Sequence[Contender]) -> list[tuple[Contender, ClosedLoopSummary, list[TypeRow]]]:
+    """Each agent's closed-loop summary, as a whole and by type; empty where the records have no reference."""
+    found = []
+    for one in contenders:
+        records = one.evaluation.records
+        if not all(map(applies, records)):
+            return []
+        drives = score_records(zip(records, one.evaluation.record_paths, strict=True))
+        summary = summarise_closed_loop(drives, lost_episodes(records))
+        found.append((one, summary, list(by_type(drives).items())))
+    return found
+
+
+def _check(evaluations: Sequence[Evaluation]) -> None:
+    if not evaluations:
+        raise InvalidInputError("expected at least one evaluation to report, got none")
+    names = Counter(one.agent for one in evaluations)
+    if twice := [name for name, count in names.items() if count > 1]:
+        raise InvalidInputError(f"expected one evaluation per agent, got several of {', '.join(sorted(twice))}")
+    versions = {(one.benchmark, one.benchmark_hash) for one in evaluations}
+    if len(versions) > 1:
+        given = ", ".join(f"{name} ({digest[:12]})" for name, digest in sorted(versions))
+        raise InvalidInputError(f"expected evaluations of one benchmark version, got {given}")
+
+
+def _environment() -> Environment:
+    loader = PackageLoader("dohyo.evaluation.report", "templates")
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    palettes = {scheme: look.template(scheme).to_plotly_json() for scheme in look.PALETTES}
+    environment.globals.update(
+        marks=MARKS,
+        missing=MISSING,
+        styles=Markup(loader.get_source(environment, "styles.css")[0]),
+        script=Markup(loader.get_source(environment, "report.js")[0]),
+        plotly=Markup(get_plotlyjs()),
+        plotly_templates=_script_json(palettes),
+    )
+    environment.filters.update(
+        number=number,
+        share=lambda value, top: f"{100 * min(1.0, max(0.0, value / top)):.2f}%",
+        ending=look.ending,
+        meaning=lambda status: ENDINGS[status][0],
+        spot_text=_spot_text,
+        route_text=_route_text,
+    )
+    return environment
+
+
+def _facts(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLength) -> list[tuple[str, str, str]]:
+    """Name, value and a note on hover: what a reader needs to trust or to repeat the numbers."""
+    records = [record for one in evaluations for record in one.records]
+    seeds = sorted({record.scenario.seed for record in records})
+    per_agent = "; ".join(f"{one.agent}: {len(one.records)}" for one in evaluations)
+    return [
+        ("benchmark hash", evaluations[0].benchmark_hash[:8] or MISSING, evaluations[0].benchmark_hash),
+        ("rules", rules, "Version of the CARLA Leaderboard's rules behind IP and DS"),
+        (
+            "IRS length",
+            irs_length,
+            "The infraction rate score divides by the distance driven, or by the route's length",
+        ),
+        ("seeds", str(len(seeds)), ", ".join(map(str, seeds))),
+        ("episodes", str(len(records)), per_agent),
+        ("lost", str(sum(map(figures.lost, records))), "Episodes lost to the infrastructure; they enter no mean"),
+        ("network", _listed(record.scenario.network for record in records), "Where the episodes took place"),
+        (
+            "SUMO",
+            _listed(record.versions.sumo.removeprefix("SUMO ") for record in records),
+            "Version of the traffic simulation",
+        ),
+        ("dohyo", _listed(record.versions.dohyo for record in records), "Version that drove the episodes"),
+    ]
+
+
+def _listed(values: Iterable[str]) -> str:
+    return ", ".join(sorted(set(values)))
+
+
+def _per_km_top(contenders: Sequence[Contender]) -> float:
+    """Upper end of the axis that all rates share."""
+    rates = [rate for one in contenders for rate in one.summary.per_km.values()]
+    return max((rate.high or rate.mean or 0.0 for rate in rates), default=0.0) or 1.0
+
+
+def _pictures(contenders: Sequence[Contender], rules: Rules) -> Iterator[Picture]:
+    """Those figures that have something to show."""
+    records = {one.name: one.evaluation.records for one in contenders}
+    if any(one.summary.episodes for one in contenders):
+        yield _picture("score-by-mission", figures.score_by_mission(records, rules=rules))
+    yield _picture("episode-endings", figures.episode_endings(records))
+    if any(rate.mean for one in contenders for rate in one.summary.per_km.values()):
+        yield _picture("infractions-along-route", figures.infractions_along_route(records))
+
+
+def _picture(name: str, figure: go.Figure) -> Picture:
+    document = json.loads(figure.to_json())
+    layout = document["layout"]
+    title = layout.pop("title")
+    del layout["template"]
+    layout["margin"] = {"t": 32, **layout.get("margin", {})}
+    return Picture(
+        name=name,
+        title=Markup(title["text"]),
+        caption=title["subtitle"]["text"],
+        height=layout["height"] - 56,
+        document=_script_json(document),
+    )
+
+
+def _script_json(document: object) -> Markup:
+    """JSON that can stand in a script element, whatever the strings in it say."""
+    return Markup(json.dumps(document, sort_keys=True, separators=(",", ":")).replace("<", "\\u003c"))
+
+
+def _marks(drives: Iterable[Drive], network: str) -> Iterator[tuple[Drive, Infraction]]:
+    for drive in drives:
+        if drive.record.scenario.network == network:
+            yield from ((drive, infraction) for infraction in drive.ego.infractions)
+
+
+def _spot_text(spot: Spot[Drive]) -> str:
+    """What a mark on the map says on hover: one fact per line."""
+    return "\n".join(
+        (
+            f"{MARKS[spot.infraction.kind].label}: {spot.drive.contender.name}",
+            f"{spot.drive.mission}, seed {spot.drive.record.scenario.seed}",
+            *_details(spot.infraction),
+        )
+    )
+
+
+def _route_text(infraction: Infraction) -> str:
+    """What a mark on the bar of a route says on hover."""
+    return ", ".join((MARKS[infraction.kind].label, *_details(infraction)))
+
+
+def _details(infraction: Infraction) -> Iterator[str]:
+    yield f"after {number(infraction.time_s)} s, {number(infraction.route_m)} m along the route"
+    if infraction.magnitude:
+        yield f"{number(infraction.magnitude)} {infraction.unit}"
+    if infraction.actor is not None:
+        yield f"with {infraction.actor}"
+    if infraction.at_fault is not None:
+        yield "at fault" if infraction.at_fault else "not at fault"

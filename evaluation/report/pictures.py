@@ -1,0 +1,56 @@
+"""A figure on disk: a page that needs no network, and a picture beside it where there is a chromium."""
+
+from __future__ import annotations
+
+import html
+import shutil
+from pathlib import Path
+
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+
+from dohyo.evaluation.records.store import write_atomically
+from dohyo.sumo_networks.errors import InvalidInputError
+
+_MARGIN_PX, _SETTLED_MS = 16, 1000
+
+
+def write_page(drawn: go.Figure, path: Path, title: str) -> list[Path]:
+    """Writes a figure of fixed size as a page, and as a PNG of the same name where there is a chromium.
+
+    Args:
+        drawn: With a width and a height, px.
+        path: Of the page, *.html; its folder is made.
+        title: Of the page, for the browser's tab.
+
+    Returns:
+        What was written.
+
+    Raises:
+        InvalidInputError: The name is not that of a page.
+    """
+    if path.suffix != ".html":
+        raise InvalidInputError(f"expected a page's name that ends in .html, got '{path}'; its picture goes beside it")
+    body = drawn.to_html(full_html=False, include_plotlyjs=False, config={"displayModeBar": False})
+    head = f'<meta charset="utf-8"><title>{html.escape(title)}</title><script>{get_plotlyjs()}</script>'
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>'.encode())
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        return [path]
+    picture = path.with_suffix(".png")
+    _photograph(chromium, path, picture, drawn.layout.width + _MARGIN_PX, drawn.layout.height + _MARGIN_PX)
+    return [path, picture]
+
+
+def _photograph(chromium: str, page: Path, picture: Path, width: int, height: int) -> None:
+    from playwright.sync_api import sync_playwright  # wanted only where there is a chromium
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
+        tab = browser.new_page(viewport={"width": width, "height": height})
+        tab.goto(page.resolve().as_uri())
+        tab.wait_for_selector(".main-svg")
+        tab.wait_for_timeout(_SETTLED_MS)
+        tab.screenshot(path=picture)
+        browser.close()

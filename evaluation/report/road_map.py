@@ -1,0 +1,130 @@
+"""Road map: a network and the infractions on it, laid out for SVG."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from dohyo.evaluation.records.record import Infraction
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.catalog import load_network
+
+D = TypeVar("D")
+
+LaneShape = tuple[FloatArray, float]
+"""A lane as drawn: (P, 2) centreline, m, network frame, and its width, m."""
+
+MAP_MARGIN_M = 150.0
+CROWD_M = 4.0
+GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
+
+
+@dataclass(frozen=True, slots=True)
+class Spot(Generic[D]):
+    """An infraction on the map; `dx` and `dy` (px, y down) keep crowded marks apart at every zoom."""
+
+    x: float
+    y: float
+    dx: float
+    dy: float
+    drive: D
+    infraction: Infraction
+
+
+@dataclass(frozen=True, slots=True)
+class Map(Generic[D]):
+    """A network with the infractions on it. Boxes are SVG view boxes: m, y down.
+
+    Attributes:
+        network: Its name.
+        note: Why there are no lanes, or nothing.
+        lanes: SVG path data by lane width, m.
+        whole: Box of everything.
+        home: Box of what matters: the infractions and their surroundings.
+        spots: The infractions.
+    """
+
+    network: str
+    note: str
+    lanes: dict[float, str]
+    whole: tuple[float, float, float, float]
+    home: tuple[float, float, float, float]
+    spots: tuple[Spot[D], ...]
+
+
+def drivable_lanes(network: str) -> list[LaneShape]:
+    """The lanes that cars may use.
+
+    Args:
+        network: Name in the catalog, or path of a SUMO net.
+
+    Raises:
+        InvalidInputError: If there is no such network here.
+    """
+    roads = load_network(network)
+    return [
+        (roads.lane_shape(int(lane)), float(roads.lanes.width[lane])) for lane in np.flatnonzero(roads.lanes.drivable)
+    ]
+
+
+def draw_map(
+    network: str, marks: Iterable[tuple[D, Infraction]], lanes: Callable[[str], Iterable[LaneShape]]
+) -> Map[D]:
+    """Lays out a network and the infractions on it.
+
+    Args:
+        network: Its name.
+        marks: Infractions, each with the drive it belongs to.
+        lanes: Gives the lanes of a network; where it raises InvalidInputError, the map has none and says why.
+    """
+    note = ""
+    try:
+        shapes = list(lanes(network))
+    except InvalidInputError as error:
+        shapes, note = [], f"The roads are missing: {error}"
+    spots = tuple(_spots(marks))
+    places = np.array([(spot.x, spot.y) for spot in spots]).reshape(-1, 2)
+    roads = np.concatenate([shape * (1.0, -1.0) for shape, _ in shapes] or [np.empty((0, 2))])
+    whole = _box(np.concatenate([roads, places]), 0.03, 10.0)
+    home = _box(places, 0.1, MAP_MARGIN_M) if len(places) else whole
+    if whole[2] * whole[3] < 4 * home[2] * home[3]:
+        home = whole
+    return Map(network, note, _lane_paths(shapes), whole, home, spots)
+
+
+def _box(points: FloatArray, margin: float, margin_m: float) -> tuple[float, float, float, float]:
+    """View box x, y, width, height of points (N, 2), grown by a share of its size and some metres."""
+    if not len(points):
+        return 0.0, 0.0, 2 * margin_m, 2 * margin_m
+    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = low - margin * (high - low) - margin_m, high + margin * (high - low) + margin_m
+    x, y, width, height = (round(float(value), 1) for value in (*low, *(high - low)))
+    return x, y, width, height
+
+
+def _lane_paths(shapes: Iterable[LaneShape]) -> dict[float, str]:
+    """All centrelines of one width as one SVG path, to the decimetre, y down."""
+    paths: dict[float, list[str]] = {}
+    for shape, width in shapes:
+        decimetres = np.rint(shape * (10.0, -10.0)).astype(int)
+        first, steps = decimetres[0] / 10, np.diff(decimetres, axis=0) / 10
+        line = "".join(f"l{dx:g} {dy:g}" for dx, dy in steps if dx or dy)
+        paths.setdefault(round(width, 1), []).append(f"M{first[0]:.1f} {first[1]:.1f}{line}")
+    return {width: "".join(lines) for width, lines in sorted(paths.items())}
+
+
+def _spots(marks: Iterable[tuple[D, Infraction]]) -> Iterator[Spot[D]]:
+    """One per infraction; those closer than CROWD_M are laid out as a sunflower lays out its seeds."""
+    crowd: Counter[tuple[int, int]] = Counter()
+    for drive, one in marks:
+        cell = round(one.x_m / CROWD_M), round(one.y_m / CROWD_M)
+        radius, angle = 9.0 * math.sqrt(crowd[cell]), GOLDEN_ANGLE * crowd[cell]
+        crowd[cell] += 1
+        dx, dy = round(radius * math.cos(angle), 1), round(radius * math.sin(angle), 1)
+        yield Spot(round(one.x_m, 1), round(0.0 - one.y_m, 1), dx, dy, drive, one)

@@ -1,0 +1,214 @@
+"""Look: what all figures, tables and pages share; a palette, a mark per kind of infraction, how a number is written."""
+
+from __future__ import annotations
+
+import hashlib
+import html
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+import plotly.graph_objects as go
+
+from dohyo.evaluation.records.record import InfractionKind, Status
+from dohyo.evaluation.statistics import Estimate
+
+Scheme = Literal["light", "dark"]
+
+OKABE_ITO = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442", "#999999")
+"""Okabe and Ito's eight, with the grey that replaces their black where a page may be dark."""
+SANS = "ui-sans-serif, system-ui, sans-serif"
+MISSING = "\N{EM DASH}"
+
+
+@dataclass(frozen=True, slots=True)
+class Palette:
+    """The colours that change between light and dark.
+
+    Attributes:
+        panel: Behind figures and tables.
+        ink: Text.
+        quiet: Second text.
+        line: Hairlines and grids.
+        success: The goal was reached.
+        warning: The agent failed as a program.
+        infraction: The agent failed as a driver.
+        infrastructure: Nobody's driving failed.
+    """
+
+    panel: str
+    ink: str
+    quiet: str
+    line: str
+    success: str
+    warning: str
+    infraction: str
+    infrastructure: str
+
+
+PALETTES: Mapping[Scheme, Palette] = MappingProxyType(
+    {
+        "light": Palette("#FFFFFF", "#1F2328", "#6B7280", "#E5E0D8", "#2E7D5B", "#B7791F", "#B3362E", "#6B7280"),
+        "dark": Palette("#1C1F25", "#E8E6E1", "#9AA3AF", "#2C3038", "#4CAF86", "#D69A3A", "#E5675E", "#9AA3AF"),
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """How one kind of infraction is drawn, on every page.
+
+    Attributes:
+        label: Its name for a reader.
+        symbol: Its plotly symbol.
+        path: The same shape as an SVG path within -5..5, y down.
+    """
+
+    label: str
+    symbol: str
+    path: str
+
+
+MARKS: Mapping[InfractionKind, Mark] = MappingProxyType(
+    {
+        InfractionKind.COLLISION_PEDESTRIAN: Mark(
+            "pedestrian hit", "circle", "M-4.5 0a4.5 4.5 0 1 0 9 0a4.5 4.5 0 1 0-9 0z"
+        ),
+        InfractionKind.COLLISION_VEHICLE: Mark("vehicle hit", "square", "M-4-4h8v8h-8z"),
+        InfractionKind.COLLISION_STATIC: Mark("obstacle hit", "triangle-up", "M0-5 5 4h-10z"),
+        InfractionKind.RED_LIGHT: Mark("red light run", "diamond", "M0-5.5 5 0 0 5.5-5 0z"),
+        InfractionKind.STOP_SIGN: Mark(
+            "stop sign run", "star", "M0-5.6 1.4-1.9 5.3-1.7 2.3 0.7 3.3 4.5 0 2.4-3.3 4.5-2.3 0.7-5.3-1.7-1.4-1.9z"
+        ),
+        InfractionKind.OUTSIDE_LANES: Mark("outside lanes", "bowtie", "M-5-4.5 5 4.5v-9l-10 9z"),
+        InfractionKind.MINIMUM_SPEED: Mark("too slow", "triangle-down", "M0 5 5-4h-10z"),
+        InfractionKind.SCENARIO_TIMEOUT: Mark("event not over", "pentagon", "M0-5.3 5-1.6 3.1 4.3h-6.2L-5-1.6z"),
+        InfractionKind.YIELD_EMERGENCY: Mark("did not yield", "hexagon", "M0-5.4 4.7-2.7v5.4L0 5.4-4.7 2.7v-5.4z"),
+        InfractionKind.ROUTE_DEVIATION: Mark(
+            "left the route", "x", "M-5-3-3-5 0-2 3-5 5-3 2 0 5 3 3 5 0 2-3 5-5 3-2 0z"
+        ),
+        InfractionKind.BLOCKED: Mark("blocked", "cross", "M-1.7-5h3.4v3.3h3.3v3.4h-3.3v3.3h-3.4v-3.3h-3.3v-3.4h3.3z"),
+        InfractionKind.ROUTE_TIMEOUT: Mark("out of time", "hourglass", "M-4.5-5h9l-9 10h9z"),
+        InfractionKind.GRIDLOCK: Mark(
+            "gridlock", "hash", "M-5-2.5h10v1h-10zM-5 1.5h10v1h-10zM-2.5-5h1v10h-1zM1.5-5h1v10h-1z"
+        ),
+    }
+)
+
+ENDINGS: Mapping[Status, tuple[str, str]] = MappingProxyType(
+    {
+        Status.PERFECT: ("success", ""),
+        Status.COMPLETED: ("success", "/"),
+        Status.FINISHED: ("success", "x"),
+        Status.COLLIDED: ("infraction", ""),
+        Status.DEVIATED: ("infraction", "x"),
+        Status.BLOCKED: ("infraction", "/"),
+        Status.TIMED_OUT: ("infraction", "."),
+        Status.AGENT_SETUP: ("warning", ""),
+        Status.AGENT_RAISED: ("warning", "x"),
+        Status.AGENT_ACTION: ("warning", "/"),
+        Status.AGENT_DEADLINE: ("warning", "."),
+        Status.SIMULATION: ("infrastructure", "/"),
+        Status.GRIDLOCK: ("infrastructure", "x"),
+    }
+)
+"""What each status means (a field of Palette), and the pattern that tells it apart without colour."""
+
+
+def agent_colours(agents: Iterable[str]) -> dict[str, str]:
+    """A colour per agent that follows from its name, so that it is the same on every page.
+
+    Where two agents of one page ask for the same colour, the later name gets the next free one; grey comes last.
+    """
+    *hues, grey = OKABE_ITO
+    colours: dict[str, str] = {}
+    free: set[str] = set()
+    for agent in sorted(set(agents)):
+        free = free or {*hues, grey}
+        first = int.from_bytes(hashlib.sha256(agent.encode()).digest()[:4]) % len(hues)
+        colours[agent] = next(colour for colour in (*hues[first:], *hues[:first], grey) if colour in free)
+        free.remove(colours[agent])
+    return colours
+
+
+def template(scheme: Scheme = "light") -> go.layout.Template:
+    """The look that all figures share."""
+    palette = PALETTES[scheme]
+    axis = {
+        "gridcolor": palette.line,
+        "linecolor": palette.line,
+        "zeroline": False,
+        "automargin": True,
+        "fixedrange": True,
+        "title": {"font": {"size": 12, "color": palette.quiet}, "standoff": 8},
+    }
+    layout = {
+        "font": {"family": SANS, "size": 13, "color": palette.ink},
+        "paper_bgcolor": palette.panel,
+        "plot_bgcolor": palette.panel,
+        "colorway": OKABE_ITO,
+        "title": {
+            "x": 0,
+            "xref": "paper",
+            "xanchor": "left",
+            "font": {"size": 16, "weight": 600},
+            "subtitle": {"font": {"size": 12, "color": palette.quiet}},
+        },
+        "xaxis": axis,
+        "yaxis": axis,
+        "legend": {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom", "yref": "paper", "traceorder": "normal"},
+        "hoverlabel": {
+            "bgcolor": palette.panel,
+            "bordercolor": palette.quiet,
+            "font": {"family": SANS, "color": palette.ink},
+            "align": "left",
+        },
+        "margin": {"l": 8, "r": 16, "t": 88, "b": 48},
+        "dragmode": False,
+        "bargap": 0.4,
+    }
+    scatter = {
+        "marker": {"size": 9, "line": {"width": 1, "color": palette.ink}},
+        "error_x": {"thickness": 1.3, "width": 0, "color": palette.quiet},
+    }
+    bar = {
+        "marker": {
+            "line": {"width": 1, "color": palette.panel},
+            "pattern": {"fillmode": "overlay", "fgcolor": palette.panel, "fgopacity": 0.4, "size": 7},
+        }
+    }
+    return go.layout.Template(layout=layout, data={"scatter": [scatter], "bar": [bar]})
+
+
+def ending(status: Status) -> str:
+    """A status without the word before its colon, which colour and sign already say."""
+    return status.value.rpartition(": ")[2].removeprefix("agent ").removeprefix("agent's ")
+
+
+def label(text: str) -> str:
+    """A name from a record as plotly text, which would otherwise read markup in it."""
+    return html.escape(text, quote=False)
+
+
+def interval(estimate: Estimate) -> str:
+    """An estimate in the project's words, such as `78.4 [75.9, 80.6] n=75`."""
+    if estimate.mean is None:
+        return MISSING
+    if estimate.low is None or estimate.high is None:
+        return f"{number(estimate.mean)} n={estimate.n}"
+    return f"{number(estimate.mean)} [{number(estimate.low)}, {number(estimate.high)}] n={estimate.n}"
+
+
+def markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table."""
+    return "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))
+
+
+def number(value: float) -> str:
+    """A number to three significant digits, in plain notation and without a trailing point."""
+    if value == 0 or abs(value) < 5e-4:
+        return "0"
+    if abs(value) >= 999.5:
+        return f"{value:.0f}"
+    return f"{value:#.3g}".removesuffix(".")

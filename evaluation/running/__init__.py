@@ -1,0 +1,1 @@
+"""One agent on one benchmark: executors, resumption, locks."""

@@ -1,0 +1,250 @@
+"""Executors: how the episodes of an evaluation are spread over processes. One libsumo per process.
+
+A worker writes each record itself, so that what is finished survives whatever happens to anybody else. The parent only
+hands out jobs and watches: a dead worker is replaced and its job tried once more, a worker whose agent never returns is
+ended, and a worker whose parent has died ends itself.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection, wait
+from multiprocessing.sharedctypes import Synchronized
+from pathlib import Path
+from typing import Any, Protocol
+
+from dohyo.evaluation.agent import make_agent
+from dohyo.evaluation.episode.runner import drive_episode, versions
+from dohyo.evaluation.records.record import AgentInfo, EgoRecord, EpisodeRecord, Status
+from dohyo.evaluation.records.store import seal, write_record
+from dohyo.evaluation.records.trajectory import TrajectoryRecorder
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.routes.routing import plan_route
+from dohyo.sumo_networks.scenario import Scenario
+
+MAX_ATTEMPTS = 2
+KILL_GRACE_S = 5.0
+POLL_S = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One episode to drive and where its record goes.
+
+    Attributes:
+        scenario: What to drive.
+        info: Who drives.
+        benchmark: Name and content hash.
+        directory: Folder of the records.
+        stem: File name without suffix.
+        act_deadline_s: Wall-clock time for one decision.
+    """
+
+    scenario: Scenario
+    info: AgentInfo
+    benchmark: tuple[str, str] | None
+    directory: Path
+    stem: str
+    act_deadline_s: float
+
+
+class Executor(Protocol):
+    """Runs jobs, in any order, and yields each record once it is on disk."""
+
+    def run(self, jobs: Sequence[Job]) -> Iterator[EpisodeRecord]:
+        """Yields one record per job; an episode lost to the infrastructure is a record too."""
+
+
+@dataclass(slots=True)
+class ProcessPool:
+    """Worker processes on this machine.
+
+    Attributes:
+        workers: How many.
+    """
+
+    workers: int = 1
+
+    def run(self, jobs: Sequence[Job]) -> Iterator[EpisodeRecord]:
+        """See `Executor`."""
+        crew = [Worker() for _ in range(min(self.workers, len(jobs)))]
+        try:
+            yield from drive_all(jobs, crew)
+        finally:
+            for worker in crew:
+                worker.stop()
+
+
+def drive_all(jobs: Sequence[Job], crew: Sequence[Worker]) -> Iterator[EpisodeRecord]:
+    """Spreads jobs over worker processes, which stay alive; yields one record per job, as `Executor` does."""
+    pending = deque((job, 1) for job in jobs)
+    for worker in crew:
+        worker.take(pending)
+    while any(worker.job for worker in crew):
+        ready = wait([worker.pipe for worker in crew if worker.job], timeout=POLL_S)
+        for worker in crew:
+            if worker.job and (worker.pipe in ready or not worker.process.is_alive() or worker.hangs()):
+                record = worker.collect(pending)
+                if record is not None:
+                    yield record
+                worker.take(pending)
+
+
+@dataclass(slots=True)
+class Worker:
+    """One worker process, as its parent sees it."""
+
+    job: Job | None = None
+    attempt: int = 0
+    pipe: Connection = field(init=False)
+    process: Any = field(init=False)
+    must_end_by: Synchronized[float] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._start()
+
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.pipe, theirs = context.Pipe()
+        self.must_end_by = context.Value("d", 0.0)
+        self.process = context.Process(target=_work, args=(theirs, self.must_end_by), daemon=True)
+        self.process.start()
+        theirs.close()
+
+    def take(self, pending: deque[tuple[Job, int]]) -> None:
+        """Begins the next job, if there is one."""
+        if self.job is None and pending:
+            self.job, self.attempt = pending.popleft()
+            try:
+                self.pipe.send(self.job)
+            except OSError:  # it died between jobs
+                self.stop()
+                self._start()
+                self.pipe.send(self.job)
+
+    def hangs(self) -> bool:
+        """Whether a call of the agent has outlived its deadline, so that only the end of the process ends it."""
+        must_end_by = self.must_end_by.value
+        return self.job is not None and must_end_by > 0 and time.monotonic() > must_end_by + KILL_GRACE_S
+
+    def collect(self, pending: deque[tuple[Job, int]]) -> EpisodeRecord | None:
+        """The finished record; or one for a job that cannot be finished; or None where it will be tried again."""
+        job, hangs = self.job, self.hangs()
+        assert job is not None
+        answer = self._answer()
+        self.job = None
+        if isinstance(answer, InvalidInputError):
+            raise answer
+        if isinstance(answer, EpisodeRecord):
+            return answer
+        self.process.join(timeout=0.0 if hangs else 1.0)
+        failure = answer or f"worker process ended with code {self.process.exitcode}"
+        self.stop()
+        self._start()
+        if hangs:
+            return lost_episode(job, Status.AGENT_DEADLINE, "agent never returned; its process was ended")
+        if self.attempt < MAX_ATTEMPTS:
+            pending.append((job, self.attempt + 1))
+            return None
+        return lost_episode(job, Status.SIMULATION, failure)
+
+    def _answer(self) -> EpisodeRecord | InvalidInputError | str | None:
+        """What the worker sent: a record, or why there is none; None where it died silently."""
+        try:
+            return self.pipe.recv() if self.pipe.poll() else None
+        except (EOFError, OSError):
+            return None
+
+    def stop(self) -> None:
+        """Ends the process, gently where it is idle."""
+        self.pipe.close()
+        self.process.join(timeout=1.0 if self.job is None else 0.0)
+        if self.process.is_alive():
+            self.process.kill()
+            self.process.join()
+
+
+def lost_episode(job: Job, status: Status, failure: str) -> EpisodeRecord:
+    """Writes the record of an episode whose process did not live to write it."""
+    network = load_network(job.scenario.network)
+    egos = tuple(
+        EgoRecord(
+            name=mission.name,
+            agent=job.info,
+            status=status,
+            failure=failure,
+            duration_s=0.0,
+            route_length_m=plan_route(network, mission).length,
+            progress_m=0.0,
+            driven_m=0.0,
+        )
+        for mission in job.scenario.missions
+    )
+    trajectory = TrajectoryRecorder().finish()
+    record = EpisodeRecord(
+        scenario=job.scenario,
+        benchmark=job.benchmark,
+        egos=egos,
+        ticks=0,
+        versions=versions(network),
+        trajectory_sha256=trajectory.sha256(),
+    )
+    record = seal(record)
+    write_record(job.directory, job.stem, record, trajectory)
+    return record
+
+
+def _work(pipe: Connection, must_end_by: Synchronized[float]) -> None:
+    """A worker process: drives one job after the other until its parent closes the pipe or dies."""
+    jobs: deque[Job] = deque()
+    arrived = threading.Semaphore(0)
+
+    def listen() -> None:
+        while True:
+            try:
+                jobs.append(pipe.recv())
+            except (EOFError, OSError):
+                os._exit(0)
+            arrived.release()
+
+    def watch(seconds: float) -> None:
+        must_end_by.value = time.monotonic() + seconds if seconds else 0.0
+
+    threading.Thread(target=listen, daemon=True).start()
+    while True:
+        arrived.acquire()
+        job = jobs.popleft()
+        try:
+            pipe.send(drive_job(job, watch))
+        except InvalidInputError as error:  # no second attempt would go better, nor would the other jobs
+            pipe.send(InvalidInputError(str(error)))
+        except Exception as error:  # an error of ours: the batch survives it, and the record says what it was
+            traceback.print_exc()
+            pipe.send(f"{type(error).__name__}: {error}")
+
+
+def drive_job(job: Job, watch: Callable[[float], None] = lambda seconds: None) -> EpisodeRecord:
+    """Drives one job in this process and writes its record."""
+    agents = {mission.name: make_agent(job.info.entry, job.info.settings) for mission in job.scenario.missions}
+    try:
+        record, trajectory = drive_episode(
+            job.scenario,
+            agents,
+            infos=dict.fromkeys(agents, job.info),
+            benchmark=job.benchmark,
+            act_deadline_s=job.act_deadline_s,
+            watch=watch,
+        )
+    finally:
+        for agent in agents.values():
+            agent.close()
+    write_record(job.directory, job.stem, record, trajectory)
+    return record

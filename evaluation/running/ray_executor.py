@@ -1,0 +1,233 @@
+"""RayExecutor: an evaluation spread over a Ray cluster. Ray is the extra `cluster`, and only imported when it is used.
+
+On each machine, small Ray actors keep one worker process each, the same as the process pool's: what an agent does
+wrong, and what kills a worker, is dealt with there. What Ray itself loses (an actor, a machine) is tried once more
+elsewhere. Machines need not share a disk: actors send records and trajectories, and the driver writes them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import socket
+import sys
+import tempfile
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from dohyo.evaluation.episode.runner import versions
+from dohyo.evaluation.records.record import EpisodeRecord, Status
+from dohyo.evaluation.records.store import read_trajectory, write_record
+from dohyo.evaluation.records.trajectory import Trajectory
+from dohyo.evaluation.running.executors import MAX_ATTEMPTS, Job, Worker, drive_all, lost_episode
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.networks.catalog import load_network
+
+CONNECT_S = 10.0
+LOCAL = "local"
+THREADS = "OMP_NUM_THREADS"
+
+
+@dataclass(frozen=True, slots=True)
+class RayExecutor:
+    """Worker processes on the machines of a Ray cluster.
+
+    dohyo, Ray, Python and the agent's module must be the same on all of them; versions of dohyo, SUMO and the network
+    are compared, the agent's code is not.
+
+    Attributes:
+        address: Of the cluster, as `ray.init` takes it; None: a cluster of its own on this machine.
+        workers: How many; None: one per CPU of the cluster.
+    """
+
+    address: str | None = None
+    workers: int | None = None
+
+    def __post_init__(self) -> None:
+        """Raises InvalidInputError where Ray is not installed."""
+        require_ray()
+
+    def run(self, jobs: Sequence[Job]) -> Iterator[EpisodeRecord]:
+        """See `Executor`.
+
+        Raises:
+            InvalidInputError: There is no such cluster, a machine of it has another version of dohyo, or a scenario
+                cannot be driven.
+            SimulationError: The cluster cannot start a worker.
+        """
+        if not jobs:
+            return
+        ray = require_ray()
+        ours = not ray.is_initialized()
+        if ours:
+            connect(ray, self.address)
+        try:
+            count = self.workers or max(1, int(ray.cluster_resources().get("CPU", 1)))
+            yield from _Crew(ray, min(count, len(jobs))).run(jobs)
+        finally:
+            if ours:
+                ray.shutdown()
+
+
+def require_ray() -> Any:
+    """The module `ray`.
+
+    Raises:
+        InvalidInputError: It is not installed.
+    """
+    if find_spec("ray") is None:
+        raise InvalidInputError("executor 'ray' needs the package ray: pip install 'dohyo[cluster]'")
+    return import_module("ray")
+
+
+def connect(ray: Any, address: str | None) -> None:
+    """Makes this process a driver of a cluster.
+
+    Raises:
+        InvalidInputError: There is no such cluster.
+    """
+    if address is not None:
+        _knock(address)
+    try:
+        ray.init(
+            address=address or LOCAL,
+            namespace="dohyo",
+            log_to_driver=False,
+            logging_level="error",
+            **({} if address else {"include_dashboard": False}),
+        )
+    except (ConnectionError, RuntimeError, ValueError) as error:
+        raise InvalidInputError(f"no Ray cluster at '{address or LOCAL}': {first_line(error)}") from error
+
+
+def _knock(address: str) -> None:
+    """Refuses an address where nobody listens; Ray would try for minutes."""
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if not colon or not port.isdigit():
+        return  # such as "auto"
+    try:
+        socket.create_connection((host, int(port)), CONNECT_S).close()
+    except OSError as error:
+        raise InvalidInputError(f"no Ray cluster at '{address}': {error.strerror or error}") from error
+
+
+class _Crew:
+    """The actors, as the driver sees them."""
+
+    def __init__(self, ray: Any, count: int) -> None:
+        self._ray = ray
+        self._actor = ray.remote(num_cpus=1, max_restarts=0)(Station)
+        self._tasks: dict[Any, tuple[Any, Job | None, int]] = {}  # by what Ray will answer: actor, its job, attempt
+        self._failed_starts = 0
+        for _ in range(count):
+            self._start_actor()
+
+    def run(self, jobs: Sequence[Job]) -> Iterator[EpisodeRecord]:
+        """Yields one record per job."""
+        pending = deque((job, 1) for job in jobs)
+        left = len(jobs)
+        try:
+            while left:
+                for answer in self._ray.wait(list(self._tasks))[0]:
+                    record = self._collect(answer, pending)
+                    if record is not None:
+                        left -= 1
+                        yield record
+        finally:
+            for actor, _, _ in self._tasks.values():
+                self._ray.kill(actor)
+
+    def _start_actor(self) -> None:
+        actor = self._actor.remote(tuple(sys.path), os.environ.get(THREADS))
+        self._tasks[actor.ready.remote()] = (actor, None, 0)
+
+    def _collect(self, answer: Any, pending: deque[tuple[Job, int]]) -> EpisodeRecord | None:
+        """The record of a job that has ended, if one has; its actor goes on with the next."""
+        actor, job, attempt = self._tasks.pop(answer)
+        try:
+            result = self._ray.get(answer)
+        except self._ray.exceptions.RayError as error:
+            cause = getattr(error, "cause", None)
+            if isinstance(cause, InvalidInputError):
+                raise InvalidInputError(str(cause)) from None
+            self._ray.kill(actor)
+            return self._without_actor(job, attempt, pending, error)
+        if pending:
+            following, tries = pending.popleft()
+            self._tasks[actor.drive.remote(following)] = (actor, following, tries)
+        else:
+            self._ray.kill(actor)
+        return None if job is None else write_here(job, *result)
+
+    def _without_actor(
+        self, job: Job | None, attempt: int, pending: deque[tuple[Job, int]], error: Exception
+    ) -> EpisodeRecord | None:
+        """What becomes of the job of an actor that Ray has lost."""
+        reason = first_line(error)
+        if job is None:
+            self._failed_starts += 1
+            if self._failed_starts > MAX_ATTEMPTS:
+                raise SimulationError(f"the Ray cluster cannot start a worker: {reason}")
+        elif attempt < MAX_ATTEMPTS:
+            pending.append((job, attempt + 1))
+        self._start_actor()
+        if job is None or attempt < MAX_ATTEMPTS:
+            return None
+        return lost_episode(job, Status.SIMULATION, f"Ray lost its worker: {reason}")
+
+
+class Station:
+    """An actor's work: one worker process, and its records as values instead of files."""
+
+    def __init__(self, search_path: Sequence[str], threads: str | None) -> None:
+        """Starts the worker process.
+
+        Args:
+            search_path: The driver's; the process finds the same modules, where they exist on this machine.
+            threads: The driver's OMP_NUM_THREADS. Ray sets its own, and a policy's last bits may depend on it.
+        """
+        os.environ.pop(THREADS, None)
+        if threads is not None:
+            os.environ[THREADS] = threads
+        sys.path += [entry for entry in search_path if entry not in sys.path and Path(entry).exists()]
+        self._worker = Worker()
+
+    def ready(self) -> None:
+        """Returns once the actor lives."""
+
+    def drive(self, job: Job) -> tuple[EpisodeRecord, dict[str, Any]]:
+        """Drives one job.
+
+        Returns:
+            Its record, and the fields of its trajectory.
+        """
+        with tempfile.TemporaryDirectory(prefix="dohyo-") as folder:
+            here = dataclasses.replace(job, directory=Path(folder))
+            (record,) = drive_all([here], [self._worker])
+            trajectory = read_trajectory(here.directory / f"{here.stem}.json")
+        columns = {field.name: getattr(trajectory, field.name) for field in dataclasses.fields(trajectory)}
+        return record, columns | {"names": dict(trajectory.names)}
+
+
+def write_here(job: Job, record: EpisodeRecord, columns: dict[str, Any]) -> EpisodeRecord:
+    """Writes a record that came from elsewhere into the driver's folder.
+
+    Raises:
+        InvalidInputError: It was made by other versions than those here.
+    """
+    here = versions(load_network(job.scenario.network))
+    if record.versions != here:
+        raise InvalidInputError(f"a machine of the Ray cluster has other versions: {record.versions}, here {here}")
+    write_record(job.directory, job.stem, record, Trajectory(**columns))
+    return record
+
+
+def first_line(error: Exception) -> str:
+    """Type and beginning of an error of Ray's, whose messages are pages long."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return f"{type(error).__name__}: {lines[0] if lines else ''}"[:300]

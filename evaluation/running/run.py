@@ -1,0 +1,192 @@
+"""run_benchmark: one agent on one benchmark, resumable at any moment."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from dohyo.evaluation.agent import agent_info, make_agent
+from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
+from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
+from dohyo.evaluation.episode.runner import ACT_DEADLINE_S, versions
+from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
+from dohyo.evaluation.records.store import read_record, write_atomically
+from dohyo.evaluation.running.executors import Executor, Job, ProcessPool
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.scenario import Config, Scenario
+
+MANIFEST = "evaluation.json"
+RECORDS = "records"
+
+
+class Manifest(Config):
+    """What a result folder holds.
+
+    Attributes:
+        agent: Who drives.
+        benchmark: The whole benchmark, so that the folder explains itself.
+        benchmark_sha256: Its content hash.
+    """
+
+    agent: AgentInfo
+    benchmark: Benchmark
+    benchmark_sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """One agent on one benchmark.
+
+    Attributes:
+        manifest: What was evaluated.
+        records: One per scenario and seed, in the benchmark's order.
+        paths: Of the records, in the same order.
+        resumed: How many of them an earlier run had finished.
+    """
+
+    manifest: Manifest
+    records: tuple[EpisodeRecord, ...]
+    paths: tuple[Path, ...]
+    resumed: int
+
+
+def run_benchmark(
+    benchmark: str | Benchmark,
+    entry: str,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    seeds: Sequence[int] | None = None,
+    out: Path,
+    executor: Executor | None = None,
+    act_deadline_s: float = ACT_DEADLINE_S,
+    progress: Callable[[EpisodeRecord | None, int, int], None] = lambda record, done, total: None,
+    preparing: Callable[[int, int], None] = lambda done, total: None,
+    reverse: bool = False,
+) -> Result:
+    """Evaluates an agent; run again with the same arguments, it does only what is missing.
+
+    Args:
+        benchmark: Name, path of a .toml, or the benchmark itself.
+        entry: "module:Class" of the agent.
+        settings: Keyword arguments of its constructor.
+        seeds: By default the benchmark's own.
+        out: Folder of the results.
+        executor: By default one worker process.
+        act_deadline_s: Wall-clock time for one decision.
+        progress: Called with each finished record (None at the start), the number done, and the total.
+        preparing: Called while logs are made that are missing, with the number done and the total.
+        reverse: Drive the scenarios in reverse order; the records are the same.
+
+    Raises:
+        InvalidInputError: An unknown name, an agent that cannot be made, a mission that cannot be driven, or a folder
+            that holds another evaluation. Nothing has been written then.
+    """
+    if isinstance(benchmark, str):
+        benchmark = load_benchmark(benchmark)
+    agent = make_agent(entry, settings)
+    info = agent_info(agent, entry, settings)
+    agent.close()
+    scenarios = benchmark.scenarios(seeds if seeds is not None else benchmark.seeds)
+    manifest = Manifest(agent=info, benchmark=benchmark, benchmark_sha256=benchmark.sha256)
+    _claim(out, manifest)
+
+    stems = [f"{scenario.name}-s{scenario.seed}" for scenario in scenarios]
+    finished = {stem: record for stem, record in _finished(out, stems, scenarios, manifest) if record is not None}
+    resumed = len(finished)
+    todo = [scenario for scenario, stem in zip(scenarios, stems, strict=True) if stem not in finished]
+    prepare_logs(todo, getattr(executor, "workers", None) or 1, preparing)
+    progress(None, resumed, len(scenarios))
+    jobs = [
+        Job(scenario, info, (benchmark.name, manifest.benchmark_sha256), out / RECORDS, stem, act_deadline_s)
+        for scenario, stem in zip(scenarios, stems, strict=True)
+        if stem not in finished
+    ]
+    for record in (executor or ProcessPool()).run(jobs[::-1] if reverse else jobs):
+        finished[f"{record.scenario.name}-s{record.scenario.seed}"] = record
+        progress(record, len(finished), len(scenarios))
+    return Result(
+        manifest=manifest,
+        records=tuple(finished[stem] for stem in stems),
+        paths=tuple(out / RECORDS / f"{stem}.json" for stem in stems),
+        resumed=resumed,
+    )
+
+
+def read_result(out: Path) -> Result:
+    """What a result folder holds.
+
+    Raises:
+        InvalidInputError: No result folder, or a broken record in it.
+    """
+    manifest = _read_manifest(out)
+    found = [(read_record(path), path) for path in sorted((out / RECORDS).glob("*.json"))]
+    if not found:
+        raise InvalidInputError(f"'{out}' holds no finished episode yet")
+    order = {scenario.name: i for i, scenario in enumerate(manifest.benchmark.scenarios([0]))}
+    found.sort(key=lambda pair: (pair[0].scenario.seed, order[pair[0].scenario.name]))
+    records, paths = zip(*found, strict=True)
+    return Result(manifest, records, paths, len(records))
+
+
+def _read_manifest(out: Path) -> Manifest:
+    path = out / MANIFEST
+    if not path.exists():
+        raise InvalidInputError(f"'{out}' is no result folder: expected {MANIFEST} in it (dohyo evaluate --out)")
+    try:
+        return Manifest.model_validate_json(path.read_bytes())
+    except ValidationError as error:
+        raise InvalidInputError(f"{path}: {error.errors()[0]['msg']}") from error
+
+
+def _claim(out: Path, manifest: Manifest) -> None:
+    """Writes the manifest, or makes sure that the one there says the same."""
+    if (out / MANIFEST).exists():
+        there = _read_manifest(out)
+        if there.benchmark_sha256 != manifest.benchmark_sha256:
+            raise InvalidInputError(
+                f"'{out}' holds benchmark {there.benchmark.name} {there.benchmark_sha256[:8]}, not "
+                f"{manifest.benchmark.name} {manifest.benchmark_sha256[:8]}; choose another --out"
+            )
+        if there.agent != manifest.agent:
+            raise InvalidInputError(
+                f"'{out}' holds agent '{there.agent.name}' as it was before its code or settings changed, or another "
+                "agent; choose another --out"
+            )
+        return
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidInputError(f"cannot write results to '{out}': {error.strerror}") from error
+    if not os.access(out, os.W_OK):
+        raise InvalidInputError(f"cannot write results to '{out}': no permission")
+    write_atomically(out / MANIFEST, manifest.model_dump_json(indent=1).encode())
+
+
+def _finished(
+    out: Path, stems: Sequence[str], scenarios: Sequence[Scenario], manifest: Manifest
+) -> list[tuple[str, EpisodeRecord | None]]:
+    """Records that need not be driven again: whole, of this version, and not lost to the infrastructure."""
+    now = {name: versions(load_network(name)) for name in manifest.benchmark.networks}
+    found = []
+    for stem, scenario in zip(stems, scenarios, strict=True):
+        path = out / RECORDS / f"{stem}.json"
+        record = _usable(path) if path.exists() else None
+        if record is not None:
+            lost = any(ego.status.worth_another_try for ego in record.egos)
+            if lost or record.scenario != scenario or record.versions != now[scenario.network]:
+                record = None
+        found.append((stem, record))
+    return found
+
+
+def _usable(path: Path) -> EpisodeRecord | None:
+    try:
+        return read_record(path)
+    except InvalidInputError:
+        return None

@@ -1,0 +1,161 @@
+"""Closed-loop summary: what an agent's records come to under nuPlan's score, as a whole and by type of scenario."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.store import read_trajectory
+from dohyo.evaluation.scores.nuplan.score import ClosedLoop, closed_loop
+from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired, share_estimate
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.catalog import load_network
+
+TERMS = (
+    "no_collision",
+    "drivable_area",
+    "driving_direction",
+    "making_progress",
+    "time_to_collision",
+    "speed_limit",
+    "progress",
+    "comfort",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredDrive:
+    """One drive and its terms.
+
+    Attributes:
+        scenario: Name.
+        seed: Of the scenario.
+        ego: Name of the mission.
+        kind: Type of the scenario: the name of its cell up to the first dot.
+        terms: Of the score.
+    """
+
+    scenario: str
+    seed: int
+    ego: str
+    kind: str
+    terms: ClosedLoop
+
+
+@dataclass(frozen=True, slots=True)
+class ClosedLoopSummary:
+    """Means over drives, in percent, with their intervals.
+
+    Attributes:
+        score: The closed-loop score.
+        collisions: CR: 100 x (1 - mean NC); the less, the better.
+        off_road: DA: 100 x (1 - mean DAC); the less, the better.
+        progress: EP: 100 x mean EP.
+        terms: 100 x the mean of each of `TERMS`.
+        red_lights: Crossed in all drives; in no score.
+        drives: Number of drives.
+        lost: Number of episodes lost to the infrastructure, in no mean.
+    """
+
+    score: Estimate
+    collisions: Estimate
+    off_road: Estimate
+    progress: Estimate
+    terms: dict[str, Estimate]
+    red_lights: int
+    drives: int
+    lost: int
+
+
+def applies(record: EpisodeRecord) -> bool:
+    """Whether a record can be scored so: its scenario says how far the reference came."""
+    return record.scenario.reference_m is not None
+
+
+def score_records(records: Iterable[tuple[EpisodeRecord, Path]]) -> list[ScoredDrive]:
+    """Scores every drive of every record, given with its path; lost episodes are left out, to be driven again.
+
+    Raises:
+        InvalidInputError: A scenario without a reference, or a trajectory that is missing or damaged.
+    """
+    found = []
+    for record, path in records:
+        scenario = record.scenario
+        if scenario.reference_m is None:
+            raise InvalidInputError(f"scenario '{scenario.name}' has no reference; no closed-loop score without one")
+        if _lost(record):
+            continue
+        network, trajectory = load_network(scenario.network), read_trajectory(path)
+        for ego, facts in enumerate(record.egos):
+            terms = closed_loop(record, trajectory, network, scenario.reference_m, ego)
+            kind = scenario.cell.partition(".")[0]
+            found.append(ScoredDrive(scenario.name, scenario.seed, facts.name, kind, terms))
+    return found
+
+
+def summarise_closed_loop(drives: Sequence[ScoredDrive], lost: int = 0) -> ClosedLoopSummary:
+    """The means of some drives."""
+
+    def mean(value: Callable[[ClosedLoop], float]) -> Estimate:
+        return _estimate([value(one.terms) for one in drives])
+
+    return ClosedLoopSummary(
+        score=mean(lambda terms: terms.score),
+        collisions=mean(lambda terms: 100.0 * (1.0 - terms.no_collision)),
+        off_road=mean(lambda terms: 100.0 * (1.0 - terms.drivable_area)),
+        progress=mean(lambda terms: 100.0 * terms.progress),
+        terms={name: _estimate([100.0 * getattr(one.terms, name) for one in drives]) for name in TERMS},
+        red_lights=sum(one.terms.red_lights for one in drives),
+        drives=len(drives),
+        lost=lost,
+    )
+
+
+def _estimate(percents: Sequence[float]) -> Estimate:
+    """The mean; a share, to whose extremes resampling is blind, with Wilson's interval."""
+    if all(value in (0.0, 100.0) for value in percents):
+        return share_estimate([value > 0.0 for value in percents])
+    return mean_estimate(percents)
+
+
+def by_type(drives: Sequence[ScoredDrive]) -> dict[str, ClosedLoopSummary]:
+    """One summary per type of scenario, in the order in which the drives name them."""
+    kinds: dict[str, list[ScoredDrive]] = {}
+    for drive in drives:
+        kinds.setdefault(drive.kind, []).append(drive)
+    return {kind: summarise_closed_loop(some) for kind, some in kinds.items()}
+
+
+def compare_closed_loop(a: Sequence[ScoredDrive], b: Sequence[ScoredDrive]) -> Comparison:
+    """Compares the scores of two agents (a - b) on the drives both have made.
+
+    Raises:
+        InvalidInputError: There is no such drive.
+    """
+    first, second = ({(one.scenario, one.seed, one.ego): one.terms.score for one in side} for side in (a, b))
+    keys = sorted(first.keys() & second.keys())
+    return paired([first[key] for key in keys], [second[key] for key in keys])
+
+
+def lost_episodes(records: Iterable[EpisodeRecord]) -> int:
+    """Number of episodes lost to the infrastructure."""
+    return sum(map(_lost, records))
+
+
+def as_document(drives: Sequence[ScoredDrive], lost: int = 0) -> dict[str, Any]:
+    """Summary, types and drives as plain JSON."""
+    return {
+        "summary": dataclasses.asdict(summarise_closed_loop(drives, lost)),
+        "types": {kind: dataclasses.asdict(one) for kind, one in by_type(drives).items()},
+        "drives": [
+            dataclasses.asdict(one) | {"score": one.terms.score, "multiplier": one.terms.multiplier} for one in drives
+        ],
+    }
+
+
+def _lost(record: EpisodeRecord) -> bool:
+    return any(ego.status.infrastructure_fault for ego in record.egos)

@@ -1,0 +1,1 @@
+"""The ego vehicles: their dynamics, the control interfaces, and their states on route and lanes."""

@@ -1,0 +1,214 @@
+"""DrivingEnv: a scenario as a PettingZoo environment with any number of egos."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from pettingzoo import ParallelEnv
+
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.conditions import conditions_named
+from dohyo.sumo_networks.ego.control import Control, InvalidActionError, make_control
+from dohyo.sumo_networks.envs.reward import Reward, make_reward
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.routes.route import Route
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.sensors import Sensor, SensorConfig, Track, make_sensors
+from dohyo.sumo_networks.simulation import TICK_S, Replay, Simulation
+from dohyo.sumo_networks.simulation.traffic_log import LogRecorder
+from dohyo.sumo_networks.world import World
+
+Observation = dict[str, Float32Array]
+SensorNames = Sequence[str | SensorConfig]
+
+SENSOR_NOISE = 1  # keeps this stream of random numbers apart from the traffic's
+GOAL_SHARE = 0.99
+GOAL_DISTANCE_M = 10.0
+DEFAULT_SENSORS = ("speedometer", "route", "objects", "lights")
+
+
+class DrivingEnv(ParallelEnv):  # type: ignore[misc]
+    """A scenario whose egos are driven by actions, 10 per second.
+
+    An ego's episode terminates at its goal or when its reward function says so, and is truncated at the time limit;
+    it then leaves the road. There can be one started environment per process, since libsumo is global.
+
+    Attributes:
+        scenario: What is simulated.
+        world: What is true after the last tick; the first one after `reset`.
+        possible_agents: Names of the missions.
+        agents: Names of the egos still driving.
+
+    Source: PettingZoo's ParallelEnv interface.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"name": "dohyo_driving_v0", "render_modes": []}
+    world: World
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        sensors: SensorNames | Mapping[str, SensorNames] = DEFAULT_SENSORS,
+        control: str | Mapping[str, str] = "target_speed_steering",
+        reward: str | None = "roach",
+    ) -> None:
+        """Plans the routes and checks every name; SUMO starts at `reset`.
+
+        Args:
+            scenario: What to simulate.
+            sensors: Names from `sensors.SENSORS` or configurations of one's own, for all egos or by ego name.
+            control: Name from `control.CONTROLS`, for all egos or by ego name.
+            reward: Name from `reward.REWARDS`; None: rewards are 0 and only the goal terminates.
+
+        Raises:
+            InvalidInputError: An unknown name, or a mission that cannot be driven.
+        """
+        self.scenario = scenario
+        self.possible_agents = [mission.name for mission in scenario.missions]
+        self.agents: list[str] = []
+        self._index = {name: i for i, name in enumerate(self.possible_agents)}
+        self._sensor_names = (
+            dict(sensors) if isinstance(sensors, Mapping) else dict.fromkeys(self.possible_agents, sensors)
+        )
+        self._sensors = self._new_sensors()
+        self._control_names = (
+            dict(control) if isinstance(control, Mapping) else dict.fromkeys(self.possible_agents, control)
+        )
+        self._reward_name = reward
+        live = scenario.log is None
+        self._simulation = (Simulation if live else Replay)(load_network(scenario.network), scenario)
+        self._controls = self._new_controls()
+        self._rewards: dict[str, Reward] = {name: make_reward(reward) for name in self.possible_agents if reward}
+        self._action_spaces = {name: control.space for name, control in self._controls.items()}
+        self._observation_spaces = {
+            name: gymnasium.spaces.Dict({sensor.name: sensor.space for sensor in chosen})
+            for name, chosen in self._sensors.items()
+        }
+
+    @property
+    def routes(self) -> tuple[Route, ...]:
+        """The planned routes, one per ego."""
+        return self._simulation.routes
+
+    def observation_space(self, agent: str) -> gymnasium.spaces.Dict:
+        """One Box per sensor."""
+        return self._observation_spaces[agent]
+
+    def action_space(self, agent: str) -> gymnasium.spaces.Box:
+        """The control interface's space."""
+        return self._action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
+        """Starts the scenario from its first tick.
+
+        Args:
+            seed: Replaces the scenario's own.
+            options: Unused.
+
+        Raises:
+            InvalidInputError: The network cannot carry this traffic.
+            SimulationError: SUMO failed, or another environment of this process is still open.
+        """
+        if seed is not None and seed != self.scenario.seed:
+            self.scenario = self.scenario.model_copy(update={"seed": int(seed) % 2**31})
+            self._simulation.scenario = self.scenario
+        self._sensors, self._controls = self._new_sensors(), self._new_controls()
+        self._rewards = {name: make_reward(self._reward_name) for name in self._rewards if self._reward_name}
+        self.agents = list(self.possible_agents)
+        self.world = self._simulation.start()
+        return self._observe(self.agents), {name: {} for name in self.agents}
+
+    def step(
+        self, actions: Mapping[str, Any]
+    ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
+        """Drives every ego for one tick of 0.1 s.
+
+        Args:
+            actions: One action per name in `agents`.
+
+        Returns:
+            Observations, rewards, terminations, truncations and infos of the egos that drove in this tick.
+
+        Raises:
+            InvalidActionError: An action is missing, has a wrong shape or is not finite; nothing has moved then.
+            SimulationError: SUMO failed.
+        """
+        drove, before = list(self.agents), self.world
+        if missing := [name for name in drove if name not in actions]:
+            raise InvalidActionError(f"expected an action for every ego that drives, got none for {', '.join(missing)}")
+        commands = np.zeros((len(self.possible_agents), 2))
+        for name in drove:
+            ego = self._index[name]
+            commands[ego] = self._controls[name].command(actions[name], before, ego)
+        self.world = self._simulation.tick(commands)
+        rewards, terminations, truncations = {}, {}, {}
+        for name in drove:
+            ego = self._index[name]
+            value, ended = self._rewards[name](before, self.world, ego) if name in self._rewards else (0.0, False)
+            rewards[name] = value
+            terminations[name] = ended or reached_goal(self.world, ego)
+            limits = [limit for limit in (self.scenario.time_limit_s, self.scenario.duration_s) if limit is not None]
+            truncations[name] = bool(limits) and self.world.time >= min(limits) - TICK_S / 2
+        observations = self._observe(drove)
+        for name in drove:
+            if terminations[name] or truncations[name]:
+                self.retire(name)
+        return observations, rewards, terminations, truncations, {name: {} for name in drove}
+
+    def check_action(self, name: str, action: object) -> None:
+        """Raises InvalidActionError where an action has a wrong shape or type, or is not finite."""
+        self._controls[name].checked(action)
+
+    def retire(self, name: str) -> None:
+        """Ends the episode of one ego and takes it off the road."""
+        self.agents.remove(name)
+        self._simulation.retire(self._index[name])
+
+    def record(self, recorder: LogRecorder) -> None:
+        """Adds the last tick to a log of everybody but the egos.
+
+        Raises:
+            InvalidInputError: The scenario replays a log itself.
+        """
+        if not isinstance(self._simulation, Simulation):
+            raise InvalidInputError(f"scenario '{self.scenario.name}' replays a log; there is nothing to record")
+        self._simulation.record(recorder)
+
+    def close(self) -> None:
+        """Ends SUMO."""
+        self.agents = []
+        self._simulation.close()
+
+    def _new_sensors(self) -> dict[str, tuple[Sensor, ...]]:
+        conditions, seed = conditions_named(self.scenario.conditions), self.scenario.seed
+        return {
+            name: make_sensors(
+                self._sensor_names[name], Track.PRIVILEGED, conditions, np.random.default_rng([SENSOR_NOISE, seed, ego])
+            )
+            for name, ego in self._index.items()
+        }
+
+    def _new_controls(self) -> dict[str, Control]:
+        return {
+            name: make_control(self._control_names[name], self._simulation.vehicle, TICK_S)
+            for name in self.possible_agents
+        }
+
+    def _observe(self, names: Sequence[str]) -> dict[str, Observation]:
+        return {
+            name: {sensor.name: sensor.read(self.world, self._index[name]) for sensor in self._sensors[name]}
+            for name in names
+        }
+
+
+def reached_goal(world: World, ego: int) -> bool:
+    """Whether an ego is at its goal: over 99 % of the route driven and less than 10 m left (CARLA Leaderboard)."""
+    route, progress = world.routes[ego], float(world.egos.progress[ego])
+    aside = abs(float(world.egos.lateral[ego]))
+    return progress > GOAL_SHARE * route.length and route.length - progress + aside < GOAL_DISTANCE_M

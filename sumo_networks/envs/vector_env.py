@@ -1,0 +1,261 @@
+"""VectorDrivingEnv: many DrivingEnvs at once, one process each, since libsumo is global to its process.
+
+Observations, rewards, ends and actions lie in memory that parent and workers share; a step is one empty message to each
+worker and one back, and nothing is pickled. The memory has no name in the file system, and a worker ends when its pipe
+does, so nothing is left behind however the parent ends.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import weakref
+from collections.abc import Callable, Iterable, Mapping
+from multiprocessing.context import SpawnProcess
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray
+from dohyo.sumo_networks.ego.control import InvalidActionError, make_control
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
+from dohyo.sumo_networks.envs.driving_env import DEFAULT_SENSORS, SensorNames
+from dohyo.sumo_networks.envs.reward import make_reward
+from dohyo.sumo_networks.envs.vector_memory import Channel, Memory, Observations
+from dohyo.sumo_networks.envs.vector_worker import RESET, STEP, Plan, ScenarioSource, unpacked, work
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.simulation import TICK_S
+
+Step = tuple[Observations, FloatArray, BoolArray, BoolArray, dict[str, Any]]
+
+JOIN_S = 5.0
+
+
+class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
+    """N environments that step together.
+
+    Environment w drives the episodes w, w + N, w + 2N... of the run. Episode k has scenario k (of a list, cycled
+    through) and seed `episode_seed(seed, k)`, whatever N is: with another N the same episodes are driven elsewhere.
+
+    With one ego per scenario, arrays start with (N,); with E > 1 egos with (N, E), in the order of the missions. An
+    environment's episode ends with its last ego. Until then, an ego whose own episode has ended is masked: its action
+    is ignored, its rewards and observations are 0, and `infos["active"]` is False.
+
+    Attributes:
+        num_envs: N.
+        num_egos: E.
+        single_observation_space: One Box per sensor; (E, ...) where E > 1.
+        single_action_space: The control interface's space; (E, ...) where E > 1.
+        autoreset_mode: SAME_STEP: the step that ends an episode already returns the first observation of the next, and
+            the last one of the old in `infos["final_obs"]`; DISABLED: the caller resets, with
+            `options={"reset_mask": ...}`.
+
+    Source: gymnasium's VectorEnv interface.
+    """
+
+    def __init__(
+        self,
+        scenarios: ScenarioSource,
+        num_envs: int,
+        sensors: SensorNames = DEFAULT_SENSORS,
+        control: str = "target_speed_steering",
+        reward: str | None = "roach",
+        autoreset_mode: AutoresetMode = AutoresetMode.SAME_STEP,
+    ) -> None:
+        """Checks every name and starts the processes; SUMO starts at `reset`.
+
+        Args:
+            scenarios: One or more with equally many egos; or a function from the episode's number to its scenario,
+                which the workers call (so it must be importable there).
+            num_envs: How many processes.
+            sensors: Names from `sensors.SENSORS` or configurations of one's own, for all egos.
+            control: Name from `control.CONTROLS`, for all egos.
+            reward: Name from `reward.REWARDS`; None: rewards are 0 and only the goal terminates.
+            autoreset_mode: SAME_STEP or DISABLED.
+
+        Raises:
+            InvalidInputError: An unknown name, no scenario, or scenarios of unequal numbers of egos.
+        """
+        self.closed = True  # until there is something to close
+        if num_envs < 1:
+            raise InvalidInputError(f"expected at least one environment, got num_envs={num_envs}")
+        if autoreset_mode is AutoresetMode.NEXT_STEP:
+            raise InvalidInputError("autoreset_mode: expected SAME_STEP or DISABLED, got NEXT_STEP")
+        if reward is not None:
+            make_reward(reward)
+        self.num_envs, self.num_egos = num_envs, _count_egos(scenarios)
+        self.autoreset_mode = autoreset_mode
+        self.metadata = {"autoreset_mode": autoreset_mode}
+        self._set_spaces(sensors, control)
+        context = multiprocessing.get_context("spawn")
+        memory = Memory(context, self.num_envs, self.num_egos, self._sensor_boxes, self._action.shape)
+        self._arrays = memory.arrays()
+        plan = Plan(scenarios, tuple(sensors), control, reward, num_envs, autoreset_mode is AutoresetMode.SAME_STEP)
+        self._channels: list[Channel] = []
+        self._processes: list[SpawnProcess] = []
+        self._finalizer = weakref.finalize(self, _shut_down, self._channels, self._processes)
+        self.closed = False
+        for worker in range(num_envs):
+            ours, theirs = context.Pipe()
+            process = context.Process(target=work, args=(theirs, memory, plan, worker), daemon=True)
+            process.start()
+            theirs.close()
+            self._channels.append(Channel(ours))
+            self._processes.append(process)
+        self._seeded = False
+
+    def _set_spaces(self, sensors: SensorNames, control: str) -> None:
+        self._action = make_control(control, VehicleParameters(), TICK_S).space
+        boxes = {sensor.name: sensor.space for sensor in make_sensors(sensors)}
+        single: Callable[[gymnasium.Space[Any]], gymnasium.Space[Any]] = (
+            (lambda space: space) if self.num_egos == 1 else (lambda space: batch_space(space, self.num_egos))
+        )
+        self.single_observation_space = gymnasium.spaces.Dict({name: single(box) for name, box in boxes.items()})
+        self.single_action_space = single(self._action)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._sensor_boxes = boxes
+
+    @property
+    def pids(self) -> tuple[int, ...]:
+        """Process ids of the workers; none once closed."""
+        return tuple(process.pid for process in self._processes if process.pid is not None)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observations, dict[str, Any]]:
+        """Starts the next episode of every environment.
+
+        Args:
+            seed: Starts a new run, from its episode 0. By default the run goes on; the first has seed 0.
+            options: "reset_mask": (N,) bool, which environments; the others' observations are as they were.
+
+        Returns:
+            Observations, and infos as of `step`.
+
+        Raises:
+            InvalidInputError: A scenario cannot be driven.
+            SimulationError: SUMO failed, a worker has died, or this is closed.
+        """
+        mask = np.ones(self.num_envs, np.bool_)
+        if options and options.get("reset_mask") is not None:
+            mask = np.asarray(options["reset_mask"], dtype=np.bool_).reshape(self.num_envs)
+        arrays = self._arrays
+        if seed is not None or not self._seeded:
+            arrays.seed[0], self._seeded = seed or 0, True
+            arrays.episode[:] = np.arange(self.num_envs) - self.num_envs
+        arrays.episode[mask] += self.num_envs
+        self._ask(RESET, np.flatnonzero(mask).tolist())
+        return self._observations(arrays.observations), self._infos()
+
+    def step(self, actions: Any) -> Step:
+        """Drives every ego of every environment for one tick of 0.1 s.
+
+        Args:
+            actions: (N, ...) or (N, E, ...) of `action_space`.
+
+        Returns:
+            observations: By sensor, of its dtype, (N, ...) or (N, E, ...).
+            rewards: (N,) or (N, E), float64; so are:
+            terminations: Whether an ego's episode ended in this tick, at its goal or by its reward.
+            truncations: Whether it ended at the time limit.
+            infos: "active": whether the ego drove in this tick; "episode": (N,) number of the episode the observations
+                belong to; and where episodes ended and the next began, "final_obs", of the same form as the
+                observations but valid only where "_final_obs" (N,) is True.
+
+        Raises:
+            InvalidActionError: The actions have a wrong shape or are not finite; nothing has moved then.
+            SimulationError: SUMO failed, a worker has died, or this is closed.
+        """
+        arrays = self._arrays
+        arrays.actions[...] = self._checked(actions)
+        self._ask(STEP, range(self.num_envs))
+        infos = self._infos()
+        if arrays.renewed.any():
+            infos["final_obs"] = self._observations(arrays.finals)
+            infos["_final_obs"] = arrays.renewed.copy()
+        return (
+            self._observations(arrays.observations),
+            self._squeezed(arrays.rewards),
+            self._squeezed(arrays.terminations),
+            self._squeezed(arrays.truncations),
+            infos,
+        )
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Ends the processes; `close` calls it once."""
+        self._finalizer()
+
+    def _checked(self, actions: Any) -> Float32Array:
+        shape = (self.num_envs, self.num_egos, *self._action.shape)
+        expected = self.action_space.shape
+        try:
+            array = np.asarray(actions, dtype=np.float32)
+        except (TypeError, ValueError) as error:
+            raise InvalidActionError(f"expected an array of shape {expected}, got {actions!r}"[:200]) from error
+        if array.shape != expected:
+            raise InvalidActionError(f"expected actions of shape {expected}, got shape {array.shape}")
+        if not np.isfinite(array).all():
+            raise InvalidActionError(f"expected finite actions, got {array[~np.isfinite(array)][:4].tolist()}")
+        return array.reshape(shape)
+
+    def _ask(self, command: bytes, workers: Iterable[int]) -> None:
+        """Lets workers do something and waits for them all; raises the first of their errors."""
+        if self.closed:
+            raise SimulationError("this VectorDrivingEnv is closed")
+        asked, errors, worker = list(workers), [], -1
+        try:
+            for worker in asked:
+                self._channels[worker].send(command)
+            for worker in asked:
+                answer = self._channels[worker].receive()
+                if answer:
+                    errors.append(unpacked(answer, worker))
+        except (EOFError, OSError) as error:
+            process = self._processes[worker]
+            process.join(JOIN_S)
+            death = f"worker {worker} (process {process.pid}) ended with code {process.exitcode}"
+            self.close()
+            raise SimulationError(f"{death}; this VectorDrivingEnv is closed") from error
+        except BaseException:  # such as Ctrl-C: answers are still on their way and would be taken for later ones
+            self.close()
+            raise
+        if errors:
+            raise errors[0]
+
+    def _infos(self) -> dict[str, Any]:
+        return {"active": self._squeezed(self._arrays.active), "episode": self._arrays.episode.copy()}
+
+    def _observations(self, arrays: Mapping[str, Float32Array]) -> Observations:
+        return {name: self._squeezed(array) for name, array in arrays.items()}
+
+    def _squeezed(self, array: NDArray[Any]) -> NDArray[Any]:
+        """A copy, without the axis of egos where there is one ego."""
+        return array[:, 0].copy() if self.num_egos == 1 else array.copy()
+
+
+def _count_egos(scenarios: ScenarioSource) -> int:
+    if callable(scenarios):
+        return len(scenarios(0).missions)
+    counts = sorted({len(scenario.missions) for scenario in scenarios})
+    if len(counts) != 1:
+        raise InvalidInputError(f"expected scenarios with equally many egos, got {counts or 'no scenario'}")
+    return counts[0]
+
+
+def _shut_down(channels: list[Channel], processes: list[SpawnProcess]) -> None:
+    """Ends all workers: by the end of their pipes, or if that does not help, by force."""
+    for channel in channels:
+        channel.close()
+    for process in processes:
+        process.join(JOIN_S)
+        if process.is_alive():
+            process.kill()
+            process.join()
+        process.close()
+    channels.clear()
+    processes.clear()

@@ -1,0 +1,169 @@
+"""A worker of a VectorDrivingEnv: one DrivingEnv in a process, which steps when it is told to."""
+
+from __future__ import annotations
+
+import pickle
+import signal
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+
+import numpy as np
+
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
+from dohyo.sumo_networks.envs.vector_memory import Channel, Memory
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.sensors import SensorConfig
+
+ScenarioSource = Sequence[Scenario] | Callable[[int], Scenario]
+
+RESET, STEP = b"reset", b"step"
+
+
+def episode_seed(seed: int, episode: int) -> int:
+    """Seed of the scenario of one episode, in [0, 2^31); different episodes are statistically independent.
+
+    Args:
+        seed: Of the whole run, as given to `VectorDrivingEnv.reset`.
+        episode: Its number within the run.
+    """
+    return int(np.random.SeedSequence(seed, spawn_key=(episode,)).generate_state(1)[0] % 2**31)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What a worker needs to know once."""
+
+    scenarios: ScenarioSource
+    sensors: tuple[str | SensorConfig, ...]
+    control: str
+    reward: str | None
+    envs: int
+    autoreset: bool
+
+    def scenario(self, episode: int, egos: int) -> Scenario:
+        """Of an episode; InvalidInputError where it has not as many egos as the first one."""
+        if not callable(self.scenarios):
+            return self.scenarios[episode % len(self.scenarios)]
+        scenario = self.scenarios(episode)
+        if len(scenario.missions) != egos:
+            raise InvalidInputError(
+                f"scenario of episode {episode}: expected {egos} egos, got {len(scenario.missions)}"
+            )
+        return scenario
+
+
+class Seat:
+    """One environment in its worker, and its rows of the shared memory."""
+
+    def __init__(self, memory: Memory, plan: Plan, worker: int) -> None:
+        self.plan, self.worker, self.arrays = plan, worker, memory.arrays()
+        arrays = self.arrays
+        self.observations = {name: array[worker] for name, array in arrays.observations.items()}
+        self.finals = {name: array[worker] for name, array in arrays.finals.items()}
+        self.actions, self.rewards = arrays.actions[worker], arrays.rewards[worker]
+        self.terminations, self.truncations = arrays.terminations[worker], arrays.truncations[worker]
+        self.active = arrays.active[worker]
+        self.env: DrivingEnv | None = None
+
+    def reset(self) -> None:
+        """Starts the episode whose number is in the shared memory."""
+        episode = int(self.arrays.episode[self.worker])
+        scenario = self.plan.scenario(episode, len(self.active))
+        seed = episode_seed(int(self.arrays.seed[0]), episode)
+        if self.env is None or self.env.scenario != scenario.model_copy(update={"seed": self.env.scenario.seed}):
+            self.close()
+            self.env = DrivingEnv(scenario, self.plan.sensors, self.plan.control, self.plan.reward)
+        observations, _ = self.env.reset(seed=seed)
+        self.arrays.renewed[self.worker] = False
+        self._clear()
+        self.active[:] = True
+        self._write(observations)
+
+    def step(self) -> None:
+        """One tick; and where it ends the episode, the next one's start, if that is wanted."""
+        env = self.env
+        if env is None:
+            raise SimulationError(f"environment {self.worker} has not been reset")
+        self._clear()
+        names = env.possible_agents
+        actions = {name: self.actions[ego] for ego, name in enumerate(names) if name in env.agents}
+        if not actions:
+            return
+        observations, rewards, terminations, truncations, _ = env.step(actions)
+        for ego, name in enumerate(names):
+            if name in actions:
+                self.active[ego], self.rewards[ego] = True, rewards[name]
+                self.terminations[ego], self.truncations[ego] = terminations[name], truncations[name]
+        self._write(observations)
+        if not env.agents and self.plan.autoreset:
+            self._renew()
+
+    def close(self) -> None:
+        """Closes its environment, if there is one."""
+        if self.env is not None:
+            self.env.close()
+            self.env = None
+
+    def _renew(self) -> None:
+        """Starts the next episode; its rewards and ends stay those of the last tick."""
+        for name, array in self.observations.items():
+            self.finals[name][...] = array
+        ended = self.rewards.copy(), self.terminations.copy(), self.truncations.copy(), self.active.copy()
+        self.arrays.episode[self.worker] += self.plan.envs
+        self.reset()
+        self.rewards[:], self.terminations[:], self.truncations[:], self.active[:] = ended
+        self.arrays.renewed[self.worker] = True
+
+    def _clear(self) -> None:
+        self.arrays.renewed[self.worker] = False
+        for array in (self.active, self.terminations, self.truncations, self.rewards):
+            array[:] = 0
+        if len(self.active) > 1:  # a single ego's observation is written whole
+            for observation in self.observations.values():
+                observation[:] = 0.0
+
+    def _write(self, observations: Mapping[str, Mapping[str, Float32Array]]) -> None:
+        assert self.env is not None
+        for ego, name in enumerate(self.env.possible_agents):
+            for sensor, value in observations.get(name, {}).items():
+                self.observations[sensor][ego] = value
+
+
+def work(pipe: Connection, memory: Memory, plan: Plan, worker: int) -> None:
+    """A worker process: does what it is asked until its parent closes the pipe or dies."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
+    channel, seat = Channel(pipe), Seat(memory, plan, worker)
+    commands = {RESET: seat.reset, STEP: seat.step}
+    try:
+        while True:
+            command = channel.receive()
+            try:
+                commands[command]()
+                answer = b""
+            except Exception as error:
+                answer = packed(error)
+            channel.send(answer)
+    except (EOFError, OSError):
+        seat.close()
+
+
+def packed(error: Exception) -> bytes:
+    """Class, arguments and traceback of an error; not the error, whose constructor may want other arguments."""
+    trace = "".join(traceback.format_exception(error))
+    try:
+        return pickle.dumps((type(error), error.args, trace))
+    except Exception:  # whatever a stranger's error holds
+        return pickle.dumps((SimulationError, (f"{type(error).__name__}: {error}",), trace))
+
+
+def unpacked(message: bytes, worker: int) -> Exception:
+    """The error that a worker has packed, with the worker's traceback as a note."""
+    kind, args, trace = pickle.loads(message)
+    error: Exception = kind.__new__(kind, *args)
+    error.args = args
+    error.add_note(f"in worker {worker}:\n{trace}")
+    return error

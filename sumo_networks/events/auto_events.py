@@ -1,0 +1,97 @@
+"""Automatic placement: events along any route, where they fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.events.configs import KINDS, Event
+from dohyo.sumo_networks.events.director import make_script
+from dohyo.sumo_networks.events.script import Unfit
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Route
+
+EVERY_M = (200.0, 300.0)
+FIRST_M = 30.0
+SEARCH_STEP_M = 10.0
+_EVENT: TypeAdapter[Event] = TypeAdapter(Event)
+
+
+def auto_events(
+    network: RoadNetwork,
+    route: Route,
+    seed: int,
+    kinds: Sequence[str] | None = None,
+    every_m: tuple[float, float] = EVERY_M,
+    ego: str | None = None,
+) -> tuple[Event, ...]:
+    """Places events along a route, at random distances, of random kinds that fit.
+
+    The distance from one trigger to the next is drawn from `every_m`; where no kind fits, the place moves on by 10 m
+    until one does. Among those that fit, kinds that the route does not have yet come first, so that a long route has
+    many. The same arguments give the same events.
+
+    Args:
+        network: The roads.
+        route: The ego's.
+        seed: Decides places and kinds.
+        kinds: Which may come; None: all.
+        every_m: Smallest and largest distance between two triggers, m.
+        ego: Mission name to put in the events; None: the first. It is part of their names.
+
+    Raises:
+        UnknownNameError: There is no such kind.
+        InvalidInputError: The distances are not positive and in order, or not even one event fits.
+    """
+    chosen = tuple(KINDS) if kinds is None else tuple(kinds)
+    for kind in chosen:
+        if kind not in KINDS:
+            raise UnknownNameError("kind of event", kind, KINDS)
+    low, high = every_m
+    if not 0.0 < low <= high < float("inf"):
+        raise InvalidInputError(f"events: expected every_m from small to large and above 0, got {list(every_m)}")
+    rng = np.random.default_rng(seed)
+    events: list[Event] = []
+    at = 0.0 if "parking_exit" in chosen and _fits("parking_exit", 0.0, network, route) else FIRST_M
+    while at <= route.length:
+        event = _place(chosen, [one.kind for one in events], round(at, 1), network, route, rng, ego)
+        if event is None:
+            at += SEARCH_STEP_M
+        else:
+            events.append(event)
+            at += float(rng.uniform(low, high))
+    if not events:
+        what = "event" if kinds is None else f"event of kind {' or '.join(chosen)}"
+        raise InvalidInputError(f"no {what} fits anywhere on the route of '{ego or 'ego'}', {route.length:.0f} m long")
+    return tuple(events)
+
+
+def _place(
+    kinds: Sequence[str],
+    used: Sequence[str],
+    at: float,
+    network: RoadNetwork,
+    route: Route,
+    rng: np.random.Generator,
+    ego: str | None,
+) -> Event | None:
+    """An event of a random kind that fits, those used least first; None if none does."""
+    drawn = [kinds[i] for i in rng.permutation(len(kinds))]
+    for kind in sorted(drawn, key=used.count):
+        if _fits(kind, at, network, route):
+            name = "-".join([*([ego] if ego else []), f"{len(used) + 1:02d}", kind])
+            return _EVENT.validate_python({"kind": kind, "name": name, "at_m": at, "ego": ego})
+    return None
+
+
+def _fits(kind: str, at: float, network: RoadNetwork, route: Route) -> bool:
+    event: Any = _EVENT.validate_python({"kind": kind, "name": "here", "at_m": at})
+    try:
+        make_script(event, network, route, np.random.default_rng(0))
+    except Unfit:
+        return False
+    return True

@@ -1,0 +1,264 @@
+"""Import: roads from SUMO, OpenStreetMap and OpenDRIVE files become networks of the user's catalog, by netconvert.
+
+A file is hostile until `xml_guard.scan` has let it pass; only then netconvert or another parser sees it.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import sumo
+
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.catalog import (
+    ENTRY,
+    builtin_names,
+    check_name,
+    load_network,
+    network_names,
+    user_catalog,
+)
+from dohyo.sumo_networks.networks.inspection import NetworkReport, inspect_network
+from dohyo.sumo_networks.networks.network import RoadNetwork, read_network
+from dohyo.sumo_networks.networks.xml_guard import LIMIT_MB, Census, scan
+
+Kind = Literal["net", "osm", "xodr"]
+
+TIMEOUT_S = 600.0
+ROOTS: dict[Kind, str] = {"net": "net", "osm": "osm", "xodr": "OpenDRIVE"}
+SUFFIXES: dict[str, Kind] = {".net.xml": "net", ".osm": "osm", ".osm.xml": "osm", ".xodr": "xodr"}
+TITLES: dict[Kind, str] = {"net": "a SUMO net", "osm": "OpenStreetMap", "xodr": "OpenDRIVE"}
+TYPE_MAPS: dict[Kind, tuple[str, ...]] = {
+    "net": (),
+    "osm": ("osmNetconvert", "osmNetconvertUrbanDe", "osmNetconvertPedestrians"),
+    "xodr": ("opendriveNetconvert", "opendriveNetconvertPedestrians"),
+}
+OPTIONS: dict[Kind, tuple[str, ...]] = {
+    "net": (),
+    "osm": (
+        *("--proj.utm", "--geometry.remove", "--roundabouts.guess", "--ramps.guess", "--junctions.join"),
+        *("--tls.guess-signals", "--tls.discard-simple", "--tls.join", "--remove-edges.isolated"),
+        *("--keep-edges.by-vclass", "passenger,bicycle,pedestrian"),
+    ),
+    "xodr": ("--opendrive.curve-resolution", "1", "--geometry.min-dist", "0.2"),
+}
+GUESSES = (
+    *("--sidewalks.guess", "--crossings.guess", "--default.sidewalk-width", "2", "--default.crossing-width", "4"),
+    *("--no-turnarounds.except-deadend", "--tls.default-type", "static"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """A finished import.
+
+    Attributes:
+        folder: Of the new entry.
+        report: The check of the new network.
+    """
+
+    folder: Path
+    report: NetworkReport
+
+
+def import_network(
+    file: Path,
+    name: str,
+    *,
+    lights: bool = False,
+    force: bool = False,
+    limit_mb: float = LIMIT_MB,
+    licence: str | None = None,
+    timeout_s: float = TIMEOUT_S,
+) -> Imported:
+    """Makes a network of the user's catalog from a file; whatever fails, nothing is written.
+
+    Sidewalks and crossings are guessed where the file has none; a SUMO net that has crossings is taken as it is.
+
+    Args:
+        file: .net.xml, .osm, .osm.xml or .xodr, also gzipped (.gz).
+        name: What to call the network.
+        lights: Guess traffic lights at large junctions too.
+        force: Replace a network of the user's that has this name.
+        limit_mb: Largest size of the file, packed or unpacked, MB.
+        licence: Of the source's data; None: as is usual for its format.
+        timeout_s: For netconvert.
+
+    Raises:
+        InvalidInputError: A bad name, a name taken, or a file that gives no network cars can drive on.
+    """
+    _check_free(name, force)
+    kind = _kind(file)
+    with tempfile.TemporaryDirectory(prefix="dohyo-import-") as work:
+        plain, built = Path(work) / f"source.{kind}.xml", Path(work) / f"{name}.net.xml"
+        before = scan(file, ROOTS[kind], limit_mb, copy=plain)
+        if kind == "net" and not before.elements["lane"]:
+            raise InvalidInputError(f"'{file}' has no lane open to passenger cars: it has no lane at all")
+        as_it_is = kind == "net" and before.crossings > 0 and not lights
+        warnings = [] if as_it_is else _convert(kind, plain, built, lights, file, timeout_s)
+        packed = Path(work) / f"{name}.net.xml.gz"
+        packed.write_bytes(gzip.compress(without_comments((plain if as_it_is else built).read_bytes()), mtime=0))
+        network = _checked(packed, name, file)
+        guessed = _guessed(kind, before, network, warnings) if not as_it_is else ()
+        entry = Path(work) / ENTRY
+        entry.write_text(_entry(file, kind, packed.name, licence, guessed), encoding="utf-8")
+        folder = _publish(name, (entry, packed), force)
+    return Imported(folder, inspect_network(load_network(name), guessed))
+
+
+def build_network(folder: Path, out: Path | None = None) -> Path:
+    """Builds a network from the plain XML of its folder, by `FOLDER/NAME.netccfg`.
+
+    Args:
+        folder: Named as the network.
+        out: The net to write; None: `FOLDER/NAME.net.xml`.
+
+    Raises:
+        InvalidInputError: No such folder, or netconvert refuses what is in it.
+    """
+    config = folder / f"{folder.resolve().name}.netccfg"
+    if not config.is_file():
+        raise InvalidInputError(f"'{folder}': expected netconvert's configuration '{config.name}' in it")
+    out = out or config.with_suffix(".net.xml")
+    with tempfile.TemporaryDirectory(prefix="dohyo-build-") as work:
+        built = Path(work) / "built.net.xml"
+        run_netconvert(["-c", str(config.resolve()), "-o", str(built)], config, TIMEOUT_S)
+        out.write_bytes(without_comments(built.read_bytes()))
+    return out
+
+
+def run_netconvert(arguments: Sequence[str], file: Path, timeout_s: float) -> list[str]:
+    """Runs netconvert and returns its warnings.
+
+    Args:
+        arguments: Its command line.
+        file: What the user gave, for the message.
+        timeout_s: After which it is stopped.
+
+    Raises:
+        InvalidInputError: It fails, or takes too long.
+    """
+    always = ["--xml-validation", "never", "--xml-validation.net", "never", "--aggregate-warnings", "-1"]
+    try:
+        done = _run("netconvert", [*arguments, *always], timeout_s)
+    except subprocess.TimeoutExpired as error:
+        raise InvalidInputError(f"'{file}': netconvert did not finish within {timeout_s:.0f} s") from error
+    lines = [line for line in (done.stderr + done.stdout).splitlines() if line]
+    if done.returncode:
+        errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
+        why = errors[0] if errors else f"it ended with {done.returncode}"
+        raise InvalidInputError(f"'{file}': netconvert cannot use it: {why}")
+    return [line.removeprefix("Warning: ") for line in lines if line.startswith("Warning: ")]
+
+
+def without_comments(net: bytes) -> bytes:
+    """A net without netconvert's comment, which holds the date and paths: the same source gives the same bytes."""
+    return re.sub(rb"\n*<!-- generated on .*?-->\n*", b"\n\n", net, count=1, flags=re.DOTALL)
+
+
+def _kind(file: Path) -> Kind:
+    name = file.name.lower().removesuffix(".gz")
+    for suffix, kind in SUFFIXES.items():
+        if name.endswith(suffix):
+            return kind
+    raise InvalidInputError(f"'{file}': expected a file that ends in {', '.join(SUFFIXES)} (each also with .gz)")
+
+
+def _check_free(name: str, force: bool) -> None:
+    check_name(name)
+    if name in builtin_names():
+        raise InvalidInputError(f"network '{name}' comes with dohyo; choose another name")
+    if name in network_names() and not force:
+        raise InvalidInputError(f"network '{name}' exists; replace it with --force")
+
+
+def _convert(kind: Kind, source: Path, target: Path, lights: bool, file: Path, timeout_s: float) -> list[str]:
+    maps = [str(Path(sumo.SUMO_HOME) / "data" / "typemap" / f"{name}.typ.xml") for name in TYPE_MAPS[kind]]
+    options = {"net": "-s", "osm": "--osm-files", "xodr": "--opendrive-files"}
+    arguments = [options[kind], str(source), *(["--type-files", ",".join(maps)] if maps else []), "-o", str(target)]
+    guess_lights = ["--tls.guess"] if lights else []
+    return run_netconvert([*arguments, *OPTIONS[kind], *GUESSES, *guess_lights], file, timeout_s)
+
+
+def _checked(net: Path, name: str, file: Path) -> RoadNetwork:
+    """Opens the net as dohyo will, and as SUMO will."""
+    try:
+        network = read_network(net, name)
+    except InvalidInputError as error:
+        raise InvalidInputError(str(error).replace(str(net), str(file))) from error
+    lanes, connections = network.lanes, network.connections
+    drives = lanes.drivable[connections.source] & lanes.drivable[connections.target]
+    if not (drives & ~lanes.internal[connections.source]).any():
+        raise InvalidInputError(f"'{file}': no road leads to another for passenger cars, so there is nothing to drive")
+    done = _run("sumo", ["-n", str(net), "--end", "1", "--no-step-log", "--xml-validation.net", "never"], 120.0)
+    if done.returncode:
+        raise InvalidInputError(f"'{file}': SUMO cannot open its net: {(done.stderr.splitlines() or [''])[0]}")
+    return network
+
+
+def _run(program: str, arguments: Sequence[str], timeout_s: float) -> subprocess.CompletedProcess[str]:
+    home = Path(sumo.SUMO_HOME)
+    environment = {**os.environ, "SUMO_HOME": str(home), "PROJ_LIB": str(home / "data" / "proj")}
+    command = [str(home / "bin" / program), *arguments]
+    return subprocess.run(
+        command, env=environment, capture_output=True, text=True, errors="replace", timeout=timeout_s, check=False
+    )
+
+
+def _guessed(kind: Kind, before: Census, network: RoadNetwork, warnings: Sequence[str]) -> tuple[str, ...]:
+    lanes = network.lanes
+    sidewalks = lanes.pedestrian & ~lanes.drivable & ~lanes.bicycle & ~lanes.crossing
+    sidewalks &= [not str(lane).startswith(":") for lane in lanes.ids]
+    counts = (
+        ("sidewalks", int(sidewalks.sum()) - before.sidewalks),
+        ("crossings", int(lanes.crossing.sum()) - before.crossings),
+        ("traffic lights", len(network.signals.light_ids) - before.lights),
+    )
+    told = [f"{count} {what} {'added' if kind == 'net' else 'read or guessed'}" for what, count in counts if count > 0]
+    kinds = Counter(re.sub(r"'[^']*'|-?\d+(\.\d+)?", "…", warning) for warning in warnings)
+    return (*told, *(f"netconvert, {count} x: {text}" for text, count in kinds.most_common(12)))
+
+
+def _entry(file: Path, kind: Kind, net: str, licence: str | None, guessed: Sequence[str]) -> str:
+    usual = "ODbL (OpenStreetMap data)" if kind == "osm" else "as the source's; its file does not say"
+    fields: dict[str, str | list[str]] = {
+        "title": f"{file.name}, imported from {TITLES[kind]}",
+        "source": file.name,
+        "licence": licence or usual,
+        "built": "by dohyo networks import",
+        "file": net,
+        "guessed": list(guessed),
+    }
+    # A JSON string, escaped to ASCII, is a TOML string too.
+    return "".join(f"{key} = {json.dumps(value)}\n" for key, value in fields.items()).replace("\x7f", " ")
+
+
+def _publish(name: str, files: Sequence[Path], force: bool) -> Path:
+    """Moves files into the catalog as one folder, all or nothing."""
+    catalog = user_catalog()
+    catalog.mkdir(parents=True, exist_ok=True)
+    staging = Path(tempfile.mkdtemp(prefix=".import-", dir=catalog))
+    try:
+        staging.chmod(0o755)
+        for file in files:
+            shutil.copyfile(file, staging / file.name)
+        if force and (catalog / name).exists():
+            os.replace(catalog / name, staging.with_name(staging.name + "-old"))
+        os.rename(staging, catalog / name)
+    except OSError as error:
+        raise InvalidInputError(f"cannot write '{catalog / name}': {error.strerror}") from error
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+        shutil.rmtree(staging.with_name(staging.name + "-old"), ignore_errors=True)
+    return catalog / name

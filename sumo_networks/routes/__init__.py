@@ -1,0 +1,1 @@
+"""Routes: the reference path of a mission, and the search for it."""

@@ -1,0 +1,1 @@
+"""Rules of geometry and right of way that criteria, rewards and sensors share."""

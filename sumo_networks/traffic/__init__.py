@@ -1,0 +1,1 @@
+"""The traffic around the egos: a constant population, flows beside it, and jaywalkers."""

@@ -1,0 +1,278 @@
+"""Jaywalkers: people who walk up and down a street, and cross it where there is no crossing.
+
+They are people like others: they walk at walking speed, never jump, and look before they step off the kerb. Some are
+bold, and cross although who comes must brake for them. The traffic sees them as it sees other puppets.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from enum import Enum, auto
+from functools import lru_cache
+from typing import Protocol
+
+import numpy as np
+
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.events.paths import Path
+from dohyo.sumo_networks.events.puppet import Puppet
+from dohyo.sumo_networks.geometry import boxes_overlap
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.world import ActorKind
+
+END_M = 20.0  # junctions, and their crossings, are nearer than this to a street's ends
+WIDEST_M = 35.0
+LOOK_M = 80.0
+LOOK_EVERY = 5  # ticks
+PATIENCE_S = 20.0
+FORESIGHT_S = 2.0
+ROOM_M = 3.0  # they leave this much between themselves and who passes
+STANDING_MPS = 0.5
+_SIZE_M = 0.5
+
+
+class Stage(Protocol):
+    """What jaywalkers ask of the simulation."""
+
+    def show(self, puppet: Puppet, edges: tuple[str, ...]) -> None:
+        """Moves a puppet's image on the roads, so that the traffic gives way to it."""
+
+    def hide(self, puppet: Puppet) -> None:
+        """Takes a puppet's image away."""
+
+    def vehicles_near(self, x: float, y: float, radius_m: float) -> FloatArray:
+        """(M, 6) x, y [m], heading [rad], length, width [m], speed [m/s] of vehicles near a point, egos included."""
+
+
+@dataclass(frozen=True, slots=True)
+class Street:
+    """A stretch of road between two junctions, with a sidewalk on either side.
+
+    Attributes:
+        sidewalk: The middle of the right one.
+        across_m: To the middle of the left one, on the left.
+    """
+
+    sidewalk: Path
+    across_m: float
+
+
+class _Doing(Enum):
+    WALKING = auto()
+    LOOKING = auto()
+    CROSSING = auto()
+
+
+@dataclass(slots=True)
+class _Jaywalker:
+    """One of them.
+
+    Attributes:
+        puppet: As others see him.
+        shade: Where drivers expect him to be next.
+        street: His.
+        speed_mps: At which he walks.
+        caution: How much of the time he needs to cross must be free of vehicles; below 1 others must brake.
+        at_m: Where on the street he is, or walks to.
+        left: Whether on its left side.
+        doing: What.
+        patience_s: For how much longer he looks for a gap.
+    """
+
+    puppet: Puppet
+    shade: Puppet
+    street: Street
+    speed_mps: float
+    caution: float
+    at_m: float
+    left: bool
+    doing: _Doing = _Doing.WALKING
+    patience_s: float = field(default=0.0)
+
+
+class Jaywalkers:
+    """All of them, a constant number.
+
+    Attributes:
+        cast: Their puppets.
+    """
+
+    def __init__(self, network: RoadNetwork, count: int, rng: np.random.Generator) -> None:
+        """Puts them on the sidewalks of random streets, long ones more often.
+
+        Raises:
+            InvalidInputError: The network has no street to cross.
+        """
+        self._rng, self._tick = rng, 0
+        self._people = [self._person(number, streets(network)) for number in range(count)]
+        self.cast = [one.puppet for one in self._people]
+
+    def update(self, seconds: float, stage: Stage, edges: tuple[str, ...]) -> None:
+        """Goes on for one tick.
+
+        Args:
+            seconds: Length of the tick.
+            stage: The simulation.
+            edges: Any route in the network, which an image must have.
+        """
+        self._tick += 1
+        for number, one in enumerate(self._people):
+            puppet = one.puppet
+            if one.doing is _Doing.LOOKING:
+                one.patience_s -= seconds
+                if (self._tick + number) % LOOK_EVERY == 0:
+                    self._look(one, stage)
+            elif puppet.s >= puppet.path.length:
+                self._arrive(one, stage)
+            elif one.doing is _Doing.CROSSING:
+                puppet.speed = 0.0 if _runs_into_one_that_stands(puppet, stage) else one.speed_mps
+            puppet.s = min(puppet.s + puppet.speed * seconds, puppet.path.length)
+            puppet.pose()
+            if one.doing is _Doing.CROSSING:
+                self._show(one, stage, edges)
+
+    def _show(self, one: _Jaywalker, stage: Stage, edges: tuple[str, ...]) -> None:
+        """Shows him where he is, and where he will be: drivers on the other side of the road see him coming."""
+        stage.show(one.puppet, edges)
+        ahead, shade = one.puppet.s + FORESIGHT_S * one.speed_mps, one.shade
+        shade.path, shade.s = one.puppet.path, min(ahead, one.puppet.path.length)
+        shade.pose()
+        stage.show(shade, edges)
+
+    def _person(self, number: int, found: Sequence[Street]) -> _Jaywalker:
+        rng = self._rng
+        length = np.array([street.sidewalk.length for street in found])
+        street = found[int(rng.choice(len(found), p=length / length.sum()))]
+        speed = float(np.clip(rng.normal(1.35, 0.2), 0.8, 2.0))
+        caution, left = float(rng.uniform(0.6, 1.4)), bool(rng.random() < 0.5)
+        at = self._somewhere(street)
+        way = _along(street, at, at + 1.0, left)
+        puppet = Puppet(f"jaywalker-{number}", ActorKind.PEDESTRIAN, _SIZE_M, _SIZE_M, way, 0.0, on_stage=True)
+        shade = Puppet(f"jaywalker-{number}:ahead", ActorKind.PEDESTRIAN, _SIZE_M, _SIZE_M, way, 0.0, across=True)
+        one = _Jaywalker(puppet, shade, street, speed, caution, at, left)
+        self._walk_on(one)
+        return one
+
+    def _somewhere(self, street: Street) -> float:
+        return float(self._rng.uniform(END_M, street.sidewalk.length - END_M))
+
+    def _walk_on(self, one: _Jaywalker) -> None:
+        """Sends him along his side of the street."""
+        here, one.at_m = one.at_m, self._somewhere(one.street)
+        one.doing, one.puppet.across = _Doing.WALKING, False
+        _set_out(one, _along(one.street, here, one.at_m, one.left))
+
+    def _arrive(self, one: _Jaywalker, stage: Stage) -> None:
+        if one.doing is _Doing.CROSSING:
+            one.left = not one.left
+            stage.hide(one.puppet)
+            stage.hide(one.shade)
+            self._walk_on(one)
+        else:
+            one.doing, one.puppet.speed = _Doing.LOOKING, 0.0
+            one.patience_s = float(self._rng.exponential(PATIENCE_S))
+
+    def _look(self, one: _Jaywalker, stage: Stage) -> None:
+        """Lets him cross if the road is free enough for him, and walk on once he has waited for long enough."""
+        way = _across(one.street, one.at_m, one.left)
+        x, y, heading = way.at(0.5 * way.length)
+        vehicles = stage.vehicles_near(x, y, LOOK_M)
+        if is_free(vehicles, (x, y, heading), 0.5 * way.length, one.caution * way.length / one.speed_mps):
+            one.doing, one.puppet.across = _Doing.CROSSING, True
+            _set_out(one, way)
+        elif one.patience_s <= 0.0:
+            self._walk_on(one)
+
+
+def is_free(vehicles: FloatArray, middle: tuple[float, float, float], half_m: float, seconds: float) -> bool:
+    """Whether nobody will be on a line across the road for a while.
+
+    Args:
+        vehicles: (M, 6) x, y [m], heading [rad], length, width [m], speed [m/s].
+        middle: x, y [m] of the line's middle, and its direction [rad].
+        half_m: Half of its length.
+        seconds: For how long.
+    """
+    x, y, direction = middle
+    cos, sin = math.cos(direction), math.sin(direction)
+    for px, py, heading, length, width, speed in vehicles.tolist():
+        dx, dy, room = x - px, y - py, 0.5 * length + ROOM_M
+        along_line, from_line, distance = dx * cos + dy * sin, dx * sin - dy * cos, math.hypot(dx, dy)
+        if abs(along_line) <= half_m + 0.5 * width and abs(from_line) <= room:
+            return False
+        comes = speed * (dx * math.cos(heading) + dy * math.sin(heading)) / max(distance, 0.1)
+        if comes > STANDING_MPS and max(distance - half_m - room, 0.0) / comes < seconds:
+            return False
+    return True
+
+
+@lru_cache(maxsize=16)
+def streets(network: RoadNetwork) -> tuple[Street, ...]:
+    """The streets of a network that can be crossed on foot between its junctions.
+
+    Raises:
+        InvalidInputError: There is none.
+    """
+    lanes = network.lanes
+    sidewalk = lanes.pedestrian & ~lanes.drivable & ~lanes.internal & ~lanes.crossing & (lanes.length > 3 * END_M)
+    sidewalk &= np.array([not str(edge).startswith(":") for edge in lanes.edge_ids])[lanes.edge]
+    found = [_street(network, int(lane), sidewalk.__getitem__) for lane in np.flatnonzero(sidewalk)]
+    out = tuple(street for street in found if street is not None)
+    if not out:
+        raise InvalidInputError(
+            f"traffic.jaywalkers: network '{network.name}' has no street of {3 * END_M:g} m with two sidewalks"
+        )
+    return out
+
+
+def _street(network: RoadNetwork, lane: int, is_sidewalk: Callable[[int], np.bool_]) -> Street | None:
+    """The street whose right sidewalk is a lane, if it has a left one too, as far away everywhere."""
+    lanes = network.lanes
+    path = Path(network.lane_shape(lane))
+    if path.length <= 3 * END_M:
+        return None
+    own = network.lanes_of_edge[network.edge_id(lane)]
+    edge_m = 0.5 * lanes.width.item(lane) + sum(lanes.width.item(one) for one in own if one != lane)
+    x, y, heading = path.at(0.5 * path.length, edge_m + 1.5)
+    oncoming, _, error = network.nearest_lane(x, y, heading + math.pi, np.zeros(len(lanes.ids), dtype=np.bool_))
+    if oncoming < 0 or abs(error) > 0.3:
+        return None
+    beyond = network.lanes_of_edge[network.edge_id(oncoming)]
+    other = next((one for one in beyond if is_sidewalk(one)), -1)
+    across = edge_m + sum(lanes.width.item(one) for one in beyond if one != other) + 0.5 * lanes.width.item(other)
+    if other < 0 or across > WIDEST_M or not lanes.drivable[own].any():
+        return None
+    opposite = Path(network.lane_shape(other)).points
+    ends = [path.at(s, across)[:2] for s in (END_M, 0.5 * path.length, path.length - END_M)]
+    parallel = all(np.hypot(*(opposite - end).T).min() < 1.0 for end in ends)
+    return Street(path, across) if parallel else None
+
+
+def _along(street: Street, start_m: float, end_m: float, left: bool) -> Path:
+    """The way along one side of a street."""
+    stops = np.linspace(start_m, end_m, max(round(abs(end_m - start_m)), 1) + 1)
+    return Path(np.array([street.sidewalk.at(s, street.across_m * left)[:2] for s in stops.tolist()]))
+
+
+def _across(street: Street, at_m: float, from_left: bool) -> Path:
+    """The way straight across a street."""
+    sides = (street.across_m, 0.0) if from_left else (0.0, street.across_m)
+    return Path(np.array([street.sidewalk.at(at_m, side)[:2] for side in sides]))
+
+
+def _set_out(one: _Jaywalker, way: Path) -> None:
+    puppet = one.puppet
+    puppet.path, puppet.s, puppet.speed = way, 0.0, one.speed_mps
+    puppet.pose()
+
+
+def _runs_into_one_that_stands(puppet: Puppet, stage: Stage) -> bool:
+    """Whether a vehicle stands in the way of the next step."""
+    vehicles = stage.vehicles_near(puppet.x, puppet.y, 15.0)
+    standing = vehicles[vehicles[:, 5] < STANDING_MPS]
+    x, y, heading, length, width = puppet.box
+    ahead = (x + 0.5 * math.cos(heading), y + 0.5 * math.sin(heading), heading, length + 1.0, width)
+    return bool(boxes_overlap(np.array([ahead]), standing[:, :5]).any())

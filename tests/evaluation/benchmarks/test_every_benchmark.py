@@ -1,0 +1,72 @@
+"""Every benchmark that comes with dohyo, in short form: same hashes in any order; only what is missing is driven."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dohyo.evaluation.benchmarks.benchmark import Benchmark, TimeLimit, benchmark_names, load_benchmark
+from dohyo.evaluation.running.executors import ProcessPool
+from dohyo.evaluation.running.run import run_benchmark
+
+AGENT = "dohyo.agents.experts.autopilot:Autopilot"
+
+
+def shortened(benchmark: Benchmark) -> Benchmark:
+    """A mission of the first cell and one of the last, ten seconds each, among few."""
+    cells = tuple(dict.fromkeys((benchmark.cells[0], benchmark.cells[-1])))
+    few = {"vehicles": 5, "bicycles": 1, "pedestrians": 0, "warm_up_s": 5.0}
+    cells = tuple(cell.model_copy(update={"traffic": cell.traffic.model_copy(update=few)}) for cell in cells)
+    missions = {cell.missions: benchmark.missions[cell.missions][:1] for cell in cells}
+    update = {"cells": cells, "missions": missions, "time_limit": TimeLimit(speed_kmh=1000.0, extra_s=10.0)}
+    return benchmark.model_copy(update=update)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", benchmark_names())
+def test_order_and_resuming_change_no_hash(name: str, tmp_path: Path) -> None:
+    short = shortened(load_benchmark(name))
+    first = run_benchmark(short, AGENT, seeds=[0], out=tmp_path / "a", executor=ProcessPool(1))
+    hashes = [record.record_hash for record in first.records]
+    first.paths[0].unlink()
+    again = run_benchmark(short, AGENT, seeds=[0], out=tmp_path / "a", executor=ProcessPool(1), reverse=True)
+    assert again.resumed == len(hashes) - 1
+    assert [record.record_hash for record in again.records] == hashes
+
+
+@pytest.mark.parametrize("name", benchmark_names())
+def test_every_scenario_can_be_driven_and_says_what_it_measures(name: str) -> None:
+    benchmark = load_benchmark(name)
+    scenarios = benchmark.scenarios([0])
+    assert len({(scenario.name, scenario.seed) for scenario in scenarios}) == len(scenarios)
+    assert benchmark.metric.split(":")[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [
+        ("nocrash", 300),
+        ("corl2017", 400),
+        ("obstacles", 159),
+        ("precrash", 84),
+        ("leaderboard", 20),
+        ("leaderboard-train", 90),
+        ("endurance", 20),
+    ],
+)
+def test_they_are_as_long_as_they_say(name: str, count: int) -> None:
+    assert len(load_benchmark(name).scenarios([0])) == count
+
+
+def test_obstacles_are_81_vehicles_and_78_pedestrians() -> None:
+    kinds = [event.kind for scenario in load_benchmark("obstacles").scenarios([0]) for event in scenario.events]
+    assert (kinds.count("vehicle_appears"), kinds.count("pedestrian_steps_out")) == (81, 78)
+
+
+def test_the_leaderboards_share_no_mission() -> None:
+    def places(name: str) -> set[tuple[str, str]]:
+        missions = load_benchmark(name).missions.values()
+        return {(one.start.lane, one.goal.lane) for some in missions for one in some}
+
+    assert not places("leaderboard") & places("leaderboard-train")

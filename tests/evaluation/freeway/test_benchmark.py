@@ -1,0 +1,79 @@
+"""Benchmarks of the freeway: their files, their versions, and where their days lie."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dohyo.evaluation.benchmarks.benchmark import benchmark_names
+from dohyo.evaluation.freeway.benchmark import (
+    FREEWAY_BENCHMARKS,
+    ForecastBenchmark,
+    TrafficBenchmark,
+    days_folder,
+    freeway_benchmark_names,
+    is_freeway_benchmark,
+    load_freeway_benchmark,
+)
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.freeway.dataset import day_orders
+
+
+def test_the_benchmarks_that_come_with_dohyo() -> None:
+    assert freeway_benchmark_names() == ["dissipation", "forecast-easy", "forecast-hard"]
+    assert not {*freeway_benchmark_names()} & {*benchmark_names()}
+    for name in freeway_benchmark_names():
+        assert load_freeway_benchmark(name).name == name
+        assert is_freeway_benchmark(name)
+        assert is_freeway_benchmark(str(FREEWAY_BENCHMARKS / f"{name}.toml"))
+    assert not is_freeway_benchmark("nocrash")
+    assert not is_freeway_benchmark("none.toml")
+
+
+def test_hard_is_of_single_vehicles_and_easy_of_whole_days() -> None:
+    for name, scale, minutes in (("forecast-easy", "meso", 1440), ("forecast-hard", "micro", 440)):
+        benchmark = load_freeway_benchmark(name)
+        assert isinstance(benchmark, ForecastBenchmark)
+        days = list(day_orders(benchmark.order))
+        assert len(days) == benchmark.number
+        assert {day.scale for day in days} == {scale}
+        assert {day.scenario.duration_s / 60 for day in days} == {minutes}
+
+
+def test_the_version_tells_what_decides_and_nothing_else() -> None:
+    dissipation = load_freeway_benchmark("dissipation")
+    assert isinstance(dissipation, TrafficBenchmark)
+    for same in ({"seeds": (7,)}, {"description": "other words"}):
+        assert dissipation.model_copy(update=same).sha256 == dissipation.sha256
+    assert dissipation.model_copy(update={"penetration": 0.04}).sha256 != dissipation.sha256
+
+
+def test_days_of_another_seed_lie_elsewhere(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("DOHYO_HOME", str(tmp_path))
+    easy, hard = (load_freeway_benchmark(f"forecast-{name}") for name in ("easy", "hard"))
+    assert isinstance(easy, ForecastBenchmark)
+    assert isinstance(hard, ForecastBenchmark)
+    assert days_folder(easy) == days_folder(hard)  # other sets of one dataset
+    assert days_folder(easy).parent == tmp_path / "freeway"
+    assert days_folder(easy.model_copy(update={"seed": 2})) != days_folder(easy)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('kind = "forecast"\nname = "x"', "description: Field required"),
+        ('kind = "parking"\nname = "x"', "expected tags"),
+        ("kind = ", "is no TOML"),
+    ],
+)
+def test_a_broken_file_is_refused_in_one_line(text: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(text)
+    with pytest.raises(InvalidInputError, match=message) as told:
+        load_freeway_benchmark(str(tmp_path / "own.toml"))
+    assert "\n" not in str(told.value)
+
+
+def test_unknown_names_get_a_hint() -> None:
+    with pytest.raises(UnknownNameError, match="did you mean 'forecast-hard'"):
+        load_freeway_benchmark("forecast-hrad")

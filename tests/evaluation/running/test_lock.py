@@ -1,0 +1,45 @@
+"""A folder is one process's at a time, and free again however that process ends."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dohyo.evaluation.running.lock import held
+from dohyo.sumo_networks.errors import InvalidInputError
+
+HOLDS = "import sys, time; from pathlib import Path; from dohyo.evaluation.running.lock import held\n"
+HOLDS += "with held(Path(sys.argv[1])):\n"
+HOLDS += "    print('held', flush=True); time.sleep(60)"
+
+
+def test_a_folder_is_made_and_free_again_after_the_block(tmp_path: Path) -> None:
+    for _ in range(2):
+        with held(tmp_path / "a" / "b"):
+            assert (tmp_path / "a" / "b").is_dir()
+
+
+def test_another_process_is_kept_out_until_the_first_is_killed(tmp_path: Path) -> None:
+    with subprocess.Popen([sys.executable, "-c", HOLDS, str(tmp_path)], stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "held\n"
+        with (
+            pytest.raises(InvalidInputError, match=r"study '.*' is in use by another"),
+            held(tmp_path, "study"),
+        ):
+            pytest.fail("both hold it")
+        other.kill()
+    with held(tmp_path):
+        pass
+
+
+def test_a_file_in_its_place_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with (
+        pytest.raises(InvalidInputError, match="cannot be used: File exists"),
+        held(tmp_path / "file"),
+    ):
+        pytest.fail("held")

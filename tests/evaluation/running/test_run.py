@@ -1,0 +1,217 @@
+"""Evaluations in real processes: order, number of workers, crashes and kills change nothing."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import sumo
+
+from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.records.record import Status
+from dohyo.evaluation.running.executors import ProcessPool
+from dohyo.evaluation.running.run import Result, read_result, run_benchmark
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Mission, Place, Traffic
+
+ROOT = Path(__file__).parents[3]
+STEADY = "tests.evaluation.agents:Steady"
+
+
+def benchmark(missions: int = 2, goal_m: float = 40.0) -> Benchmark:
+    """Short drives along one street of Ingolstadt, among others."""
+    return Benchmark(
+        name="short",
+        description="for tests",
+        metric="driving score",
+        network="ingolstadt",
+        traffic=Traffic(vehicles=10, pedestrians=10, warm_up_s=5.0),
+        missions=tuple(
+            Mission(
+                name=f"drive-{i}",
+                start=Place(lane="737320747#3_2", position_m=5.0 + 10 * i),
+                goal=Place(lane="737320747#4_2", position_m=goal_m),
+            )
+            for i in range(missions)
+        ),
+        seeds=(0, 1),
+    )
+
+
+def hashes(result: Result) -> list[str]:
+    return [record.record_hash for record in result.records]
+
+
+def test_order_and_number_of_workers_change_no_hash(tmp_path: Path) -> None:
+    one = run_benchmark(benchmark(), STEADY, out=tmp_path / "one")
+    two = run_benchmark(benchmark(), STEADY, out=tmp_path / "two", executor=ProcessPool(2))
+    reverse = run_benchmark(benchmark(), STEADY, out=tmp_path / "reverse", reverse=True)
+    assert hashes(one) == hashes(two) == hashes(reverse)
+    assert len(set(hashes(one))) == 4
+
+
+@pytest.mark.slow
+def test_thirty_episodes_in_one_process_equal_thirty_fresh_processes(tmp_path: Path) -> None:
+    short = benchmark(missions=3, goal_m=10.0)
+    seeds = range(10)
+    together = run_benchmark(short, STEADY, seeds=seeds, out=tmp_path / "together")
+    alone = []
+    for seed in seeds:
+        for mission in short.missions["all"]:
+            single = short.model_copy(update={"missions": {"all": (mission,)}})
+            result = run_benchmark(single, STEADY, seeds=[seed], out=tmp_path / f"alone-{seed}-{mission.name}")
+            alone.append(result.records[0])
+    # The benchmark's name and hash differ, so compare what was driven.
+    assert [r.trajectory_sha256 for r in together.records] == [r.trajectory_sha256 for r in alone]
+    assert [r.egos for r in together.records] == [r.egos for r in alone]
+
+
+def test_run_again_does_nothing_and_loses_nothing(tmp_path: Path) -> None:
+    first = run_benchmark(benchmark(), STEADY, out=tmp_path)
+    stamps = [path.stat().st_mtime_ns for path in first.paths]
+    again = run_benchmark(benchmark(), STEADY, out=tmp_path)
+    assert again.resumed == 4
+    assert hashes(again) == hashes(first) == hashes(read_result(tmp_path))
+    assert [path.stat().st_mtime_ns for path in again.paths] == stamps
+
+
+def test_a_damaged_record_is_driven_again(tmp_path: Path) -> None:
+    first = run_benchmark(benchmark(), STEADY, out=tmp_path)
+    first.paths[1].write_text(first.paths[1].read_text()[:-200])
+    again = run_benchmark(benchmark(), STEADY, out=tmp_path)
+    assert again.resumed == 3
+    assert hashes(again) == hashes(first)
+
+
+def test_one_failing_episode_leaves_the_others(tmp_path: Path) -> None:
+    result = run_benchmark(benchmark(), "tests.evaluation.agents:FailsOnSeedOne", out=tmp_path)
+    statuses = [record.egos[0].status for record in result.records]
+    assert statuses[2:] == [Status.AGENT_RAISED] * 2
+    assert all(status.completed for status in statuses[:2])
+
+
+def test_a_dead_worker_is_replaced_and_its_episode_driven_again(tmp_path: Path) -> None:
+    dies_once = "tests.evaluation.agents:DiesOnce"
+    settings = {"marker": str(tmp_path / "marker")}
+    crashed = run_benchmark(benchmark(), dies_once, settings=settings, out=tmp_path / "crashed")
+    whole = run_benchmark(benchmark(), dies_once, settings=settings, out=tmp_path / "whole")
+    assert hashes(crashed) == hashes(whole)
+
+
+def test_an_episode_whose_process_always_dies_is_lost_and_not_the_agents_fault(tmp_path: Path) -> None:
+    single = benchmark(missions=1)
+    result = run_benchmark(single, "tests.evaluation.agents:DiesAlways", seeds=[0], out=tmp_path)
+    (ego,) = result.records[0].egos
+    assert ego.status is Status.SIMULATION
+    assert "-9" in (ego.failure or "")
+    assert run_benchmark(single, "tests.evaluation.agents:DiesAlways", seeds=[0], out=tmp_path).resumed == 0
+
+
+def test_an_agent_that_never_returns_is_ended_and_at_fault(tmp_path: Path) -> None:
+    result = run_benchmark(
+        benchmark(missions=1),
+        "tests.evaluation.agents:HangsOutsidePython",
+        out=tmp_path,
+        seeds=[0],
+        act_deadline_s=0.5,
+    )
+    assert result.records[0].egos[0].status is Status.AGENT_DEADLINE
+
+
+def command(out: Path) -> list[str]:
+    evaluate = ["evaluate", "--agent", "autopilot", "--benchmark", "quickstart", "--seeds", "0", "--json"]
+    program = "from dohyo.service.cli import main; main()"
+    return [sys.executable, "-c", program, *evaluate, "--workers", "2", "--out", str(out)]
+
+
+def finished(out: Path) -> set[str]:
+    return {path.name for path in (out / "records").glob("*.json")} if out.exists() else set()
+
+
+def wait_for_records(out: Path, count: int, process: subprocess.Popen[bytes]) -> None:
+    patience = time.monotonic() + 120
+    while len(finished(out)) < count:
+        assert process.poll() is None, "the evaluation ended before it could be killed"
+        assert time.monotonic() < patience, "no record appeared"
+        time.sleep(0.05)
+
+
+def children(pid: int) -> list[int]:
+    found = subprocess.run(["pgrep", "-P", str(pid), "-f", "spawn_main"], capture_output=True, text=True, check=False)
+    return [int(line) for line in found.stdout.split()]
+
+
+@pytest.mark.slow
+def test_kill_nine_of_a_worker_and_of_the_command_lose_nothing(tmp_path: Path) -> None:
+    undisturbed = run_benchmark(
+        "quickstart", "dohyo.agents.experts.autopilot:Autopilot", seeds=[0], out=tmp_path / "undisturbed"
+    )
+    out = tmp_path / "killed"
+    process = subprocess.Popen(command(out), cwd=ROOT, stdout=subprocess.DEVNULL)
+    wait_for_records(out, 1, process)
+    os.kill(children(process.pid)[0], signal.SIGKILL)
+    wait_for_records(out, 3, process)
+    workers = children(process.pid)
+    process.kill()
+    process.wait()
+    before = finished(out)
+    assert len(before) < 6, "it finished before the kill; the test shows nothing"
+    patience = time.monotonic() + 10
+    while any(Path(f"/proc/{pid}").exists() for pid in workers):
+        assert time.monotonic() < patience, "workers outlive their parent"
+        time.sleep(0.05)
+
+    again = run_benchmark("quickstart", "dohyo.agents.experts.autopilot:Autopilot", seeds=[0], out=out)
+    assert again.resumed == len(before)
+    assert hashes(again) == hashes(undisturbed)
+    assert not list((out / "records").glob("*.tmp"))
+
+
+def test_another_benchmark_in_the_same_folder_is_refused(tmp_path: Path) -> None:
+    run_benchmark(benchmark(missions=1), STEADY, seeds=[0], out=tmp_path)
+    with pytest.raises(InvalidInputError, match="choose another --out"):
+        run_benchmark(benchmark(missions=2), STEADY, seeds=[0], out=tmp_path)
+    with pytest.raises(InvalidInputError, match="choose another --out"):
+        run_benchmark(benchmark(missions=1), STEADY, settings={"after": 3}, seeds=[0], out=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("entry", "says"),
+    [
+        ("no_such_module:Agent", "No module named"),
+        ("tests.evaluation.agents:Nobody", "Nobody"),
+        ("tests.evaluation.agents:FailsWhenMade", "OSError: no weights here"),
+        ("tests.evaluation.agents:NeedsTooMuch", "sensor 'objects' needs track 'privileged'"),
+        ("pathlib:Path", "has no spec"),
+        ("steady", "module:Class"),
+    ],
+)
+def test_an_impossible_agent_is_refused_before_anything_is_written(tmp_path: Path, entry: str, says: str) -> None:
+    with pytest.raises(InvalidInputError, match=says):
+        run_benchmark(benchmark(), entry, out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_world_that_cannot_be_is_the_users_to_mend(tmp_path: Path) -> None:
+    nowhere_to_walk = benchmark(missions=1).model_dump(mode="json")
+    nowhere_to_walk["cells"][0]["network"] = str(motorway(tmp_path))
+    nowhere_to_walk["missions"]["all"][0] |= {"start": {"lane": "a_0"}, "goal": {"lane": "a_0", "position_m": 90.0}}
+    with pytest.raises(InvalidInputError, match="no sidewalk"):
+        run_benchmark(Benchmark.model_validate(nowhere_to_walk), STEADY, seeds=[0], out=tmp_path / "out")
+
+
+def motorway(folder: Path) -> Path:
+    """A road without sidewalks."""
+    (folder / "m.nod.xml").write_text('<nodes><node id="n" x="0" y="0"/><node id="m" x="200" y="0"/></nodes>')
+    edge = '<edge id="a" from="n" to="m" numLanes="2" disallow="pedestrian"/>'
+    (folder / "m.edg.xml").write_text(f"<edges>{edge}</edges>")
+    net = folder / "m.net.xml"
+    netconvert = Path(sumo.SUMO_HOME) / "bin" / "netconvert"
+    command = [netconvert, "-n", folder / "m.nod.xml", "-e", folder / "m.edg.xml", "-o", net]
+    subprocess.run(command, check=True, capture_output=True)
+    return net

@@ -1,0 +1,260 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from pettingzoo.test import parallel_api_test
+from torchrl.envs import PettingZooWrapper
+from torchrl.envs.utils import check_env_specs
+
+from dohyo.sumo_networks.ego.control import CONTROLS, InvalidActionError
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
+from dohyo.sumo_networks.envs.reward import REWARDS
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
+from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
+from dohyo.sumo_networks.sensors import SENSORS
+from tests.conftest import MakeEnv
+from tests.sumo_networks.simulation.drives import busy_road, in_ingolstadt, on, standing_at
+from tests.worlds import straight_road
+
+LIGHT_TRAFFIC = Traffic(vehicles=8, pedestrians=8, warm_up_s=3.0)
+STOP = np.zeros(2)
+
+
+def light(**changes: object) -> Scenario:
+    return in_ingolstadt(**({"traffic": LIGHT_TRAFFIC, "time_limit_s": 6.0} | changes))
+
+
+def two_egos() -> Scenario:
+    first = in_ingolstadt().missions[0]
+    second = Mission(name="second", start=Place(lane="29119849#1_2", position_m=8.0), goal=Place(lane="54169280#2_2"))
+    return light(missions=(first, second))
+
+
+def short(length_m: float = 60.0, **changes: object) -> Scenario:
+    """A drive down the straight road."""
+    place = Place(lane="w_e_0", position_m=100.0)
+    mission = Mission(start=place, goal=place.model_copy(update={"position_m": 100.0 + length_m}))
+    return on(straight_road(), mission, **changes)
+
+
+def drive(env: DrivingEnv, seconds: float, action: Any) -> list[tuple[Any, ...]]:
+    """What every step gives, with the same action for all, until nobody drives any more."""
+    steps = []
+    for _ in range(round(seconds * 10)):
+        steps.append(env.step(dict.fromkeys(env.agents, action)))
+        if not env.agents:
+            break
+    return steps
+
+
+# As others understand environments
+
+
+@pytest.mark.parametrize("scenario", [light(), two_egos()], ids=["one ego", "two egos"])
+def test_pettingzoo_accepts_it(scenario: Scenario, make_env: MakeEnv) -> None:
+    parallel_api_test(make_env(scenario, sensors=tuple(SENSORS)), num_cycles=130)
+
+
+def test_the_same_seed_gives_the_same_episode_and_another_does_not(make_env: MakeEnv) -> None:
+    # PettingZoo's own seed test needs two live environments in one process, which libsumo cannot: one after the other.
+    def episode(env: DrivingEnv, seed: int) -> list[Any]:
+        observations, _ = env.reset(seed=seed)
+        seen: list[Any] = [observations]
+        for name in env.agents:
+            env.action_space(name).seed(5)
+        while env.agents and len(seen) < 40:
+            step = env.step({name: env.action_space(name).sample() for name in env.agents})
+            seen.append(step)
+        return seen
+
+    env = make_env(two_egos(), sensors=tuple(SENSORS))
+    first, other, again = episode(env, 7), episode(env, 8), episode(env, 7)
+    fresh = episode(make_env(two_egos(), sensors=tuple(SENSORS)), 7)
+    np.testing.assert_equal(again, first)
+    np.testing.assert_equal(fresh, first)
+    with pytest.raises(AssertionError):
+        np.testing.assert_equal(other[0], first[0])
+
+
+@pytest.mark.parametrize("scenario", [light(), two_egos()], ids=["one ego", "two egos"])
+def test_torchrl_accepts_it(scenario: Scenario, make_env: MakeEnv) -> None:
+    env = PettingZooWrapper(make_env(scenario, reward=None), return_state=False, use_mask=True)
+    check_env_specs(env, seed=0)
+    rollout = env.rollout(100, break_when_any_done=True)
+    assert rollout.shape[0] == 60, "it ends at the time limit of 6 s"
+
+
+# Observations
+
+
+@pytest.mark.parametrize("control", CONTROLS)
+def test_observations_lie_in_their_spaces(control: str, make_env: MakeEnv) -> None:
+    env = make_env(two_egos(), sensors=tuple(SENSORS), control=control, reward=None)
+    observations, _ = env.reset()
+    for name in env.agents:
+        env.action_space(name).seed(3)
+    while env.agents:
+        for name, observation in observations.items():
+            assert list(observation) == list(SENSORS)
+            for sensor, array in observation.items():
+                assert array.dtype in (np.float32, np.uint8)
+                assert env.observation_space(name)[sensor].contains(array), (sensor, array)
+        observations = env.step({name: env.action_space(name).sample() for name in env.agents})[0]
+    assert env.world.time == pytest.approx(6.0)
+
+
+def test_an_ego_out_in_the_fields_still_observes(make_env: MakeEnv) -> None:
+    env = make_env(short(time_limit_s=30.0), sensors=tuple(SENSORS), control="pedals_steering", reward=None)
+    env.reset()
+    steps = drive(env, 12.0, np.array([1.0, 0.0, -0.05]))
+    observation = steps[-1][0]["ego"]
+    assert abs(env.world.egos.position[0, 1]) > 100.0
+    assert observation["lane"].tolist() == [0.0] * 5
+    assert env.observation_space("ego").contains(observation)
+    assert all(np.isfinite(array).all() for array in observation.values())
+
+
+def test_observations_are_the_callers_own(make_env: MakeEnv) -> None:
+    env = make_env(busy_road(), sensors=tuple(SENSORS))
+    first, _ = env.reset()
+    kept = {sensor: array.copy() for sensor, array in first["ego"].items()}
+    drive(env, 2.0, np.array([10.0, 0.1]))
+    np.testing.assert_equal(first["ego"], kept)
+
+
+def test_each_ego_may_have_its_own_sensors_and_control(make_env: MakeEnv) -> None:
+    sensors = {"ego": ["speedometer"], "second": ["lane", "lights"]}
+    control = {"ego": "pedals_steering", "second": "waypoints"}
+    env = make_env(two_egos(), sensors=sensors, control=control)
+    observations, infos = env.reset()
+    assert {name: list(observation) for name, observation in observations.items()} == sensors
+    assert infos == {"ego": {}, "second": {}}
+    assert [env.action_space(name).shape for name in env.agents] == [(3,), (8, 2)]
+
+
+# The end of an episode
+
+
+def test_the_goal_ends_the_episode(make_env: MakeEnv) -> None:
+    env = make_env(short(), control="lane_command", reward="progress")
+    env.reset()
+    steps = drive(env, 30.0, np.array([8.0, 0.0]))
+    assert [terminations["ego"] for _, _, terminations, _, _ in steps] == [False] * (len(steps) - 1) + [True]
+    assert not any(truncations["ego"] for _, _, _, truncations, _ in steps)
+    assert env.agents == []
+    assert env.routes[0].length - env.world.egos.progress[0] < 10.0
+    assert not env.world.egos.active[0] or env.world.tick == len(steps)
+    rewards = [rewards["ego"] for _, rewards, _, _, _ in steps]
+    assert sum(rewards) == pytest.approx(env.world.egos.progress[0])
+
+
+def test_the_time_limit_truncates_to_the_tick(make_env: MakeEnv) -> None:
+    env = make_env(short(time_limit_s=2.0))
+    env.reset()
+    steps = drive(env, 5.0, STOP)
+    assert len(steps) == 20
+    assert [step[3]["ego"] for step in steps] == [False] * 19 + [True]
+    assert not any(step[2]["ego"] for step in steps)
+
+
+def test_a_collision_ends_the_episode_where_the_reward_says_so(make_env: MakeEnv) -> None:
+    obstacle = Obstacle(x_m=130.0, y_m=-4.8)
+    for reward, ended in (("roach", True), ("progress", True), (None, False)):
+        env = make_env(short(obstacles=(obstacle,)), control="lane_command", reward=reward)
+        env.reset()
+        steps = drive(env, 5.0, np.array([10.0, 0.0]))
+        assert any(step[2]["ego"] for step in steps) == ended
+        if ended:
+            assert env.world.contacts
+            assert steps[-1][1]["ego"] < -1.0
+        else:
+            assert {step[1]["ego"] for step in steps} == {0.0}
+
+
+def test_one_ego_may_go_on_when_another_has_ended(make_env: MakeEnv) -> None:
+    near = Mission(name="near", start=Place(lane="w_e_0", position_m=100.0), goal=Place(lane="w_e_0", position_m=140.0))
+    env = make_env(on(straight_road(), near, standing_at(300.0, name="far"), time_limit_s=20.0), control="lane_command")
+    env.reset()
+    steps = drive(env, 30.0, np.array([8.0, 0.0]))
+    names = [tuple(step[0]) for step in steps]
+    assert names[0] == ("near", "far")
+    assert names[-1] == ("far",)
+    assert len(steps) == 200
+    for observations, rewards, terminations, truncations, infos in steps:
+        assert list(observations) == list(rewards) == list(terminations) == list(truncations) == list(infos)
+
+
+def test_every_episode_starts_anew(make_env: MakeEnv) -> None:
+    # In rain the sensors draw noise, and the control integrates: neither may remember the last episode.
+    env = make_env(busy_road(conditions="heavy-rain"), sensors=tuple(SENSORS))
+    first = [env.reset(), *drive(env, 4.0, np.array([1.0, 0.0]))]
+    again = [env.reset()]
+    assert env.agents == ["ego"]
+    assert env.world.tick == 0
+    again += drive(env, 4.0, np.array([1.0, 0.0]))
+    np.testing.assert_equal(again, first)
+
+
+# What cannot be
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"sensors": ["speedometr"]}, "did you mean 'speedometer'"),
+        ({"control": "pedal_steering"}, "did you mean 'pedals_steering'"),
+        ({"reward": "roche"}, "did you mean 'roach'"),
+    ],
+)
+def test_unknown_names_are_refused_before_sumo_starts(options: dict[str, Any], message: str, make_env: MakeEnv) -> None:
+    with pytest.raises(UnknownNameError, match=message):
+        make_env(short(), **options)
+
+
+def test_an_impossible_mission_is_refused_before_sumo_starts(make_env: MakeEnv) -> None:
+    with pytest.raises(InvalidInputError, match="no lane 'nowhere'"):
+        make_env(on(straight_road(), Mission(start=Place(lane="nowhere"), goal=Place(lane="w_e_0"))))
+
+
+def test_an_invalid_action_moves_nobody(make_env: MakeEnv) -> None:
+    env = make_env(two_egos())
+    env.reset()
+    world = env.world
+    with pytest.raises(InvalidActionError):
+        env.step({"ego": np.array([5.0, 0.0]), "second": np.array([np.nan, 0.0])})
+    assert env.world is world
+    with pytest.raises(InvalidActionError):
+        env.check_action("second", [1.0])
+    env.check_action("second", [1.0, 0.0])
+    env.step({"ego": np.array([5.0, 0.0]), "second": np.array([5.0, 0.0])})
+    assert env.world.tick == 1
+
+
+def test_a_missing_action_is_named(make_env: MakeEnv) -> None:
+    env = make_env(two_egos())
+    env.reset()
+    with pytest.raises(InvalidActionError, match="second"):
+        env.step({"ego": np.array([5.0, 0.0])})
+
+
+def test_two_open_environments_in_one_process_are_refused(make_env: MakeEnv) -> None:
+    first = make_env(short())
+    first.reset()
+    second = DrivingEnv(short())
+    with pytest.raises(SimulationError, match="still open"):
+        second.reset()
+    first.close()
+    first.close()
+    second.reset()
+    second.close()
+
+
+def test_spaces_are_known_before_the_first_episode(make_env: MakeEnv) -> None:
+    env = make_env(two_egos(), sensors=tuple(SENSORS))
+    assert env.possible_agents == ["ego", "second"]
+    for name in env.possible_agents:
+        assert env.observation_space(name) is env.observation_space(name)
+        assert env.action_space(name).contains(env.action_space(name).sample())
+    assert set(REWARDS) >= {"roach", "progress"}
