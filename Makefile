@@ -42,7 +42,7 @@ bench: $(INSTALLED)  ## Measure the world, the senses, the planners, the learned
 	@$(BIN)/python -m tests.performance.wire --quick
 
 picture: $(INSTALLED)  ## Draw the README's picture from a drive of each demo agent
-	@$(BIN)/python docs/picture.py
+	@$(BIN)/python docs/pictures/picture.py
 
 clean:  ## Remove the virtual environment, the report and caches; results in out/ stay
 	@rm -rf $(VENV) report.html bench.json build *.egg-info .pytest_cache .mypy_cache .ruff_cache \

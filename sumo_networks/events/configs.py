@@ -1,6 +1,6 @@
 """Event configs: what is to happen around an ego, and where; one model per mechanism, one `kind` per scenario.
 
-The numbers of a kind stand in `KINDS`; a config may change each of them. Values marked "ours" in docs/events.md are not
+The numbers of a kind stand in `KINDS`; a config may change each of them. Values marked "ours" in docs/reference/events.md are not
 the source's. Source: CARLA Leaderboard 2.x scenarios; NHTSA pre-crash scenarios; Albilani's obstacle test.
 """
 

@@ -1,6 +1,6 @@
-"""Draws docs/freeway.png: one morning's stop-and-go waves, with single vehicles and with queues.
+"""Draws docs/pictures/freeway.png: one morning's stop-and-go waves, with single vehicles and with queues.
 
-Run it with `.venv/bin/python docs/freeway.py` (some minutes; needs chromium).
+Run it with `.venv/bin/python docs/pictures/freeway.py` (some minutes; needs chromium).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Pictures of the dashboard for the README: serves a fresh folder, evaluates two agents, and opens a real browser.
 
-Run it with `.venv/bin/python docs/dashboard.py` (some minutes; needs chromium).
+Run it with `.venv/bin/python docs/pictures/dashboard.py` (some minutes; needs chromium).
 """
 
 from __future__ import annotations

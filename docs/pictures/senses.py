@@ -1,6 +1,6 @@
-"""Draws docs/senses.png: what the sensors that draw show, in each of the conditions. Drives with the autopilot.
+"""Draws docs/pictures/senses.png: what the sensors that draw show, in each of the conditions. Drives with the autopilot.
 
-    python docs/senses.py [--large DIR]
+    python docs/pictures/senses.py [--large DIR]
 
 With --large, it also writes each network in all conditions and modes, 512 px wide, one file per network.
 """
