@@ -34,7 +34,7 @@ from dohyo.service.worker_session import (
 from dohyo.sumo_networks.ego.control import InvalidActionError, make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, DohyoError, InvalidInputError
-from dohyo.sumo_networks.simulation import TICK_S
+from dohyo.sumo_networks.units import TICK_S
 
 GRACE_S = 1.0  # the service judges first
 REFUSED = 2  # exit code of a command that cannot do what was asked

@@ -36,9 +36,9 @@ from dohyo.sumo_networks.networks.network import RoadNetwork, cache_folder, read
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind, Actors, Contact, Egos, LightState, World
 
-TICK_S = 0.1
 LANE_M = 3.2
 
 T = TypeVar("T")

@@ -11,9 +11,9 @@ from dohyo.agents.experts.surroundings import ran_into_from_behind
 from dohyo.agents.planning.motion import boxes_meet
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.geometry import wrap
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind
 
-TICK_S = 0.1
 STEPS = 20
 SAFE_ACCELERATION = math.inf
 HARD_BRAKING = 7.0

@@ -11,9 +11,9 @@ from enum import StrEnum
 
 from dohyo.agents.hierarchical.manoeuvres import CHANGES, DRIVE, Manoeuvre
 from dohyo.evaluation.criteria import Collision, Criterion, RedLight, StopSign
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import EventPhase, World
 
-TICK_S = 0.1
 STANDING_M_S, STANDING_S = 1.0 / 3.6, 5.0
 FARTHEST_M = 2.5
 HOLD_S = 2.0

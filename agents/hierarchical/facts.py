@@ -22,11 +22,11 @@ from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.sensors.lights import STOPS, YIELDS
 from dohyo.sumo_networks.sensors.path import BEHIND, POINTS
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind, LightState
 
 SENSORS = ("speedometer", "route", "objects", "lights", "conflicts", "navigation", "path", "lanes")
 """What facts are made of."""
-TICK_S = 0.1
 FAR_M = 1000.0
 NEAREST_AHEAD, NEAREST_CROSSING, NEAREST_IN_LANE = 4, 8, 3
 SIGHT_M = float(POINTS - BEHIND - 1)

@@ -27,7 +27,7 @@ from typing import Any
 
 from dohyo.agents.hierarchical.ghrl import CHECKPOINT
 from dohyo.agents.hierarchical.study_tables import Drive, read_drives, tables
-from dohyo.agents.hierarchical.watch import STANDS_M_S, TICK_S
+from dohyo.agents.hierarchical.watch import STANDS_M_S
 from dohyo.agents.registry import resolve_with
 from dohyo.evaluation.agent import Agent, Observation, make_agent
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
@@ -38,6 +38,7 @@ from dohyo.evaluation.running.lock import held
 from dohyo.evaluation.scores.nocrash import drove, success
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.units import TICK_S
 
 DEADLOCK_S = 30.0
 """So long an ego that got blocked or ran out of time must have stood within critical intervals at the end."""

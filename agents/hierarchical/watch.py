@@ -16,10 +16,10 @@ from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.sensors.lanes import COLUMNS, ROWS
 from dohyo.sumo_networks.sensors.path import BEHIND
+from dohyo.sumo_networks.units import TICK_S
 
 SENSORS = ("speedometer", "objects", "path", "conflicts")
 """What a watch reads."""
-TICK_S = 0.1
 MUST_YIELD = -1.0
 STANDS_M_S = 0.1
 HARDEST_M_S2 = 8.0

@@ -19,11 +19,11 @@ from dohyo.sumo_networks.errors import UnknownNameError
 from dohyo.sumo_networks.geometry import project_on_path, wrap
 from dohyo.sumo_networks.sensors.gnss import L80, RTK, GnssNoise
 from dohyo.sumo_networks.sensors.route import path_ahead
+from dohyo.sumo_networks.units import SUBSTEP_S, TICK_S
 
 STANDING_S = 3.0
 HEADING_STD = math.radians(3.0)
 """How well a parked car's heading is known from that of its lane; ours."""
-TICK_S, SAMPLE_S = 0.1, 0.01
 BEHIND_M, AHEAD_M = 15.0, 30.0
 RECEIVERS: Mapping[str, GnssNoise] = MappingProxyType({"gnss": L80, "gnss_rtk": RTK})
 FROM_POSE = frozenset({"route", "lane", "navigation"})
@@ -89,7 +89,7 @@ class LocalizedView:
         now = self._tick * TICK_S
         samples = observation["imu"].astype(np.float64)
         for i, sample in enumerate(samples):
-            self.localizer.imu(now - (len(samples) - 1 - i) * SAMPLE_S, sample)
+            self.localizer.imu(now - (len(samples) - 1 - i) * SUBSTEP_S, sample)
         fix = observation[self._gnss].astype(np.float64)
         if fix[0] > 0.0:
             self.localizer.gnss(now, fix[1:4])

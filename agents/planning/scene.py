@@ -18,6 +18,7 @@ from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntA
 from dohyo.sumo_networks.geometry import project_on_path, wrap_angle
 from dohyo.sumo_networks.sensors.lanes import ATTRIBUTES, POINTS
 from dohyo.sumo_networks.sensors.lights import STOPS
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import LightState
 
 SENSORS = ("ego_state", "objects", "lanes", "path", "lights")
@@ -25,7 +26,6 @@ SENSORS = ("ego_state", "objects", "lanes", "path", "lights")
 
 HISTORY = 4
 HISTORY_STEP_S = 0.5
-TICK_S = 0.1
 STOOD_SPEED, STOOD_DISTANCE_M = 0.1, 2.5
 YELLOW_BRAKING = 3.0
 _TICKS_PER_STEP = round(HISTORY_STEP_S / TICK_S)

@@ -19,9 +19,9 @@ from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Command, Route
 from dohyo.sumo_networks.simulation.traffic_log import Log
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind, Actors
 
-TICK_S = 0.1
 HALF_LENGTH_M = 2.25
 NEAR_M = 60.0
 IN_PATH_M = 1.6

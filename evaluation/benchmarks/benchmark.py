@@ -20,6 +20,7 @@ from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Config, Mission, Name, Scenario, Traffic, content_hash
+from dohyo.sumo_networks.units import KMH_PER_MPS
 
 BENCHMARKS = Path(__file__).parent
 CLOSED_LOOP = "closed_loop"
@@ -294,7 +295,7 @@ class Benchmark(Config):
             conditions=conditions,
             events=tuple(events),
             stop_on_collision=self.stop_on_collision,
-            time_limit_s=round(longest / (limit.speed_kmh / 3.6) + limit.extra_s, 1) if limit else None,
+            time_limit_s=round(longest / (limit.speed_kmh / KMH_PER_MPS) + limit.extra_s, 1) if limit else None,
             seed=seed,
         )
 

@@ -34,7 +34,8 @@ from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, InvalidInp
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.scenario import Scenario
-from dohyo.sumo_networks.simulation import TICK_S, sumo_version
+from dohyo.sumo_networks.simulation import sumo_version
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import World
 
 ACT_DEADLINE_S = 10.0

@@ -23,8 +23,7 @@ from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import AgentError, InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Mission
-
-TICK_S = 0.1
+from dohyo.sumo_networks.units import TICK_S
 
 
 class _EnoughError(AgentError):

@@ -12,7 +12,7 @@ from dohyo.evaluation.records.record import AgentInfo, Status
 from dohyo.evaluation.running.executors import Job
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Config, Scenario
-from dohyo.sumo_networks.simulation import TICK_S
+from dohyo.sumo_networks.units import TICK_S
 
 
 class Order(Config):

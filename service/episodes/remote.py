@@ -21,7 +21,7 @@ from dohyo.sumo_networks.ego.control import InvalidActionError, make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, DohyoError, InvalidInputError
 from dohyo.sumo_networks.sensors import Track, make_sensors
-from dohyo.sumo_networks.simulation import TICK_S
+from dohyo.sumo_networks.units import TICK_S
 
 SEEN = struct.Struct("!IdI")  # tick, simulated time [s], decisions missed
 FORMATS = (Format.MSGPACK, Format.JSON)

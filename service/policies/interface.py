@@ -14,7 +14,7 @@ from dohyo.sumo_networks.ego.control import CONTROLS, make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import UnknownNameError
 from dohyo.sumo_networks.sensors import SENSORS, Track, make_sensors
-from dohyo.sumo_networks.simulation import TICK_S
+from dohyo.sumo_networks.units import TICK_S
 
 ACTION = "action"
 STATE, NEXT_STATE = "state_", "next_state_"

@@ -9,9 +9,9 @@ import numpy as np
 from numba import njit
 
 from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.units import SUBSTEP_S
 
 GRAVITY = 9.81
-SUBSTEP_S = 0.01
 X, Y, HEADING, SPEED, DRIVE, STEERING, ACCELERATION, YAW_RATE = range(8)
 STATE_SIZE = 8
 

@@ -18,8 +18,9 @@ from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.sensors import Sensor, SensorConfig, Track, make_sensors
-from dohyo.sumo_networks.simulation import TICK_S, Replay, Simulation
+from dohyo.sumo_networks.simulation import Replay, Simulation
 from dohyo.sumo_networks.simulation.traffic_log import LogRecorder
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import World
 
 Observation = dict[str, Float32Array]

@@ -28,7 +28,7 @@ from dohyo.sumo_networks.envs.vector_memory import Channel, Memory, Observations
 from dohyo.sumo_networks.envs.vector_worker import RESET, STEP, Plan, ScenarioSource, unpacked, work
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.sensors import make_sensors
-from dohyo.sumo_networks.simulation import TICK_S
+from dohyo.sumo_networks.units import TICK_S
 
 Step = tuple[Observations, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 

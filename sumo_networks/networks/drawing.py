@@ -19,6 +19,7 @@ from PIL import Image, ImageDraw, ImageFont
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.units import KMH_PER_MPS
 
 WIDEST_PX = 3200
 LARGEST_SCALE = 6.0
@@ -177,7 +178,7 @@ def _roads(network: RoadNetwork, scale: float) -> Iterator[Shape]:
     for lane in sorted(drivable.tolist(), key=lambda i: not lanes.internal[i]):
         role = _road_role(scale)
         name = str(lanes.ids[lane])
-        title = f"{name} · {lanes.length[lane]:.0f} m · {lanes.speed[lane] * 3.6:.0f} km/h"
+        title = f"{name} · {lanes.length[lane]:.0f} m · {lanes.speed[lane] * KMH_PER_MPS:.0f} km/h"
         for number, shape in enumerate(_band(role, network.lane_shape(lane), lanes.width[lane], scale)):
             yield Shape(role, shape.outline, title, "" if number else "lane", name)
 

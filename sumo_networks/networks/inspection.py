@@ -13,13 +13,13 @@ import shapely
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.units import KMH_PER_MPS
 
 MIN_LENGTH_M = 0.5
 MAX_KINK = np.radians(60.0)
 # A compact car at full lock: 2.7 m of wheelbase, 0.6 rad at the front wheels.
 MIN_RADIUS_M = 4.0
 CURVATURE_SPAN_M = 3.0
-MS_TO_KMH = 3.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ def inspect_network(network: RoadNetwork, guessed: Sequence[str] = ()) -> Networ
     edges, rows = np.unique(lanes.edge[road], return_index=True)
     length = lanes.length[road][rows]
     walkable = np.isin(edges, lanes.edge[lanes.pedestrian & ~lanes.drivable])
-    limits = np.round(lanes.speed[road] * MS_TO_KMH).astype(int)
+    limits = np.round(lanes.speed[road] * KMH_PER_MPS).astype(int)
     kinds = Counter(str(kind) for kind in network.junctions.kind)
     return NetworkReport(
         name=network.name,

@@ -11,8 +11,9 @@ from gymnasium.spaces import Box
 
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.conditions import Conditions
-from dohyo.sumo_networks.ego.dynamics import GRAVITY, SUBSTEP_S, VehicleParameters
+from dohyo.sumo_networks.ego.dynamics import GRAVITY, VehicleParameters
 from dohyo.sumo_networks.sensors.base import Sensor, Track
+from dohyo.sumo_networks.units import SUBSTEP_S
 from dohyo.sumo_networks.world import World
 
 SAMPLES = 10

@@ -10,8 +10,8 @@ import libsumo
 
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.units import TICK_S
 
-TICK_S = 0.1
 DRIVERS = ("car", "van", "truck", "bus")
 _TYPES = Path(__file__).parents[1] / "vehicle_types.add.xml"
 _OPTIONS = (

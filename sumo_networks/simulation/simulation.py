@@ -27,7 +27,7 @@ from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.rules.contacts import contacts
 from dohyo.sumo_networks.scenario import Scenario
-from dohyo.sumo_networks.simulation.process import TICK_S, failing_as_simulation_error, set_impatience, start_sumo
+from dohyo.sumo_networks.simulation.process import failing_as_simulation_error, set_impatience, start_sumo
 from dohyo.sumo_networks.simulation.registry import Registry
 from dohyo.sumo_networks.simulation.signals import SignalReader
 from dohyo.sumo_networks.simulation.stage import SumoStage
@@ -36,6 +36,7 @@ from dohyo.sumo_networks.simulation.traffic_log import LogRecorder
 from dohyo.sumo_networks.traffic.flows import make_streams
 from dohyo.sumo_networks.traffic.jaywalkers import Jaywalkers
 from dohyo.sumo_networks.traffic.population import Population, Trip, Walk
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import Actors, Egos, World
 
 START_CLEARANCE_M = 20.0

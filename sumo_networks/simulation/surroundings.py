@@ -9,6 +9,7 @@ from typing import Any, Final
 import libsumo
 
 from dohyo.sumo_networks.scenario import Traffic
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import SIGHT_M
 
 Reading = tuple[str, float, float, float, float, str, int]
@@ -17,7 +18,6 @@ Reading = tuple[str, float, float, float, float, str, int]
 FEW: Final = 80
 SPARE_M: Final = 20.0
 FASTEST_MPS: Final = 60.0  # neither SUMO's vehicles nor the egos can go faster
-_TICK_S: Final = 0.1
 _ELSEWHERE_M: Final = 1e8  # where SUMO says a vehicle is that it is just moving on
 _NO_SIGNALS: Final = 0
 _PERSON_VARIABLES = (libsumo.VAR_POSITION, libsumo.VAR_ANGLE, libsumo.VAR_SPEED, libsumo.VAR_LANE_ID)
@@ -90,7 +90,7 @@ class Surroundings:
                 found.append((name, x, y, angle(name), speed(name), lane(name), signals(name)))
             elif nearest < _ELSEWHERE_M * _ELSEWHERE_M:
                 away_m = math.sqrt(nearest) - SIGHT_M
-                not_before[name] = now + int(away_m / (2.0 * FASTEST_MPS * _TICK_S))
+                not_before[name] = now + int(away_m / (2.0 * FASTEST_MPS * TICK_S))
 
     def _told(self, points: Sequence[_Point]) -> Iterator[Reading]:
         # SUMO measures a context's range in ways of its own, so it is asked for more, and both ways tell the same.

@@ -15,8 +15,8 @@ from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.edge_graph import ATTEMPTS, draw, edge_graph, out_of_sight
 from dohyo.sumo_networks.scenario import Traffic
 from dohyo.sumo_networks.traffic.flows import make_streams
+from dohyo.sumo_networks.units import TICK_S
 
-TICK_S = 0.1
 VEHICLE_TYPES = ("car", "van", "truck", "bus")
 VEHICLE_SHARES = (0.84, 0.08, 0.04, 0.04)
 

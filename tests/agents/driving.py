@@ -11,8 +11,9 @@ from dohyo.sumo_networks.ego.control import make_control
 from dohyo.sumo_networks.ego.dynamics import HEADING, SPEED, STEERING, VehicleParameters, Vehicles
 from dohyo.sumo_networks.geometry import wrap_angle
 from dohyo.sumo_networks.sensors import Track, make_sensors
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import Egos, World
-from tests.worlds import TICK_S, Scene, _contacts
+from tests.worlds import Scene, _contacts
 
 
 def observed(agent: Agent, world: World) -> dict[str, np.ndarray]:

@@ -34,6 +34,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.sensors import CameraConfig, Sensor
+from dohyo.sumo_networks.units import TICK_S
 
 TRAINING, HELD_OUT = "town-train", "town-test"
 CAMERA = CameraConfig(name="camera_semantic", mode="semantic", width=WIDTH, height=HEIGHT)
@@ -42,7 +43,6 @@ OFF = {"x_m": 0.3, "y_m": 0.5, "z_m": 0.2, "yaw_deg": 5.0, "pitch_deg": 2.0, "ro
 NOISE, NOISE_HOLDS_S = 0.1, 0.5
 JAYWALKERS = 0.2
 VALIDATION_SHARE, TEST_SHARE = 0.25, 0.15
-TICK_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ from dohyo.agents.mcts.predictors.dataset import (
     Shard,
     load_shard,
 )
-from dohyo.agents.planning.scene import SENSORS, TICK_S, Scene, SceneBuilder
+from dohyo.agents.planning.scene import SENSORS, Scene, SceneBuilder
 from dohyo.agents.shards import claim_folder
 from dohyo.evaluation.agent import Agent
 from dohyo.evaluation.records.store import write_atomically
@@ -36,6 +36,7 @@ from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import World
 
 TRAINING = ("town-train", "adlershof", "braunschweig", "district")

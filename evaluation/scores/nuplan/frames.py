@@ -18,9 +18,9 @@ from dohyo.sumo_networks.geometry import boxes_overlap
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.routes.routing import plan_route
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind, Actors, Egos, World
 
-TICK_S = 0.1
 _AROUND_M = 20.0
 
 

@@ -19,13 +19,14 @@ from numba import njit
 from dohyo.evaluation.criteria.collision import BEHIND_RAD, STOPPED_MPS
 from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord, InfractionKind, Status
 from dohyo.evaluation.records.trajectory import Trajectory
-from dohyo.evaluation.scores.nuplan.frames import TICK_S, Frames, frames_of
+from dohyo.evaluation.scores.nuplan.frames import Frames, frames_of
 from dohyo.evaluation.scores.nuplan.smoothing import savitzky_golay
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.geometry import boxes_overlap
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind
 
 OUTSIDE_M: Final = 0.3

@@ -11,8 +11,9 @@ from dohyo.evaluation.criteria import Collision
 from dohyo.evaluation.criteria.collision import keeps_to_one_lane
 from dohyo.evaluation.records.record import Infraction, InfractionKind
 from dohyo.sumo_networks.scenario import Mission, Place
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind
-from tests.worlds import LANE_M, TICK_S, Scene, crossing_for_pedestrians, lit_crossing, run, straight_road
+from tests.worlds import LANE_M, Scene, crossing_for_pedestrians, lit_crossing, run, straight_road
 
 
 def the_collision(scene: Scene, seconds: float = 2.0) -> Infraction:

@@ -9,8 +9,9 @@ import pytest
 from dohyo.evaluation.criteria import RedLight
 from dohyo.evaluation.records.record import InfractionKind
 from dohyo.sumo_networks.scenario import Mission, Place
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import LightState
-from tests.worlds import LANE_M, TICK_S, Scene, Speed, bridge, lit_crossing, run, straight_road
+from tests.worlds import LANE_M, Scene, Speed, bridge, lit_crossing, run, straight_road
 
 RED, YELLOW, GREEN, OFF = LightState.RED, LightState.YELLOW, LightState.GREEN, LightState.OFF
 

@@ -21,11 +21,11 @@ from dohyo.sumo_networks.ego.control import (
 from dohyo.sumo_networks.ego.dynamics import HEADING, SPEED, VehicleParameters, Vehicles
 from dohyo.sumo_networks.errors import AgentError, UnknownNameError
 from dohyo.sumo_networks.routes.route import Route
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import World
 from tests.worlds import straight_road
 
 CAR = VehicleParameters()
-TICK_S = 0.1
 STANDING = straight_road().with_ego(x=50.0).world()
 Act = Callable[[World], FloatArray]
 

@@ -21,10 +21,10 @@ from dohyo.sumo_networks.ego.dynamics import (
     Vehicles,
     advance,
 )
+from dohyo.sumo_networks.units import TICK_S
 
 CAR = VehicleParameters()
 IN_A_VACUUM = VehicleParameters(drag=0.0, rolling_resistance=0.0)
-TICK_S = 0.1
 
 
 def driven(

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.routes.edge_graph import draw
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
-from dohyo.sumo_networks.simulation import TICK_S, surroundings
+from dohyo.sumo_networks.simulation import surroundings
 from dohyo.sumo_networks.simulation.signals import _LIGHTS
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import SIGHT_M, LightState, World
 from tests.conftest import Start
 

@@ -14,7 +14,8 @@ from dohyo.sumo_networks.ego.dynamics import VehicleParameters, Vehicles
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
-from dohyo.sumo_networks.simulation import START_CLEARANCE_M, TICK_S, Simulation
+from dohyo.sumo_networks.simulation import START_CLEARANCE_M, Simulation
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind, LightState, World
 from tests.conftest import Start
 from tests.sumo_networks.simulation.drives import (

@@ -14,9 +14,10 @@ from pydantic import ValidationError
 
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Flow, Scenario, Traffic
-from dohyo.sumo_networks.simulation import TICK_S, Simulation
+from dohyo.sumo_networks.simulation import Simulation
 from dohyo.sumo_networks.traffic.flows import Stream, make_streams
 from dohyo.sumo_networks.traffic.population import Population, Trip, Walk
+from dohyo.sumo_networks.units import TICK_S
 from tests.conftest import Start
 from tests.worlds import LANE_M, lit_crossing, straight_road
 

@@ -15,8 +15,9 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.events.puppet import Puppet
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
-from dohyo.sumo_networks.simulation import TICK_S, Simulation
+from dohyo.sumo_networks.simulation import Simulation
 from dohyo.sumo_networks.traffic.jaywalkers import END_M, ROOM_M, Jaywalkers, is_free, streets
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind, World
 from tests.conftest import Start
 from tests.worlds import straight_road
