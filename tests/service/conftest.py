@@ -11,6 +11,7 @@ from pydantic import SecretStr
 from dohyo.service.database.engine import Database
 from tests.service import browsing, postgres
 from tests.service.harness import Harness, running
+from tests.service.shop import Shop
 
 
 @pytest.fixture(scope="session")
@@ -63,3 +64,19 @@ def private(tmp_path: Path) -> Iterator[Harness]:
     """The same where only owners see what is theirs."""
     with running(tmp_path / "data", public=False) as harness:
         yield harness
+
+
+@pytest.fixture
+def shop(tmp_path: Path) -> Iterator[Shop]:
+    """A service with stored evaluations, read through its interface."""
+    made = Shop(tmp_path / "data")
+    yield made
+    made.services.database.close()
+
+
+@pytest.fixture
+def private_shop(tmp_path: Path) -> Iterator[Shop]:
+    """The same where only owners see what is theirs."""
+    made = Shop(tmp_path / "data", public=False)
+    yield made
+    made.services.database.close()

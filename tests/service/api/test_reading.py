@@ -18,8 +18,8 @@ from dohyo.service.database.models import AgentKind, Episode, EpisodeStatus, Eva
 from dohyo.service.reading_views import ComparedView, LeaderboardView, MetricsView, RescoredView
 from dohyo.sumo_networks.networks.catalog import load_network
 from tests.evaluation.builders import drive, ego, episode, infraction
-from tests.service.reading.shop import Shop
-from tests.service.reading.test_metrics import parse
+from tests.service.shop import Shop
+from tests.service.test_metrics import parse
 
 HIT = infraction(InfractionKind.COLLISION_VEHICLE, time_s=2.0, route_m=50.0)
 RED = infraction(InfractionKind.RED_LIGHT, time_s=3.0, route_m=70.0)

@@ -10,7 +10,7 @@ from dohyo.evaluation.records.record import Status
 from dohyo.service.leaderboard import COLUMNS, Entry, as_csv, as_document, rank
 from dohyo.service.scoring import Drive, summary_of
 from tests.evaluation.builders import ego, episode
-from tests.service.reading.test_scoring import drives_of, entry, terms
+from tests.service.test_scoring import drives_of, entry, terms
 
 
 def drives(scores: list[float], scenarios: int = 0) -> list[Drive]:

@@ -20,7 +20,7 @@ from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.service.redrive import Trace, explanation_at
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Traffic
-from tests.service.reading.shop import Shop
+from tests.service.shop import Shop
 
 Driven = tuple[EpisodeRecord, Trajectory, list[dict[str, Any]]]
 

@@ -4,8 +4,8 @@ import pytest
 
 from dohyo.service.comparison import compare_entries, differing_scenarios
 from dohyo.sumo_networks.errors import InvalidInputError
-from tests.service.reading.test_leaderboard import drives
-from tests.service.reading.test_scoring import entry
+from tests.service.test_leaderboard import drives
+from tests.service.test_scoring import entry
 
 
 def test_pairs_are_compared_drive_by_drive() -> None:

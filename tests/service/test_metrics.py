@@ -14,7 +14,7 @@ from dohyo.service.metrics import as_csv, as_document
 from dohyo.service.prometheus import Family, Sample, exposition
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.evaluation.builders import ego, episode, infraction
-from tests.service.reading.test_scoring import drives_of, entry
+from tests.service.test_scoring import drives_of, entry
 
 HIT = infraction(InfractionKind.COLLISION_VEHICLE, route_m=50.0)
 UNESCAPED = {"\\\\": "\\", '\\"': '"', "\\n": "\n"}

@@ -10,8 +10,8 @@ import pytest
 from dohyo.service.database import reading
 from dohyo.service.database.models import EvaluationStatus
 from tests.evaluation.builders import ego, episode, lost
-from tests.service.reading.shop import Shop
-from tests.service.reading.test_api import records
+from tests.service.api.test_reading import records
+from tests.service.shop import Shop
 
 
 @pytest.fixture
