@@ -23,10 +23,10 @@ from typing import Any, Self
 import httpx
 
 from dohyo.evaluation.records.record import AgentInfo
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.service.calls import Call, Calls, Document, path_of
 from dohyo.service.worker_session import WorkerSession
 from dohyo.sumo_networks.errors import DohyoError
+from dohyo.sumo_networks.files import write_atomically
 
 ENDED = ("done", "failed", "cancelled")
 TIMEOUT_S = 60.0

@@ -14,7 +14,7 @@ from fastapi import Depends, Request
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.records.record import EpisodeRecord
-from dohyo.evaluation.records.store import read_record, read_trajectory, write_atomically
+from dohyo.evaluation.records.store import read_record, read_trajectory
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.service.access import Caller
 from dohyo.service.database import reading
@@ -26,6 +26,7 @@ from dohyo.service.settings import Settings
 from dohyo.service.standings import Recent, Standings
 from dohyo.service.state import Services, ServicesOf
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 
 STRIPES: Final = 64
 COUNTS_S: Final = 5.0

@@ -23,8 +23,9 @@ import numpy as np
 from dohyo.evaluation.agent import Agent, Explanation, Observation, agent_info, make_agent
 from dohyo.evaluation.episode.runner import ACT_DEADLINE_S, drive_episode, versions
 from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord
-from dohyo.evaluation.records.store import read_record, write_atomically
+from dohyo.evaluation.records.store import read_record
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Mission
 

@@ -15,9 +15,9 @@ from safetensors.numpy import save
 from dohyo.agents.forecasting.data import DAY_S
 from dohyo.agents.forecasting.gaps import fill
 from dohyo.agents.forecasting.windows import HISTORY, HORIZON, Windows
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 
 FREE_QUANTILE = 0.999
 Progress = Callable[[int, int, float], None]

@@ -19,9 +19,9 @@ from dohyo.agents.forecasting.networks.registry import make_network
 from dohyo.agents.forecasting.scale import InMetres, Scale
 from dohyo.agents.forecasting.training import TrainSettings, train_network
 from dohyo.agents.forecasting.windows import HISTORY, Windows
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 
 OPSET = 17
 BLOCK = 2048

@@ -31,8 +31,8 @@ from dohyo.agents.forecasting.registry import CHECKPOINTS, SIMPLE, load_forecast
 from dohyo.agents.forecasting.scores import coverage, errors
 from dohyo.agents.forecasting.training import TrainSettings, train_network
 from dohyo.agents.forecasting.windows import Windows, make_windows
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 
 COMPARED = ("lstm", "sa-lstm", "transformer", "convlstm", "sa-convlstm")
 DEPTH, DEPTHS = 3, (0, 1, 2, 3, 4)

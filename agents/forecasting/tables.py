@@ -11,10 +11,10 @@ import numpy as np
 from dohyo.agents.forecasting.registry import SIMPLE
 from dohyo.agents.forecasting.scores import crossed
 from dohyo.agents.forecasting.study import LONG
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.evaluation.report.style import MISSING, number
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 
 README = Path(__file__).with_name("README.md")
 RESULTS = Path(__file__).with_name("results") / "study.json"

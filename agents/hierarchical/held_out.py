@@ -29,12 +29,12 @@ from dohyo.agents.hierarchical.exercise import Exercise
 from dohyo.agents.hierarchical.hierarchy import read_sub_policies
 from dohyo.agents.hierarchical.tasks import ManoeuvreTask
 from dohyo.agents.training.task import HELD_OUT_FROM
-from dohyo.evaluation.records.store import read_lines, write_atomically
 from dohyo.evaluation.report.style import interval, markdown
 from dohyo.evaluation.running.lock import held
 from dohyo.evaluation.statistics import mean_estimate
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, SimulationError
+from dohyo.sumo_networks.files import read_lines, write_atomically
 
 logger = logging.getLogger(__name__)
 

@@ -33,10 +33,10 @@ from dohyo.evaluation.agent import Agent, Observation, make_agent
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.records.record import EgoRecord, Status
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.evaluation.running.lock import held
 from dohyo.evaluation.scores.nocrash import drove, success
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.units import TICK_S
 

@@ -13,10 +13,10 @@ from typing import Any, Final
 
 from dohyo.agents.hierarchical.crossed import Matched, by_training, difference, estimate, of_pairs, verdict
 from dohyo.evaluation.records.record import InfractionKind, Status
-from dohyo.evaluation.records.store import read_lines
 from dohyo.evaluation.report.style import MARKS, MISSING, ending, interval, markdown, number
 from dohyo.evaluation.scores.nocrash import COLLISIONS
 from dohyo.evaluation.statistics import Estimate, share_estimate
+from dohyo.sumo_networks.files import read_lines
 
 Drive = dict[str, Any]
 

@@ -27,11 +27,11 @@ from dohyo.agents.localization.localizer import Fix, Localizer, Settings
 from dohyo.agents.localization.lowpass import ALPHA
 from dohyo.agents.localization.synthetic import ROUTES, Journey, Recording, journey_named, record
 from dohyo.agents.localization.track import Track, follow
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.evaluation.scores.localization import accuracy, max_drift, p95, rmse
 from dohyo.evaluation.statistics import mean_estimate, paired
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import DohyoError
+from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.sensors.gnss import GnssNoise
 from dohyo.sumo_networks.sensors.imu import ICM_20600
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from dohyo.agents.localization.figures import grid_figure, page
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.evaluation.report.style import number
+from dohyo.sumo_networks.files import write_atomically
 
 ARMS = ("none", "calibrated", "calibrated + low-pass")
 NAMES = {"es-ekf": "ES-EKF", "ekf": "EKF", "ukf": "UKF", "imu": "IMU only"}

@@ -27,7 +27,7 @@ from dohyo.agents.mcts.tables import EXCERPTS, ROUTES, shown, tables, write_tabl
 from dohyo.agents.registry import resolve
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.records.record import EgoRecord, Status
-from dohyo.evaluation.records.store import read_trajectory, write_atomically
+from dohyo.evaluation.records.store import read_trajectory
 from dohyo.evaluation.running.executors import ProcessPool
 from dohyo.evaluation.running.run import Result, run_benchmark
 from dohyo.evaluation.scores.nocrash import COLLISIONS
@@ -35,6 +35,7 @@ from dohyo.evaluation.scores.nuplan.score import ClosedLoop, closed_loop
 from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired, share_estimate
 from dohyo.evaluation.summary import score_drive
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.networks.catalog import load_network
 
 REFERENCE = "autopilot"

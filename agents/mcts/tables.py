@@ -9,9 +9,9 @@ from types import MappingProxyType
 from typing import Any
 
 from dohyo.agents.mcts.losses import CAUSES
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.evaluation.statistics import Estimate
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 
 EXCERPTS: Mapping[str, str] = MappingProxyType(
     {"score": "score", "collisions": "CR, %", "off_road": "DA, %", "progress": "EP, %"}

@@ -34,10 +34,10 @@ from dohyo.agents.speed_planning.dissipation import (
     segment_speeds,
     watched,
 )
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.evaluation.scores.traffic import Outcome
 from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.freeway.simulation import FreewaySimulation
 
 SHOWN = {

@@ -16,8 +16,8 @@ import numpy as np
 import torch
 
 from dohyo.agents.speed_planning.ppo import Actor, CopiedEnv, PpoConfig, as_json, train
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.files import write_atomically
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 
 logger = logging.getLogger(__name__)
 

@@ -14,7 +14,7 @@ import torch
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from dohyo.evaluation.records.store import write_atomically
+from dohyo.sumo_networks.files import write_atomically
 
 OPSET = 17
 

@@ -31,9 +31,9 @@ from dohyo.agents.training.checkpoint import load_checkpoint, save_checkpoint
 from dohyo.agents.training.config import RunConfig
 from dohyo.agents.training.metrics import Board, Number, Table
 from dohyo.agents.training.settings import as_toml, differences, read_settings
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.evaluation.running.lock import held
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 
 FREE = frozenset({"steps", "checkpoint_s", "tensorboard"})
 """What may change when a run goes on: nothing of it decides what the steps so far were."""

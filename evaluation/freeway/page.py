@@ -10,9 +10,9 @@ from markupsafe import Markup
 
 from dohyo.evaluation.freeway.benchmark import ForecastBenchmark
 from dohyo.evaluation.freeway.result import RESULT, FreewayResult, Row, rows
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.evaluation.report.style import MISSING, number
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 
 PAGE = "report.html"
 

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from dohyo.evaluation.freeway.benchmark import FreewayBenchmark
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.scenario import content_hash
 
 RESULT = "result.json"

@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,6 +16,7 @@ from pydantic import ValidationError
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.scenario import content_hash
 
 _PARQUET_DIGEST: Final = "parquet_sha256"
@@ -76,33 +76,6 @@ def write_record(directory: Path, stem: str, record: EpisodeRecord, trajectory: 
         if not facts.exists():
             table.unlink(missing_ok=True)
     return facts
-
-
-def read_lines(path: Path) -> list[dict[str, Any]]:
-    """The JSON objects of a file, one per line, as far as it was written: a torn line is left out; none without it."""
-    found = []
-    for text in path.read_text().splitlines() if path.exists() else ():
-        try:
-            found.append(json.loads(text))
-        except json.JSONDecodeError:
-            continue
-    return found
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Writes a file that is either as it was or whole, even if the machine stops half-way.
-
-    Raises:
-        OSError: If the disk refuses.
-    """
-    staged = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        staged.write_bytes(content)
-        _flush(staged)
-        os.replace(staged, path)
-        _flush(path.parent)
-    finally:
-        staged.unlink(missing_ok=True)
 
 
 def read_record(path: Path) -> EpisodeRecord:
@@ -190,12 +163,3 @@ def _document(path: Path) -> dict[str, Any]:
 
 def _facts_hash(document: dict[str, Any]) -> str:
     return content_hash({key: value for key, value in document.items() if key not in _OUTSIDE_THE_HASH})
-
-
-def _flush(path: Path) -> None:
-    """Waits until a file's bytes, or a folder's names, are on the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

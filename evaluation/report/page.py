@@ -15,7 +15,6 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from dohyo.evaluation.records.record import Infraction, InfractionKind
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.evaluation.report import figures
 from dohyo.evaluation.report import style as look
 from dohyo.evaluation.report.road_map import LaneShape, Spot, draw_map, drivable_lanes
@@ -40,6 +39,7 @@ from dohyo.evaluation.scores.nuplan.summary import (
     summarise_closed_loop,
 )
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,9 +15,10 @@ from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
 from dohyo.evaluation.episode.runner import ACT_DEADLINE_S, versions
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
-from dohyo.evaluation.records.store import read_record, write_atomically
+from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.running.executors import Executor, Job, ProcessPool
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Config, Scenario
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -32,6 +30,7 @@ from dohyo.service.uploads import Upload, form_body, receive_upload
 from dohyo.service.views import Page, SubmissionView, view_submission
 from dohyo.sumo_networks.ego.control import CONTROLS
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.scenario import content_hash
 from dohyo.sumo_networks.sensors import Track, make_sensors
 
@@ -244,15 +243,5 @@ def _made(session: Session, identifier: str) -> Submission:
 def _keep(folder: Path, content: bytes) -> None:
     """Stores a policy under its hash; whole or not at all."""
     path = folder / f"{hashlib.sha256(content).hexdigest()}.onnx"
-    if path.exists():
-        return
-    descriptor, name = tempfile.mkstemp(dir=folder, suffix=".tmp")
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    if not path.exists():
+        write_atomically(path, content)

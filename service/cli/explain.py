@@ -15,12 +15,13 @@ from dohyo.agents.mcts.figure import draw_search
 from dohyo.evaluation.agent import Agent, Explanation, Observation, agent_info, make_agent
 from dohyo.evaluation.episode.runner import drive_episode, versions
 from dohyo.evaluation.records.record import EpisodeRecord
-from dohyo.evaluation.records.store import read_record, write_atomically
+from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.evaluation.report.road_map import drivable_lanes
 from dohyo.service.cli.output import console
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import AgentError, InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Mission
 from dohyo.sumo_networks.units import TICK_S

@@ -19,11 +19,11 @@ from dohyo.agents.localization.study import FILTERS, grid, write_results
 from dohyo.agents.localization.study import study as run_study
 from dohyo.agents.localization.tables import by_sigma
 from dohyo.agents.localization.track import Track, follow
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.evaluation.scores.localization import accuracy, max_drift, p95, rmse
 from dohyo.service.cli.output import console, number, print_json, print_rows
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.files import write_atomically
 
 
 def localize(

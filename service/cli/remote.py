@@ -12,7 +12,6 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from dohyo.evaluation.records.record import AgentInfo
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.evaluation.running.run import MANIFEST, RECORDS
 from dohyo.evaluation.statistics import Estimate
 from dohyo.service.calls import Document
@@ -20,6 +19,7 @@ from dohyo.service.cli.evaluate import parse_seeds, parse_settings
 from dohyo.service.cli.output import DASH, SCORES, console, interval, number, print_json, print_rows
 from dohyo.service.client import ENDED, POLL_S, Client
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 
 evaluations = typer.Typer(help="Evaluations at a service.", no_args_is_help=True)
 

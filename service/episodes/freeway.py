@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dohyo.evaluation.freeway.benchmark import TrafficBenchmark
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.service.database.models import new_id
 from dohyo.service.episodes.freeway_order import FreewayOrder
 from dohyo.service.episodes.lease import RemoteEpisode
@@ -23,6 +22,7 @@ from dohyo.service.episodes.process import End, EpisodeProcess, Outcome
 from dohyo.service.episodes.remote import SEEN
 from dohyo.service.errors import NotFoundError, TooManyRequestsError
 from dohyo.service.settings import Settings
+from dohyo.sumo_networks.files import write_atomically
 
 if TYPE_CHECKING:
     from dohyo.service.episodes.scheduler import Scheduler

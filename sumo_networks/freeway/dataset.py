@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
-import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from pydantic import Field
 
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import staged, write_atomically
 from dohyo.sumo_networks.freeway.days import Scale, SpeedDay, drive_day
 from dohyo.sumo_networks.freeway.measure import LAG_MINUTES, MINUTE_S, reported_speeds
 from dohyo.sumo_networks.freeway.road import load_freeway
@@ -198,19 +198,12 @@ def _claim(order: Order, folder: Path) -> None:
             if before and before.get(key) != value:
                 raise InvalidInputError(f"'{folder}' holds another dataset, {key} {before.get(key)} and not {value}")
         days = {split: max(order.number(split), before.get("days", {}).get(split, 0)) for split in SPLITS}
-        _replace(path, json.dumps(facts | {"days": days}, indent=1) + "\n")
+        write_atomically(path, (json.dumps(facts | {"days": days}, indent=1) + "\n").encode())
     except (OSError, ValueError, AttributeError) as error:
         raise InvalidInputError(f"cannot make a dataset in '{folder}': {error}") from error
 
 
 def _write(table: pl.DataFrame, target: Path) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
-    draft = target.with_suffix(f".{os.getpid()}.part")
-    table.write_parquet(draft, statistics=False)
-    draft.replace(target)
-
-
-def _replace(path: Path, text: str) -> None:
-    draft = path.with_suffix(f".{os.getpid()}.part")
-    draft.write_text(text, encoding="utf-8")
-    draft.replace(path)
+    with staged(target) as draft:
+        table.write_parquet(draft, statistics=False)

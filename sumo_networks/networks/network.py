@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-import tempfile
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 import shapely
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray, StringArray
+from dohyo.sumo_networks.files import staged
 from dohyo.sumo_networks.geometry import crossed_segments, nearest_lane
 from dohyo.sumo_networks.networks.parsing import file_hash, parse_net
 from dohyo.sumo_networks.networks.xml_guard import check_size, scan
@@ -293,7 +293,9 @@ def read_network(path: Path, name: str, limit_mb: float = math.inf) -> RoadNetwo
     else:
         scan(path, "net", limit_mb)
         tables = parse_net(path)
-        _write_atomically(cached, tables)
+        cached.parent.mkdir(parents=True, exist_ok=True)
+        with staged(cached) as draft, draft.open("wb") as file:
+            np.savez_compressed(file, **tables)  # type: ignore[arg-type]
     groups = {
         group: kind(**{field.name: tables[f"{group}.{field.name}"] for field in dataclasses.fields(kind)})
         for group, kind in _GROUPS.items()
@@ -307,10 +309,3 @@ def cache_folder() -> Path:
     if explicit:
         return Path(explicit)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dohyo"
-
-
-def _write_atomically(path: Path, tables: dict[str, np.ndarray]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
-        np.savez_compressed(file, **tables)  # type: ignore[arg-type]
-    os.replace(file.name, path)

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -20,6 +18,7 @@ from numpy.typing import NDArray
 
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import staged
 from dohyo.sumo_networks.networks.catalog import user_catalog
 from dohyo.sumo_networks.world import Actors
 
@@ -180,9 +179,8 @@ def write_log(log: Log) -> Path:
     path = log_path(log.sha256())
     path.parent.mkdir(parents=True, exist_ok=True)
     arrays = {column: getattr(log, column) for column in _DTYPES}
-    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
+    with staged(path) as draft, draft.open("wb") as file:
         np.savez_compressed(file, names=np.array(log.names, dtype=np.str_), **arrays)
-    os.replace(file.name, path)
     return path
 
 

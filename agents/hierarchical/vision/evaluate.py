@@ -23,7 +23,7 @@ from dohyo.agents.hierarchical.vision.dataset import Pictures, load_split
 from dohyo.agents.hierarchical.vision.figure import draw
 from dohyo.agents.hierarchical.vision.network import Autoencoder
 from dohyo.agents.hierarchical.vision.train import Batch, load_autoencoder
-from dohyo.evaluation.records.store import write_atomically
+from dohyo.sumo_networks.files import write_atomically
 
 RESULTS = Path(__file__).parents[1] / "results"
 BATCH = 32

@@ -25,12 +25,12 @@ from dohyo.agents.hierarchical.vision.classes import HEIGHT, WIDTH
 from dohyo.agents.hierarchical.vision.dataset import SCHEMA_VERSION, Pictures, load_shard
 from dohyo.agents.mcts.predictors import recording as motion
 from dohyo.agents.shards import claim_folder
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.conditions import TRAIN, conditions_named
 from dohyo.sumo_networks.ego.control import AccelerationSteering
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv, Observation
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.sensors import CameraConfig, Sensor

@@ -35,9 +35,9 @@ from dohyo.agents.training.registry import Order, Trainer
 from dohyo.agents.training.report import Report
 from dohyo.agents.training.run import RunStoppedError, Stop
 from dohyo.agents.training.settings import differences
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 
 COLUMNS = (
     *("loss", "pixels", "divergence", "distances", "signal"),

@@ -26,10 +26,10 @@ from dohyo.agents.mcts.predictors.dataset import FUTURE_STEP_S, Sample, load_sha
 from dohyo.agents.mcts.predictors.idm import IdmRollout
 from dohyo.agents.mcts.predictors.learned import SHIPPED, Learned
 from dohyo.agents.planning.prediction import NEAREST, STEP_S, Forecast, Predictor
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.evaluation.statistics import mean_estimate, paired
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 from dohyo.sumo_networks.errors import DohyoError
+from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.geometry import wrap_angle
 from dohyo.sumo_networks.world import ActorKind
 

@@ -13,8 +13,8 @@ from safetensors.torch import load_file
 
 from dohyo.agents.mcts.predictors.features import SHAPES
 from dohyo.agents.mcts.predictors.network import MotionNetwork
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 
 OPSET = 17
 

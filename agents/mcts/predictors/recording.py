@@ -27,10 +27,10 @@ from dohyo.agents.mcts.predictors.dataset import (
 from dohyo.agents.planning.scene import SENSORS, Scene, SceneBuilder
 from dohyo.agents.shards import claim_folder
 from dohyo.evaluation.agent import Agent
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.geometry import wrap_angle
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.network import RoadNetwork

@@ -30,9 +30,9 @@ from torch.nn.functional import smooth_l1_loss
 from dohyo.agents.mcts.predictors.dataset import FUTURE_STEPS, Sample, load_shard, shards_of
 from dohyo.agents.mcts.predictors.features import AGENTS, SHAPES, features
 from dohyo.agents.mcts.predictors.network import MotionNetwork
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 
 COLUMNS = ("step", "epoch", "loss", "learning_rate", "validation_ade_m", "validation_fde_m", "wall_s")
 

@@ -24,10 +24,10 @@ from dohyo.agents.mcts.predictors.dataset import load_shard, shards_of
 from dohyo.agents.mcts.value.mlp import FEATURES, WIDTH
 from dohyo.agents.mcts.value.records import Records, records_of
 from dohyo.agents.planning.scene import Scene
-from dohyo.evaluation.records.store import write_atomically
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import staged, write_atomically
 
 
 class ValueConfig(Config):
@@ -108,8 +108,8 @@ def searched(config: ValueConfig, split: str) -> Records:
     if not path.exists():
         config.out.mkdir(parents=True, exist_ok=True)
         some = Records.of(records_of(_scenes(config, split), config.simulations))
-        np.savez_compressed(path.with_suffix(".part.npz"), features=some.features, returns=some.returns)
-        path.with_suffix(".part.npz").replace(path)
+        with staged(path) as draft, draft.open("wb") as file:
+            np.savez_compressed(file, features=some.features, returns=some.returns)
     with np.load(path) as file:
         return Records(file["features"], file["returns"])
 

@@ -10,8 +10,8 @@ from dohyo.agents.hierarchical.hierarchy import read_sub_policies
 from dohyo.agents.hierarchical.tasks import ManoeuvreTask
 from dohyo.agents.training.evaluate import evaluate
 from dohyo.agents.training.worker import take_seats
-from dohyo.evaluation.records.store import read_lines
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import read_lines
 from tests.agents.hierarchical.untrained import write_sub_policies
 
 

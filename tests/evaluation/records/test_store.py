@@ -13,14 +13,7 @@ from typing import Any
 import pytest
 
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord, InfractionKind, Status
-from dohyo.evaluation.records.store import (
-    read_record,
-    read_records,
-    read_trajectory,
-    seal,
-    write_atomically,
-    write_record,
-)
+from dohyo.evaluation.records.store import read_record, read_records, read_trajectory, seal, write_record
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import content_hash
@@ -247,17 +240,3 @@ def test_what_json_cannot_hold_is_not_sealed() -> None:
 def test_a_lost_episode_is_a_record_too(tmp_path: Path) -> None:
     path = write_record(tmp_path, "one", seal(lost()), drive())
     assert read_record(path).egos[0].status.infrastructure_fault
-
-
-def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "manifest.json"
-    write_atomically(path, b"old")
-
-    def fail(descriptor: int) -> None:
-        raise OSError(5, "Input/output error")
-
-    monkeypatch.setattr(os, "fsync", fail)
-    with pytest.raises(OSError, match="Input/output"):
-        write_atomically(path, b"new")
-    assert path.read_bytes() == b"old"
-    assert list(tmp_path.iterdir()) == [path]

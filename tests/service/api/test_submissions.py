@@ -204,7 +204,7 @@ def test_a_full_disk_keeps_nothing_of_a_policy(service: Harness, team: Caller, m
     def full(descriptor: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("dohyo.service.api.submissions.os.fsync", full)
+    monkeypatch.setattr("dohyo.sumo_networks.files.os.fsync", full)
     assert_problem(upload(team, policy()), 507, "no space")
     assert list(service.services.settings.policies.iterdir()) == []
     assert team.get("/v1/agents/mine/submissions").json()["items"] == []
