@@ -20,7 +20,7 @@ def compare_entries(entries: Sequence[Entry], metric: str) -> dict[str, Any]:
 
     Args:
         entries: Of one benchmark version; different versions have no common scale, so they are refused.
-        metric: The benchmark's headline, else the driving score.
+        metric: The benchmark's headline.
 
     Returns:
         `evaluations` with their summaries, `pairs` with a comparison per score (a - b, on the drives both made; None
@@ -30,8 +30,6 @@ def compare_entries(entries: Sequence[Entry], metric: str) -> dict[str, Any]:
         InvalidInputError: Too few, too many, one twice, one without a drive, or of different benchmark versions.
     """
     _check(entries)
-    if not all(metric in scores_of(entry.drives) for entry in entries):
-        metric = "driving_score"
     return {
         "benchmark": entries[0].benchmark,
         "benchmark_sha256": entries[0].benchmark_sha256,

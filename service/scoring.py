@@ -10,7 +10,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-from dohyo.evaluation.benchmarks.benchmark import CLOSED_LOOP
 from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord, Infraction, InfractionKind, Status
 from dohyo.evaluation.scores.driving import MIN_KM, Rules
 from dohyo.evaluation.scores.nuplan.score import ClosedLoop
@@ -33,14 +32,6 @@ SCORE_KEYS: Final[Mapping[str, str]] = {
 
 CLOSED_LOOP_SCORES: Final = ("closed_loop", *TERMS)
 """Scores of drives whose scenario has a reference, in percent: nuPlan's score, and its terms."""
-
-_HEADLINES: Final = (
-    ("nocrash success", "nocrash_success"),
-    ("success", "success"),
-    ("irs", "irs"),
-    ("2500 m", "drove_2500m"),
-    (CLOSED_LOOP, "closed_loop"),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,15 +108,10 @@ def summary_of(
     }
 
 
-def headline_of(metric: str) -> str:
-    """The score that a benchmark ranks by, from the first words of its `metric`; the driving score by default."""
-    words = metric.partition(":")[0].strip().lower()
-    return next((name for start, name in _HEADLINES if words.startswith(start)), "driving_score")
-
-
 def scores_of(drives: Iterable[Drive]) -> tuple[str, ...]:
-    """Names of the scores that all of some drives have."""
-    closed_loop = all("closed_loop" in drive.facts for drive in drives)
+    """Names of the scores that all of some drives have; without any drive, those that every drive has."""
+    drives = tuple(drives)
+    closed_loop = bool(drives) and all("closed_loop" in drive.facts for drive in drives)
     return (*SCORE_KEYS, *(CLOSED_LOOP_SCORES if closed_loop else ()))
 
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.service.database.models import (
     Agent,
     AgentKind,
@@ -96,7 +97,8 @@ class BenchmarkView(View):
     name: Annotated[str, Field(examples=["quickstart"])]
     version: Version
     description: str
-    metric: Annotated[str, Field(description="What the headline number is.")]
+    headline: Annotated[Headline, Field(description="The score that ranks agents.")]
+    metric: Annotated[str, Field(description="How that score is computed, in words.")]
     rules: Annotated[str, Field(description="Of the driving score.")]
     networks: list[str]
     cells: list[str]

@@ -15,6 +15,7 @@ from pydantic import TypeAdapter
 
 from dohyo.evaluation.authoring.draw_missions import TEST_CONDITIONS, TRAIN_CONDITIONS
 from dohyo.evaluation.benchmarks.benchmark import BENCHMARKS
+from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.events import Event
 from dohyo.sumo_networks.events.director import check_placement
@@ -118,6 +119,7 @@ def obstacles() -> Iterator[str]:
     yield from _head(
         "obstacles",
         "An empty road, and something appears 30 m ahead, stays a while, and goes: stop, and drive on",
+        Headline.NOCRASH_SUCCESS,
         "NoCrash success: share of episodes that stop for it, drive on and reach the goal in time",
         "stop_on_collision = true",
         "seeds = [0]",
@@ -147,6 +149,7 @@ def precrash() -> Iterator[str]:
     yield from _head(
         "precrash",
         "Seven kinds of accidents about to happen, twelve places each, in light traffic",
+        Headline.NOCRASH_SUCCESS,
         "NoCrash success: share of episodes that reach the goal in time without a collision",
         "stop_on_collision = true",
         "seeds = [0, 1, 2]",
@@ -166,6 +169,7 @@ def leaderboard(name: str, routes: Mapping[str, int], conditions: Sequence[str],
     yield from _head(
         name,
         f"{sum(routes.values())} routes of 1 to 3 km in city traffic, with a scripted event every 200 to 300 m",
+        Headline.DRIVING_SCORE,
         "driving score: route completion times infraction penalty",
         "seeds = [0]",
     )
@@ -184,6 +188,7 @@ def endurance() -> Iterator[str]:
     yield from _head(
         "endurance",
         "Ten long routes through each town in regular traffic: how far without a collision?",
+        Headline.DROVE_2500M,
         "2500 m: share of episodes that drive 2500 m before any collision",
         "stop_on_collision = true",
         "seeds = [0, 1, 2]",
@@ -197,8 +202,15 @@ def endurance() -> Iterator[str]:
             yield from _mission(town, Drawn(mission, {}))
 
 
-def _head(name: str, description: str, metric: str, *more: str) -> Iterator[str]:
-    yield from (f'name = "{name}"', f'description = "{description}"', f'metric = "{metric}"', 'rules = "2.0"', *more)
+def _head(name: str, description: str, headline: Headline, metric: str, *more: str) -> Iterator[str]:
+    yield from (
+        f'name = "{name}"',
+        f'description = "{description}"',
+        f'headline = "{headline}"',
+        f'metric = "{metric}"',
+        'rules = "2.0"',
+        *more,
+    )
 
 
 def _cell(

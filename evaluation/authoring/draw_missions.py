@@ -70,6 +70,7 @@ def nocrash() -> Iterator[str]:
     yield from (
         'name = "nocrash"',
         'description = "NoCrash on our towns: 25 missions x 3 traffic levels x train and test conditions x 2 towns"',
+        'headline = "nocrash_success"',
         'metric = "NoCrash success: share of episodes that reach the goal in time without a collision"',
         'rules = "2.0"',
         "stop_on_collision = true",
@@ -91,6 +92,7 @@ def corl2017() -> Iterator[str]:
     yield from (
         'name = "corl2017"',
         'description = "CoRL2017 on our towns: straight, one turn, navigation, navigation among others; 25 each"',
+        'headline = "success"',
         'metric = "success: share of episodes that reach the goal in time, collisions notwithstanding"',
         'rules = "2.0"',
         "seeds = [0]",

@@ -39,12 +39,12 @@ from dohyo.evaluation.authoring.val14_search import (
 )
 from dohyo.evaluation.benchmarks.benchmark import (
     BENCHMARKS,
-    CLOSED_LOOP,
     Benchmark,
     Cell,
     ScriptedMission,
     load_benchmark,
 )
+from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.benchmarks.traffic_logs import drive_reference
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -53,6 +53,7 @@ QUARTERS_UNTIL = 1  # seeds
 TRIES = 3  # candidates per network, seed and type
 LONGEST_SEARCH = 60  # seeds
 SAME_PLACE_FROM = 6  # seeds after which a type may come twice on one edge, at different moments
+METRIC = "closed-loop score: NC x DAC x DDC x MP x (5 EP + 5 TTC + 4 SL + 2 C) / 16, mean over drives (nuPlan)"
 
 Found = tuple[str, str, ScriptedMission]
 """Type, network and mission of one scenario."""
@@ -123,7 +124,8 @@ def lines(name: str, found: Sequence[Found]) -> Iterator[str]:
     what = "train a planner on" if name.endswith("train") else "the 14 scenario types of nuPlan's challenge"
     yield f'name = "{name}"'
     yield f'description = "{len(found)} scenarios of 15 s: {what}; all others replay a recorded run"'
-    yield f'metric = "{CLOSED_LOOP}"'
+    yield f'headline = "{Headline.CLOSED_LOOP}"'
+    yield f'metric = "{METRIC}"'
     yield "seeds = [0]"
     yield f"duration_s = {DURATION_S}"
     yield "replay = true"

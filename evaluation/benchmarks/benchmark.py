@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError, field_validator, model_validator
 
+from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.sumo_networks.conditions import conditions_named
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.events import Event
@@ -23,8 +24,6 @@ from dohyo.sumo_networks.scenario import Config, Mission, Name, Scenario, Traffi
 from dohyo.sumo_networks.units import KMH_PER_MPS
 
 BENCHMARKS = Path(__file__).parent
-CLOSED_LOOP = "closed_loop"
-"""The metric of benchmarks that `scores.closed_loop` decides."""
 
 
 class AutoEvents(Config):
@@ -125,7 +124,8 @@ class Benchmark(Config):
     Attributes:
         name: In the catalog.
         description: One line for people.
-        metric: Exactly what the headline number is.
+        headline: The score that ranks agents.
+        metric: For people: how that score is computed here.
         rules: Of the driving score.
         cells: Its parts.
         missions: Sets of missions by name.
@@ -138,6 +138,7 @@ class Benchmark(Config):
 
     name: Name
     description: str
+    headline: Headline
     metric: str
     rules: Literal["1.0", "2.0", "2.1"] = "2.0"
     cells: Annotated[tuple[Cell, ...], Field(min_length=1)]
@@ -168,6 +169,9 @@ class Benchmark(Config):
                 raise ValueError(f"names must be unique, got {names}")
         if self.replay and not self.duration_s:
             raise ValueError("replay: expected a duration_s beside it, since logs end")
+        missions = [mission for some in self.missions.values() for mission in some]
+        if self.closed_loop and any(mission.excerpt is None for mission in missions):
+            raise ValueError("headline 'closed_loop': expected an excerpt in every mission, for its reference_m")
         for cell in self.cells:
             if cell.missions not in self.missions:
                 raise ValueError(f"cell '{cell.name}': no set of missions '{cell.missions}'")
@@ -175,8 +179,8 @@ class Benchmark(Config):
 
     @property
     def sha256(self) -> str:
-        """Content hash: its version. The default seeds are no part of it."""
-        return content_hash(self.model_dump(mode="json", exclude={"seeds", "description"}))
+        """Content hash: its version. Default seeds and the texts for people are no part of it."""
+        return content_hash(self.model_dump(mode="json", exclude={"seeds", "description", "metric"}))
 
     @property
     def networks(self) -> tuple[str, ...]:
@@ -202,8 +206,8 @@ class Benchmark(Config):
 
     @property
     def closed_loop(self) -> bool:
-        """Whether its headline is the closed-loop score."""
-        return self.metric == CLOSED_LOOP
+        """Whether it ranks by nuPlan's closed-loop score."""
+        return self.headline is Headline.CLOSED_LOOP
 
     def _scenarios(self, cell: Cell, seed: int) -> Iterator[Scenario]:
         missions = self.missions[cell.missions]

@@ -22,6 +22,7 @@ import shapely
 from pydantic import ValidationError
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, Cell
+from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
@@ -103,6 +104,7 @@ def import_routes(
         benchmark = Benchmark(
             name=name or re.sub(r"[^\w-]+", "-", file.stem),
             description=f"{len(routes)} CARLA routes from {file.name}{f', {routes[0].town}' if routes[0].town else ''}",
+            headline=Headline.DRIVING_SCORE,
             metric=METRIC,
             cells=(Cell(name="all", network=network, missions="all", traffic=traffic or Traffic()),),
             missions={"all": tuple(mission for mission, _ in fitted)},
@@ -252,7 +254,7 @@ class _Roads:
 def _toml(benchmark: Benchmark) -> str:
     # A JSON string, escaped to ASCII, is a TOML string too.
     (cell,) = benchmark.cells
-    head = {key: getattr(benchmark, key) for key in ("name", "description", "metric", "rules")}
+    head = {key: getattr(benchmark, key) for key in ("name", "description", "headline", "metric", "rules")}
     lines = [f"{key} = {json.dumps(value)}" for key, value in (head | {"network": cell.network}).items()]
     lines += [f"seeds = {list(benchmark.seeds)}", "", "[traffic]"]
     lines += [f"{key} = {json.dumps(value)}" for key, value in cell.traffic.model_dump(exclude_defaults=True).items()]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
@@ -24,9 +24,12 @@ class _Named(Config):
     Attributes:
         name: In the catalog.
         description: One line for people.
-        metric: Exactly what the headline number is; its first word is the number's name.
+        headline: Name of the number that ranks.
+        metric: For people: how that number is computed.
         network: A freeway of the network catalog.
     """
+
+    headline: ClassVar[str]
 
     name: Name
     description: str
@@ -49,6 +52,8 @@ class ForecastBenchmark(_Named):
         probes: Share of the vehicles whose speed is reported.
         free_kmh: What a normalised speed of 1 is.
     """
+
+    headline = "mse"
 
     kind: Literal["forecast"]
     days: Literal["easy", "hard"]
@@ -74,6 +79,8 @@ class TrafficBenchmark(_Named):
         penetration: Share of connected cars.
         seeds: Driven by default.
     """
+
+    headline = "speed_std"
 
     kind: Literal["traffic"]
     start_s: Annotated[float, Field(ge=0, lt=86400)]

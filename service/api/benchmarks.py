@@ -58,6 +58,7 @@ def _view(benchmark: Benchmark) -> BenchmarkView:
         name=benchmark.name,
         version=benchmark.sha256,
         description=benchmark.description,
+        headline=benchmark.headline,
         metric=benchmark.metric,
         rules=benchmark.rules,
         networks=list(benchmark.networks),

@@ -16,7 +16,6 @@ from dohyo.service.database import reading
 from dohyo.service.errors import NotFoundError
 from dohyo.service.readers import ReadersOf, evaluation_for
 from dohyo.service.reading_views import ComparedView
-from dohyo.service.scoring import headline_of
 from dohyo.service.state import ServicesOf
 
 router = APIRouter(prefix="/v1", tags=["comparison"], responses=problems(404))
@@ -36,6 +35,6 @@ def compare(caller: Reader, services: ServicesOf, readers: ReadersOf, evaluation
     missing = [one for one in evaluation if one not in found]
     if missing:
         raise NotFoundError(f"no evaluation '{missing[0]}'")
-    metric = headline_of(readers.benchmark(seen[0][1]).metric)
-    document = compare_entries([found[one] for one in evaluation], metric)
+    headline = readers.benchmark(seen[0][1]).headline
+    document = compare_entries([found[one] for one in evaluation], headline)
     return Response(msgspec.json.encode(document), media_type="application/json")

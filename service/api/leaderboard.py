@@ -15,7 +15,6 @@ from dohyo.service.database import reading
 from dohyo.service.leaderboard import Row, as_csv, as_document
 from dohyo.service.readers import Readers, ReadersOf, owner_filter
 from dohyo.service.reading_views import LeaderboardView
-from dohyo.service.scoring import headline_of
 from dohyo.service.state import Services, ServicesOf
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
@@ -30,7 +29,6 @@ VersionHash = Annotated[
 TrackName = Annotated[
     Literal["sensors", "map", "privileged"] | None, Query(description="By default all, ranked as one.")
 ]
-CLOSED_LOOP_IS = "closed-loop score: NC x DAC x DDC x MP x (5 EP + 5 TTC + 4 SL + 2 C) / 16, mean over drives (nuPlan)"
 CSV: dict[int | str, dict[str, Any]] = {
     200: {"description": "A row per submission.", "content": {"text/csv": {"schema": {"type": "string"}}}}
 }
@@ -43,7 +41,6 @@ class _Board:
     benchmark: Benchmark
     version: str
     versions: list[str]
-    metric: str
     rows: list[Row]
 
 
@@ -63,9 +60,9 @@ def show(
         "version": board.version,
         "versions": board.versions,
         "track": track,
-        "metric": board.metric,
-        "description": CLOSED_LOOP_IS if board.benchmark.closed_loop else board.benchmark.metric,
-        "rows": [as_document(row, board.metric) for row in board.rows],
+        "metric": board.benchmark.headline,
+        "description": board.benchmark.metric,
+        "rows": [as_document(row, board.benchmark.headline) for row in board.rows],
     }
     return Response(msgspec.json.encode(document), media_type="application/json")
 
@@ -81,7 +78,7 @@ def show_csv(
 ) -> Response:
     """The same as a table."""
     board = _board(services, readers, caller, benchmark, version, track)
-    return Response(as_csv(board.rows, board.metric), media_type="text/csv")
+    return Response(as_csv(board.rows, board.benchmark.headline), media_type="text/csv")
 
 
 def _board(
@@ -97,9 +94,8 @@ def _board(
         else:
             benchmark = _unevaluated(name, version, reading.benchmark_names(session))
             sha256 = benchmark.sha256
-        metric = headline_of(benchmark.metric)
-        rows = readers.standings.rows(session, sha256, track, owner_filter(caller), metric)
-    return _Board(benchmark, sha256, [one.sha256 for one in known], metric, rows)
+        rows = readers.standings.rows(session, sha256, track, owner_filter(caller), benchmark.headline)
+    return _Board(benchmark, sha256, [one.sha256 for one in known], rows)
 
 
 def _unevaluated(name: str, version: str | None, evaluated: list[str]) -> Benchmark:

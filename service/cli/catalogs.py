@@ -85,6 +85,7 @@ def list_benchmarks(json: Json = False) -> None:
                 "cells": len(benchmark.cells),
                 "scenarios": sum(len(benchmark.missions[cell.missions]) for cell in benchmark.cells),
                 "networks": list(benchmark.networks),
+                "headline": benchmark.headline.label,
                 "metric": benchmark.metric,
                 "description": benchmark.description,
             }
@@ -96,12 +97,7 @@ def list_benchmarks(json: Json = False) -> None:
     print_rows(
         ("name", "scenarios", "ranked by", "description"),
         [
-            *((row["name"], str(row["scenarios"]), _headline(row["metric"]), row["description"]) for row in rows),
+            *((row["name"], str(row["scenarios"]), row["headline"], row["description"]) for row in rows),
             ("localization", "", "share within 0.5 m", "Filters on simulated logs, no agent: dohyo localize --study"),
         ],
     )
-
-
-def _headline(metric: str) -> str:
-    """The first words of a metric, which tell what it is."""
-    return metric.partition(":")[0].replace("_", " ")

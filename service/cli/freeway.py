@@ -103,6 +103,7 @@ def freeway_rows() -> list[dict[str, Any]]:
                 "cells": 1,
                 "scenarios": units,
                 "networks": [one.network],
+                "headline": one.headline.replace("_", " "),
                 "metric": one.metric,
                 "description": one.description,
             }

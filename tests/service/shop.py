@@ -40,6 +40,7 @@ from tests.evaluation.builders import AGENT, drive
 BENCHMARK = {
     "name": "made",
     "description": "Made by hand",
+    "headline": "driving_score",
     "metric": "driving score: made by hand",
     "network": "ingolstadt",
     "missions": [{"start": {"lane": "E_0"}, "goal": {"lane": "E_0"}, "name": "m"}],

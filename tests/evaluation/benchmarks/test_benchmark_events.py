@@ -26,6 +26,7 @@ from dohyo.sumo_networks.scenario import Mission
 COUNTRY: dict[str, Any] = {
     "name": "eventful",
     "description": "Events on a country road",
+    "headline": "driving_score",
     "metric": "driving score",
     "network": "district",
     "missions": [

@@ -12,7 +12,8 @@ from dohyo.sumo_networks.errors import InvalidInputError
 PLAIN = {
     "name": "mine",
     "description": "",
-    "metric": "closed_loop",
+    "headline": "closed_loop",
+    "metric": "closed-loop score",
     "network": "district",
     "traffic": {"vehicles": 3},
     "seeds": [0],
@@ -50,6 +51,11 @@ def test_seeds_are_those_of_the_excerpts() -> None:
 def test_replay_needs_a_duration() -> None:
     with pytest.raises(ValueError, match="duration_s"):
         mine(duration_s=None)
+
+
+def test_a_closed_loop_headline_needs_references() -> None:
+    with pytest.raises(ValueError, match="expected an excerpt in every mission"):
+        mine(missions=[mine().missions["all"][0].model_dump() | {"excerpt": None}])
 
 
 def test_a_file_like_another_says_only_what_differs(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import pytest
 
 from dohyo.evaluation.agent import agent_info
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.records.record import Status
 from dohyo.evaluation.records.store import read_trajectory
 from dohyo.evaluation.running.executors import Job, ProcessPool
@@ -53,6 +54,7 @@ def benchmark(missions: int = 2) -> Benchmark:
     return Benchmark(
         name="short",
         description="for tests",
+        headline=Headline.DRIVING_SCORE,
         metric="driving score",
         network="ingolstadt",
         traffic=Traffic(vehicles=10, pedestrians=10, warm_up_s=5.0),
@@ -151,6 +153,7 @@ def test_the_command_line_starts_and_ends_a_cluster_of_its_own(tmp_path: Path) -
 SHORT = """
 name = "short"
 description = "for tests"
+headline = "driving_score"
 metric = "driving score"
 network = "ingolstadt"
 seeds = [0, 1]

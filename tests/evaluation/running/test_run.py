@@ -13,6 +13,7 @@ import pytest
 import sumo
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.records.record import Status
 from dohyo.evaluation.running.executors import ProcessPool
 from dohyo.evaluation.running.run import Result, read_result, run_benchmark
@@ -28,6 +29,7 @@ def benchmark(missions: int = 2, goal_m: float = 40.0) -> Benchmark:
     return Benchmark(
         name="short",
         description="for tests",
+        headline=Headline.DRIVING_SCORE,
         metric="driving score",
         network="ingolstadt",
         traffic=Traffic(vehicles=10, pedestrians=10, warm_up_s=5.0),

@@ -18,6 +18,7 @@ STEADY = "tests.evaluation.agents:Steady"
 SHORT = """
 name = "short"
 description = "for tests"
+headline = "driving_score"
 metric = "driving score"
 network = "ingolstadt"
 traffic = { vehicles = 5, pedestrians = 5, warm_up_s = 5.0 }

@@ -19,6 +19,7 @@ from typing import Any
 from fastapi import FastAPI, HTTPException, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
+from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.service.comparison import compare_entries
 from dohyo.service.dashboard import pages
@@ -46,7 +47,8 @@ SEARCH = {
 VERSION = "3f9c" + "0" * 60
 BENCHMARKS = [
     BenchmarkView(
-        name=name, version=VERSION, description=description, metric="driving score: RC times IP", rules="2.0",
+        name=name, version=VERSION, description=description, headline=Headline.DRIVING_SCORE,
+        metric="driving score: RC times IP", rules="2.0",
         networks=["ingolstadt"], cells=["all"], scenarios=6, seeds=[0, 1, 2],
     )
     for name, description in (("quickstart", "Six drives through a signalised junction"), ("nocrash", "Two towns"))

@@ -16,6 +16,7 @@ from sqlalchemy import select
 
 from dohyo.evaluation.agent import agent_info, make_agent
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
 from dohyo.evaluation.records.store import read_record
 from dohyo.service.database.engine import Database
@@ -46,6 +47,7 @@ def short(missions: int = 1, goal_m: float = 30.0, name: str = "short") -> Bench
     return Benchmark(
         name=name,
         description="for tests",
+        headline=Headline.DRIVING_SCORE,
         metric="driving score",
         network="ingolstadt",
         traffic=Traffic(warm_up_s=0.0),
