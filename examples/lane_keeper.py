@@ -6,7 +6,7 @@ import numpy as np
 
 from dohyo.evaluation.agent import Agent, AgentSpec
 
-SENSORS = ("route", "objects", "lights")
+SENSORS = ("route", "objects", "junctions_ahead")
 
 
 class LaneKeeper(Agent):
@@ -19,7 +19,7 @@ class LaneKeeper(Agent):
 
     def act(self, observation):
         """One decision: target speed [m/s] and steering [-1, 1]."""
-        path, objects, light = observation["route"], observation["objects"], observation["lights"][0]
+        path, objects, light = observation["route"], observation["objects"], observation["junctions_ahead"][0]
         others = objects[objects[:, 0] >= 0, 1:3]  # x, y in the ego's frame, m
         gaps = np.linalg.norm(path[:40, None, :2] - others, axis=2)  # from 40 points of the path to everyone
         blocked = np.flatnonzero((gaps < 2.0).any(axis=1))

@@ -192,8 +192,8 @@ def test_the_example_stops_for_red_and_for_people() -> None:
     red[0] = 1.0, 20.0, 1, 0  # a red light, a metre ahead of the front
     agent = make_agent(EXAMPLE)
     free, person, light = (
-        agent.act({"route": route, "objects": objects, "lights": lights})[0]
-        for objects, lights in ((nobody, no_light), (somebody, no_light), (nobody, red))
+        agent.act({"route": route, "objects": objects, "junctions_ahead": junctions})[0]
+        for objects, junctions in ((nobody, no_light), (somebody, no_light), (nobody, red))
     )
     assert free == pytest.approx(13.9, abs=0.01)
     assert person == 0.0

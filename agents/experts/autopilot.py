@@ -86,7 +86,7 @@ class Autopilot(Agent):
     spec = AgentSpec(
         name="autopilot",
         track="privileged",
-        sensors=("speedometer", "route", "objects", "lights", "conflicts", "navigation", "path", "lanes"),
+        sensors=("speedometer", "route", "objects", "junctions_ahead", "conflicts", "navigation", "path", "lanes"),
         control="acceleration_steering",
     )
 
@@ -124,11 +124,11 @@ class Autopilot(Agent):
         wishes = {
             "free road": self._free_road(speed, route),
             "leader": self._leader(speed, self._leaders(observation["objects"], around, threats), route),
-            "light": self._lights(speed, observation["lights"]),
+            "light": self._lights(speed, observation["junctions_ahead"]),
             "conflict": self._conflicts(speed, observation, around),
             "passing": self._wait_to_pass(speed),
             "oncoming": self._oncoming(around, threats, speed, progress),
-            "emergency": self._yield(speed, observation["lights"]),
+            "emergency": self._yield(speed, observation["junctions_ahead"]),
         }
         most = PASSING_ACCELERATION if self._passing.active else self.style.acceleration + self._hurry
         wish = min(min(wishes.values()), most)
@@ -169,15 +169,15 @@ class Autopilot(Agent):
 
     def _step_aside(self, around: Surroundings, observation: Observation, speed: float, progress: float) -> None:
         """Leaves the middle of the lane for whoever stands there, comes from behind, or comes over the middle."""
-        lights, limit = observation["lights"], float(observation["route"][:LIMIT_M, 4].min())
+        junctions, limit = observation["junctions_ahead"], float(observation["route"][:LIMIT_M, 4].min())
         if not self._yielding.active:
-            self._passing.update(around, lights, speed, limit, progress, self._aside)
-        self._yielding.update(around, lights, speed, progress, self._aside, self._passing)
+            self._passing.update(around, junctions, speed, limit, progress, self._aside)
+        self._yielding.update(around, junctions, speed, progress, self._aside, self._passing)
         if self._passing.active or self._yielding.active:
             self._right = 0.0
             return
         # Inside a junction those who turn across look as if they came over the middle.
-        wanted, ramp = 0.0 if lights[0, 0] < 5.0 else keep_right(around, self._half_width, speed), KEEP_RIGHT_RAMP_M
+        wanted, ramp = 0.0 if junctions[0, 0] < 5.0 else keep_right(around, self._half_width, speed), KEEP_RIGHT_RAMP_M
         if self._standing > self.style.patience or (self._right > 0.0 and speed < CREEPING_M_S):
             wanted, ramp = max(wanted, squeeze_past(around, self._half_length, self._half_width)), SQUEEZE_RAMP_M
         if wanted > self._right + 0.05 or (wanted == 0.0 and self._right > 0.0):
@@ -209,13 +209,13 @@ class Autopilot(Agent):
             around, threats, self._half_length, self._half_width, lambda ahead: self._aside.at(progress + ahead), speed
         )
 
-    def _yield(self, speed: float, lights: Float32Array) -> float:
+    def _yield(self, speed: float, junctions: Float32Array) -> float:
         """Slowly while an emergency vehicle passes, and into no junction from the wrong lane."""
         if not self._yielding.active:
             return FREE
         wish = self._no_faster(speed, YIELDING_M_S)
-        if self._aside.offset != 0.0 and 0.0 < lights[0, 0] < 1000.0:
-            wish = min(wish, self._stop_at(speed, float(lights[0, 0])))
+        if self._aside.offset != 0.0 and 0.0 < junctions[0, 0] < 1000.0:
+            wish = min(wish, self._stop_at(speed, float(junctions[0, 0])))
         return wish
 
     def _no_faster(self, speed: float, most: float) -> float:
@@ -244,10 +244,10 @@ class Autopilot(Agent):
         """Towards standing with the front a little before a line."""
         return self._follow(speed, max(distance + self.style.gap - self.style.line_gap, 0.05), 0.0)
 
-    def _lights(self, speed: float, lights: Float32Array) -> float:
+    def _lights(self, speed: float, junctions: Float32Array) -> float:
         """Stops at red lines, at yellow ones where that is comfortable, and once at every stop sign."""
         wish = FREE
-        for row, (distance, _, signal, control) in enumerate(lights):
+        for row, (distance, _, signal, control) in enumerate(junctions):
             if distance < -0.5 or distance >= 1000.0:
                 continue
             braking = speed**2 / (2 * max(float(distance) - 0.3, 0.1))
@@ -257,14 +257,14 @@ class Autopilot(Agent):
                 self._stopped_at_sign = self._stopped_at_sign or (speed < 0.05 and distance < 2.5)
                 if not self._stopped_at_sign:
                     wish = min(wish, self._stop_at(speed, float(distance)))
-        if lights[0, 3] != 2 or lights[0, 0] < -0.5:
+        if junctions[0, 3] != 2 or junctions[0, 0] < -0.5:
             self._stopped_at_sign = False
         return wish
 
     def _conflicts(self, speed: float, observation: Observation, around: Surroundings) -> float:
         """Stops before the paths of those it must, or had better, let pass; rather before a junction than inside it."""
         wish = FREE
-        entry, leave = (float(v) for v in observation["lights"][0, :2])
+        entry, leave = (float(v) for v in observation["junctions_ahead"][0, :2])
         unforeseen = crossers(around, self._half_length, self._half_width)
         for row in np.concatenate([unforeseen, observation["conflicts"]]):
             if row[6] < 0:

@@ -72,13 +72,13 @@ class Patience:
 
 
 def find_blocker(
-    around: Surroundings, lights: Float32Array, patience: Patience, reach: float, behind: float
+    around: Surroundings, junctions: Float32Array, patience: Patience, reach: float, behind: float
 ) -> tuple[Blocker | None, bool]:
     """What blocks the ego's lane ahead, and whether it is to be passed now, or may yet turn out to be a queue.
 
     Args:
         around: What is there.
-        lights: (4, 4), see `sensors.lights`.
+        junctions: (4, 4), see `sensors.junctions_ahead`.
         patience: With those that stand.
         reach: Half the width of the corridor that the ego needs, m.
         behind: Who ends before this is past, m from the ego's centre.
@@ -101,21 +101,21 @@ def find_blocker(
         0.0 if any(one.stands for one in chain) else max(one.speed for one in chain),
     )
     static = any(one.kind == ActorKind.STATIC for one in chain)
-    if (last - chain[0].s_low > CHAIN_M and not static) or _at_a_junction(blocker, lights, static):
+    if (last - chain[0].s_low > CHAIN_M and not static) or _at_a_junction(blocker, junctions, static):
         return None, False
-    alone = _open_road(ahead, lights, chain, last)
+    alone = _open_road(ahead, junctions, chain, last)
     return blocker, static or blocker.speed > 0.0 or patience.stands_for_good(chain[-1], alone)
 
 
-def _open_road(ahead: Sequence[Neighbour], lights: Float32Array, chain: Sequence[Neighbour], last: float) -> bool:
+def _open_road(ahead: Sequence[Neighbour], junctions: Float32Array, chain: Sequence[Neighbour], last: float) -> bool:
     """Whether nothing before the last of them, neither a junction nor a vehicle, gives it reason to wait."""
     queued = any(last < one.s_low < last + CLOSE_M for one in ahead if one not in chain)
-    return not queued and not any(entry < last + OPEN_M and leave - entry > 1.0 for entry, leave, _, _ in lights)
+    return not queued and not any(entry < last + OPEN_M and leave - entry > 1.0 for entry, leave, _, _ in junctions)
 
 
-def _at_a_junction(blocker: Blocker, lights: Float32Array, static: bool) -> bool:
+def _at_a_junction(blocker: Blocker, junctions: Float32Array, static: bool) -> bool:
     """Whether a junction lies before its end, or so close behind it that it may queue there."""
-    for entry, leave, _, _ in lights:
+    for entry, leave, _, _ in junctions:
         # Places where one road merely goes on as another are no junctions.
         if entry >= 1000.0 or leave - entry <= 1.0:
             continue

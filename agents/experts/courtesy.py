@@ -38,7 +38,13 @@ class Yielding:
         self.active = False
 
     def update(
-        self, around: Surroundings, lights: Float32Array, speed: float, progress: float, aside: Sidestep, room: Passing
+        self,
+        around: Surroundings,
+        junctions: Float32Array,
+        speed: float,
+        progress: float,
+        aside: Sidestep,
+        room: Passing,
     ) -> None:
         """Goes on for one tick; leads the sidestep."""
         coming = any(self._needs_way(one) for one in around.neighbours)
@@ -48,7 +54,9 @@ class Yielding:
         if not coming or room.active:
             return
         self.active = True
-        if aside.offset != 0.0 or any(e < JUNCTION_M and 0.0 < e2 < 1000.0 and e2 - e > 1.0 for e, e2, _, _ in lights):
+        if aside.offset != 0.0 or any(
+            e < JUNCTION_M and 0.0 < e2 < 1000.0 and e2 - e > 1.0 for e, e2, _, _ in junctions
+        ):
             return
         lanes = [lane for lane in around.lanes_beside(0.0, 25.0) if not lane.oncoming]
         for lane in sorted(lanes, key=lambda lane: lane.d):

@@ -71,7 +71,7 @@ class Passing:
     def update(
         self,
         around: Surroundings,
-        lights: Float32Array,
+        junctions: Float32Array,
         speed: float,
         limit: float,
         progress: float,
@@ -82,7 +82,7 @@ class Passing:
         self.waits_at, self._top = FREE, min(PASSING_M_S, limit)
         reach = self._half_width + LEAST_CLEARANCE_M
         behind = -self._half_length if self.active else self._half_length
-        blocker, decided = find_blocker(around, lights, self._patience, reach, behind)
+        blocker, decided = find_blocker(around, junctions, self._patience, reach, behind)
         if self.active:
             self._go_on(around, blocker, speed, progress, aside)
             return

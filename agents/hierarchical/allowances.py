@@ -18,7 +18,7 @@ from dohyo.sumo_networks.world import ActorKind
 ALLOWANCES = 9
 
 
-def allowances(strips: Float32Array, lights: Float32Array, conflicts: Float32Array) -> Float32Array:
+def allowances(strips: Float32Array, junctions: Float32Array, conflicts: Float32Array) -> Float32Array:
     """(9,) speeds [15 m/s, at most 1] and roots of distances [50 m, at most 1]; 1 where nothing holds the ego back.
 
     In this order: speed behind the first body ahead; speed and distance of the first line that is closed; the same of
@@ -26,12 +26,12 @@ def allowances(strips: Float32Array, lights: Float32Array, conflicts: Float32Arr
 
     Args:
         strips: (3, 5), see `nearby.strips`.
-        lights: (4, 4), see `sensors.lights`.
+        junctions: (4, 4), see `sensors.junctions_ahead`.
         conflicts: (16, 8), see `sensors.conflicts`.
     """
     free, gap = float(strips[0, 1]) >= 1.0, float(strips[0, 1]) ** 2 * IMPACT_M
     leader = 1.0 if free else following_speed(gap, float(strips[0, 2]) * SPEED_UNIT_M_S) / SPEED_UNIT_M_S
-    out = [min(leader, 1.0), *_stand(lights[closed(lights), 0], LINE_GAP_M)]
+    out = [min(leader, 1.0), *_stand(junctions[closed(junctions), 0], LINE_GAP_M)]
     enter, priority, kind = conflicts[:, (0, 5, 6)].T
     comes = coming(conflicts)
     on_foot: BoolArray = kind == ActorKind.PEDESTRIAN

@@ -20,12 +20,12 @@ from dohyo.agents.hierarchical.watch import Danger
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
-from dohyo.sumo_networks.sensors.lights import STOPS, YIELDS
+from dohyo.sumo_networks.sensors.junctions_ahead import STOPS, YIELDS
 from dohyo.sumo_networks.sensors.path import BEHIND, POINTS
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind, LightState
 
-SENSORS = ("speedometer", "route", "objects", "lights", "conflicts", "navigation", "path", "lanes")
+SENSORS = ("speedometer", "route", "objects", "junctions_ahead", "conflicts", "navigation", "path", "lanes")
 """What facts are made of."""
 FAR_M = 1000.0
 NEAREST_AHEAD, NEAREST_CROSSING, NEAREST_IN_LANE = 4, 8, 3
@@ -91,7 +91,7 @@ class Memory:
 
     def watch(self, observation: Observation, neighbours: Sequence[Neighbour]) -> None:
         """Goes on for one tick."""
-        speed, lights = float(observation["speedometer"][0]), observation["lights"]
+        speed, junctions = float(observation["speedometer"][0]), observation["junctions_ahead"]
         # Creeping up to a line is waiting too; driving wears it off.
         self.standing = self.standing + TICK_S if speed < WAITS_M_S else max(self.standing - 5 * TICK_S, 0.0)
         self.stood = {one.key: self.stood.get(one.key, 0.0) + TICK_S for one in neighbours if one.stands}
@@ -99,7 +99,7 @@ class Memory:
         racing = float(observation["path"][BEHIND, 4]) + RACING_M_S
         kept = {key: left - TICK_S for key, left in self.raced.items() if left > TICK_S}
         self.raced = kept | {one.key: RACED_S for one in neighbours if one.speed > racing}
-        distance, _, _, sign = (float(v) for v in lights[0])
+        distance, _, _, sign = (float(v) for v in junctions[0])
         at_sign = sign == STOPS and -0.5 <= distance < FAR_M
         self.stood_at_line = at_sign and (self.stood_at_line or (speed < 0.05 and distance < 2.5))
 
@@ -138,7 +138,7 @@ class FactsBuilder:
         speed, progress = float(observation["speedometer"][0]), float(observation["navigation"][2])
         out = [fact("speed", tenths(speed)), fact("advised", tenths(advised))]
         out += [fact("standing", tenths(memory.standing)), fact("refused", tenths(memory.refused))]
-        out += self._junctions(observation["lights"], memory)
+        out += self._junctions(observation["junctions_ahead"], memory)
         ahead = self._ahead(around.neighbours, speed, aside, progress)
         for one, gap, pace in ahead:
             out += self._blocker(one, gap, pace, speed, memory)
@@ -164,8 +164,8 @@ class FactsBuilder:
         numbers = {one.key: (gap, pace) for one, gap, pace in ahead} | entering
         return Moment(tuple(out), numbers, {side: lane.d for side, lane in lanes.items()}, squeeze)
 
-    def _junctions(self, lights: Float32Array, memory: Memory) -> Iterator[Fact]:
-        for number, (entry, leave, signal, sign) in enumerate(lights.tolist(), start=1):
+    def _junctions(self, junctions: Float32Array, memory: Memory) -> Iterator[Fact]:
+        for number, (entry, leave, signal, sign) in enumerate(junctions.tolist(), start=1):
             if entry >= FAR_M:
                 break
             yield fact("junction", number, tenths(entry), tenths(leave))

@@ -171,22 +171,22 @@ def lane_is_free(around: Surroundings, offset: float, speed: float) -> bool:
     return True
 
 
-def light_ahead(lights: Float32Array) -> bool:
+def light_ahead(junctions: Float32Array) -> bool:
     """Whether the next junction with lights is near, and the ego has not left it yet.
 
     Args:
-        lights: (4, 4), see `sensors.lights`.
+        junctions: (4, 4), see `sensors.junctions_ahead`.
     """
-    return any(row[2] >= LightState.OFF and row[0] < LIGHT_AHEAD_M for row in lights)
+    return any(row[2] >= LightState.OFF and row[0] < LIGHT_AHEAD_M for row in junctions)
 
 
-def line_near(lights: Float32Array) -> bool:
+def line_near(junctions: Float32Array) -> bool:
     """Whether a light that is not green is so near that only `LIGHTS` is for it: nobody else has learned any.
 
     Args:
-        lights: (4, 4), see `sensors.lights`.
+        junctions: (4, 4), see `sensors.junctions_ahead`.
     """
-    return any(0.0 < row[0] < LINE_NEAR_M and int(row[2]) in (LightState.RED, LightState.YELLOW) for row in lights)
+    return any(0.0 < row[0] < LINE_NEAR_M and int(row[2]) in (LightState.RED, LightState.YELLOW) for row in junctions)
 
 
 def must_yield(conflicts: Float32Array, around: Surroundings) -> bool:
@@ -205,11 +205,11 @@ def learned(observation: Observation, around: Surroundings) -> frozenset[Manoeuv
     Before a line that is closed that is `LIGHTS` alone, and whoever must be given way to is for it or for `BRAKING`.
 
     Args:
-        observation: With the sensors "lights" and "conflicts".
+        observation: With the sensors "junctions_ahead" and "conflicts".
         around: Made of it.
     """
-    lights = {Manoeuvre.LIGHTS} if light_ahead(observation["lights"]) else set()
-    if line_near(observation["lights"]):
+    lights = {Manoeuvre.LIGHTS} if light_ahead(observation["junctions_ahead"]) else set()
+    if line_near(observation["junctions_ahead"]):
         return frozenset(lights)
     if must_yield(observation["conflicts"], around):
         return frozenset(lights | {Manoeuvre.BRAKING})

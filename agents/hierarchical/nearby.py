@@ -15,12 +15,12 @@ from dohyo.agents.experts.surroundings import boxes_on_path, project
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
+from dohyo.sumo_networks.sensors.junctions_ahead import STOPS, YIELDS
 from dohyo.sumo_networks.sensors.lanes import ATTRIBUTES, POINTS, ROAD
-from dohyo.sumo_networks.sensors.lights import STOPS, YIELDS
 from dohyo.sumo_networks.sensors.path import BEHIND
 from dohyo.sumo_networks.world import ActorKind, LightState
 
-SENSORS = ("objects", "path", "lanes", "lights", "conflicts", "speedometer")
+SENSORS = ("objects", "path", "lanes", "junctions_ahead", "conflicts", "speedometer")
 IMPACT_M, EVENT_M = 50.0, 50.0
 """Farther than this, a distance is as good as infinite."""
 ACTORS, ACTOR_COLUMNS = 8, 9
@@ -46,11 +46,11 @@ def distances(observation: Observation) -> Float32Array:
     event is a junction or a light: its stop line, and 0 while the front is inside.
 
     Args:
-        observation: With `objects`, `path` and `lights`.
+        observation: With `objects`, `path` and `junctions_ahead`.
     """
     path = observation["path"].astype(np.float64)
     boxes = boxes_on_path(observation["objects"], path)
-    return _distances(boxes, _start(path), observation["lights"])
+    return _distances(boxes, _start(path), observation["junctions_ahead"])
 
 
 def actors_near(observation: Observation) -> Float32Array:
@@ -103,10 +103,10 @@ def junctions(observation: Observation) -> Float32Array:
     [8 m/s^2, at most 1].
 
     Args:
-        observation: With `lights` and `speedometer`.
+        observation: With `junctions_ahead` and `speedometer`.
     """
     out = np.zeros((JUNCTIONS, JUNCTION_COLUMNS), dtype=np.float32)
-    near, speed = observation["lights"][:JUNCTIONS], float(observation["speedometer"][0])
+    near, speed = observation["junctions_ahead"][:JUNCTIONS], float(observation["speedometer"][0])
     out[:, 0] = root(near[:, 0] / EVENT_M)
     for column, value in ((1, _RED), (2, _YELLOW), (3, _GREEN)):
         out[:, column] = near[:, 2] == value
@@ -154,14 +154,14 @@ def _start(path: FloatArray) -> float:
 
 
 @njit(cache=True)
-def _distances(boxes: FloatArray, start: float, lights: Float32Array) -> Float32Array:
+def _distances(boxes: FloatArray, start: float, junctions: Float32Array) -> Float32Array:
     half_length, reach = 0.5 * _LENGTH_M, 0.5 * _WIDTH_M + MARGIN_M
     impact = IMPACT_M
     for row in boxes:
         if row[0] == row[1] or row[1] - start < half_length or row[2] > reach or row[3] < -reach:
             continue
         impact = min(impact, max(row[0] - start - half_length, 0.0))
-    event = min(max(float(lights[0, 0]), 0.0), EVENT_M)
+    event = min(max(float(junctions[0, 0]), 0.0), EVENT_M)
     return np.array([impact, event], dtype=np.float32)
 
 

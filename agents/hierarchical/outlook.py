@@ -130,4 +130,4 @@ class Outlook:
     def _is_finished(self, observation: Observation) -> bool:
         if self._followed in CHANGES:
             return self._course.arrived(observation)
-        return self._followed is Manoeuvre.LIGHTS and not light_ahead(observation["lights"])
+        return self._followed is Manoeuvre.LIGHTS and not light_ahead(observation["junctions_ahead"])

@@ -65,11 +65,12 @@ def pace_of(observation: Observation, around: Surroundings, restraints: frozense
     """The pace of one moment.
 
     Args:
-        observation: With the sensors "route", "path", "lights" and "conflicts"; the path is the one to be followed.
+        observation: With the sensors "route", "path", "junctions_ahead" and "conflicts"; the path is the one to
+            be followed.
         around: Made of it.
         restraints: Which of them count.
     """
-    limits = list(_lines(observation["lights"])) if Restraint.LINE in restraints else []
+    limits = list(_lines(observation["junctions_ahead"])) if Restraint.LINE in restraints else []
     if Restraint.LEADER in restraints:
         limits += _leaders(around)
     if Restraint.YIELD in restraints:
@@ -102,13 +103,13 @@ def stopping_speed(distance: float, gap: float) -> float:
     return min(math.sqrt(2.0 * BRAKING_M_S2 * left), LINE_GAIN * left)
 
 
-def closed(lights: Float32Array) -> BoolArray:
-    """(N,) whether a line is ahead, and its light red or yellow; `lights`: (N, 4), see `sensors.lights`.
+def closed(junctions: Float32Array) -> BoolArray:
+    """(N,) whether a line is ahead, and its light red or yellow; `junctions`: (N, 4), see `sensors.junctions_ahead`.
 
     Who cannot stop gently before a yellow light drives on, and who is past the line is past it.
     """
-    stops: BoolArray = (lights[:, 2] == LightState.RED) | (lights[:, 2] == LightState.YELLOW)
-    return stops & (lights[:, 0] > 0.0)
+    stops: BoolArray = (junctions[:, 2] == LightState.RED) | (junctions[:, 2] == LightState.YELLOW)
+    return stops & (junctions[:, 0] > 0.0)
 
 
 def coming(conflicts: Float32Array) -> BoolArray:
@@ -130,8 +131,8 @@ def _leaders(around: Surroundings) -> Iterator[tuple[float, float]]:
             yield following_speed(gap, pace), gap if pace < STANDS_BELOW_M_S else math.inf
 
 
-def _lines(lights: Float32Array) -> Iterator[tuple[float, float]]:
-    for distance in lights[closed(lights), 0].tolist():
+def _lines(junctions: Float32Array) -> Iterator[tuple[float, float]]:
+    for distance in junctions[closed(junctions), 0].tolist():
         yield stopping_speed(distance, LINE_GAP_M), distance
 
 

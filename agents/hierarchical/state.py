@@ -170,7 +170,7 @@ class StateEncoder:
             out[layout["strips"]] = strips.ravel()
             out[layout["junctions"]] = nearby.junctions(observation).ravel()
             out[layout["crossings"]] = nearby.crossings(conflicts).ravel()
-            out[layout["allowances"]] = allowances(strips, observation["lights"], conflicts)
+            out[layout["allowances"]] = allowances(strips, observation["junctions_ahead"], conflicts)
             out[layout["distances"]] = nearby.root(nearby.distances(observation) / (nearby.IMPACT_M, nearby.EVENT_M))
         points = route[WAYPOINTS_M, :2] / (AHEAD_UNIT_M, ASIDE_UNIT_M)
         out[layout["waypoints"]] = points.ravel()

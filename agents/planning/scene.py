@@ -16,12 +16,12 @@ import numpy as np
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from dohyo.sumo_networks.geometry import project_on_path, wrap_angle
+from dohyo.sumo_networks.sensors.junctions_ahead import STOPS
 from dohyo.sumo_networks.sensors.lanes import ATTRIBUTES, POINTS
-from dohyo.sumo_networks.sensors.lights import STOPS
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import LightState
 
-SENSORS = ("ego_state", "objects", "lanes", "path", "lights")
+SENSORS = ("ego_state", "objects", "lanes", "path", "junctions_ahead")
 """What a scene is built from."""
 
 HISTORY = 4
@@ -209,7 +209,7 @@ class SceneBuilder:
             actors=self._actors(rows, pose),
             lanes=_lanes(observation["lanes"]),
             path=path,
-            stop_lines=self._stop_lines(observation["lights"], speed, ego.length),
+            stop_lines=self._stop_lines(observation["junctions_ahead"], speed, ego.length),
         )
         self._tick += 1
         return scene
@@ -246,9 +246,9 @@ class SceneBuilder:
             history_valid=valid,
         )
 
-    def _stop_lines(self, lights: Float32Array, speed: float, length: float) -> StopLines:
-        ahead = lights[(lights[:, 0] > -0.5) & (lights[:, 0] < 1000.0)].astype(np.float64)
-        at_sign = len(lights) > 0 and int(lights[0, 3]) == STOPS and -0.5 < lights[0, 0] < STOOD_DISTANCE_M
+    def _stop_lines(self, junctions: Float32Array, speed: float, length: float) -> StopLines:
+        ahead = junctions[(junctions[:, 0] > -0.5) & (junctions[:, 0] < 1000.0)].astype(np.float64)
+        at_sign = len(junctions) > 0 and int(junctions[0, 3]) == STOPS and -0.5 < junctions[0, 0] < STOOD_DISTANCE_M
         self._stood = bool(at_sign and (self._stood or speed < STOOD_SPEED))
         signal, distance = ahead[:, 2].astype(np.int64), ahead[:, 0]
         stoppable = speed**2 <= 2 * YELLOW_BRAKING * np.maximum(distance - 0.5, 0.0)

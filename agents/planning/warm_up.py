@@ -21,7 +21,7 @@ def empty_road(sensors: tuple[str, ...]) -> Observation:
     out["objects"][0] = 0.0, 60.0, 4.0, 0.0, 0.0, 4.5, 1.8, 0.0
     out["path"][:, 0] = np.arange(len(out["path"])) - 12.0
     out["path"][:, 4:] = 13.9, 3.2
-    out["lights"][:, :2], out["lights"][:, 2] = 1000.0, -1.0
+    out["junctions_ahead"][:, :2], out["junctions_ahead"][:, 2] = 1000.0, -1.0
     lanes = out["lanes"]
     lanes[:, 0] = -1.0
     lanes[0, :ATTRIBUTES] = 0.0, 0.0, 0.0, 3.2, 13.9, 2.0, -1.0, -1.0, -1.0, -1.0, -1.0, -1.0

@@ -29,7 +29,7 @@ SensorNames = Sequence[str | SensorConfig]
 SENSOR_NOISE = 1  # keeps this stream of random numbers apart from the traffic's
 GOAL_SHARE = 0.99
 GOAL_DISTANCE_M = 10.0
-DEFAULT_SENSORS = ("speedometer", "route", "objects", "lights")
+DEFAULT_SENSORS = ("speedometer", "route", "objects", "junctions_ahead")
 
 
 class DrivingEnv(ParallelEnv):  # type: ignore[misc]

@@ -16,9 +16,9 @@ from dohyo.sumo_networks.sensors.detections import Detections
 from dohyo.sumo_networks.sensors.ego_state import EgoState
 from dohyo.sumo_networks.sensors.gnss import Gnss, GnssRtk
 from dohyo.sumo_networks.sensors.imu import Imu
+from dohyo.sumo_networks.sensors.junctions_ahead import JunctionsAhead
 from dohyo.sumo_networks.sensors.lane import Lane
 from dohyo.sumo_networks.sensors.lanes import Lanes
-from dohyo.sumo_networks.sensors.lights import Lights
 from dohyo.sumo_networks.sensors.objects import Objects
 from dohyo.sumo_networks.sensors.path import Path
 from dohyo.sumo_networks.sensors.radar import Radar
@@ -47,7 +47,7 @@ SENSORS: dict[str, type[Sensor] | SensorConfig] = {
     "route": Route,
     "objects": Objects,
     "detections": Detections,
-    "lights": Lights,
+    "junctions_ahead": JunctionsAhead,
     "conflicts": Conflicts,
     "radar": Radar,
     "gnss": Gnss,

@@ -30,7 +30,7 @@ from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
 from dohyo.sumo_networks.simulation import Simulation
 from tests.performance import localization
 
-SENSORS = ("speedometer", "navigation", "lane", "route", "objects", "lights")
+SENSORS = ("speedometer", "navigation", "lane", "route", "objects", "junctions_ahead")
 CASES = {50: "ingolstadt", 200: "adlershof", 1000: "adlershof"}
 MISSIONS = {
     "ingolstadt": ("737320747#3_2", "726514449_2"),

@@ -150,7 +150,7 @@ def record_episode(scenario: Scenario, order: Order) -> Pictures:
 def labels(observation: Observation) -> tuple[float, float, int]:
     """Distances to impact and to the next event [m], and the next junction's signal."""
     impact, event = distances(observation).tolist()
-    return impact, event, int(observation["lights"][0, 2])
+    return impact, event, int(observation["junctions_ahead"][0, 2])
 
 
 def drawn_off(rng: np.random.Generator) -> FloatArray:

@@ -22,7 +22,7 @@ FREE = np.ones(ALLOWANCES)
 def read(scene: Scene) -> np.ndarray:
     world = scene.world()
     seen = {sensor.name: sensor.read(world, 0) for sensor in make_sensors(nearby.SENSORS)}
-    return allowances(nearby.strips(seen), seen["lights"], seen["conflicts"])
+    return allowances(nearby.strips(seen), seen["junctions_ahead"], seen["conflicts"])
 
 
 def rows(*found: tuple[float, float, float, float, ActorKind]) -> np.ndarray:

@@ -13,7 +13,7 @@ from dohyo.sumo_networks.sensors import make_sensors
 from dohyo.sumo_networks.world import LightState
 from tests.worlds import LANE_M, Scene, lit_crossing, straight_road
 
-SENSORS = ("route", "path", "lights", "objects", "lanes", "navigation", "speedometer")
+SENSORS = ("route", "path", "junctions_ahead", "objects", "lanes", "navigation", "speedometer")
 Observation = dict[str, np.ndarray]
 
 
@@ -120,10 +120,10 @@ def test_where_the_lane_beside_ends_the_path_leads_back():
 def test_a_light_counts_from_60_m_before_it_until_its_junction_is_left():
     crossing = lit_crossing()
     line = crossing.stop_line("w_c_0")
-    at = {x: light_ahead(seen(crossing.with_ego(x=x).with_lights(LightState.GREEN))["lights"]) for x in
+    at = {x: light_ahead(seen(crossing.with_ego(x=x).with_lights(LightState.GREEN))["junctions_ahead"]) for x in
           (line - 70.0, line - 55.0, line - 3.0, 0.0, 60.0)}  # fmt: skip
     assert list(at.values()) == [False, True, True, True, False]
-    assert not light_ahead(seen(ego())["lights"])
+    assert not light_ahead(seen(ego())["junctions_ahead"])
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,7 @@ def test_a_stop_sign_is_told_and_no_junction_is_far() -> None:
 @pytest.mark.parametrize(("speed", "expected"), [(0.0, 0.0), (6.0, 0.25), (12.0, 1.0), (20.0, 1.0)])
 def test_whether_the_ego_can_still_stop_is_told(speed: float, expected: float) -> None:
     observation = seen(lit_crossing().with_ego(x=-60.0, speed=speed))
-    observation["lights"][0, 0] = 9.0
+    observation["junctions_ahead"][0, 0] = 9.0
     assert junctions(observation)[0, 6] == pytest.approx(expected)
 
 

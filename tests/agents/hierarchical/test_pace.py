@@ -14,7 +14,7 @@ from dohyo.sumo_networks.world import ActorKind, LightState
 from tests.worlds import Scene, lit_crossing, straight_road
 
 ALL = frozenset(Restraint)
-SENSORS = ("route", "path", "lights", "conflicts", "objects", "lanes", "navigation", "speedometer")
+SENSORS = ("route", "path", "junctions_ahead", "conflicts", "objects", "lanes", "navigation", "speedometer")
 LIMIT = 13.89
 HALF = 2.25
 

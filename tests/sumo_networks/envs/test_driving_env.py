@@ -125,7 +125,7 @@ def test_observations_are_the_callers_own(make_env: MakeEnv) -> None:
 
 
 def test_each_ego_may_have_its_own_sensors_and_control(make_env: MakeEnv) -> None:
-    sensors = {"ego": ["speedometer"], "second": ["lane", "lights"]}
+    sensors = {"ego": ["speedometer"], "second": ["lane", "junctions_ahead"]}
     control = {"ego": "pedals_steering", "second": "waypoints"}
     env = make_env(two_egos(), sensors=sensors, control=control)
     observations, infos = env.reset()

@@ -10,7 +10,7 @@ from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.routes.route import Command
 from dohyo.sumo_networks.scenario import Mission, Place
 from dohyo.sumo_networks.sensors import PRESETS, SENSORS, Track, make_sensors
-from dohyo.sumo_networks.sensors.lights import MAJOR, STOPS
+from dohyo.sumo_networks.sensors.junctions_ahead import MAJOR, STOPS
 from dohyo.sumo_networks.sensors.objects import ROWS
 from dohyo.sumo_networks.world import ActorKind, LightState, World
 from tests.worlds import Scene, crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road
@@ -147,14 +147,14 @@ def test_a_bend_to_the_left_curves_left_and_is_announced() -> None:
     assert rows[30, 6] == Command.LEFT
 
 
-# Lights
+# Junctions ahead
 
 
 @pytest.mark.parametrize("light", [LightState.RED, LightState.YELLOW, LightState.GREEN, LightState.OFF])
 def test_the_next_light_its_distance_and_its_state(light: LightState) -> None:
     scene = lit_crossing()
     other = LightState.GREEN if light is LightState.RED else LightState.RED
-    rows = read("lights", scene.with_ego(x=-50.0).with_lights(other, s=light).world())
+    rows = read("junctions_ahead", scene.with_ego(x=-50.0).with_lights(other, s=light).world())
     front = -50.0 + 2.25
     assert rows[0] == pytest.approx([scene.stop_line("w_c_0") - front, 10.4 - front, light, MAJOR], abs=0.01)
     np.testing.assert_array_equal(rows[1:, :2], 1000.0)
@@ -163,13 +163,13 @@ def test_the_next_light_its_distance_and_its_state(light: LightState) -> None:
 
 def test_a_stop_sign_is_no_light_but_a_line() -> None:
     scene = stop_sign_crossing()
-    row = read("lights", scene.with_ego(x=-50.0).world())[0]
+    row = read("junctions_ahead", scene.with_ego(x=-50.0).world())[0]
     assert row == pytest.approx([scene.stop_line("w_c_0") + 47.75, 58.15, -1.0, STOPS], abs=0.01)
 
 
 @pytest.mark.parametrize(("x", "seen"), [(-113.0, False), (-112.0, True), (-5.0, True), (8.0, True), (8.5, False)])
 def test_a_junction_is_seen_from_100_metres_until_the_front_has_left_it(x: float, seen: bool) -> None:
-    row = read("lights", lit_crossing().with_ego(x=x).world())[0]
+    row = read("junctions_ahead", lit_crossing().with_ego(x=x).world())[0]
     assert (row[0] < 1000.0) == seen
     if seen:
         assert row[:2] == pytest.approx([-10.4 - (x + 2.25), 10.4 - (x + 2.25)], abs=0.01)
@@ -192,7 +192,11 @@ def test_a_sensor_needs_its_track(name: str, track: Track) -> None:
 
 def test_what_needs_the_map_and_what_is_privileged() -> None:
     tracks = {name: make_sensors([name])[0].track for name in SENSORS}
-    assert {name for name, track in tracks.items() if track is Track.PRIVILEGED} >= {"objects", "lights", "conflicts"}
+    assert {name for name, track in tracks.items() if track is Track.PRIVILEGED} >= {
+        "objects",
+        "junctions_ahead",
+        "conflicts",
+    }
     assert {name for name, track in tracks.items() if track is Track.MAP} >= {"lane", "route"}
 
 

@@ -98,7 +98,7 @@ def test_labels_by_hand():
     line = lit_crossing().stop_line("w_c_0")
     scene = lit_crossing().with_ego(x=line - 32.25).with_actor(x=line - 10.0).with_lights(s=LightState.RED)
     world = scene.world()
-    names = ("objects", "path", "lights")
+    names = ("objects", "path", "junctions_ahead")
     impact, event, light = labels({sensor.name: sensor.read(world, 0) for sensor in make_sensors(names)})
     assert impact == pytest.approx(22.25 - 4.5, abs=0.05)
     assert event == pytest.approx(30.0, abs=0.6)

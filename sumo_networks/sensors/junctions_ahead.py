@@ -1,4 +1,4 @@
-"""Lights: the next junctions of the route, their signals and their right of way."""
+"""JunctionsAhead: the next junctions of the route, their signals and their right of way."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAJOR, YIELDS, STOPS = 0, 1, 2
 _CONTROL = {"m": YIELDS, "=": YIELDS, "s": STOPS, "w": STOPS}
 
 
-class Lights(Sensor):
+class JunctionsAhead(Sensor):
     """(4, 4) the next junctions within 100 m of the ego's front, nearest first.
 
     Columns: distance from the front bumper to the junction (its stop line, where there is one) [m, negative once
@@ -24,7 +24,7 @@ class Lights(Sensor):
     1000 and signal -1.
     """
 
-    name = "lights"
+    name = "junctions_ahead"
     track = Track.PRIVILEGED
     space = Box(-np.inf, np.inf, (ROWS, 4), np.float32)
 
