@@ -14,13 +14,13 @@ from dohyo.sumo_networks.events import Event
 __all__ = [
     "Config",
     "Event",
-    "Flow",
     "Mission",
     "Name",
     "Obstacle",
     "Place",
     "Scenario",
     "Traffic",
+    "TrafficFlow",
     "content_hash",
 ]
 
@@ -48,7 +48,7 @@ class Mission(Config):
     start_speed_mps: Annotated[float, Field(ge=0, le=60)] | None = _OPTIONAL
 
 
-class Flow(Config):
+class TrafficFlow(Config):
     """Vehicles that follow each other along one way, for as long as the episode lasts; beside the population.
 
     They enter at the beginning of their source whether an ego sees it or not, and wait outside while there is no room.
@@ -71,7 +71,7 @@ class Flow(Config):
     spacing_m: tuple[Annotated[float, Field(ge=5)], Annotated[float, Field(le=10_000)]] | None = None
 
     @model_validator(mode="after")
-    def _gaps_are_one_and_in_order(self) -> Flow:
+    def _gaps_are_one_and_in_order(self) -> TrafficFlow:
         given = [name for name in ("vehicles_per_hour", "gap_s", "spacing_m") if getattr(self, name) is not None]
         if len(given) != 1:
             raise ValueError(
@@ -106,7 +106,7 @@ class Traffic(Config):
     # What most scenarios have not is left out, so that they keep their hashes.
     jaywalkers: Annotated[float, Field(ge=0, le=1, exclude_if=lambda share: not share)] = 0.0
     impatience: Annotated[float, Field(ge=0, le=1, exclude_if=lambda share: not share)] = 0.0
-    flows: Annotated[tuple[Flow, ...], Field(max_length=100, exclude_if=lambda flows: not flows)] = ()
+    flows: Annotated[tuple[TrafficFlow, ...], Field(max_length=100, exclude_if=lambda flows: not flows)] = ()
 
     @property
     def jaywalker_count(self) -> int:

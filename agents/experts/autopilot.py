@@ -19,7 +19,7 @@ from dohyo.agents.experts.courtesy import (
     KEEP_RIGHT_RAMP_M,
     SQUEEZE_RAMP_M,
     YIELDING_M_S,
-    Yielding,
+    EmergencyYielding,
     keep_right,
     squeeze_past,
     stand_before_oncoming,
@@ -108,7 +108,7 @@ class Autopilot(Agent):
         self._reason: Explanation = {}
         self._aside = Sidestep()
         self._passing = Passing(self._half_length, self._half_width)
-        self._yielding = Yielding(self._half_length)
+        self._yielding = EmergencyYielding(self._half_length)
         self._impact = Impact(self._half_length, self._half_width)
         self._right = 0.0
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from dohyo.agents.experts.passing import Passing
 from dohyo.agents.experts.sidestep import RAMP_M, Sidestep
-from dohyo.agents.experts.surroundings import Lane, Neighbour, Surroundings
+from dohyo.agents.experts.surroundings import LaneBeside, Neighbour, Surroundings
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.world import ActorKind
 
@@ -26,7 +26,7 @@ SQUEEZE_M = 1.2
 NOSE_M = 8.0
 
 
-class Yielding:
+class EmergencyYielding:
     """Lets an emergency vehicle pass: into the lane beside, slowly, until it is past.
 
     Attributes:
@@ -68,7 +68,7 @@ class Yielding:
         near = one.s_high > -SIREN_M and one.s_low < self._half_length + PASSED_M
         return one.kind == ActorKind.EMERGENCY and near and one.along > 0.5 and one.within(-1.5, 1.5)
 
-    def _free(self, around: Surroundings, lane: Lane, speed: float, room: Passing) -> bool:
+    def _free(self, around: Surroundings, lane: LaneBeside, speed: float, room: Passing) -> bool:
         others = (one for one in around.driving() if one.along > 0.0 and one.kind != ActorKind.EMERGENCY)
         return not any(room.in_the_way(one, lane.d, speed, 1.0) for one in others)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from dohyo.agents.experts.blockers import Blocker, Patience, find_blocker
 from dohyo.agents.experts.gaps import Stretch, leaves_room
 from dohyo.agents.experts.sidestep import RAMP_M, Sidestep
-from dohyo.agents.experts.surroundings import Lane, Neighbour, Surroundings
+from dohyo.agents.experts.surroundings import LaneBeside, Neighbour, Surroundings
 from dohyo.sumo_networks.arrays import Float32Array
 
 FREE = math.inf
@@ -211,7 +211,7 @@ class Passing:
             ways.append(Way(left, True))
         return inside + [way for way in ways if self._fits(way, lanes)]
 
-    def _fits(self, way: Way, lanes: list[Lane]) -> bool:
+    def _fits(self, way: Way, lanes: list[LaneBeside]) -> bool:
         """Whether its side of the road is wide enough."""
         return any(abs(way.offset - lane.d) < 0.5 * lane.width + 0.3 for lane in lanes) or way.oncoming
 

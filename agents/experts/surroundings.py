@@ -69,7 +69,7 @@ class Neighbour:
 
 
 @dataclass(frozen=True, slots=True)
-class Lane:
+class LaneBeside:
     """A lane beside the route's.
 
     Attributes:
@@ -105,7 +105,7 @@ class Surroundings:
         """All but people on foot."""
         return (one for one in self.neighbours if one.kind != ActorKind.PEDESTRIAN)
 
-    def lanes_beside(self, first: float, last: float) -> list[Lane]:
+    def lanes_beside(self, first: float, last: float) -> list[LaneBeside]:
         """The lanes next to the route's that go with it all along a stretch [m from the ego's centre]."""
         rows = self._lanes[(self._lanes[:, 0] >= 0) & (self._lanes[:, 2] == ROAD)]
         points = rows[:, ATTRIBUTES:].reshape(len(rows), POINTS, 2).astype(np.float64)
@@ -120,7 +120,7 @@ class Surroundings:
             stops = np.concatenate([[first - COVERED_M / 2], s, [last + COVERED_M / 2]])
             if len(s) and float(np.diff(stops).max()) < COVERED_M:
                 width = float(np.median(widths[near]))
-                out.append(Lane(sign * float(np.median(d[near])), width, oncoming))
+                out.append(LaneBeside(sign * float(np.median(d[near])), width, oncoming))
         return out
 
 

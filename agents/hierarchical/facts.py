@@ -14,7 +14,7 @@ import numpy as np
 
 from dohyo.agents.experts.crossing import crossers
 from dohyo.agents.experts.sidestep import Sidestep
-from dohyo.agents.experts.surroundings import Lane, Neighbour, Surroundings
+from dohyo.agents.experts.surroundings import LaneBeside, Neighbour, Surroundings
 from dohyo.agents.hierarchical.solver import Fact, fact
 from dohyo.agents.hierarchical.watch import Danger
 from dohyo.evaluation.agent import Observation
@@ -265,13 +265,13 @@ class FactsBuilder:
             if one.speed > STANDS_M_S and towards < 0.3:
                 yield fact("crosses", one.key, holds=False)
 
-    def _lanes(self, around: Surroundings, ahead: Sequence[tuple[Neighbour, float, float]]) -> dict[str, Lane]:
+    def _lanes(self, around: Surroundings, ahead: Sequence[tuple[Neighbour, float, float]]) -> dict[str, LaneBeside]:
         """The lanes beside what may have to be passed: of the same direction before those of the other one."""
         slow = [one for one, _, pace in ahead if one.speed < STANDS_M_S or one.kind == ActorKind.BICYCLE]
         if not slow:
             return {}
         lanes = around.lanes_beside(slow[0].s_low - 12.0, max(one.s_high for one in slow) + 12.0)
-        out: dict[str, Lane] = {}
+        out: dict[str, LaneBeside] = {}
         for lane in sorted(lanes, key=lambda lane: lane.oncoming):
             out.setdefault(SIDES[0] if lane.d > 0.0 else SIDES[1], lane)
         return out

@@ -8,7 +8,7 @@ from enum import StrEnum
 from types import MappingProxyType
 
 from dohyo.agents.experts.sidestep import Sidestep
-from dohyo.agents.experts.surroundings import Lane, Surroundings
+from dohyo.agents.experts.surroundings import LaneBeside, Surroundings
 from dohyo.agents.hierarchical.pace import Restraint, yields
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array
@@ -62,7 +62,7 @@ class Course:
     def __init__(self) -> None:
         self._aside = Sidestep()
         self._around: Surroundings | None = None
-        self._sides: list[Lane] | None = None
+        self._sides: list[LaneBeside] | None = None
 
     @property
     def offset(self) -> float:
@@ -122,7 +122,7 @@ class Course:
         across = abs(offset - self._aside.at(progress))
         self._aside.lead(offset, progress, max(speed * math.sqrt(6.0 * across / SIDE_M_S2), LEAST_RAMP_M))
 
-    def _lanes_beside(self) -> list[Lane]:
+    def _lanes_beside(self) -> list[LaneBeside]:
         """Those that go with the route for a while; found once per tick, and only where somebody asks."""
         if self._sides is None:
             self._sides = [] if self._around is None else self._around.lanes_beside(0.0, AHEAD_M)

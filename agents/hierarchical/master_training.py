@@ -40,7 +40,7 @@ from dohyo.agents.training.checkpoint import generator_of, generator_state
 from dohyo.agents.training.config import Positive, RunConfig, Share
 from dohyo.agents.training.environments import Environments, Finished
 from dohyo.agents.training.metrics import Number
-from dohyo.agents.training.registry import Order, Trainer
+from dohyo.agents.training.registry import Trainer, TrainRequest
 from dohyo.agents.training.run import Run
 from dohyo.agents.training.task import Array
 from dohyo.agents.training.training import train
@@ -367,7 +367,7 @@ class OptionCritic:
         self._rng, self.updates = generator_of(state["choices"]), state["updates"]
 
 
-def train_master(config: MasterConfig, order: Order) -> Path:
+def train_master(config: MasterConfig, order: TrainRequest) -> Path:
     """Trains the master of a folder of sub-policies."""
     policies = read_sub_policies(config.options)
     task = JourneyTask(policies.state, policies.steering, config.form, config.rules_when_critical, config.held_out)

@@ -23,7 +23,7 @@ from pathlib import Path
 from types import FrameType
 
 from dohyo.agents.hierarchical.arms import ARMS, MASTER, POLICIES, config_of, run_folder, trainer_of
-from dohyo.agents.training.registry import Order
+from dohyo.agents.training.registry import TrainRequest
 from dohyo.agents.training.run import RunStoppedError
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 
@@ -91,7 +91,9 @@ def train(job: Job) -> Path:
     """
     config = config_of(job.runs, job.arm, job.seed, job.policy, job.more)
     resume = (job.folder / "config.toml").exists()
-    trainer_of(job.policy).train(config, Order(f"hierarchical-{job.policy}", job.folder, resume, lambda report: None))
+    trainer_of(job.policy).train(
+        config, TrainRequest(f"hierarchical-{job.policy}", job.folder, resume, lambda report: None)
+    )
     return job.folder
 
 

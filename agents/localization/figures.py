@@ -11,7 +11,7 @@ from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
 from dohyo.agents.localization.logs import PositionLog
-from dohyo.agents.localization.track import Track
+from dohyo.agents.localization.track import EstimatedTrack
 from dohyo.evaluation.report.style import OKABE_ITO, PALETTES, number, template
 from dohyo.sumo_networks.arrays import FloatArray
 
@@ -19,7 +19,7 @@ ESTIMATE, FIXES, TRUTH = OKABE_ITO[0], OKABE_ITO[1], OKABE_ITO[2]
 SYMBOLS = ("circle", "square", "diamond", "triangle-up")
 
 
-def track_figure(track: Track, gnss: PositionLog, truth: FloatArray | None) -> go.Figure:
+def track_figure(track: EstimatedTrack, gnss: PositionLog, truth: FloatArray | None) -> go.Figure:
     """Where the vehicle went: fixes, estimate, and the truth where it is known.
 
     Args:
@@ -52,7 +52,7 @@ def track_figure(track: Track, gnss: PositionLog, truth: FloatArray | None) -> g
     return figure.update_layout(height=580, showlegend=True, margin_t=112)
 
 
-def error_figure(track: Track, truth: FloatArray) -> go.Figure:
+def error_figure(track: EstimatedTrack, truth: FloatArray) -> go.Figure:
     """How far the estimate is from the truth, and how far it thinks it may be.
 
     Args:
@@ -81,7 +81,7 @@ def error_figure(track: Track, truth: FloatArray) -> go.Figure:
     return figure.update_layout(height=384, showlegend=True, margin_t=112)
 
 
-def nis_figure(track: Track, bound: float) -> go.Figure:
+def nis_figure(track: EstimatedTrack, bound: float) -> go.Figure:
     """How surprising each fix was to the filter.
 
     Args:

@@ -26,7 +26,7 @@ from dohyo.agents.localization.filters import FilterNoise
 from dohyo.agents.localization.localizer import Fix, Localizer, Settings
 from dohyo.agents.localization.lowpass import ALPHA
 from dohyo.agents.localization.synthetic import ROUTES, Journey, Recording, journey_named, record
-from dohyo.agents.localization.track import Track, follow
+from dohyo.agents.localization.track import EstimatedTrack, follow
 from dohyo.evaluation.scores.localization import accuracy, max_drift, p95, rmse
 from dohyo.evaluation.statistics import mean_estimate, paired
 from dohyo.sumo_networks.arrays import FloatArray
@@ -128,7 +128,7 @@ def fixes_of(journey: Journey, recording: Recording) -> list[Fix]:
     return [Fix(float(journey.time[row]), fix) for row, fix in zip(rows, recording.fixes, strict=True)]
 
 
-def score(track: Track, journey: Journey) -> dict[str, float]:
+def score(track: EstimatedTrack, journey: Journey) -> dict[str, float]:
     """The metrics of one track."""
     true = journey.position[track.row.astype(int)]
     error = track.position - true

@@ -15,7 +15,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 
 @dataclass(frozen=True)
-class Track:
+class EstimatedTrack:
     """Where a localizer thought the vehicle was, after every IMU sample since it began to run.
 
     Attributes:
@@ -39,7 +39,7 @@ class Track:
     step_us: float
 
 
-def follow(localizer: Localizer, times: FloatArray, samples: FloatArray, fixes: Sequence[Fix]) -> Track:
+def follow(localizer: Localizer, times: FloatArray, samples: FloatArray, fixes: Sequence[Fix]) -> EstimatedTrack:
     """Leads a localizer over a recording, in order of time.
 
     Args:
@@ -69,7 +69,7 @@ def follow(localizer: Localizer, times: FloatArray, samples: FloatArray, fixes: 
             f"(expected {max(localizer.settings.align_m, 4 * localizer.settings.gnss_sigma_m):.1f} m, by IMU and GNSS)"
         )
     table = np.array(poses, dtype=np.float64)
-    return Track(
+    return EstimatedTrack(
         row=np.arange(first, len(times), dtype=np.float64),
         time=times[first:],
         position=table[:, :2],

@@ -58,7 +58,7 @@ class Ego:
 
 
 @dataclass(frozen=True, slots=True)
-class Actors:
+class TrackedActors:
     """The others, N of them, nearest first.
 
     Attributes:
@@ -88,7 +88,7 @@ class Actors:
 
 
 @dataclass(frozen=True, slots=True)
-class Lanes:
+class LanePieces:
     """Pieces of lanes around the ego, L of them, nearest first; see `sensors.lanes`.
 
     Attributes:
@@ -114,7 +114,7 @@ class Lanes:
 
 
 @dataclass(frozen=True, slots=True)
-class Path:
+class ReferencePath:
     """The route's reference path, R points about a metre apart.
 
     Attributes:
@@ -137,7 +137,7 @@ class Path:
 
 
 @dataclass(frozen=True, slots=True)
-class StopLines:
+class StopLinesAhead:
     """Lines across the path ahead of the ego's front, S of them, nearest first.
 
     Attributes:
@@ -168,10 +168,10 @@ class Scene:
     time: float
     pose: FloatArray
     ego: Ego
-    actors: Actors
-    lanes: Lanes
-    path: Path
-    stop_lines: StopLines
+    actors: TrackedActors
+    lanes: LanePieces
+    path: ReferencePath
+    stop_lines: StopLinesAhead
 
 
 class SceneBuilder:
@@ -225,7 +225,7 @@ class SceneBuilder:
             valid,
         )  # fmt: skip
 
-    def _actors(self, rows: FloatArray, pose: FloatArray) -> Actors:
+    def _actors(self, rows: FloatArray, pose: FloatArray) -> TrackedActors:
         count = len(rows)
         history, valid = np.empty((count, HISTORY, 3)), np.zeros((count, HISTORY), dtype=np.bool_)
         for n, row in enumerate(rows):
@@ -234,7 +234,7 @@ class SceneBuilder:
                 place = self._seen[-1 - ago].get(int(row[7])) if ago < len(self._seen) else None
                 if place is not None:
                     history[n, i], valid[n, i] = _to_ego(pose, place), True
-        return Actors(
+        return TrackedActors(
             kind=rows[:, 0].astype(np.int64),
             key=rows[:, 7].astype(np.int64),
             position=rows[:, 1:3].copy(),
@@ -246,7 +246,7 @@ class SceneBuilder:
             history_valid=valid,
         )
 
-    def _stop_lines(self, junctions: Float32Array, speed: float, length: float) -> StopLines:
+    def _stop_lines(self, junctions: Float32Array, speed: float, length: float) -> StopLinesAhead:
         ahead = junctions[(junctions[:, 0] > -0.5) & (junctions[:, 0] < 1000.0)].astype(np.float64)
         at_sign = len(junctions) > 0 and int(junctions[0, 3]) == STOPS and -0.5 < junctions[0, 0] < STOOD_DISTANCE_M
         self._stood = bool(at_sign and (self._stood or speed < STOOD_SPEED))
@@ -254,7 +254,7 @@ class SceneBuilder:
         stoppable = speed**2 <= 2 * YELLOW_BRAKING * np.maximum(distance - 0.5, 0.0)
         closed = (signal == LightState.RED) | ((signal == LightState.YELLOW) & stoppable)
         signed = (ahead[:, 3].astype(np.int64) == STOPS) & ~((np.arange(len(ahead)) == 0) & self._stood)
-        return StopLines(s=distance + length / 2, closed=closed | signed, signal=signal)
+        return StopLinesAhead(s=distance + length / 2, closed=closed | signed, signal=signal)
 
 
 _AGO = tuple((HISTORY - 1 - i) * _TICKS_PER_STEP for i in range(HISTORY))
@@ -284,7 +284,7 @@ def _to_ego(pose: FloatArray, place: FloatArray) -> FloatArray:
     return np.array([dx * cos + dy * sin, dy * cos - dx * sin, turn])
 
 
-def _path(table: Float32Array) -> Path:
+def _path(table: Float32Array) -> ReferencePath:
     """The path without the points that repeat before the start and past the goal."""
     rows = table.astype(np.float64)
     steps = np.hypot(*np.diff(rows[:, :2], axis=0).T)
@@ -296,7 +296,7 @@ def _path(table: Float32Array) -> Path:
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(position, axis=0).T))])
     spacing = float(arc[-1]) / (len(arc) - 1)
     along, lateral, _ = project_on_path(0.0, 0.0, position, spacing, 0, len(position))
-    return Path(
+    return ReferencePath(
         position=position,
         heading=rows[:, 2].copy(),
         curvature=rows[:, 3].copy(),
@@ -307,7 +307,7 @@ def _path(table: Float32Array) -> Path:
     )
 
 
-def _lanes(table: Float32Array) -> Lanes:
+def _lanes(table: Float32Array) -> LanePieces:
     rows = table[table[:, 0] >= 0].astype(np.float64)
     lane, piece, after = (
         rows[:, 0].astype(np.int64),
@@ -320,7 +320,7 @@ def _lanes(table: Float32Array) -> Lanes:
         onward = [(number, part + 1), *((follower, 0) for follower in after[row].tolist() if follower >= 0)]
         found = [row_of[pair] for pair in onward if pair in row_of][: after.shape[1]]
         following[row, : len(found)] = found
-    return Lanes(
+    return LanePieces(
         points=np.ascontiguousarray(rows[:, ATTRIBUTES:].reshape(-1, POINTS, 2)),
         width=rows[:, 3].copy(),
         limit=rows[:, 4].copy(),

@@ -11,7 +11,7 @@ from numba import njit
 
 from dohyo.agents.planning.motion import project
 from dohyo.agents.planning.prediction import STEPS
-from dohyo.agents.planning.scene import Actors, Ego, Scene
+from dohyo.agents.planning.scene import Ego, Scene, TrackedActors
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.sensors.lanes import CROSSING
 from dohyo.sumo_networks.world import ActorKind
@@ -123,13 +123,13 @@ def situation(scene: Scene, forecast: FloatArray, *, max_speed: float, curve: fl
     )
 
 
-def _minded(actors: Actors, ego: Ego, forecast: FloatArray) -> tuple[Actors, FloatArray]:
+def _minded(actors: TrackedActors, ego: Ego, forecast: FloatArray) -> tuple[TrackedActors, FloatArray]:
     """All but those who follow in the ego's lane: it is for them to keep their distance."""
     behind = actors.position[:, 0] + actors.length / 2 < -ego.length / 2
     beside = np.abs(actors.position[:, 1]) < (ego.width + actors.width) / 2
     keep = ~(behind & beside & (np.cos(actors.heading) > FOLLOWS_COS))
-    kept = Actors(**{field.name: getattr(actors, field.name)[keep] for field in dataclasses.fields(Actors)})
-    return kept, forecast[keep]
+    columns = {field.name: getattr(actors, field.name)[keep] for field in dataclasses.fields(TrackedActors)}
+    return TrackedActors(**columns), forecast[keep]
 
 
 def _extended(scene: Scene) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -20,7 +20,7 @@ from dohyo.evaluation.freeway.benchmark import TrafficBenchmark
 from dohyo.evaluation.freeway.result import AgentFacts, FreewayResult, Metric, Units, claim, write_result
 from dohyo.evaluation.sources import source_files
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.freeway.dataset import Order, dataset_facts
+from dohyo.sumo_networks.freeway.dataset import DatasetRequest, dataset_facts
 from dohyo.sumo_networks.networks.catalog import user_catalog
 from dohyo.sumo_networks.scenario import content_hash
 
@@ -72,7 +72,7 @@ def evaluate_controller(
     source = b"".join(path.read_bytes() for path in source_files(Arm))
     facts = AgentFacts(name, dict(settings), hashlib.sha256(source).hexdigest())
     claim(out, benchmark, facts)
-    order = dataset_facts(Order(days=0, network=benchmark.network))
+    order = dataset_facts(DatasetRequest(days=0, network=benchmark.network))
     versions = {key: str(order[key]) for key in ("dohyo", "sumo", "network_sha256")}
     untouched = untouched_folder(benchmark, versions)
     jobs = {(untouched, NOBODY, seed): (morning, DEFAULTS["forecaster"]) for seed in seeds}

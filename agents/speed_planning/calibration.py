@@ -32,7 +32,7 @@ FOLLOWING_MINUTES = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Survey:
+class MorningGrid:
     """One morning by minutes (T) and cells of `CELL_M` from `FROM_M` to the bottleneck (X).
 
     Attributes:
@@ -74,14 +74,14 @@ class Surveyor:
         self._last[:, minute] += np.count_nonzero(last), speed[last].sum()
         self._passed[minute] += self._passage.observe(world)
 
-    def survey(self) -> Survey:
+    def survey(self) -> MorningGrid:
         """Of all worlds until now."""
         speed = np.divide(self._sum, self._count, out=np.full_like(self._sum, np.nan), where=self._count > 0)
         density = self._count / (MINUTE_S * CELL_M * self._lanes)
-        return Survey(density, speed, self._last[1] / np.maximum(self._last[0], 1), self._passed)
+        return MorningGrid(density, speed, self._last[1] / np.maximum(self._last[0], 1), self._passed)
 
 
-def surveyed(seed: int, start_s: float, minutes: int) -> Survey:
+def surveyed(seed: int, start_s: float, minutes: int) -> MorningGrid:
     """Drives one morning without control.
 
     Raises:
@@ -97,7 +97,7 @@ def surveyed(seed: int, start_s: float, minutes: int) -> Survey:
     return surveyor.survey()
 
 
-def diagram(surveys: Sequence[Survey]) -> Triangle:
+def diagram(surveys: Sequence[MorningGrid]) -> Triangle:
     """The triangle of all mornings' cells; see `fundamental_diagram.calibrated`.
 
     Raises:
@@ -107,7 +107,7 @@ def diagram(surveys: Sequence[Survey]) -> Triangle:
     return calibrated(density, np.concatenate([one.speed_mps.ravel() for one in surveys]))
 
 
-def discharge(surveys: Sequence[Survey], demanded: int = 0) -> FloatArray:
+def discharge(surveys: Sequence[MorningGrid], demanded: int = 0) -> FloatArray:
     """What passes the bottleneck in the next three minutes, by the speed before it now.
 
     Args:

@@ -81,7 +81,7 @@ class CellTraffic:
 
 
 @dataclass(frozen=True)
-class Passage:
+class StepFlows:
     """What one step moved.
 
     Attributes:
@@ -112,7 +112,7 @@ def vehicles(road: CellRoad, traffic: CellTraffic) -> FloatArray:
 
 def advance(
     road: CellRoad, traffic: CellTraffic, demand: FloatArray, advised: FloatArray | None = None
-) -> tuple[CellTraffic, Passage]:
+) -> tuple[CellTraffic, StepFlows]:
     """One step.
 
     Args:
@@ -141,7 +141,7 @@ def advance(
     if advised is not None:
         moved = moved + driven * road.step_s
         moved = np.where(moved < road.length_m, moved, np.nan)
-    return CellTraffic(density, waiting, moved), Passage(flow[:, 0], flow[:, -1], flow[:, road.bottleneck])
+    return CellTraffic(density, waiting, moved), StepFlows(flow[:, 0], flow[:, -1], flow[:, road.bottleneck])
 
 
 def _demand_and_supply(road: CellRoad, per_lane: FloatArray) -> tuple[FloatArray, FloatArray]:

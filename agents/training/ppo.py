@@ -27,7 +27,7 @@ from dohyo.agents.training.imitation import Imitation
 from dohyo.agents.training.metrics import Number
 from dohyo.agents.training.moments import Moments
 from dohyo.agents.training.policy import Actor, actor_for, layers, normalised
-from dohyo.agents.training.registry import Order, Trainer
+from dohyo.agents.training.registry import Trainer, TrainRequest
 from dohyo.agents.training.run import Run
 from dohyo.agents.training.task import Array, Task
 from dohyo.agents.training.training import train
@@ -47,7 +47,7 @@ def ppo_trainer(summary: str, config: type[C], task_of: Callable[[C], Task]) -> 
         task_of: The task of some settings.
     """
 
-    def train_ppo(settings: C, order: Order) -> Path:
+    def train_ppo(settings: C, order: TrainRequest) -> Path:
         task, run = task_of(settings), Run(order.name, order.out, settings, order.resume)
         try:
             train(lambda environments, device: Ppo(task, environments, settings.ppo, device), task, run, order.report)

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from dohyo.agents.mcts.predictors import export, train
 from dohyo.agents.mcts.predictors.train import TrainConfig
-from dohyo.agents.training.registry import Order, Trainer
+from dohyo.agents.training.registry import Trainer, TrainRequest
 from dohyo.agents.training.report import Report
 
 
-def train_predictor(config: TrainConfig, order: Order) -> Path:
+def train_predictor(config: TrainConfig, order: TrainRequest) -> Path:
     """Trains the motion predictor, and exports it to ONNX beside."""
     config = config.model_copy(update={"out": order.out})
     trained = train.train(

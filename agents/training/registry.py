@@ -16,7 +16,7 @@ C = TypeVar("C", bound=Config)
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class TrainRequest:
     """What somebody wants trained.
 
     Attributes:
@@ -44,7 +44,7 @@ class Trainer(Generic[C]):
 
     summary: str
     config: type[C]
-    train: Callable[[C, Order], Path]
+    train: Callable[[C, TrainRequest], Path]
 
 
 # As "module:attribute", since what trains takes seconds to import.

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from dohyo.agents.mcts.value import train
 from dohyo.agents.mcts.value.train import ValueConfig
-from dohyo.agents.training.registry import Order, Trainer
+from dohyo.agents.training.registry import Trainer, TrainRequest
 from dohyo.agents.training.report import Report
 
 
-def train_value(config: ValueConfig, order: Order) -> Path:
+def train_value(config: ValueConfig, order: TrainRequest) -> Path:
     """Searches the scenes of the data set, and trains the network on what was found."""
     config = config.model_copy(update={"out": order.out})
     return train.train(config, order.resume, lambda step, loss: order.report(Report(step, config.steps, loss, "loss")))

@@ -11,7 +11,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from dohyo.evaluation.benchmarks.benchmark import BENCHMARKS
 from dohyo.sumo_networks.config import Config, Name
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.freeway.dataset import Order, dataset_facts
+from dohyo.sumo_networks.freeway.dataset import DatasetRequest, dataset_facts
 from dohyo.sumo_networks.networks.catalog import user_catalog
 from dohyo.sumo_networks.scenario import content_hash
 
@@ -63,10 +63,10 @@ class ForecastBenchmark(_Named):
     free_kmh: Annotated[float, Field(gt=0)]
 
     @property
-    def order(self) -> Order:
+    def order(self) -> DatasetRequest:
         """What `freeway.dataset.make_dataset` makes of it."""
         numbers = {"easy": 0, "hard": 0, self.days: self.number}
-        return Order(days=0, seed=self.seed, probes=self.probes, network=self.network, **numbers)
+        return DatasetRequest(days=0, seed=self.seed, probes=self.probes, network=self.network, **numbers)
 
 
 class TrafficBenchmark(_Named):

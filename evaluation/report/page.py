@@ -17,7 +17,7 @@ from plotly.offline import get_plotlyjs
 from dohyo.evaluation.records.record import Infraction, InfractionKind
 from dohyo.evaluation.report import figures
 from dohyo.evaluation.report import style as look
-from dohyo.evaluation.report.road_map import LaneShape, Spot, draw_map, drivable_lanes
+from dohyo.evaluation.report.road_map import LaneShape, Spot, drivable_lanes, lay_out_map
 from dohyo.evaluation.report.rows import (
     Contender,
     Drive,
@@ -124,7 +124,7 @@ def write_report(
         "per_km_top": _per_km_top(contenders),
         "pairs": pairs,
         "pictures": list(_pictures(contenders, rules)),
-        "maps": [draw_map(network, _marks(counted, network), lanes) for network in networks],
+        "maps": [lay_out_map(network, _marks(counted, network), lanes) for network in networks],
         "drives": counted,
         "lost": [drive for drive in drives if figures.lost(drive.record)],
         "tables": csv_tables(contenders, pairs, counted),

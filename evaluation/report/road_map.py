@@ -73,7 +73,7 @@ def drivable_lanes(network: str) -> list[LaneShape]:
     ]
 
 
-def draw_map(
+def lay_out_map(
     network: str, marks: Iterable[tuple[D, Infraction]], lanes: Callable[[str], Iterable[LaneShape]]
 ) -> Map[D]:
     """Lays out a network and the infractions on it.

@@ -110,12 +110,12 @@ class RemoteOrder(_Order):
     source_sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$", description="Of the agent's program.")] = ""
 
 
-Order = Annotated[BuiltinOrder | RemoteOrder, Body(discriminator="kind")]
+SubmissionOrder = Annotated[BuiltinOrder | RemoteOrder, Body(discriminator="kind")]
 
 
 @router.post("", status_code=201, responses=problems(403, 404, 409, 413, 507))
 def create(
-    name: Name, order: Order, caller: Submitter, services: ServicesOf, idempotency_key: IdempotencyKey = None
+    name: Name, order: SubmissionOrder, caller: Submitter, services: ServicesOf, idempotency_key: IdempotencyKey = None
 ) -> SubmissionView:
     """Submits a built-in agent with settings, or declares a remote one."""
     _check_owner(services, caller, name)

@@ -8,12 +8,10 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from dohyo.agents.hierarchical.vision.recording import Order as PictureOrder
-from dohyo.agents.hierarchical.vision.recording import record_pictures
-from dohyo.agents.mcts.predictors.recording import TRAINING, Order, record_motion
+from dohyo.agents.hierarchical.vision.recording import PictureRequest, record_pictures
+from dohyo.agents.mcts.predictors.recording import TRAINING, MotionRequest, record_motion
 from dohyo.service.cli.output import console
-from dohyo.sumo_networks.freeway.dataset import Order as FreewayOrder
-from dohyo.sumo_networks.freeway.dataset import make_dataset
+from dohyo.sumo_networks.freeway.dataset import DatasetRequest, make_dataset
 
 dataset = typer.Typer(help="Datasets for learning.", no_args_is_help=True)
 
@@ -27,7 +25,7 @@ def motion(
     every: Annotated[float, typer.Option(min=0.1, help="Seconds between two samples of one ego.")] = 0.5,
 ) -> None:
     """Records scenes of the autopilot among traffic, and what came of them; the same order gives the same bytes."""
-    order = Order(tuple(name.strip() for name in networks.split(",") if name.strip()), hours, seed, every)
+    order = MotionRequest(tuple(name.strip() for name in networks.split(",") if name.strip()), hours, seed, every)
     columns = (TextColumn("recorded"), BarColumn(), TextColumn("{task.completed:.2f} of {task.total:g} h"))
     with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
         bar = progress.add_task("motion", total=hours)
@@ -45,7 +43,7 @@ def semantic(
     columns = (TextColumn("driven"), BarColumn(), TextColumn("{task.percentage:.0f} %"))
     with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
         bar = progress.add_task("semantic", total=1.0)
-        order = PictureOrder(images=images, seed=seed)
+        order = PictureRequest(images=images, seed=seed)
         pictures = record_pictures(order, out, lambda done: progress.update(bar, completed=done))
     console.print(f"{pictures} pictures: {out.resolve()}", soft_wrap=True)
 
@@ -61,7 +59,7 @@ def freeway(
     workers: Annotated[int, typer.Option(min=1, help="Processes, a day each at a time.")] = 1,
 ) -> None:
     """Makes days of segment speeds on the freeway, minute by minute; each day is written when it is whole."""
-    order = FreewayOrder(days=days, easy=easy, hard=hard, seed=seed, probes=probes)
+    order = DatasetRequest(days=days, easy=easy, hard=hard, seed=seed, probes=probes)
     columns = (TextColumn("driven"), BarColumn(), TextColumn("{task.completed:.2f} of {task.total} days"))
     with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
         bar = progress.add_task("freeway", total=None)

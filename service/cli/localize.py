@@ -18,7 +18,7 @@ from dohyo.agents.localization.lowpass import ALPHA
 from dohyo.agents.localization.study import FILTERS, grid, write_results
 from dohyo.agents.localization.study import study as run_study
 from dohyo.agents.localization.tables import by_sigma
-from dohyo.agents.localization.track import Track, follow
+from dohyo.agents.localization.track import EstimatedTrack, follow
 from dohyo.evaluation.scores.localization import accuracy, max_drift, p95, rmse
 from dohyo.service.cli.output import console, number, print_json, print_rows
 from dohyo.sumo_networks.arrays import FloatArray
@@ -99,12 +99,12 @@ def _study(filter_: str, seeds: int, out: Path | None, json: bool) -> None:
         console.print(f"all metrics with intervals: {out.resolve()}")
 
 
-def _reference(track: Track, true: PositionLog) -> tuple[Track, FloatArray]:
+def _reference(track: EstimatedTrack, true: PositionLog) -> tuple[EstimatedTrack, FloatArray]:
     """The part of a track for which there is a truth, and the truth at its times."""
     inside = (track.time >= true.time[0]) & (track.time <= true.time[-1])
     if not inside.any():
         raise InvalidInputError("the truth does not overlap the estimate in time")
-    part = Track(
+    part = EstimatedTrack(
         row=track.row[inside],
         time=track.time[inside],
         position=track.position[inside],
@@ -118,7 +118,7 @@ def _reference(track: Track, true: PositionLog) -> tuple[Track, FloatArray]:
     return part, np.column_stack(at)
 
 
-def _facts(track: Track, reference: FloatArray | None) -> dict[str, float]:
+def _facts(track: EstimatedTrack, reference: FloatArray | None) -> dict[str, float]:
     if reference is None:
         return {}
     error = track.position - reference
@@ -132,7 +132,7 @@ def _facts(track: Track, reference: FloatArray | None) -> dict[str, float]:
     }
 
 
-def _timing(track: Track, imu: ImuLog, gnss: PositionLog) -> dict[str, float]:
+def _timing(track: EstimatedTrack, imu: ImuLog, gnss: PositionLog) -> dict[str, float]:
     nis = [one.nis for one in track.innovations]
     facts = {
         "IMU samples": float(len(imu.time)),

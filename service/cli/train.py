@@ -32,7 +32,7 @@ def train(
     out: Annotated[Path | None, typer.Option(help="Folder of the run; by default runs/NAME.")] = None,
 ) -> None:
     """Trains what learns: checkpoints, curves, held-out evaluations, and the actor as safetensors and ONNX."""
-    from dohyo.agents.training.registry import Order, trainer_named
+    from dohyo.agents.training.registry import TrainRequest, trainer_named
     from dohyo.agents.training.run import RunStoppedError, stored_config  # torch takes seconds to import
     from dohyo.agents.training.settings import read_settings
 
@@ -48,7 +48,7 @@ def train(
     folder = resolved.out if chooses_out else folder
     try:
         with _progress(name) as report:
-            trained = trainer.train(resolved, Order(name, folder, resume, report))
+            trained = trainer.train(resolved, TrainRequest(name, folder, resume, report))
     except RunStoppedError as error:
         print(f"dohyo: {error}; go on with: dohyo train {name} --resume --out {folder}", file=sys.stderr)
         raise typer.Exit(INTERRUPTED) from error

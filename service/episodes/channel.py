@@ -19,7 +19,7 @@ _CHUNK = 1 << 18
 class Kind(IntEnum):
     """What a frame is; the first four go to the process, the others come from it."""
 
-    ORDER = 1  # JSON of an Order: drive this
+    ORDER = 1  # JSON of an EpisodeOrder: drive this
     GRANT = 2  # a worker holds the episode: the clock of its first decision runs
     ACTIONS = 3  # one byte for the format, then actions by ego
     FAULT = 4  # JSON [fault, text]: the worker's agent has failed

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from dohyo.evaluation.running.executors import drive_job, lost_episode
 from dohyo.service.episodes.channel import Channel, Kind
-from dohyo.service.episodes.order import Order, checked_job
+from dohyo.service.episodes.order import EpisodeOrder, checked_job
 from dohyo.service.episodes.remote import drive_remotely
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -38,10 +38,10 @@ def main() -> None:
     while (frame := channel.receive()) is not None:
         if frame[0] is Kind.ORDER:  # anything else was for an episode that has ended
             alarm[0] = 0.0
-            channel.send(*_drive(Order.model_validate_json(frame[1]), channel, alarm))
+            channel.send(*_drive(EpisodeOrder.model_validate_json(frame[1]), channel, alarm))
 
 
-def _drive(order: Order, channel: Channel, alarm: memoryview[float]) -> tuple[Kind, bytes]:
+def _drive(order: EpisodeOrder, channel: Channel, alarm: memoryview[float]) -> tuple[Kind, bytes]:
     def watch(seconds: float) -> None:
         alarm[0] = time.monotonic() + seconds if seconds else 0.0
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.running.ray_executor import THREADS, Station, connect, first_line, require_ray, write_here
-from dohyo.service.episodes.order import Order, checked_job
+from dohyo.service.episodes.order import EpisodeOrder, checked_job
 from dohyo.service.policies.agent import ENTRY, FOLDER_VARIABLE
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 
@@ -52,7 +52,7 @@ class Cluster:
             raise SimulationError(str(error)) from error
         self._station: Any = None
 
-    def drive(self, order: Order) -> None:
+    def drive(self, order: EpisodeOrder) -> None:
         """Has an order driven, and writes its record here.
 
         Raises:
@@ -83,7 +83,9 @@ class PolicyStation(Station):
         os.environ[FOLDER_VARIABLE] = self._policies.name
         super().__init__(search_path, threads)
 
-    def drive_order(self, order: Order, policy: tuple[str, bytes] | None) -> tuple[EpisodeRecord, dict[str, Any]]:
+    def drive_order(
+        self, order: EpisodeOrder, policy: tuple[str, bytes] | None
+    ) -> tuple[EpisodeRecord, dict[str, Any]]:
         """Drives one order; see `Station.drive`.
 
         Args:
@@ -98,7 +100,7 @@ class PolicyStation(Station):
         return self.drive(checked_job(order))
 
 
-def _policy_of(order: Order) -> tuple[str, bytes] | None:
+def _policy_of(order: EpisodeOrder) -> tuple[str, bytes] | None:
     if order.info.entry != ENTRY:
         return None
     path = Path(os.environ[FOLDER_VARIABLE], f"{order.info.settings['sha256']}.onnx")

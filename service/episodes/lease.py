@@ -6,7 +6,7 @@ import asyncio
 from dataclasses import dataclass, field
 
 from dohyo.service.episodes.freeway_order import FreewayOrder
-from dohyo.service.episodes.order import Order
+from dohyo.service.episodes.order import EpisodeOrder
 from dohyo.service.episodes.process import EpisodeProcess
 from dohyo.service.wire import Reply
 
@@ -65,7 +65,7 @@ class RemoteEpisode:
     agent: str
     version: int
     attempt: int
-    order: Order | FreewayOrder
+    order: EpisodeOrder | FreewayOrder
     process: EpisodeProcess
     offered: float | None = None
     frame: bytes = b""

@@ -1,4 +1,4 @@
-"""Order: what the server asks of an episode process."""
+"""EpisodeOrder: what the server asks of an episode process."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dohyo.sumo_networks.scenario import Config, Scenario
 from dohyo.sumo_networks.units import TICK_S
 
 
-class Order(Config):
+class EpisodeOrder(Config):
     """One episode to drive, and where its record goes.
 
     Attributes:
@@ -68,7 +68,7 @@ class Order(Config):
         return Job(self.scenario, self.info, self.benchmark, self.directory, self.stem, self.act_deadline_s)
 
 
-def checked_job(order: Order) -> Job:
+def checked_job(order: EpisodeOrder) -> Job:
     """An order's job, its agent's entry resolved.
 
     Raises:

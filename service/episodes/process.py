@@ -23,7 +23,7 @@ from pathlib import Path
 from dohyo.evaluation.running.executors import KILL_GRACE_S, POLL_S
 from dohyo.service.episodes.channel import Frames, Kind
 from dohyo.service.episodes.freeway_order import FreewayOrder
-from dohyo.service.episodes.order import Order
+from dohyo.service.episodes.order import EpisodeOrder
 
 PROGRAM = "dohyo.service.episodes.child"
 ALARM_BYTES = 8
@@ -103,7 +103,7 @@ class EpisodeProcess:
             env=environment | {"DOHYO_POLICIES": str(self._policies.resolve())},
         )
 
-    async def drive(self, order: Order | FreewayOrder) -> Outcome:
+    async def drive(self, order: EpisodeOrder | FreewayOrder) -> Outcome:
         """Drives one order to whatever end; cancelled, it ends the process."""
         self._ending = asyncio.get_running_loop().create_future()
         self._alarm[0] = 0.0

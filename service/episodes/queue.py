@@ -60,8 +60,8 @@ class Ticket:
         benchmark: Name and content hash.
         document: Of the benchmark.
         seeds: Of the evaluation.
-        slow_policy: See `Order`.
-        act_deadline_s: See `Order`.
+        slow_policy: See `EpisodeOrder`.
+        act_deadline_s: See `EpisodeOrder`.
     """
 
     episode_id: str

@@ -15,7 +15,7 @@ from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
 from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.records.store import write_record
 from dohyo.service.episodes.channel import Channel, Kind
-from dohyo.service.episodes.order import Order
+from dohyo.service.episodes.order import EpisodeOrder
 from dohyo.service.wire import Format, decode, encode_observations, unpack
 from dohyo.sumo_networks.ego.control import InvalidActionError, make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
@@ -156,7 +156,7 @@ class RemoteAgent(Agent):
         """Nothing to free."""
 
 
-def drive_remotely(order: Order, channel: Channel) -> bytes:
+def drive_remotely(order: EpisodeOrder, channel: Channel) -> bytes:
     """Drives an order in lockstep with a worker and writes its record.
 
     Returns:

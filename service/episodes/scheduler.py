@@ -26,7 +26,7 @@ from dohyo.service.episodes import queue
 from dohyo.service.episodes.archive import archived_path, discard, lost_because, shelve, staged_folder
 from dohyo.service.episodes.lease import RemoteEpisode
 from dohyo.service.episodes.leases import SWEEP_S, LeaseBook
-from dohyo.service.episodes.order import Order
+from dohyo.service.episodes.order import EpisodeOrder
 from dohyo.service.episodes.process import End, EpisodeProcess, Outcome
 from dohyo.service.episodes.queue import Progress, Ticket, Waiting
 from dohyo.service.episodes.turns import Turns
@@ -227,12 +227,12 @@ class Scheduler:
         elif outcome.end is not End.FINISHED:
             await self._give_up(live, outcome.text)
 
-    def _order(self, ticket: Ticket) -> Order:
+    def _order(self, ticket: Ticket) -> EpisodeOrder:
         scenarios = self._scenarios.get(ticket.evaluation_id)
         if scenarios is None:
             scenarios = Benchmark.model_validate(ticket.document).scenarios(ticket.seeds)
             self._scenarios[ticket.evaluation_id] = scenarios
-        return Order(
+        return EpisodeOrder(
             scenario=scenarios[ticket.position],
             info=AgentInfo.model_validate(ticket.info),
             benchmark=ticket.benchmark,
@@ -243,7 +243,7 @@ class Scheduler:
             slow_policy=cast(Literal["wait", "realtime"], ticket.slow_policy),
         )
 
-    async def _in_process(self, order: Order, live: Live | None = None) -> Outcome:
+    async def _in_process(self, order: EpisodeOrder, live: Live | None = None) -> Outcome:
         """Has a process drive an order; the process is kept for the next one."""
         try:
             process = await self._process()
@@ -277,7 +277,7 @@ class Scheduler:
 
     # What came of it
 
-    async def _keep(self, ticket: Ticket, order: Order) -> Outcome:
+    async def _keep(self, ticket: Ticket, order: EpisodeOrder) -> Outcome:
         """Archives a finished record; one that was lost to the infrastructure is no result."""
         staged = order.directory / f"{order.stem}.json"
         try:

@@ -22,7 +22,7 @@ from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.world import Egos
 
 
-class Fleet:
+class EgoFleet:
     """The egos, from their starts on.
 
     Attributes:

@@ -21,7 +21,7 @@ class Reward(Protocol):
 
 
 @dataclass(slots=True)
-class Progress:
+class ProgressReward:
     """Metres of route driven in the tick; a contact costs 10 and ends the episode."""
 
     def __call__(self, before: World, after: World, ego: int) -> tuple[float, bool]:
@@ -31,7 +31,7 @@ class Progress:
 
 
 @dataclass(slots=True)
-class Roach:
+class RoachReward:
     """The reward of Roach, as RLAD and RLfOLD use it: speed, position, rotation, action, termination.
 
     r = r_speed + r_position + r_rotation + r_action + r_termination, with the desired speed falling linearly to 0
@@ -137,7 +137,7 @@ def _ran_red(before: World, after: World, ego: int) -> bool:
     )
 
 
-REWARDS: dict[str, Callable[[], Reward]] = {"roach": Roach, "progress": Progress}
+REWARDS: dict[str, Callable[[], Reward]] = {"roach": RoachReward, "progress": ProgressReward}
 
 
 def make_reward(name: str) -> Reward:

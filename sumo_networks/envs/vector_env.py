@@ -24,7 +24,7 @@ from dohyo.sumo_networks.ego.control import InvalidActionError, make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.envs.driving_env import DEFAULT_SENSORS, SensorNames
 from dohyo.sumo_networks.envs.reward import make_reward
-from dohyo.sumo_networks.envs.vector_memory import Channel, Memory, Observations
+from dohyo.sumo_networks.envs.vector_memory import Observations, SharedMemory, WorkerPipe
 from dohyo.sumo_networks.envs.vector_worker import RESET, STEP, Plan, ScenarioSource, unpacked, work
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.sensors import make_sensors
@@ -92,10 +92,10 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         self.metadata = {"autoreset_mode": autoreset_mode}
         self._set_spaces(sensors, control)
         context = multiprocessing.get_context("spawn")
-        memory = Memory(context, self.num_envs, self.num_egos, self._sensor_boxes, self._action.shape)
+        memory = SharedMemory(context, self.num_envs, self.num_egos, self._sensor_boxes, self._action.shape)
         self._arrays = memory.arrays()
         plan = Plan(scenarios, tuple(sensors), control, reward, num_envs, autoreset_mode is AutoresetMode.SAME_STEP)
-        self._channels: list[Channel] = []
+        self._channels: list[WorkerPipe] = []
         self._processes: list[SpawnProcess] = []
         self._finalizer = weakref.finalize(self, _shut_down, self._channels, self._processes)
         self.closed = False
@@ -104,7 +104,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
             process = context.Process(target=work, args=(theirs, memory, plan, worker), daemon=True)
             process.start()
             theirs.close()
-            self._channels.append(Channel(ours))
+            self._channels.append(WorkerPipe(ours))
             self._processes.append(process)
         self._seeded = False
 
@@ -247,7 +247,7 @@ def _count_egos(scenarios: ScenarioSource) -> int:
     return counts[0]
 
 
-def _shut_down(channels: list[Channel], processes: list[SpawnProcess]) -> None:
+def _shut_down(channels: list[WorkerPipe], processes: list[SpawnProcess]) -> None:
     """Ends all workers: by the end of their pipes, or if that does not help, by force."""
     for channel in channels:
         channel.close()

@@ -54,7 +54,7 @@ class Arrays:
     finals: Observations
 
 
-class Memory:
+class SharedMemory:
     """The memory itself, as it travels to the workers."""
 
     def __init__(
@@ -97,7 +97,7 @@ def _view(block: Block) -> NDArray[Any]:
     return np.frombuffer(raw, dtype=dtype).reshape(shape)
 
 
-class Channel:
+class WorkerPipe:
     """One end of a pipe between parent and worker."""
 
     def __init__(self, pipe: Connection) -> None:

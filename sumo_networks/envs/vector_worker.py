@@ -13,7 +13,7 @@ import numpy as np
 
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
-from dohyo.sumo_networks.envs.vector_memory import Channel, Memory
+from dohyo.sumo_networks.envs.vector_memory import SharedMemory, WorkerPipe
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.sensors import SensorConfig
@@ -56,10 +56,10 @@ class Plan:
         return scenario
 
 
-class Seat:
+class VectorWorker:
     """One environment in its worker, and its rows of the shared memory."""
 
-    def __init__(self, memory: Memory, plan: Plan, worker: int) -> None:
+    def __init__(self, memory: SharedMemory, plan: Plan, worker: int) -> None:
         self.plan, self.worker, self.arrays = plan, worker, memory.arrays()
         arrays = self.arrays
         self.observations = {name: array[worker] for name, array in arrays.observations.items()}
@@ -133,10 +133,10 @@ class Seat:
                 self.observations[sensor][ego] = value
 
 
-def work(pipe: Connection, memory: Memory, plan: Plan, worker: int) -> None:
+def work(pipe: Connection, memory: SharedMemory, plan: Plan, worker: int) -> None:
     """A worker process: does what it is asked until its parent closes the pipe or dies."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
-    channel, seat = Channel(pipe), Seat(memory, plan, worker)
+    channel, seat = WorkerPipe(pipe), VectorWorker(memory, plan, worker)
     commands = {RESET: seat.reset, STEP: seat.step}
     try:
         while True:

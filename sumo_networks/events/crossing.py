@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from dohyo.sumo_networks.events.configs import Crossing
-from dohyo.sumo_networks.events.paths import Path
+from dohyo.sumo_networks.events.paths import ActorPath
 from dohyo.sumo_networks.events.puppet import VEHICLES, Puppet
 from dohyo.sumo_networks.events.roads import Section, crossing_after, need_kerb, next_passage, turns
 from dohyo.sumo_networks.events.script import Moment, Script, Unfit
@@ -71,9 +71,9 @@ class CrossingScript(Script):
             raise Unfit(f"the route goes straight on at the junction at {passage.entry:.0f} m")
         return crossing_after(network, route, passage), need_kerb(network, route, passage.exit + 1.0)
 
-    def _way(self, line: float, sign: float) -> Path:
+    def _way(self, line: float, sign: float) -> ActorPath:
         start, end = self.path.at(line, sign * self.run_up), self.path.at(line, sign * (self.run_up - self._reach))
-        return Path(np.array([start[:2], end[:2]]))
+        return ActorPath(np.array([start[:2], end[:2]]))
 
     def _hide_behind(self, sign: float, kerb: float) -> None:
         if self.event.occluder == "none":

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from dohyo.sumo_networks.events.configs import Emergency
-from dohyo.sumo_networks.events.paths import Path, lane_path, upstream
+from dohyo.sumo_networks.events.paths import ActorPath, lane_path, upstream
 from dohyo.sumo_networks.events.puppet import VEHICLES, Puppet
 from dohyo.sumo_networks.events.roads import section
 from dohyo.sumo_networks.events.script import Moment, Script, Unfit
@@ -65,7 +65,7 @@ class EmergencyScript(Script):
         if begin < 0.0:
             raise Unfit(f"only {float(s[0]) + self.trigger:.0f} m of road lie behind the trigger")
         rows = (back.arc >= begin) & (back.arc < float(s[0]) - 1.0)
-        whole = Path(np.concatenate([back.points[rows], self.route.position]))
+        whole = ActorPath(np.concatenate([back.points[rows], self.route.position]))
         self._before, self.path = whole.length - self.path.length, whole
 
     def prepare(self, moment: Moment) -> None:

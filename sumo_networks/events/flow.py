@@ -8,7 +8,7 @@ import numpy as np
 
 from dohyo.sumo_networks.events.configs import Flow
 from dohyo.sumo_networks.events.paths import downstream, edges_of, lane_path, upstream
-from dohyo.sumo_networks.events.roads import Stream, next_passage, section, streams
+from dohyo.sumo_networks.events.roads import ConflictingStream, next_passage, section, streams
 from dohyo.sumo_networks.events.script import Moment, Script, Unfit
 from dohyo.sumo_networks.events.stage import Entry
 from dohyo.sumo_networks.networks.network import RoadNetwork
@@ -129,7 +129,7 @@ class FlowScript(Script):
         if self.kind == "enter_actor_flow" and lit:
             raise Unfit(f"{where} has a traffic light")
 
-    def _fits(self, stream: Stream) -> bool:
+    def _fits(self, stream: ConflictingStream) -> bool:
         if self.kind == "right_turn_into_flow":
             return stream.side == "left" and stream.merges
         if self.kind == "enter_actor_flow":

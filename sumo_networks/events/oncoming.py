@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from dohyo.sumo_networks.events.configs import Oncoming
-from dohyo.sumo_networks.events.paths import Path
+from dohyo.sumo_networks.events.paths import ActorPath
 from dohyo.sumo_networks.events.puppet import VEHICLES, Puppet
 from dohyo.sumo_networks.events.roads import need_clear_road, section
 from dohyo.sumo_networks.events.script import Moment, Script, Unfit
@@ -39,7 +39,7 @@ class OncomingScript(Script):
         kind, length, width = VEHICLES[event.actor]
         self._own = -(found.middle + 0.5 * float(network.lanes.width[found.oncoming]))
         self._over = 0.0 if event.intrusion_m is None else -(found.middle - event.intrusion_m + 0.5 * width)
-        back = Path(self.path.points[: route.index(far) + 1][::-1])
+        back = ActorPath(self.path.points[: route.index(far) + 1][::-1])
         self._length = back.length
         self.puppets += [
             Puppet(self.puppet_named(n), kind, length, width, back, -n * event.spacing_m, self._own)

@@ -16,7 +16,7 @@ MEETING_M = 1.0
 CHORD_M = 6
 
 
-class Path:
+class ActorPath:
     """A polyline by arc length; it goes on straight before its start and past its end.
 
     Attributes:
@@ -80,9 +80,9 @@ class Path:
         return self.arc[low + nearest] + dx * cos + dy * sin, dy * cos - dx * sin
 
 
-def lane_path(network: RoadNetwork, lanes: Sequence[int]) -> Path:
+def lane_path(network: RoadNetwork, lanes: Sequence[int]) -> ActorPath:
     """The path along connected lanes."""
-    return Path(np.concatenate([network.lane_shape(lane) for lane in lanes]))
+    return ActorPath(np.concatenate([network.lane_shape(lane) for lane in lanes]))
 
 
 def upstream(network: RoadNetwork, lane: int, length_m: float) -> list[int]:
@@ -137,7 +137,7 @@ def edges_of(network: RoadNetwork, lanes: Sequence[int]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(network.edge_id(lane) for lane in lanes if not network.lanes.internal[lane]))
 
 
-def meeting(a: Path, a_from: float, a_to: float, b: Path) -> tuple[float, float] | None:
+def meeting(a: ActorPath, a_from: float, a_to: float, b: ActorPath) -> tuple[float, float] | None:
     """Where a part of one path first comes within 1 m of another: arc lengths on both [m], or None."""
     rows = np.flatnonzero((a.arc >= a_from) & (a.arc <= a_to))
     if not len(rows):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
-from dohyo.sumo_networks.events.paths import Path
+from dohyo.sumo_networks.events.paths import ActorPath
 from dohyo.sumo_networks.world import ActorKind
 
 ACCELERATION_MPS2 = 2.5
@@ -52,7 +52,7 @@ class Puppet:
     kind: ActorKind
     length: float
     width: float
-    path: Path
+    path: ActorPath
     s: float
     left: float = 0.0
     speed: float = 0.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from dohyo.sumo_networks.events.configs import Rival
 from dohyo.sumo_networks.events.puppet import VEHICLES, Puppet
-from dohyo.sumo_networks.events.roads import Stream, next_passage, streams
+from dohyo.sumo_networks.events.roads import ConflictingStream, next_passage, streams
 from dohyo.sumo_networks.events.script import Moment, Script, Unfit
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route
@@ -47,7 +47,7 @@ class RivalScript(Script):
         puppet.indicator = INDICATOR.get(self._direction(self.stream), 0)
         self.puppets.append(puppet)
 
-    def _way(self, found: list[Stream]) -> tuple[Stream, float]:
+    def _way(self, found: list[ConflictingStream]) -> tuple[ConflictingStream, float]:
         """The way with the longest approach, straight on if there is one, and the speed [m/s] on it."""
         wanted = ("left", "right", "opposite") if self.event.comes_from == "any" else (self.event.comes_from,)
         for stream in sorted(found, key=lambda stream: self._direction(stream) != STRAIGHT):
@@ -59,10 +59,10 @@ class RivalScript(Script):
             f"{self._run_up(self.event.speed_mps):.0f} m"
         )
 
-    def _direction(self, stream: Stream) -> str:
+    def _direction(self, stream: ConflictingStream) -> str:
         return str(self.network.connections.direction[stream.connection])
 
-    def _speed_on(self, stream: Stream) -> float:
+    def _speed_on(self, stream: ConflictingStream) -> float:
         """The event's speed, or that of the sharpest bend around the meeting point where the way turns."""
         if self._direction(stream) == STRAIGHT:
             return self.event.speed_mps

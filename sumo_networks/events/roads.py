@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dohyo.sumo_networks.events.paths import Path, downstream, lane_path, meeting, upstream
+from dohyo.sumo_networks.events.paths import ActorPath, downstream, lane_path, meeting, upstream
 from dohyo.sumo_networks.events.script import Unfit
 from dohyo.sumo_networks.geometry import wrap
 from dohyo.sumo_networks.networks.network import RoadNetwork
@@ -125,7 +125,7 @@ def next_passage(network: RoadNetwork, route: Route, s: float, within_m: float =
 
 
 @dataclass(frozen=True, slots=True)
-class Stream:
+class ConflictingStream:
     """A way through a junction that meets the ego's.
 
     Attributes:
@@ -141,7 +141,7 @@ class Stream:
 
     connection: int
     lanes: tuple[int, ...]
-    path: Path
+    path: ActorPath
     own_s: float
     path_s: float
     side: str
@@ -149,11 +149,11 @@ class Stream:
     merges: bool
 
 
-def streams(network: RoadNetwork, route: Route, passage: Passage, source_m: float) -> list[Stream]:
+def streams(network: RoadNetwork, route: Route, passage: Passage, source_m: float) -> list[ConflictingStream]:
     """Ways through a junction that meet the ego's, those with the longest approach first."""
     own, connections, lanes = passage.connection, network.connections, network.lanes
     rows = {int(b) for a, b in connections.yields if a == own} | {int(a) for a, b in connections.yields if b == own}
-    path, found = Path(route.position), []
+    path, found = ActorPath(route.position), []
     heading = float(route.heading[route.index(passage.entry)])
     for connection in sorted(rows):
         source, inside = int(connections.source[connection]), int(connections.target[connection])
@@ -168,7 +168,7 @@ def streams(network: RoadNetwork, route: Route, passage: Passage, source_m: floa
             continue
         *_, there = network.lane_point(source, -0.1)
         found.append(
-            Stream(
+            ConflictingStream(
                 connection,
                 (*before, *after),
                 way,
@@ -213,7 +213,7 @@ def crossing_after(network: RoadNetwork, route: Route, passage: Passage) -> floa
         middle = network.lane_shape(int(crossing))
         if np.hypot(*(middle.mean(axis=0) - route.position[ahead.start])).item() > 40.0:
             continue
-        met = meeting(Path(route.position[ahead]), 0.0, 40.0, Path(middle))
+        met = meeting(ActorPath(route.position[ahead]), 0.0, 40.0, ActorPath(middle))
         if met is not None:
             return passage.exit - 8.0 + met[0]
     return default

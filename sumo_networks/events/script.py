@@ -13,7 +13,7 @@ import numpy as np
 
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.events.configs import BaseEvent
-from dohyo.sumo_networks.events.paths import Path
+from dohyo.sumo_networks.events.paths import ActorPath
 from dohyo.sumo_networks.events.puppet import Puppet
 from dohyo.sumo_networks.events.stage import Stage
 from dohyo.sumo_networks.networks.network import RoadNetwork
@@ -110,7 +110,7 @@ class Script(ABC):
     ) -> None:
         self.name, self.kind, self.trigger = event.name, str(event.kind), trigger  # type: ignore[attr-defined]
         self.network, self.route, self.rng = network, route, rng
-        self.path = Path(route.position)
+        self.path = ActorPath(route.position)
         self.puppets: list[Puppet] = []
         self._queued_since = math.inf
 

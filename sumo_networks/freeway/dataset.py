@@ -39,7 +39,7 @@ HARD_DEMAND = (1.04, 1.06, 1.08, 1.10)
 HARD_PEAK_WIDTH = 1.5
 
 
-class Order(Config):
+class DatasetRequest(Config):
     """Which days to make.
 
     Attributes:
@@ -88,7 +88,7 @@ class DayOrder:
         return Path(self.split) / f"day-{self.number:04}.parquet"
 
 
-def day_orders(order: Order) -> Iterator[DayOrder]:
+def day_orders(order: DatasetRequest) -> Iterator[DayOrder]:
     """All days of an order; a day depends on the seed, its set and its number alone, not on how many there are."""
     road = load_freeway(order.network)
     for place, split in enumerate(SPLITS):
@@ -115,7 +115,7 @@ def _hard(day: Day, number: int) -> Day:
 
 
 def make_dataset(
-    order: Order,
+    order: DatasetRequest,
     folder: Path,
     progress: Callable[[int, int, float], None] = lambda _done, _of, _share: None,
     workers: int = 1,
@@ -170,7 +170,7 @@ def day_table(day: SpeedDay, noise: np.random.SeedSequence) -> pl.DataFrame:
     return pl.DataFrame(columns)
 
 
-def dataset_facts(order: Order) -> dict[str, object]:
+def dataset_facts(order: DatasetRequest) -> dict[str, object]:
     """What a dataset is, but for the number of its days."""
     road = load_freeway(order.network)
     return {
@@ -188,7 +188,7 @@ def dataset_facts(order: Order) -> dict[str, object]:
     }
 
 
-def _claim(order: Order, folder: Path) -> None:
+def _claim(order: DatasetRequest, folder: Path) -> None:
     """Writes what the dataset is, or checks that it is this one: the number of days may grow, nothing else change."""
     facts, path = dataset_facts(order), folder / FACTS
     try:

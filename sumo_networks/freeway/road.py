@@ -70,7 +70,7 @@ class Mainline(Config):
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
+class MainlineLane:
     """One SUMO lane on the mainline's axis.
 
     Attributes:
@@ -98,7 +98,7 @@ class FreewayRoad:
 
     network: RoadNetwork
     mainline: Mainline
-    tracks: dict[str, Track]
+    tracks: dict[str, MainlineLane]
     bounds_m: FloatArray
     lanes: tuple[int, ...]
     start_m: float
@@ -178,7 +178,7 @@ def _laid_out(network: RoadNetwork, mainline: Mainline) -> FreewayRoad:
     edges = mainline.edges
     lanes = {edge: _lanes_of(network, edge) for edge in edges}
     starts: dict[str, float] = {}
-    tracks: dict[str, Track] = {}
+    tracks: dict[str, MainlineLane] = {}
     at = 0.0
     for place, edge in enumerate(edges):
         starts[edge] = at
@@ -194,7 +194,7 @@ def _laid_out(network: RoadNetwork, mainline: Mainline) -> FreewayRoad:
     return FreewayRoad(
         network=network,
         mainline=mainline,
-        tracks={lane: Track(track.start_m - zero, track.lane) for lane, track in tracks.items()},
+        tracks={lane: MainlineLane(track.start_m - zero, track.lane) for lane, track in tracks.items()},
         bounds_m=np.array(bounds),
         lanes=tuple(min(len(lanes[edge]) for edge in segment) for segment in mainline.segments),
         start_m=-zero,
@@ -202,9 +202,9 @@ def _laid_out(network: RoadNetwork, mainline: Mainline) -> FreewayRoad:
     )
 
 
-def _add_tracks(tracks: dict[str, Track], network: RoadNetwork, lanes: list[int], at: float) -> None:
+def _add_tracks(tracks: dict[str, MainlineLane], network: RoadNetwork, lanes: list[int], at: float) -> None:
     for place, lane in enumerate(reversed(lanes)):
-        tracks[str(network.lanes.ids[lane])] = Track(at, place)
+        tracks[str(network.lanes.ids[lane])] = MainlineLane(at, place)
 
 
 def _lanes_of(network: RoadNetwork, edge: str) -> list[int]:

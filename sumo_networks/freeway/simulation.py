@@ -21,7 +21,7 @@ from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.freeway.demand import draw_demand, write_routes
 from dohyo.sumo_networks.freeway.drivers import CONNECTED, KINDS, PROBE
 from dohyo.sumo_networks.freeway.process import MICRO, TICK_S, start_sumo
-from dohyo.sumo_networks.freeway.road import FreewayRoad, Track, load_freeway
+from dohyo.sumo_networks.freeway.road import FreewayRoad, MainlineLane, load_freeway
 from dohyo.sumo_networks.freeway.scenario import FreewayScenario
 from dohyo.sumo_networks.freeway.world import NO_LANE, FreewayWorld
 from dohyo.sumo_networks.simulation.process import failing_as_simulation_error
@@ -34,7 +34,7 @@ SAFE: Final = 0b11011
 harder than is comfortable where its driver must."""
 WISH_BRAKES_MPS2: Final = 3.0
 """No wish is braked for harder than this; what the leader asks for is."""
-_RAMP: Final = Track(math.nan, NO_LANE)
+_RAMP: Final = MainlineLane(math.nan, NO_LANE)
 
 
 class FreewaySimulation:

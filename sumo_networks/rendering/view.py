@@ -50,7 +50,7 @@ class Level:
 
 
 @dataclass(frozen=True)
-class View:
+class CameraView:
     """All that follows from a camera and conditions alone: every pixel's ray, and where it meets the ground.
 
     Attributes:
@@ -75,7 +75,7 @@ class View:
 
 
 @lru_cache(maxsize=32)
-def view_of(optics: Optics, conditions: Conditions) -> View:
+def view_of(optics: Optics, conditions: Conditions) -> CameraView:
     """The tables of a camera; kept, since every episode makes its sensors anew."""
     air = Atmosphere.of(conditions)
     focal = optics.width / 2 / math.tan(math.radians(optics.fov_deg) / 2)
@@ -88,7 +88,7 @@ def view_of(optics: Optics, conditions: Conditions) -> View:
     seen = depth * length < air.range_m
     inverse = np.where(seen, 1.0 / depth, 0.0)
     distances = np.arange(0.25, SIGHT_M + 2.0, 0.5)
-    return View(
+    return CameraView(
         lens=lens,
         mount=np.ascontiguousarray(mount),
         ray=length.astype(np.float32),

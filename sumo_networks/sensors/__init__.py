@@ -17,12 +17,12 @@ from dohyo.sumo_networks.sensors.ego_state import EgoState
 from dohyo.sumo_networks.sensors.gnss import Gnss, GnssRtk
 from dohyo.sumo_networks.sensors.imu import Imu
 from dohyo.sumo_networks.sensors.junctions_ahead import JunctionsAhead
-from dohyo.sumo_networks.sensors.lane import Lane
-from dohyo.sumo_networks.sensors.lanes import Lanes
+from dohyo.sumo_networks.sensors.lane import LaneSensor
+from dohyo.sumo_networks.sensors.lanes import LanesSensor
 from dohyo.sumo_networks.sensors.objects import Objects
-from dohyo.sumo_networks.sensors.path import Path
+from dohyo.sumo_networks.sensors.path import PathSensor
 from dohyo.sumo_networks.sensors.radar import Radar
-from dohyo.sumo_networks.sensors.route import Navigation, Route
+from dohyo.sumo_networks.sensors.route import Navigation, RouteSensor
 from dohyo.sumo_networks.sensors.route_map import RouteMap
 from dohyo.sumo_networks.sensors.speedometer import Speedometer
 
@@ -43,8 +43,8 @@ PRESETS = (
 SENSORS: dict[str, type[Sensor] | SensorConfig] = {
     "speedometer": Speedometer,
     "navigation": Navigation,
-    "lane": Lane,
-    "route": Route,
+    "lane": LaneSensor,
+    "route": RouteSensor,
     "objects": Objects,
     "detections": Detections,
     "junctions_ahead": JunctionsAhead,
@@ -55,8 +55,8 @@ SENSORS: dict[str, type[Sensor] | SensorConfig] = {
     "imu": Imu,
     "route_map": RouteMap,
     "ego_state": EgoState,
-    "lanes": Lanes,
-    "path": Path,
+    "lanes": LanesSensor,
+    "path": PathSensor,
     **{preset.name: preset for preset in PRESETS},
 }
 

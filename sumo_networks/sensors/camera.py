@@ -27,7 +27,7 @@ from dohyo.sumo_networks.rendering.ground import ground_colours, ground_labels
 from dohyo.sumo_networks.rendering.labels import OF_KIND, OF_SURFACE, Label
 from dohyo.sumo_networks.rendering.scene import draw_bodies, draw_buildings, draw_fixtures, draw_shadows
 from dohyo.sumo_networks.rendering.tiles import Tiles, colour_tiles
-from dohyo.sumo_networks.rendering.view import Optics, View, view_of
+from dohyo.sumo_networks.rendering.view import CameraView, Optics, view_of
 from dohyo.sumo_networks.sensors.base import Sensor, SensorConfig, Track
 from dohyo.sumo_networks.world import SIGHT_M, ActorKind, World
 
@@ -325,7 +325,7 @@ def _bodies(world: World, ego: int) -> tuple[FloatArray, IntArray, IntArray, Int
     return bodies, kind, indicator, key
 
 
-def _light(view: View, sun: float, heading: float) -> tuple[FloatArray, FloatArray]:
+def _light(view: CameraView, sun: float, heading: float) -> tuple[FloatArray, FloatArray]:
     """(8,) as of `perspective.face`, and (2,) where shadows fall, m per metre of height, network frame."""
     level, height = math.cos(SUN_HEIGHT_RAD), math.sin(SUN_HEIGHT_RAD)
     direction = np.array([level * math.cos(sun - heading), level * math.sin(sun - heading), height])

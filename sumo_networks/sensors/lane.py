@@ -10,7 +10,7 @@ from dohyo.sumo_networks.sensors.base import Sensor, Track
 from dohyo.sumo_networks.world import World
 
 
-class Lane(Sensor):
+class LaneSensor(Sensor):
     """(5,) on a lane (0 or 1), offset from its centre [m, left positive], heading error [rad], width [m], limit [m/s].
 
     All but the first are 0 where no lane is near.

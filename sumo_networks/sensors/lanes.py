@@ -26,7 +26,7 @@ FOLLOWERS = 5
 ROAD, JUNCTION, CROSSING = 0, 1, 2
 
 
-class Lanes(Sensor):
+class LanesSensor(Sensor):
     """(160, 52) pieces of lanes, at most 40 m long, within 100 m of the ego, nearest first.
 
     Columns: lane (a number, stable in the network), piece (0 is its first), kind (0 road, 1 inside a junction,

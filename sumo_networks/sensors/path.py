@@ -16,7 +16,7 @@ POINTS = 192
 BEHIND = 12
 
 
-class Path(Sensor):
+class PathSensor(Sensor):
     """(192, 6) the route's path, a point every metre, from 12 m behind the ego's projection on it to 179 m ahead.
 
     Columns: x, y [m, ego frame: centre, x forward, y left], heading relative to the ego [rad], curvature [1/m, left

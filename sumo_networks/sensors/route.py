@@ -16,7 +16,7 @@ from dohyo.sumo_networks.world import World
 POINTS = 80
 
 
-class Route(Sensor):
+class RouteSensor(Sensor):
     """(80, 7) the path ahead, a point every metre from the ego's projection on it.
 
     Columns: x, y [m, ego frame: centre, x forward, y left], heading relative to the ego [rad], curvature [1/m, left
@@ -73,7 +73,7 @@ def path_ahead(
     width: FloatArray,
     command: IntArray,
 ) -> Float32Array:
-    """(80, 7) what `Route` says, from a row of the path [network frame] on, to whom is at x, y [m], heading [rad]."""
+    """(80, 7) what the route from a row on, as `RouteSensor` has it, seen from x, y [m], heading [rad]."""
     out = np.empty((POINTS, 7), dtype=np.float32)
     cos, sin = math.cos(heading), math.sin(heading)
     for row in range(POINTS):

@@ -9,7 +9,7 @@ import numpy as np
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.conditions import conditions_named
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
-from dohyo.sumo_networks.ego.fleet import Fleet
+from dohyo.sumo_networks.ego.fleet import EgoFleet
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route
@@ -58,7 +58,7 @@ class Replay:
         assert self.scenario.log is not None
         self._log = read_log(self.scenario.log, logs_folder())
         speeds = [mission.start_speed_mps or 0.0 for mission in self.scenario.missions]
-        self._fleet = Fleet(self.network, self._names, self.routes, self.vehicle, speeds)
+        self._fleet = EgoFleet(self.network, self._names, self.routes, self.vehicle, speeds)
         self._tick, self._next_change = 0, 0
         self._signals: IntArray = np.zeros(len(self.network.signals.link), dtype=np.int64)
         self._world = self._read(self._fleet.read(None))

@@ -17,7 +17,7 @@ import numpy as np
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.conditions import conditions_named
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
-from dohyo.sumo_networks.ego.fleet import Fleet
+from dohyo.sumo_networks.ego.fleet import EgoFleet
 from dohyo.sumo_networks.errors import SimulationError
 from dohyo.sumo_networks.events.director import Director, check_placement
 from dohyo.sumo_networks.events.puppet import Puppet
@@ -33,7 +33,7 @@ from dohyo.sumo_networks.simulation.signals import SignalReader
 from dohyo.sumo_networks.simulation.stage import SumoStage
 from dohyo.sumo_networks.simulation.survey import Survey, reachable
 from dohyo.sumo_networks.simulation.traffic_log import LogRecorder
-from dohyo.sumo_networks.traffic.flows import make_streams
+from dohyo.sumo_networks.traffic.flows import make_flow_sources
 from dohyo.sumo_networks.traffic.jaywalkers import Jaywalkers
 from dohyo.sumo_networks.traffic.population import Population, Trip, Walk
 from dohyo.sumo_networks.units import TICK_S
@@ -70,7 +70,7 @@ class Simulation:
         for event in scenario.events:
             ego = event.ego or self._names[0]
             check_placement(event, ego, network, self.routes[self._names.index(ego)])
-        make_streams(network, scenario.traffic.flows, np.random.default_rng(0))
+        make_flow_sources(network, scenario.traffic.flows, np.random.default_rng(0))
 
     def start(self) -> World:
         """Starts SUMO, lets the traffic warm up, puts the egos at their starts, and reads the world at tick 0.
@@ -94,7 +94,7 @@ class Simulation:
     def _warm_up(
         self, traffic_rng: np.random.Generator, events_seed: np.random.SeedSequence, walkers_rng: np.random.Generator
     ) -> World:
-        self._fleet = Fleet(self.network, self._names, self.routes, self.vehicle, self._speeds())
+        self._fleet = EgoFleet(self.network, self._names, self.routes, self.vehicle, self._speeds())
         self._tick = 0
         self._registry = Registry(self.network, self.scenario, self.vehicle, self._images)
         self._signals = SignalReader(self.network)

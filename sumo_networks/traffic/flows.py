@@ -11,13 +11,13 @@ import numpy as np
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.edge_graph import edge_graph
-from dohyo.sumo_networks.scenario import Flow
+from dohyo.sumo_networks.scenario import TrafficFlow
 
 _HOUR_S = 3600.0
 
 
 @dataclass(slots=True)
-class Stream:
+class FlowSource:
     """One flow of a scenario on its network.
 
     Attributes:
@@ -47,7 +47,9 @@ class Stream:
             yield
 
 
-def make_streams(network: RoadNetwork, flows: Sequence[Flow], rng: np.random.Generator) -> tuple[Stream, ...]:
+def make_flow_sources(
+    network: RoadNetwork, flows: Sequence[TrafficFlow], rng: np.random.Generator
+) -> tuple[FlowSource, ...]:
     """The flows of a scenario on its network, each with random gaps of its own.
 
     Raises:
@@ -59,7 +61,7 @@ def make_streams(network: RoadNetwork, flows: Sequence[Flow], rng: np.random.Gen
     return tuple(_stream(flow, i, network, children[i]) for i, flow in enumerate(flows))
 
 
-def _stream(flow: Flow, number: int, network: RoadNetwork, rng: np.random.Generator) -> Stream:
+def _stream(flow: TrafficFlow, number: int, network: RoadNetwork, rng: np.random.Generator) -> FlowSource:
     what = f"traffic.flows[{number}]"
     kind: Literal["drivable", "bicycle"] = "bicycle" if flow.type == "bicycle" else "drivable"
     lane = network.lane_index.get(flow.source)
@@ -79,10 +81,10 @@ def _stream(flow: Flow, number: int, network: RoadNetwork, rng: np.random.Genera
     first = next(one for one in network.lanes_of_edge[source] if permitted[one])
     gap_s, mean_s = _gaps(flow, float(network.lanes.speed[first if lane is None else lane]))
     index = None if lane is None else int(network.lanes.index[lane])
-    return Stream(flow.type, edges, index, gap_s, mean_s, rng)
+    return FlowSource(flow.type, edges, index, gap_s, mean_s, rng)
 
 
-def _gaps(flow: Flow, limit_mps: float) -> tuple[tuple[float, float] | None, float]:
+def _gaps(flow: TrafficFlow, limit_mps: float) -> tuple[tuple[float, float] | None, float]:
     """Bounds of the time between two, s, or None where any may come at any time; and its mean."""
     if flow.vehicles_per_hour is not None:
         return None, _HOUR_S / flow.vehicles_per_hour

@@ -17,7 +17,7 @@ import numpy as np
 
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.events.paths import Path
+from dohyo.sumo_networks.events.paths import ActorPath
 from dohyo.sumo_networks.events.puppet import Puppet
 from dohyo.sumo_networks.geometry import boxes_overlap
 from dohyo.sumo_networks.networks.network import RoadNetwork
@@ -56,7 +56,7 @@ class Street:
         across_m: To the middle of the left one, on the left.
     """
 
-    sidewalk: Path
+    sidewalk: ActorPath
     across_m: float
 
 
@@ -231,7 +231,7 @@ def streets(network: RoadNetwork) -> tuple[Street, ...]:
 def _street(network: RoadNetwork, lane: int, is_sidewalk: Callable[[int], np.bool_]) -> Street | None:
     """The street whose right sidewalk is a lane, if it has a left one too, as far away everywhere."""
     lanes = network.lanes
-    path = Path(network.lane_shape(lane))
+    path = ActorPath(network.lane_shape(lane))
     if path.length <= 3 * END_M:
         return None
     own = network.lanes_of_edge[network.edge_id(lane)]
@@ -245,25 +245,25 @@ def _street(network: RoadNetwork, lane: int, is_sidewalk: Callable[[int], np.boo
     across = edge_m + sum(lanes.width.item(one) for one in beyond if one != other) + 0.5 * lanes.width.item(other)
     if other < 0 or across > WIDEST_M or not lanes.drivable[own].any():
         return None
-    opposite = Path(network.lane_shape(other)).points
+    opposite = ActorPath(network.lane_shape(other)).points
     ends = [path.at(s, across)[:2] for s in (END_M, 0.5 * path.length, path.length - END_M)]
     parallel = all(np.hypot(*(opposite - end).T).min() < 1.0 for end in ends)
     return Street(path, across) if parallel else None
 
 
-def _along(street: Street, start_m: float, end_m: float, left: bool) -> Path:
+def _along(street: Street, start_m: float, end_m: float, left: bool) -> ActorPath:
     """The way along one side of a street."""
     stops = np.linspace(start_m, end_m, max(round(abs(end_m - start_m)), 1) + 1)
-    return Path(np.array([street.sidewalk.at(s, street.across_m * left)[:2] for s in stops.tolist()]))
+    return ActorPath(np.array([street.sidewalk.at(s, street.across_m * left)[:2] for s in stops.tolist()]))
 
 
-def _across(street: Street, at_m: float, from_left: bool) -> Path:
+def _across(street: Street, at_m: float, from_left: bool) -> ActorPath:
     """The way straight across a street."""
     sides = (street.across_m, 0.0) if from_left else (0.0, street.across_m)
-    return Path(np.array([street.sidewalk.at(at_m, side)[:2] for side in sides]))
+    return ActorPath(np.array([street.sidewalk.at(at_m, side)[:2] for side in sides]))
 
 
-def _set_out(one: _Jaywalker, way: Path) -> None:
+def _set_out(one: _Jaywalker, way: ActorPath) -> None:
     puppet = one.puppet
     puppet.path, puppet.s, puppet.speed = way, 0.0, one.speed_mps
     puppet.pose()

@@ -14,7 +14,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.edge_graph import ATTEMPTS, draw, edge_graph, out_of_sight
 from dohyo.sumo_networks.scenario import Traffic
-from dohyo.sumo_networks.traffic.flows import make_streams
+from dohyo.sumo_networks.traffic.flows import make_flow_sources
 from dohyo.sumo_networks.units import TICK_S
 
 VEHICLE_TYPES = ("car", "van", "truck", "bus")
@@ -83,7 +83,7 @@ class Population:
         """
         self.network, self.traffic, self.rng = network, traffic, rng
         self._count = self._ticks = 0
-        self._streams = make_streams(network, traffic.flows, rng)
+        self._streams = make_flow_sources(network, traffic.flows, rng)
 
     def fill(self, stage: Stage) -> None:
         """Puts the whole population on the road, spread over the network."""

@@ -61,7 +61,7 @@ def serve_null(data: str, port: int, episodes: int) -> None:
     from dohyo.service.database.models import Agent, Role, new_id
     from dohyo.service.database.tokens import create_token
     from dohyo.service.episodes.lease import RemoteEpisode
-    from dohyo.service.episodes.order import Order
+    from dohyo.service.episodes.order import EpisodeOrder
     from dohyo.service.episodes.process import EpisodeProcess
     from dohyo.service.episodes.scheduler import Scheduler
 
@@ -77,7 +77,7 @@ def serve_null(data: str, port: int, episodes: int) -> None:
             for _ in range(episodes):
                 process = EpisodeProcess(Path(data), "tests.performance.wire")
                 await process.start()
-                order = Order(
+                order = EpisodeOrder(
                     scenario=Scenario(network="n", missions=(Mission(start=place, goal=place),)),
                     info=info,
                     benchmark=("n", ""),

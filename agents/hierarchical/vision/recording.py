@@ -46,7 +46,7 @@ VALIDATION_SHARE, TEST_SHARE = 0.25, 0.15
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class PictureRequest:
     """What to record.
 
     Attributes:
@@ -79,7 +79,7 @@ class Order:
             yield "test", HELD_OUT, number
 
 
-def record_pictures(order: Order, out: Path, progress: Callable[[float], None] = lambda share: None) -> int:
+def record_pictures(order: PictureRequest, out: Path, progress: Callable[[float], None] = lambda share: None) -> int:
     """Records until there are enough pictures; what is already there is kept.
 
     Args:
@@ -105,20 +105,20 @@ def record_pictures(order: Order, out: Path, progress: Callable[[float], None] =
     return pictures
 
 
-def scenario(order: Order, name: str, number: int) -> Scenario:
+def scenario(order: PictureRequest, name: str, number: int) -> Scenario:
     """The scenario of one episode: missions and traffic as in the motion dataset, some of the people jaywalking.
 
     Raises:
         InvalidInputError: The network has too few missions.
     """
-    drawn = motion.scenario(motion.Order(seed=order.seed, egos=order.egos), name, number)
+    drawn = motion.scenario(motion.MotionRequest(seed=order.seed, egos=order.egos), name, number)
     conditions = np.random.default_rng(drawn.seed).choice(sorted(TRAIN))
     traffic = drawn.traffic.model_copy(update={"jaywalkers": JAYWALKERS})
     update = {"name": f"semantic-{name}-{number}", "traffic": traffic, "conditions": str(conditions)}
     return drawn.model_copy(update=update)
 
 
-def record_episode(scenario: Scenario, order: Order) -> Pictures:
+def record_episode(scenario: Scenario, order: PictureRequest) -> Pictures:
     """Drives one scenario and takes pictures."""
     rng = np.random.default_rng([scenario.seed, SCHEMA_VERSION])
     conditions, names = conditions_named(scenario.conditions), [mission.name for mission in scenario.missions]
@@ -181,7 +181,7 @@ def _camera(off: FloatArray, conditions: object, rng: np.random.Generator) -> tu
     return CAMERA.model_copy(update=moved).make(conditions, rng), off  # type: ignore[arg-type]
 
 
-def _claim(order: Order, out: Path) -> None:
+def _claim(order: PictureRequest, out: Path) -> None:
     """Writes dataset.json, or checks that the one there says the same but for how many."""
     if order.images < 1 or order.egos < 1 or order.every_s < TICK_S or order.episode_s < order.every_s:
         raise InvalidInputError(

@@ -31,7 +31,7 @@ from dohyo.agents.hierarchical.vision.dataset import Pictures, load_split
 from dohyo.agents.hierarchical.vision.network import Autoencoder
 from dohyo.agents.training.checkpoint import load_checkpoint, random_state, restore_random_state, save_checkpoint
 from dohyo.agents.training.metrics import Table
-from dohyo.agents.training.registry import Order, Trainer
+from dohyo.agents.training.registry import Trainer, TrainRequest
 from dohyo.agents.training.report import Report
 from dohyo.agents.training.run import RunStoppedError, Stop
 from dohyo.agents.training.settings import differences
@@ -313,7 +313,7 @@ def load_autoencoder(path: Path) -> Autoencoder:
     return network.eval()
 
 
-def train_semantic(config: TrainConfig, order: Order) -> Path:
+def train_semantic(config: TrainConfig, order: TrainRequest) -> Path:
     """Trains the autoencoder for `dohyo train semantic`."""
     config = config.model_copy(update={"out": order.out})
     return train(config, order.resume, lambda step, of, loss: order.report(Report(step, of, loss, "loss")))

@@ -210,7 +210,7 @@ def _scene(rows: dict[str, NDArray[Any]]) -> Scene:
             history=_double(rows["ego_history"]),
             history_valid=rows["ego_history_valid"],
         ),
-        actors=scenes.Actors(
+        actors=scenes.TrackedActors(
             kind=rows["actors_kind"].astype(np.int64),
             key=rows["actors_key"].astype(np.int64),
             position=state[:, :2].copy(),
@@ -221,7 +221,7 @@ def _scene(rows: dict[str, NDArray[Any]]) -> Scene:
             history=_double(rows["actors_history"]),
             history_valid=rows["actors_history_valid"],
         ),
-        lanes=scenes.Lanes(
+        lanes=scenes.LanePieces(
             points=_double(rows["lanes_points"]),
             width=lanes[:, 0].copy(),
             limit=lanes[:, 1].copy(),
@@ -230,7 +230,7 @@ def _scene(rows: dict[str, NDArray[Any]]) -> Scene:
             red=lanes[:, 4] > 0.5,
             following=rows["lanes_following"].astype(np.int64),
         ),
-        path=scenes.Path(
+        path=scenes.ReferencePath(
             position=path[:, :2].copy(),
             heading=path[:, 2].copy(),
             curvature=path[:, 3].copy(),
@@ -239,7 +239,9 @@ def _scene(rows: dict[str, NDArray[Any]]) -> Scene:
             s=path[:, 6].copy(),
             lateral=float(rows["path_lateral"]),
         ),
-        stop_lines=scenes.StopLines(s=stop[:, 0].copy(), closed=stop[:, 1] > 0.5, signal=stop[:, 2].astype(np.int64)),
+        stop_lines=scenes.StopLinesAhead(
+            s=stop[:, 0].copy(), closed=stop[:, 1] > 0.5, signal=stop[:, 2].astype(np.int64)
+        ),
     )
 
 

@@ -50,7 +50,7 @@ _LAST = _FUTURE_TICKS[FUTURE_STEPS - 1]
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class MotionRequest:
     """What to record.
 
     Attributes:
@@ -70,7 +70,7 @@ class Order:
     episode_s: float = 60.0
 
 
-def record_motion(order: Order, out: Path, progress: Callable[[float], None] = lambda hours: None) -> int:
+def record_motion(order: MotionRequest, out: Path, progress: Callable[[float], None] = lambda hours: None) -> int:
     """Records until there are enough hours; what is already there is kept.
 
     Args:
@@ -104,7 +104,7 @@ def split_of(network: str, number: int) -> str:
     return "validation" if number % VALIDATION_EVERY == VALIDATION_EVERY - 1 else "train"
 
 
-def scenario(order: Order, name: str, number: int) -> Scenario:
+def scenario(order: MotionRequest, name: str, number: int) -> Scenario:
     """The scenario of one episode.
 
     Raises:
@@ -127,7 +127,7 @@ def scenario(order: Order, name: str, number: int) -> Scenario:
     )
 
 
-def record_episode(scenario: Scenario, order: Order) -> Shard:
+def record_episode(scenario: Scenario, order: MotionRequest) -> Shard:
     """Drives one scenario with the autopilot and takes samples."""
     agents: dict[str, Agent] = {mission.name: Autopilot() for mission in scenario.missions}  # type: ignore[abstract]
     sensors = tuple(dict.fromkeys((*SENSORS, *Autopilot.spec.sensors)))
@@ -225,7 +225,7 @@ def _missions(network: RoadNetwork, count: int, rng: np.random.Generator) -> Ite
             return
 
 
-def _claim(order: Order, out: Path) -> None:
+def _claim(order: MotionRequest, out: Path) -> None:
     """Writes dataset.json, or checks that the one there says the same."""
     if not order.networks or order.hours <= 0 or order.every_s < TICK_S or order.egos < 1:
         raise InvalidInputError(f"expected networks, hours > 0 and a sample at most every {TICK_S} s, got {order}")

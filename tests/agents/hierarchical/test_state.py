@@ -134,7 +134,7 @@ def test_the_twin_never_loads_an_encoder(tmp_path):
 
 def test_a_filter_stands_first_and_then_sees_nearly_what_is_true():
     quiet = Traffic(warm_up_s=0.0)
-    scenario = motion.scenario(motion.Order(egos=1), "town-train", 2).model_copy(update={"traffic": quiet})
+    scenario = motion.scenario(motion.MotionRequest(egos=1), "town-train", 2).model_copy(update={"traffic": quiet})
     believed, true = StateEncoder(StateConfig(vision="none", localization="es-ekf")), StateEncoder(TWIN)
     env = DrivingEnv(scenario, tuple({*believed.sensors, *true.sensors}), "acceleration_steering", reward=None)
     off: list[np.ndarray] = []

@@ -15,7 +15,7 @@ from dohyo.agents.localization.filters import FilterNoise
 from dohyo.agents.localization.localizer import FILTERS, Fix, Localizer, Settings
 from dohyo.agents.localization.study import fixes_of, score
 from dohyo.agents.localization.synthetic import DT, Journey, Recording, journey_named, record
-from dohyo.agents.localization.track import Track, follow
+from dohyo.agents.localization.track import EstimatedTrack, follow
 from dohyo.evaluation.scores.localization import errors
 from dohyo.sumo_networks.ego.dynamics import GRAVITY
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
@@ -38,13 +38,13 @@ def settings(**changes: object) -> Settings:
     return dataclasses.replace(Settings(gnss_sigma_m=0.3, noise=FilterNoise.of(ICM_20600)), **changes)  # type: ignore[arg-type]
 
 
-def led(recording: Recording, fixes: list[Fix] | None = None, **changes: object) -> Track:
+def led(recording: Recording, fixes: list[Fix] | None = None, **changes: object) -> EstimatedTrack:
     journey = roundabout()
     own = fixes_of(journey, recording) if fixes is None else fixes
     return follow(Localizer(settings(**changes)), journey.time, recording.imu, own)
 
 
-def off(track: Track) -> np.ndarray:
+def off(track: EstimatedTrack) -> np.ndarray:
     return errors(track.position, roundabout().position[track.row.astype(int)])
 
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dohyo.agents.speed_planning.calibration import CELL_M, FROM_M, LAST_M, Survey, Surveyor, diagram, discharge
+from dohyo.agents.speed_planning.calibration import CELL_M, FROM_M, LAST_M, MorningGrid, Surveyor, diagram, discharge
 from dohyo.agents.speed_planning.fundamental_diagram import Triangle
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.freeway.road import load_freeway
@@ -53,18 +53,18 @@ def test_auxiliary_lanes_and_other_times_do_not_count() -> None:
 def test_the_diagram_that_made_a_morning_is_found() -> None:
     truth = Triangle(30.0, 4.0, 0.115)
     density = np.linspace(0.002, 0.1, 400).reshape(20, 20)
-    found = diagram([Survey(density, truth.speed(density), np.ones(20), np.ones(20))])
+    found = diagram([MorningGrid(density, truth.speed(density), np.ones(20), np.ones(20))])
     assert found.free_speed_mps == pytest.approx(30.0, rel=0.02)
     assert found.wave_speed_mps == pytest.approx(4.0, rel=0.05)
     assert found.jam_density == pytest.approx(0.115, rel=0.05)
     with pytest.raises(InvalidInputError, match="congested"):
-        diagram([Survey(density / 100, np.full((20, 20), 30.0), np.ones(20), np.ones(20))])
+        diagram([MorningGrid(density / 100, np.full((20, 20), 30.0), np.ones(20), np.ones(20))])
 
 
 def test_a_capacity_drop_shows_in_what_passes_at_low_speed() -> None:
     speed = np.array([24.0] * 20 + [8.0] * 20)
     passed = np.array([100.0] * 20 + [75.0] * 20)
-    rows = discharge([Survey(np.zeros((40, 1)), np.zeros((40, 1)), speed, passed)], demanded=5)
+    rows = discharge([MorningGrid(np.zeros((40, 1)), np.zeros((40, 1)), speed, passed)], demanded=5)
     assert rows[5, :2].tolist() == pytest.approx([15, 5950], rel=0.01)  # 22 to 26 m/s; the last two see the drop ahead
     assert rows[1].tolist() == pytest.approx([18, 4500, 0])
     assert np.isnan(rows[3, 1])

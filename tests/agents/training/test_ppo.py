@@ -15,7 +15,7 @@ from torch.distributions import Normal
 from dohyo.agents.training.config import PpoConfig
 from dohyo.agents.training.environments import Environments
 from dohyo.agents.training.ppo import Ppo
-from dohyo.agents.training.registry import Order, Trainer
+from dohyo.agents.training.registry import Trainer, TrainRequest
 from dohyo.agents.training.report import no_report
 from dohyo.agents.training.task import Array, Env
 from dohyo.agents.training.worker import HereSeat
@@ -26,7 +26,7 @@ from tests.agents.training.toys import LOCK, POINT, SMALL, PointConfig, ToyConfi
 
 def trained(trainer: Trainer, config: ToyConfig, out: Path) -> list[dict[str, str]]:
     """The rows of evaluations.csv."""
-    trainer.train(config, Order("toy", out, False, no_report))
+    trainer.train(config, TrainRequest("toy", out, False, no_report))
     with (out / "evaluations.csv").open() as file:
         return list(csv.DictReader(file))
 

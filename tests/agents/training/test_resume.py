@@ -17,7 +17,7 @@ from safetensors.torch import load_file
 
 from dohyo.agents.training import training
 from dohyo.agents.training.ppo import Ppo
-from dohyo.agents.training.registry import Order
+from dohyo.agents.training.registry import TrainRequest
 from dohyo.agents.training.report import no_report
 from dohyo.agents.training.run import RunStoppedError
 from dohyo.service.cli import main
@@ -127,7 +127,7 @@ def test_an_evaluation_that_no_checkpoint_knows_of_is_told_once(tmp_path, monkey
     """Stopped where an evaluation is due, and killed after it: it comes again, its row does not."""
 
     def run(resume: bool) -> None:
-        POINT.train(PointConfig(), Order("toy", tmp_path / "run", resume, no_report))
+        POINT.train(PointConfig(), TrainRequest("toy", tmp_path / "run", resume, no_report))
 
     def evaluated() -> list[str]:
         with (tmp_path / "run" / "evaluations.csv").open() as file:

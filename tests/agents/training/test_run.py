@@ -18,7 +18,7 @@ from dohyo.agents.training import registry
 from dohyo.agents.training.config import RunConfig
 from dohyo.agents.training.metrics import Table
 from dohyo.agents.training.policy import Actor
-from dohyo.agents.training.registry import Order
+from dohyo.agents.training.registry import TrainRequest
 from dohyo.agents.training.report import Report, no_report
 from dohyo.agents.training.run import Run, RunStoppedError, Stop
 from dohyo.agents.training.settings import read_settings
@@ -227,12 +227,12 @@ def test_an_interrupted_run_goes_on_as_if_nothing_had_been(tmp_path):
 
     config = PointConfig(steps=640, evaluate_every=512, ppo=SMALL.model_copy(update={"guided_share": 0.5}))
     whole, out = tmp_path / "whole", tmp_path / "disturbed"
-    POINT.train(config, Order("point", whole, False, no_report))
+    POINT.train(config, TrainRequest("point", whole, False, no_report))
     for steps, resume in ((384, False), (512, True)):
         with pytest.raises(RunStoppedError, match=f"stopped at step {steps}; the checkpoint is written"):
-            POINT.train(config, Order("point", out, resume, stop))
+            POINT.train(config, TrainRequest("point", out, resume, stop))
         assert [int(row["steps"]) for row in rows(out / "evaluations.csv")] == [0]
-    POINT.train(config, Order("point", out, True, no_report))
+    POINT.train(config, TrainRequest("point", out, True, no_report))
     assert [int(row["steps"]) for row in rows(out / "evaluations.csv")] == [0, 512, 640]
     for name in ("metrics.csv", "evaluations.csv", "policy.onnx"):
         assert (out / name).read_bytes() == (whole / name).read_bytes(), name

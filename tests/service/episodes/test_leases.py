@@ -17,7 +17,7 @@ from dohyo.service.episodes import leases as module
 from dohyo.service.episodes.channel import Kind
 from dohyo.service.episodes.lease import Lease, RemoteEpisode, Worker
 from dohyo.service.episodes.leases import LeaseBook, StaleTickError
-from dohyo.service.episodes.order import Order
+from dohyo.service.episodes.order import EpisodeOrder
 from dohyo.service.episodes.process import End, EpisodeProcess, Outcome
 from dohyo.service.episodes.remote import SEEN, Fault
 from dohyo.service.errors import ConflictError, GoneError, UnauthorisedError
@@ -55,7 +55,7 @@ class FakeProcess:
 def episode(agent: str = "mine", slow_policy: Any = "wait") -> tuple[RemoteEpisode, FakeProcess]:
     place = Place(lane="a_0")
     process = FakeProcess()
-    order = Order(
+    order = EpisodeOrder(
         scenario=Scenario(network="n", missions=(Mission(start=place, goal=place),)),
         info=AgentInfo(name=agent, entry="x:Y", track="map", sensors=("route",), control="lane_command"),
         benchmark=("b", "0" * 64),

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from dohyo.sumo_networks.envs.reward import Roach, make_reward
+from dohyo.sumo_networks.envs.reward import RoachReward, make_reward
 from dohyo.sumo_networks.errors import UnknownNameError
 from dohyo.sumo_networks.world import ActorKind, LightState, World
 from tests.worlds import Scene, crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road
@@ -22,7 +22,7 @@ def reward(scene: Scene, name: str = "roach", ego: int = 0) -> tuple[float, bool
 
 def wish(scene: Scene) -> float:
     """The speed that an expert would drive, as a share of the highest."""
-    return Roach().desired_speed(scene.world(), 0) / 6.0
+    return RoachReward().desired_speed(scene.world(), 0) / 6.0
 
 
 def steered(world: World, angle: float) -> World:
@@ -86,7 +86,7 @@ def test_running_a_red_light_ends_the_episode(light: LightState, ran: bool) -> N
     value, ended = reward(scene)
     assert ended == ran
     assert value == pytest.approx(1 - (6.0 - 6.0 * wish(scene.with_lights(light))) / 6 - 7.0 * ran, abs=0.05)
-    assert Roach(obey_lights=False)(*scene.worlds(0.1), 0) == (pytest.approx(1.0), False)
+    assert RoachReward(obey_lights=False)(*scene.worlds(0.1), 0) == (pytest.approx(1.0), False)
 
 
 # Roach's desired speed
@@ -122,8 +122,8 @@ def test_somebody_on_a_crossing_does_and_on_a_sidewalk_does_not() -> None:
     lane = world.network.lane_index["w_c_0"]
     on_it = dataclasses.replace(world, actors=dataclasses.replace(world.actors, lane=np.array([lane])))
     off_lanes = dataclasses.replace(world, actors=dataclasses.replace(world.actors, lane=np.array([-1])))
-    assert Roach().desired_speed(on_it, 0) == 6.0
-    assert Roach().desired_speed(off_lanes, 0) < 6.0
+    assert RoachReward().desired_speed(on_it, 0) == 6.0
+    assert RoachReward().desired_speed(off_lanes, 0) < 6.0
 
 
 @pytest.mark.parametrize("light", [LightState.RED, LightState.YELLOW])
@@ -133,25 +133,25 @@ def test_a_closed_light_slows_it_down(light: LightState, distance: float, share:
     scene = scene.with_ego(x=scene.stop_line("w_c_0") - distance, speed=6.0)
     assert wish(scene.with_lights(light)) == pytest.approx(share, abs=0.01)
     assert wish(scene.with_lights(LightState.GREEN)) == 1.0
-    assert Roach(obey_lights=False).desired_speed(scene.with_lights(light).world(), 0) == 6.0
+    assert RoachReward(obey_lights=False).desired_speed(scene.with_lights(light).world(), 0) == 6.0
 
 
 def test_a_stop_sign_slows_it_down_until_it_has_stood_there() -> None:
-    scene, reward = stop_sign_crossing(), Roach()
+    scene, reward = stop_sign_crossing(), RoachReward()
     near = scene.with_ego(x=scene.stop_line("w_c_0") - 6.0, speed=2.0).world()
     standing = scene.with_ego(x=scene.stop_line("w_c_0") - 6.0, speed=0.0).world()
     assert reward.desired_speed(near, 0) == pytest.approx(6.0 * 0.2)
     assert reward.desired_speed(standing, 0) == 6.0
     assert reward.desired_speed(near, 0) == 6.0, "it has stood there"
-    assert Roach(obey_lights=False).desired_speed(near, 0) == 6.0
+    assert RoachReward(obey_lights=False).desired_speed(near, 0) == 6.0
 
 
 def test_another_ego_slows_it_down_while_it_drives() -> None:
     world = FREE.with_ego(x=109.0).world()
-    assert Roach().desired_speed(world, 0) == pytest.approx(0.2 * 6.0)
-    assert Roach().desired_speed(world, 1) == 6.0
+    assert RoachReward().desired_speed(world, 0) == pytest.approx(0.2 * 6.0)
+    assert RoachReward().desired_speed(world, 1) == 6.0
     retired = dataclasses.replace(world, egos=dataclasses.replace(world.egos, active=np.array([True, False])))
-    assert Roach().desired_speed(retired, 0) == 6.0
+    assert RoachReward().desired_speed(retired, 0) == 6.0
 
 
 def test_the_strictest_hazard_decides() -> None:

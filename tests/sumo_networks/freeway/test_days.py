@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
 from dohyo.sumo_networks.freeway import dataset
 from dohyo.sumo_networks.freeway.apart import drive_apart
-from dohyo.sumo_networks.freeway.dataset import Order, day_orders, make_dataset
+from dohyo.sumo_networks.freeway.dataset import DatasetRequest, day_orders, make_dataset
 from dohyo.sumo_networks.freeway.days import Measured, Scale, SpeedDay, drive_day
 from dohyo.sumo_networks.freeway.scenario import Day, FreewayScenario, Incident
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
@@ -132,7 +132,7 @@ def driven(monkeypatch: pytest.MonkeyPatch) -> list[FreewayScenario]:
 
 
 def test_the_sets_are_those_of_the_thesis(tmp_path: Path, driven: list[FreewayScenario]) -> None:
-    assert make_dataset(Order(days=3, easy=2, hard=4), tmp_path) == 9
+    assert make_dataset(DatasetRequest(days=3, easy=2, hard=4), tmp_path) == 9
     for split, number, minutes in (("train", 3, 1440), ("easy", 2, 1440), ("hard", 4, 440)):
         files = sorted((tmp_path / split).glob("*"))
         assert [file.name for file in files] == [f"day-{day:04}.parquet" for day in range(1, number + 1)]
@@ -153,11 +153,11 @@ def test_the_sets_are_those_of_the_thesis(tmp_path: Path, driven: list[FreewaySc
 
 
 def test_what_is_there_is_kept_and_more_days_change_no_day(tmp_path: Path, driven: list[FreewayScenario]) -> None:
-    make_dataset(Order(days=2, easy=1, hard=1), tmp_path)
+    make_dataset(DatasetRequest(days=2, easy=1, hard=1), tmp_path)
     before = {file: file.read_bytes() for file in tmp_path.glob("*/*.parquet")}
     (tmp_path / "train" / "day-0002.parquet").unlink()
     driven.clear()
-    assert make_dataset(Order(days=4, easy=1, hard=1), tmp_path) == 3
+    assert make_dataset(DatasetRequest(days=4, easy=1, hard=1), tmp_path) == 3
     assert len(driven) == 3
     assert all(file.read_bytes() == content for file, content in before.items())
     assert json.loads((tmp_path / "dataset.json").read_text())["days"]["train"] == 4
@@ -169,14 +169,14 @@ def test_a_day_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.Mon
 
     monkeypatch.setattr(dataset, "drive_day", fail)
     with pytest.raises(SimulationError):
-        make_dataset(Order(days=1, easy=0, hard=0), tmp_path)
+        make_dataset(DatasetRequest(days=1, easy=0, hard=0), tmp_path)
     assert not list(tmp_path.glob("*/*"))
 
 
 @pytest.mark.usefixtures("driven")
 def test_another_order_does_not_mix_with_it(tmp_path: Path) -> None:
-    make_dataset(Order(days=1, easy=0, hard=0), tmp_path)
-    for other in (Order(days=1, easy=0, hard=0, seed=1), Order(days=1, easy=0, hard=0, probes=0.5)):
+    make_dataset(DatasetRequest(days=1, easy=0, hard=0), tmp_path)
+    for other in (DatasetRequest(days=1, easy=0, hard=0, seed=1), DatasetRequest(days=1, easy=0, hard=0, probes=0.5)):
         with pytest.raises(InvalidInputError, match=r"holds another dataset, (seed|probes)"):
             make_dataset(other, tmp_path)
 
@@ -184,17 +184,17 @@ def test_another_order_does_not_mix_with_it(tmp_path: Path) -> None:
 def test_a_folder_that_cannot_be_is_one_clear_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InvalidInputError, match="cannot make a dataset in"):
-        make_dataset(Order(days=1), tmp_path / "file" / "inside")
+        make_dataset(DatasetRequest(days=1), tmp_path / "file" / "inside")
     (tmp_path / "dataset.json").write_text("not json")
     with pytest.raises(InvalidInputError, match="cannot make a dataset in"):
-        make_dataset(Order(days=1), tmp_path)
+        make_dataset(DatasetRequest(days=1), tmp_path)
     with pytest.raises(ValidationError):
-        Order(days=-1)
+        DatasetRequest(days=-1)
 
 
 def test_hard_mornings_are_dense_weekdays_in_micro() -> None:
-    hard = [one for one in day_orders(Order(days=8)) if one.split == "hard"]
-    train = [one for one in day_orders(Order(days=8)) if one.split == "train"]
+    hard = [one for one in day_orders(DatasetRequest(days=8)) if one.split == "hard"]
+    train = [one for one in day_orders(DatasetRequest(days=8)) if one.split == "train"]
     assert [one.scale for one in hard] == ["micro"] * 4
     assert all(one.scenario.day.weekday < 5 and one.scenario.day.demand >= 1 for one in hard)
     assert {one.scenario.day.weekday for one in train} == set(range(7))
@@ -203,7 +203,7 @@ def test_hard_mornings_are_dense_weekdays_in_micro() -> None:
 
 @pytest.mark.slow
 def test_days_are_the_same_however_many_make_them(tmp_path: Path) -> None:
-    order = Order(days=0, easy=2, hard=0, seed=5)
+    order = DatasetRequest(days=0, easy=2, hard=0, seed=5)
     told: list[tuple[int, int]] = []
     assert make_dataset(order, tmp_path / "two", lambda done, of, _: told.append((done, of)), workers=2) == 2
     assert told == [(0, 2), (1, 2), (2, 2)]

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.scenario import Flow, Scenario, Traffic
+from dohyo.sumo_networks.scenario import Scenario, Traffic, TrafficFlow
 from dohyo.sumo_networks.simulation import Simulation
-from dohyo.sumo_networks.traffic.flows import Stream, make_streams
+from dohyo.sumo_networks.traffic.flows import FlowSource, make_flow_sources
 from dohyo.sumo_networks.traffic.population import Population, Trip, Walk
 from dohyo.sumo_networks.units import TICK_S
 from tests.conftest import Start
@@ -40,7 +40,7 @@ class Paper:
     def arrived(self) -> tuple[Sequence[str], Sequence[str]]:
         return [name for _, name, _ in self.entered[-1:]], ()  # who comes along a flow is not replaced
 
-    def run(self, seconds: float, *flows: Flow, seed: int = 0) -> Paper:
+    def run(self, seconds: float, *flows: TrafficFlow, seed: int = 0) -> Paper:
         people = Population(lit_crossing().network, Traffic(flows=flows), np.random.default_rng(seed))
         people.fill(self)
         for self.tick in range(1, round(seconds / TICK_S) + 1):
@@ -52,8 +52,8 @@ class Paper:
         return TICK_S * np.array([tick for tick, _, _ in self.entered])
 
 
-def flow(**changed: Any) -> Flow:
-    return Flow.model_validate({"source": "w_c", "target": "c_e", "type": "car", **changed})
+def flow(**changed: Any) -> TrafficFlow:
+    return TrafficFlow.model_validate({"source": "w_c", "target": "c_e", "type": "car", **changed})
 
 
 # When
@@ -164,12 +164,12 @@ def test_what_a_scenario_does_not_have_leaves_no_trace() -> None:
     assert set(plain.model_dump()) == {"vehicles", "bicycles", "pedestrians", "warm_up_s"}
     assert Traffic.model_validate({**plain.model_dump(), "flows": [], "jaywalkers": 0, "impatience": 0}) == plain
     rng, untouched = np.random.default_rng(0), np.random.default_rng(0)
-    assert make_streams(lit_crossing().network, (), rng) == ()
+    assert make_flow_sources(lit_crossing().network, (), rng) == ()
     assert rng.spawn(1)[0].random() == untouched.spawn(1)[0].random()
 
 
 def test_a_stream_is_never_late_for_long() -> None:
-    stream = Stream("car", ("a",), None, (2.0, 2.0), 2.0, np.random.default_rng(0))
+    stream = FlowSource("car", ("a",), None, (2.0, 2.0), 2.0, np.random.default_rng(0))
     assert len(list(stream.due(100.0))) in (50, 51)
     assert list(stream.due(100.0)) == []
 

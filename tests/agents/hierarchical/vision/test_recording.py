@@ -20,7 +20,7 @@ from dohyo.agents.hierarchical.vision.dataset import SCHEMA, load_shard, load_sp
 from dohyo.agents.hierarchical.vision.recording import (
     OFF,
     Disturbance,
-    Order,
+    PictureRequest,
     drawn_off,
     labels,
     record_episode,
@@ -33,7 +33,7 @@ from dohyo.sumo_networks.sensors import make_sensors
 from dohyo.sumo_networks.world import LightState
 from tests.worlds import lit_crossing
 
-SMALL = Order(images=12, seed=3, egos=2, every_s=1.0, episode_s=3.0)  # an episode each
+SMALL = PictureRequest(images=12, seed=3, egos=2, every_s=1.0, episode_s=3.0)  # an episode each
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def test_splits_have_their_own_scenarios(recorded):
         "validation": ["town-train-0001.npz"],
         "test": ["town-test-0000.npz"],
     }  # fmt: skip
-    numbers = [(split, name, number) for split, name, number in Order().episodes()]
+    numbers = [(split, name, number) for split, name, number in PictureRequest().episodes()]
     assert len({(name, number) for _, name, number in numbers}) == len(numbers)
     assert {name for split, name, _ in numbers if split == "test"} == {"town-test"}
     assert {name for split, name, _ in numbers if split != "test"} == {"town-train"}
@@ -115,7 +115,8 @@ def test_an_episode_is_the_same_each_time(recorded):
 
 def test_a_killed_recording_goes_on_and_ends_with_the_same_bytes(recorded, tmp_path):
     code = (
-        "from pathlib import Path; from dohyo.agents.hierarchical.vision.recording import Order, record_pictures;"
+        "from pathlib import Path;"
+        "from dohyo.agents.hierarchical.vision.recording import PictureRequest, record_pictures;"
         f"record_pictures({SMALL!r}, Path({str(tmp_path)!r}))"
     )
     process = subprocess.Popen([sys.executable, "-c", code])

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dohyo.agents.mcts.predictors.dataset import FUTURE_STEP_S, FUTURE_STEPS, Sample
-from dohyo.agents.planning.scene import HISTORY, Actors, Ego, Lanes, Path, Scene, StopLines
+from dohyo.agents.planning.scene import HISTORY, Ego, LanePieces, ReferencePath, Scene, StopLinesAhead, TrackedActors
 from dohyo.sumo_networks.world import ActorKind
 
 AGO = np.array([1.5, 1.0, 0.5, 0.0])
@@ -47,7 +47,7 @@ def scene(actors: Sequence[Body] = (), lanes: Sequence[Lane] = (), ego_speed: fl
         time=3.0,
         pose=np.zeros(3),
         ego=Ego(ego_speed, 0.0, 0.0, 0.0, 4.5, 1.8, history(0.0, 0.0, 0.0, ego_speed), np.ones(HISTORY, dtype=bool)),
-        actors=Actors(
+        actors=TrackedActors(
             kind=np.array([int(a.kind) for a in actors], dtype=np.int64),
             key=np.arange(len(actors)),
             position=np.array([(a.x, a.y) for a in actors]).reshape(-1, 2),
@@ -58,7 +58,7 @@ def scene(actors: Sequence[Body] = (), lanes: Sequence[Lane] = (), ego_speed: fl
             history=np.array([history(a.x, a.y, a.heading, a.speed) for a in actors]).reshape(-1, HISTORY, 3),
             history_valid=np.ones((len(actors), HISTORY), dtype=bool),
         ),
-        lanes=Lanes(
+        lanes=LanePieces(
             points=np.array([_twenty(lane.points) for lane in lanes]).reshape(-1, 20, 2),
             width=np.full(len(lanes), 3.2),
             limit=np.array([lane.limit for lane in lanes], dtype=float),
@@ -67,7 +67,7 @@ def scene(actors: Sequence[Body] = (), lanes: Sequence[Lane] = (), ego_speed: fl
             red=np.array([lane.red for lane in lanes], dtype=bool),
             following=np.array([(*lane.following, -1, -1, -1, -1, -1)[:5] for lane in lanes], np.int64).reshape(-1, 5),
         ),
-        path=Path(
+        path=ReferencePath(
             position=np.column_stack([np.arange(3.0), np.zeros(3)]),
             heading=np.zeros(3),
             curvature=np.zeros(3),
@@ -76,7 +76,7 @@ def scene(actors: Sequence[Body] = (), lanes: Sequence[Lane] = (), ego_speed: fl
             s=np.arange(3.0),
             lateral=0.0,
         ),
-        stop_lines=StopLines(s=np.array([30.0]), closed=np.array([True]), signal=np.array([1])),
+        stop_lines=StopLinesAhead(s=np.array([30.0]), closed=np.array([True]), signal=np.array([1])),
     )
 
 

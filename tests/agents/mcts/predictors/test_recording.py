@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from dohyo.agents.mcts.predictors.dataset import load_shard, shards_of
-from dohyo.agents.mcts.predictors.recording import HELD_OUT, TRAINING, Order, record_motion, scenario, split_of
+from dohyo.agents.mcts.predictors.recording import HELD_OUT, TRAINING, MotionRequest, record_motion, scenario, split_of
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.world import ActorKind
 
-SMALL = Order(networks=("town-train",), hours=0.008, seed=5, egos=2, episode_s=12.0)  # two episodes
+SMALL = MotionRequest(networks=("town-train",), hours=0.008, seed=5, egos=2, episode_s=12.0)  # two episodes
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,7 @@ def test_an_interrupted_recording_goes_on_and_ends_with_the_same_bytes(recorded,
 
 def test_a_fresh_process_gives_the_same_bytes(recorded, tmp_path):
     code = (
-        "from pathlib import Path; from dohyo.agents.mcts.predictors.recording import Order, record_motion;"
+        "from pathlib import Path; from dohyo.agents.mcts.predictors.recording import MotionRequest, record_motion;"
         f"record_motion({SMALL!r}, Path({str(tmp_path)!r}))"
     )
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, timeout=300)
