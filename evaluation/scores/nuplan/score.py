@@ -2,9 +2,9 @@
 
     score = 100 x NC x DAC x DDC x MP x (5 EP + 5 TTC + 4 SL + 2 C) / 16
 
-Every term is in [0, 1]. nuPlan has no term for red lights: they are counted beside the score. Differences from nuPlan
-are those of CONTEXT.md: the rules of fault are `criteria.collision`'s, and who already touched the ego is no longer a
-danger to it. Source: nuPlan devkit, closed-loop non-reactive agents score; definitions re-implemented.
+Every term is in [0, 1]. nuPlan has no term for red lights: they are counted beside the score. CONTEXT.md lists the
+terms, the thresholds and the differences from nuPlan. Source: nuPlan devkit, closed-loop non-reactive agents score;
+definitions re-implemented.
 """
 
 from __future__ import annotations
@@ -16,11 +16,10 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from dohyo.evaluation.criteria.collision import BEHIND_RAD, STOPPED_MPS
+from dohyo.evaluation.criteria.collision import BEHIND_RAD
 from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord, InfractionKind, Status
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.evaluation.scores.nuplan.frames import Frames, frames_of
-from dohyo.evaluation.scores.nuplan.smoothing import savitzky_golay
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -33,7 +32,8 @@ OUTSIDE_M: Final = 0.3
 AGAINST_M: Final = (2.0, 6.0)
 AGAINST_WITHIN_S: Final = 1.0
 LEAST_PROGRESS: Final = 0.2
-SMALLEST_REFERENCE_M: Final = 0.1
+PROGRESS_THRESHOLD_M: Final = 2.0
+TTC_STANDING_MPS: Final = 0.005
 TTC_BOUND_S: Final = 0.95
 TTC_HORIZON_S: Final = 3.0
 AHEAD_RAD: Final = math.radians(30.0)
@@ -152,19 +152,29 @@ def drivable_area(frames: Frames) -> float:
 
 
 def driving_direction(frames: Frames) -> float:
-    """DDC: metres against a lane's direction, outside junctions, in any 1 s: below 2 m 1, below 6 m 0.5, else 0."""
+    """DDC: 1 if the ego never went back 2 m or more along its lanes within 1 s, 0.5 if it never went back 6 m, else 0.
+
+    Metres forward count against metres back. A tick with the centre on no lane counts 0 m.
+    """
     lane, offset, error = frames.lanes
-    moved = np.hypot(*np.diff(frames.boxes[:, :2], axis=0, prepend=frames.boxes[:1, :2]).T)
-    on_lane = (lane >= 0) & (np.abs(offset) <= 0.5 * frames.network.lanes.width[lane]) & ~frames.in_junction
-    against = np.where(on_lane, moved * np.maximum(0.0, -np.cos(error)), 0.0)
-    worst = float(np.convolve(against, np.ones(round(AGAINST_WITHIN_S / TICK_S))).max())
-    return 1.0 if worst < AGAINST_M[0] else 0.5 if worst < AGAINST_M[1] else 0.0
+    moved = np.diff(frames.boxes[:, :2], axis=0, prepend=frames.boxes[:1, :2])
+    lane_direction = frames.boxes[:, 2] - error
+    forward = moved[:, 0] * np.cos(lane_direction) + moved[:, 1] * np.sin(lane_direction)
+    on_lane = (lane >= 0) & (np.abs(offset) <= 0.5 * frames.network.lanes.width[lane])
+    within = np.ones(round(AGAINST_WITHIN_S / TICK_S))
+    back = -float(np.convolve(np.where(on_lane, forward, 0.0), within)[: len(frames)].min())
+    return 1.0 if back < AGAINST_M[0] else 0.5 if back < AGAINST_M[1] else 0.0
 
 
 def ego_progress(frames: Frames, reference_m: float) -> float:
-    """EP: how far the ego came along its route, as a share of the reference; both at least 0.1 m."""
-    came = max(float(frames.progress.max() - frames.progress[0]), SMALLEST_REFERENCE_M)
-    return min(1.0, came / max(reference_m, SMALLEST_REFERENCE_M))
+    """EP: the ego's progress along its route as a share of the reference's, both at least 2 m; at most 1.
+
+    0 for an ego that ends more than 2 m behind its start.
+    """
+    progress = float(frames.progress[-1] - frames.progress[0])
+    if progress < -PROGRESS_THRESHOLD_M:
+        return 0.0
+    return min(1.0, max(progress, PROGRESS_THRESHOLD_M) / max(reference_m, PROGRESS_THRESHOLD_M))
 
 
 def speed_limit(frames: Frames) -> float:
@@ -185,15 +195,15 @@ def time_to_collision(frames: Frames) -> float:
 def times_to_collision(frames: Frames) -> FloatArray:
     """(T,), s: when the ego meets the next one if all keep speed and heading; infinity beyond 3 s.
 
-    Counted are those within 30 degrees of the heading, seen from the rear axle; and, while the ego is in several
-    lanes, off the drivable area or in a junction, all that are not behind it. While the ego stands it meets nobody;
-    with an at-fault collision the time is 0; whoever touched it before no longer counts.
+    Counted are actors within 30 degrees of the heading, seen from the rear axle; and, while the ego is in several
+    lanes, off the drivable area or in a junction, all that are not behind it. Infinite while the ego stands (at most
+    0.005 m/s); 0 at an at-fault collision. An actor that has touched the ego no longer counts.
     """
     touched = {touch.key: touch.tick for touch in frames.touches}
     wide = ~frames.keeps_lane | (frames.outside > 0.0) | frames.in_junction
     times = np.full(len(frames), np.inf)
     for tick, others in enumerate(frames.others):
-        if frames.speed[tick] > STOPPED_MPS and len(others.key):
+        if frames.speed[tick] > TTC_STANDING_MPS and len(others.key):
             gone = np.array([touched.get(int(key), len(frames)) <= tick for key in others.key], dtype=np.bool_)
             rows = np.flatnonzero(_ahead(frames.boxes[tick], others.boxes, bool(wide[tick])) & ~gone)
             if len(rows):
@@ -236,14 +246,28 @@ def comfort(frames: Frames) -> float:
 def _extremes(frames: Frames) -> list[tuple[float, float, float]]:
     """Smallest and largest value of each quantity, each with its bounds."""
     heading = np.unwrap(frames.boxes[:, 2])
-    longitudinal = savitzky_golay(frames.speed, ACCELERATION_WINDOW, 2, 1, TICK_S)
-    lateral = frames.speed * savitzky_golay(heading, ACCELERATION_WINDOW, 2, 1, TICK_S)
+    longitudinal = _derivative(frames.speed, ACCELERATION_WINDOW)
+    lateral = frames.speed * _derivative(heading, ACCELERATION_WINDOW)
     bounds = (
         (longitudinal, *LONGITUDINAL_MPS2),
         (lateral, -LATERAL_MPS2, LATERAL_MPS2),
-        (savitzky_golay(heading, JERK_WINDOW, 2, 1, TICK_S), -YAW_RATE, YAW_RATE),
-        (savitzky_golay(heading, JERK_WINDOW, 3, 2, TICK_S), -YAW_ACCELERATION, YAW_ACCELERATION),
-        (savitzky_golay(longitudinal, JERK_WINDOW, 2, 1, TICK_S), -LONGITUDINAL_JERK, LONGITUDINAL_JERK),
-        (savitzky_golay(np.hypot(longitudinal, lateral), JERK_WINDOW, 2, 1, TICK_S), -JERK, JERK),
+        (_derivative(heading, JERK_WINDOW), -YAW_RATE, YAW_RATE),
+        (_derivative(heading, JERK_WINDOW, order=2), -YAW_ACCELERATION, YAW_ACCELERATION),
+        (_derivative(longitudinal, JERK_WINDOW), -LONGITUDINAL_JERK, LONGITUDINAL_JERK),
+        (_derivative(np.hypot(longitudinal, lateral), JERK_WINDOW), -JERK, JERK),
     )
     return [(float(end), low, high) for values, low, high in bounds for end in (values.min(), values.max())]
+
+
+def _derivative(values: FloatArray, window: int, order: int = 1) -> FloatArray:
+    """(T,) a derivative by time, by a Savitzky-Golay filter with a polynomial one degree above it; 0 in a short drive.
+
+    Windows are odd: an even one would lag by half a tick.
+    """
+    from scipy.signal import savgol_filter  # type: ignore[import-untyped]  # slow to import, so only where needed
+
+    count = len(values)
+    window = min(window, count if count % 2 else count - 1)
+    if window <= order + 1:
+        return np.zeros(count)
+    return np.asarray(savgol_filter(values, window, order + 1, deriv=order, delta=TICK_S))

@@ -124,6 +124,27 @@ def test_metres_against_the_lane_in_a_second(speed: float, expected: float) -> N
     assert scored(wrong_way, 3.0).driving_direction == expected
 
 
+@pytest.mark.parametrize(("speed", "expected"), [(1.9, 1.0), (2.1, 0.5), (5.9, 0.5), (6.1, 0.0)])
+def test_lanes_inside_a_junction_have_a_direction_too(speed: float, expected: float) -> None:
+    through = lit_crossing().with_ego(x=2, y=lit_crossing().route.position[0, 1], speed=-speed)
+    record, trajectory = driven(through, 1.0)
+    frames = frames_of(record, trajectory, through.network)
+    assert frames.in_junction.all()
+    assert scored(through, 1.0).driving_direction == expected
+
+
+@pytest.mark.parametrize(("forward_s", "expected"), [(0.4, 1.0), (0.2, 0.5)])
+def test_metres_forward_count_against_metres_back(forward_s: float, expected: float) -> None:
+    """A shuttle at 5 m/s goes back 3 m or 4 m in every second, of which 1 m or 3 m remain."""
+    shuttle = straight_road().with_ego(x=500, speed=lambda t: 5.0 if (t - 0.05) % 1.0 < forward_s else -5.0)
+    assert scored(shuttle, 3.0).driving_direction == expected
+
+
+def test_an_ego_beside_all_lanes_has_no_driving_direction() -> None:
+    beside = straight_road().with_ego(x=500, speed=10.0, heading=math.pi, left=-6.0)
+    assert scored(beside, 2.0).driving_direction == 1
+
+
 def test_a_short_stretch_against_the_lane_is_forgiven() -> None:
     brief = straight_road().with_ego(x=500, speed=lambda t: 10.0 if t < 0.15 else 0.0, heading=math.pi)
     assert scored(brief, 3.0).driving_direction == 1
@@ -141,9 +162,24 @@ def test_progress_is_that_of_the_reference(reference_m: float, progress: float, 
     assert result.making_progress == makes
 
 
-def test_where_the_reference_stood_an_ego_may_stand() -> None:
-    standing = scored(straight_road().with_ego(x=100, speed=0), reference_m=0.05)
-    assert (standing.progress, standing.making_progress, standing.score) == (1.0, 1.0, 100.0)
+@pytest.mark.parametrize(
+    ("reference_m", "progress", "makes"),
+    [(0.05, 1.0, 1), (1.9, 1.0, 1), (2.5, 0.8, 1), (9.9, 0.202, 1), (10.1, 0.198, 0)],
+)
+def test_a_standing_ego_counts_as_if_it_had_come_2_m(reference_m: float, progress: float, makes: float) -> None:
+    standing = scored(straight_road().with_ego(x=100, speed=0), reference_m=reference_m)
+    assert (standing.progress, standing.making_progress) == (pytest.approx(progress, abs=5e-4), makes)
+
+
+@pytest.mark.parametrize(("metres", "progress"), [(1.5, 0.1), (2.5, 0.125), (-1.9, 0.1), (-2.1, 0.0)])
+def test_progress_is_at_least_2_m_but_for_an_ego_that_goes_back_further(metres: float, progress: float) -> None:
+    result = scored(straight_road().with_ego(x=100, speed=metres), 1.0, reference_m=20.0)
+    assert result.progress == pytest.approx(progress, abs=1e-3)
+
+
+def test_progress_is_where_the_drive_ends_not_its_furthest_point() -> None:
+    there_and_back = straight_road().with_ego(x=100, speed=lambda t: 5.0 if t < 2.05 else -5.0)
+    assert scored(there_and_back, 3.0, reference_m=10.0).progress == pytest.approx(0.5, abs=0.01)
 
 
 # Time to collision.
@@ -159,6 +195,12 @@ def test_time_to_a_standing_car(gap_s: float, expected: float) -> None:
     assert (times[0] > 0.95) == bool(expected)
     assert math.isinf(times[-1])  # it stands
     assert scored(scene, 1.0).time_to_collision == expected
+
+
+@pytest.mark.parametrize(("speed", "expected"), [(0.006, 0.0), (0.004, 1.0)])
+def test_only_a_standing_ego_meets_nobody(speed: float, expected: float) -> None:
+    oncoming = straight_road().with_ego(x=100, speed=speed).with_actor(x=107, speed=10, heading=math.pi)
+    assert scored(oncoming, 0.1).time_to_collision == expected
 
 
 def test_a_leader_of_the_same_speed_is_no_danger_however_near() -> None:
@@ -205,6 +247,13 @@ def test_longitudinal_jerk(jerk: float, expected: float) -> None:
     """The acceleration falls at a steady rate, within its own bounds."""
     scene = straight_road().with_ego(x=100, speed=lambda t: 8.0 - 0.5 * jerk * (t - 0.45) ** 2)
     assert scored(scene, 1.2).comfort == expected
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.1, 0.2])
+def test_a_drive_too_short_for_a_derivative_is_comfortable(seconds: float) -> None:
+    assert scored(straight_road().with_ego(x=100, speed=lambda t: 10.0 * (t > 0)), seconds).comfort == float(
+        seconds < 0.2
+    )
 
 
 def turning(scene: Scene, rate: float, speed: float, seconds: float) -> ClosedLoop:
