@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from dohyo.sumo_networks.objects import ObjectStates, column, stack_boxes
 
 if TYPE_CHECKING:
     from dohyo.sumo_networks.networks.network import RoadNetwork
@@ -89,9 +90,7 @@ class Egos:
 
     def boxes(self) -> FloatArray:
         """(E, 5) x, y [m], heading [rad], length, width [m]."""
-        out = np.empty((len(self.names), 5))
-        out[:, :2], out[:, 2], out[:, 3], out[:, 4] = self.position, self.heading, self.length, self.width
-        return out
+        return stack_boxes(self.position, self.heading, self.length, self.width)
 
     def box(self, ego: int) -> FloatArray:
         """(5,) x, y [m], heading [rad], length, width [m] of one ego."""
@@ -99,39 +98,18 @@ class Egos:
 
 
 @dataclass(frozen=True, slots=True)
-class Actors:
-    """Everything within sight of an ego that moves or stands, and is no ego.
+class Actors(ObjectStates):
+    """Everything within sight of an ego that moves or stands, and is no ego: M rows in the network frame.
+
+    `World.name_of(key)` gives the SUMO id of a row.
 
     Attributes:
-        key: (M,) number of the actor, unique and stable within the episode (`World.name_of(key)` gives its SUMO id).
-        kind: (M,) ActorKind.
-        position: (M, 2), m, network frame: centre of the box.
-        heading: (M,), rad.
-        speed: (M,), m/s.
-        length: (M,), m.
-        width: (M,), m.
         lane: (M,) lane it is on (crossings and sidewalks for people), -1 where it is on none.
         indicator: (M,) turn indicator: 1 left, -1 right, 0 off.
     """
 
-    key: IntArray
-    kind: IntArray
-    position: FloatArray
-    heading: FloatArray
-    speed: FloatArray
-    length: FloatArray
-    width: FloatArray
-    lane: IntArray
-    indicator: IntArray
-
-    def __len__(self) -> int:
-        return len(self.key)
-
-    def boxes(self) -> FloatArray:
-        """(M, 5) x, y [m], heading [rad], length, width [m]."""
-        out = np.empty((len(self.key), 5))
-        out[:, :2], out[:, 2], out[:, 3], out[:, 4] = self.position, self.heading, self.length, self.width
-        return out
+    lane: IntArray = column(np.int64)
+    indicator: IntArray = column(np.int64)
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ import numpy as np
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from dohyo.sumo_networks.geometry import project_on_path, wrap_angle
+from dohyo.sumo_networks.objects import ObjectStates, column
 from dohyo.sumo_networks.sensors.junctions_ahead import STOPS
 from dohyo.sumo_networks.sensors.lanes import ATTRIBUTES, POINTS
 from dohyo.sumo_networks.units import TICK_S
@@ -58,33 +59,16 @@ class Ego:
 
 
 @dataclass(frozen=True, slots=True)
-class TrackedActors:
-    """The others, N of them, nearest first.
+class TrackedActors(ObjectStates):
+    """The others, N of them, nearest first, in the ego's frame.
 
     Attributes:
-        kind: (N,) `world.ActorKind`.
-        key: (N,) stable while the actor exists.
-        position: (N, 2), m: centre of the box.
-        heading: (N,), rad.
-        speed: (N,), m/s, along the heading.
-        length: (N,), m.
-        width: (N,), m.
         history: (N, 4, 3) x, y [m], heading [rad] 1.5, 1.0, 0.5 and 0 s ago, in the ego's frame of now.
         history_valid: (N, 4) which of them were seen; the others are extrapolated at constant velocity.
     """
 
-    kind: IntArray
-    key: IntArray
-    position: FloatArray
-    heading: FloatArray
-    speed: FloatArray
-    length: FloatArray
-    width: FloatArray
-    history: FloatArray
-    history_valid: BoolArray
-
-    def __len__(self) -> int:
-        return len(self.key)
+    history: FloatArray = column(np.float64, HISTORY, 3)
+    history_valid: BoolArray = column(np.bool_, HISTORY)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import NamedTuple
 
@@ -128,8 +127,7 @@ def _minded(actors: TrackedActors, ego: Ego, forecast: FloatArray) -> tuple[Trac
     behind = actors.position[:, 0] + actors.length / 2 < -ego.length / 2
     beside = np.abs(actors.position[:, 1]) < (ego.width + actors.width) / 2
     keep = ~(behind & beside & (np.cos(actors.heading) > FOLLOWS_COS))
-    columns = {field.name: getattr(actors, field.name)[keep] for field in dataclasses.fields(TrackedActors)}
-    return TrackedActors(**columns), forecast[keep]
+    return actors.take(keep), forecast[keep]
 
 
 def _extended(scene: Scene) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -117,4 +117,4 @@ def in_sight(actors: Actors, egos: Egos) -> Actors:
     seen = np.zeros(len(actors), dtype=np.bool_)
     for x, y in egos.position[egos.active].tolist():
         seen |= np.hypot(actors.position[:, 0] - x, actors.position[:, 1] - y) <= SIGHT_M
-    return Actors(**{name: getattr(actors, name)[seen] for name in Actors.__slots__})
+    return actors.take(seen)

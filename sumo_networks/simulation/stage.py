@@ -123,8 +123,7 @@ class SumoStage:
             lane=np.concatenate([actors.lane, [self._lane(one) for one in seen]]),
             indicator=np.concatenate([actors.indicator, [one.indicator or int(np.sign(one.drift)) for one in seen]]),
         )
-        order = np.argsort(table.key, kind="stable")
-        return Actors(**{name: getattr(table, name)[order] for name in Actors.__slots__})
+        return table.take(np.argsort(table.key, kind="stable"))
 
     def _key(self, puppet: Puppet) -> int:
         key = self._registry.keys.get(puppet.name)

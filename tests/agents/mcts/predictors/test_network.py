@@ -43,7 +43,7 @@ def permuted(now: Scene, actors: np.ndarray, lanes: np.ndarray) -> Scene:
     new_row = np.argsort(lanes)
     return replace(
         now,
-        actors=replace(a, **{name: getattr(a, name)[actors] for name in a.__slots__}),
+        actors=a.take(actors),
         lanes=replace(
             m,
             **{name: getattr(m, name)[lanes] for name in m.__slots__ if name != "following"},

@@ -1,0 +1,74 @@
+"""ObjectStates: a table of boxes that move or stand, one row each; the base of every such table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
+
+
+def column(dtype: DTypeLike, *shape: int) -> Any:
+    """A column of a table: what a dataclass field needs to know for `ObjectStates.empty`.
+
+    Args:
+        dtype: Of its elements.
+        shape: Of one row; nothing for one number per row.
+    """
+    return field(metadata={"empty": np.empty((0, *shape), dtype)})
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectStates:
+    """N boxes and how fast they move. Every field is a column; tables with more columns derive from this one.
+
+    Attributes:
+        key: (N,) number of the object, stable within the episode.
+        kind: (N,) `world.ActorKind`.
+        position: (N, 2), m: centre of the box, in the frame of the table.
+        heading: (N,), rad, counter-clockwise from the frame's +x.
+        speed: (N,), m/s, along the heading.
+        length: (N,), m.
+        width: (N,), m.
+    """
+
+    key: IntArray = column(np.int64)
+    kind: IntArray = column(np.int64)
+    position: FloatArray = column(np.float64, 2)
+    heading: FloatArray = column(np.float64)
+    speed: FloatArray = column(np.float64)
+    length: FloatArray = column(np.float64)
+    width: FloatArray = column(np.float64)
+
+    def __len__(self) -> int:
+        return len(self.key)
+
+    def boxes(self) -> FloatArray:
+        """(N, 5) x, y [m], heading [rad], length, width [m]."""
+        return stack_boxes(self.position, self.heading, self.length, self.width)
+
+    def take(self, rows: IntArray | BoolArray) -> Self:
+        """The table of some rows: by index, in that order, or where a mask is True."""
+        # __match_args__ has the names of all columns, inherited ones first, without the cost of dataclasses.fields.
+        return type(self)(*[getattr(self, name)[rows] for name in self.__match_args__])
+
+    @classmethod
+    def concat(cls, tables: Sequence[Self]) -> Self:
+        """The rows of all tables, one table after the other; at least one table."""
+        return cls(*[np.concatenate([getattr(table, name) for table in tables]) for name in cls.__match_args__])
+
+    @classmethod
+    def empty(cls) -> Self:
+        """A table without rows."""
+        return cls(*[one.metadata["empty"] for one in fields(cls)])
+
+
+def stack_boxes(position: FloatArray, heading: FloatArray, length: FloatArray, width: FloatArray) -> FloatArray:
+    """(N, 5) boxes, as `geometry` takes them, from (N, 2) and three (N,) columns."""
+    out = np.empty((len(heading), 5))
+    out[:, :2], out[:, 2], out[:, 3], out[:, 4] = position, heading, length, width
+    return out
