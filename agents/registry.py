@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from importlib.metadata import entry_points
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
+from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 GROUP = "dohyo.agents"
 LOCALIZED = "dohyo.agents.localization.localized:Localized"
+DECLARED = Path(__file__).with_name("agents.toml")
 SHIELDED = "dohyo.agents.hierarchical.shield:Shielded"
 
 
@@ -24,6 +28,45 @@ def agent_entries() -> dict[str, str]:
         if entries.setdefault(point.name, point.value) != point.value:
             raise InvalidInputError(f"agent '{point.name}' is offered twice: {entries[point.name]} and {point.value}")
     return entries
+
+
+class AgentView(Config):
+    """What a list shows of an agent.
+
+    Attributes:
+        track: Which sensors it may use.
+        sensors: What it sees.
+        control: How it acts.
+        entry: Its "module:Class".
+    """
+
+    track: Literal["sensors", "map", "privileged"]
+    sensors: tuple[str, ...]
+    control: str
+    entry: str
+
+
+def agent_views() -> dict[str, AgentView]:
+    """Every registered agent by name. Those of dohyo are declared in agents.toml, so that none is imported.
+
+    Raises:
+        InvalidInputError: Two installed packages offer the same name, or an agent of another package cannot be made.
+    """
+    declared = tomllib.loads(DECLARED.read_text(encoding="utf-8"))
+    views = {}
+    for name, entry in agent_entries().items():
+        ours = entry.startswith("dohyo.") and name in declared
+        views[name] = AgentView(entry=entry, **(declared[name] if ours else _spec(entry)))
+    return views
+
+
+def _spec(entry: str) -> dict[str, Any]:
+    """What an agent of another package says of itself; it must be imported."""
+    from dohyo.evaluation.agent import make_agent
+
+    agent = make_agent(entry)
+    agent.close()
+    return {"track": agent.spec.track, "sensors": agent.spec.sensors, "control": agent.spec.control}
 
 
 def resolve(name: str) -> str:

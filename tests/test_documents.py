@@ -24,6 +24,7 @@ from dohyo.evaluation.freeway.benchmark import is_freeway_benchmark
 from dohyo.evaluation.records.record import EgoRecord, Infraction, InfractionKind, Status
 from dohyo.evaluation.scores.driving import infraction_penalty
 from dohyo.service.cli import app
+from dohyo.service.cli.lazy import LazyCommand
 from dohyo.sumo_networks.ego.control import CONTROLS
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.sensors import SENSORS
@@ -82,6 +83,7 @@ def command_of(words: list[str]) -> tuple[Any, list[str]]:
 
 
 def options_of(command: Any) -> set[str]:
+    command = command.load() if isinstance(command, LazyCommand) else command
     own = {name for parameter in command.params for name in parameter.opts + parameter.secondary_opts}
     below = getattr(command, "commands", {}).values()
     return own.union(*map(options_of, below))

@@ -21,7 +21,7 @@ from dohyo.evaluation.freeway.result import AgentFacts, FreewayResult, Metric, U
 from dohyo.evaluation.sources import source_files
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.freeway.dataset import DatasetRequest, dataset_facts
-from dohyo.sumo_networks.networks.catalog import user_catalog
+from dohyo.sumo_networks.networks.entries import user_catalog
 from dohyo.sumo_networks.scenario import content_hash
 
 PLANNER, NOBODY = "speed-planner", "none"

@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Sequence
-from functools import cache
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from dohyo.evaluation.benchmarks.headline import Headline
-from dohyo.sumo_networks.conditions import conditions_named
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.events import Event
-from dohyo.sumo_networks.events.auto_events import EVERY_M, auto_events
-from dohyo.sumo_networks.events.director import check_placement, trigger_of
-from dohyo.sumo_networks.networks.catalog import load_network
-from dohyo.sumo_networks.routes.route import Route
-from dohyo.sumo_networks.routes.routing import plan_route
+from dohyo.sumo_networks.events.configs import EVERY_M
 from dohyo.sumo_networks.scenario import Config, Mission, Name, Scenario, Traffic, content_hash
-from dohyo.sumo_networks.units import KMH_PER_MPS
 
 BENCHMARKS = Path(__file__).parent
 
@@ -193,11 +185,9 @@ class Benchmark(Config):
         Raises:
             InvalidInputError: A mission cannot be driven or conditions are unknown; the message says which.
         """
-        if self.excerpts and list(seeds) != [0]:
-            raise InvalidInputError(
-                f"the missions of benchmark '{self.name}' have seeds of their own; leave out --seeds"
-            )
-        return [scenario for seed in seeds for cell in self.cells for scenario in self._scenarios(cell, seed)]
+        from dohyo.evaluation.benchmarks.scenarios import make_scenarios  # reads networks; a list of names must not
+
+        return make_scenarios(self, seeds)
 
     @property
     def excerpts(self) -> bool:
@@ -208,105 +198,6 @@ class Benchmark(Config):
     def closed_loop(self) -> bool:
         """Whether it ranks by nuPlan's closed-loop score."""
         return self.headline is Headline.CLOSED_LOOP
-
-    def _scenarios(self, cell: Cell, seed: int) -> Iterator[Scenario]:
-        missions = self.missions[cell.missions]
-        lengths = [self._length(cell, number, mission) for number, mission in enumerate(missions, start=1)]
-        if cell.together:
-            egos = tuple(mission.mission(mission.name) for mission in missions)
-            events = [
-                event
-                for number, mission in enumerate(missions)
-                for event in self._events(cell, number, mission, mission.name, seed, together=True)
-            ]
-            conditions = cell.conditions[seed % len(cell.conditions)]
-            yield self._scenario(cell, cell.name, egos, events, conditions, max(lengths), seed)
-            return
-        for number, (mission, length) in enumerate(zip(missions, lengths, strict=True)):
-            name = mission.name if len(self.cells) == 1 else f"{cell.name}.{mission.name}"
-            conditions = cell.conditions[number % len(cell.conditions)]
-            events = self._events(cell, number, mission, "ego", seed, together=False)
-            scenario = self._scenario(cell, name, (mission.mission("ego"),), events, conditions, length, seed)
-            yield scenario if mission.excerpt is None else self._excerpted(scenario, mission.excerpt)
-
-    def _excerpted(self, scenario: Scenario, excerpt: Excerpt) -> Scenario:
-        warmed_up = scenario.traffic.model_copy(update={"warm_up_s": excerpt.warm_up_s})
-        return scenario.model_copy(
-            update={
-                "seed": excerpt.seed,
-                "traffic": warmed_up,
-                "duration_s": self.duration_s,
-                "reference_m": excerpt.reference_m,
-                "log": excerpt.log if self.replay else None,
-            }
-        )
-
-    def _events(
-        self, cell: Cell, number: int, mission: ScriptedMission, ego: str, seed: int, *, together: bool
-    ) -> list[Event]:
-        """The events on one mission: those given by hand, checked, then those of the cell that keep away from them."""
-        if not mission.events and cell.events is None:
-            return []
-        network, route = load_network(cell.network), _route(cell.network, mission.mission(mission.name))
-        changes = (lambda event: {"ego": ego, "name": f"{ego}-{event.name}"}) if together else (lambda _: {"ego": None})
-        found = [event.model_copy(update=changes(event)) for event in mission.events]
-        try:
-            for event in found:
-                check_placement(event, ego, network, route)
-            if cell.events is not None:
-                drawn = int(np.random.SeedSequence(seed, spawn_key=(number,)).generate_state(1)[0])
-                auto = cell.events
-                placed = auto_events(network, route, drawn, auto.kinds, auto.every_m, ego if together else None)
-                by_hand = [trigger_of(event, network, route) for event in found]
-                found += [
-                    event
-                    for event in placed
-                    if all(abs(trigger_of(event, network, route) - at) >= auto.every_m[0] for at in by_hand)
-                ]
-        except InvalidInputError as error:
-            raise InvalidInputError(f"benchmark '{self.name}', mission {number + 1}: {error}") from error
-        names = [event.name for event in found]
-        if len(set(names)) != len(names):
-            raise InvalidInputError(
-                f"benchmark '{self.name}', mission {number + 1}: event names must be unique, got {names}"
-            )
-        return found
-
-    def _length(self, cell: Cell, number: int, mission: ScriptedMission) -> float:
-        try:
-            return _route(cell.network, mission.mission(mission.name)).length
-        except InvalidInputError as error:
-            raise InvalidInputError(f"benchmark '{self.name}', mission {number}: {error}") from error
-
-    def _scenario(
-        self,
-        cell: Cell,
-        name: str,
-        missions: tuple[Mission, ...],
-        events: Sequence[Event],
-        conditions: str,
-        longest: float,
-        seed: int,
-    ) -> Scenario:
-        conditions_named(conditions)
-        limit = self.time_limit
-        return Scenario(
-            name=name,
-            cell=cell.name,
-            network=cell.network,
-            missions=missions,
-            traffic=cell.traffic,
-            conditions=conditions,
-            events=tuple(events),
-            stop_on_collision=self.stop_on_collision,
-            time_limit_s=round(longest / (limit.speed_kmh / KMH_PER_MPS) + limit.extra_s, 1) if limit else None,
-            seed=seed,
-        )
-
-
-@cache
-def _route(network: str, mission: Mission) -> Route:
-    return plan_route(load_network(network), mission)
 
 
 def _document(path: Path) -> dict[str, Any]:

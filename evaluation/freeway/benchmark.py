@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
 from dohyo.evaluation.benchmarks.benchmark import BENCHMARKS
 from dohyo.sumo_networks.config import Config, Name
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.freeway.dataset import DatasetRequest, dataset_facts
-from dohyo.sumo_networks.networks.catalog import user_catalog
+from dohyo.sumo_networks.networks.entries import user_catalog
 from dohyo.sumo_networks.scenario import content_hash
+
+if TYPE_CHECKING:
+    from dohyo.sumo_networks.freeway.dataset import DatasetRequest
 
 FREEWAY_BENCHMARKS = BENCHMARKS / "freeway"
 
@@ -65,6 +67,8 @@ class ForecastBenchmark(_Named):
     @property
     def order(self) -> DatasetRequest:
         """What `freeway.dataset.make_dataset` makes of it."""
+        from dohyo.sumo_networks.freeway.dataset import DatasetRequest  # imports SUMO; a list of names must not
+
         numbers = {"easy": 0, "hard": 0, self.days: self.number}
         return DatasetRequest(days=0, seed=self.seed, probes=self.probes, network=self.network, **numbers)
 
@@ -136,4 +140,6 @@ def days_folder(benchmark: ForecastBenchmark) -> Path:
 
     Days of another SUMO or another version of dohyo lie elsewhere, so that an update never mixes them.
     """
+    from dohyo.sumo_networks.freeway.dataset import dataset_facts
+
     return user_catalog().with_name("freeway") / content_hash(dataset_facts(benchmark.order))[:16]

@@ -7,7 +7,6 @@ import math
 from functools import lru_cache
 from typing import Annotated
 
-import numpy as np
 from fastapi import APIRouter, Header, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
@@ -21,8 +20,10 @@ from dohyo.service.state import Services, ServicesOf
 from dohyo.service.uploads import Upload, form_body, receive_upload
 from dohyo.service.views import NetworkView
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.networks.catalog import builtin_names, check_name, load_network, network_entry, network_names
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.entries import builtin_names, check_name, network_entry, network_names
 from dohyo.sumo_networks.networks.importing import SUFFIXES
+from dohyo.sumo_networks.networks.inspection import network_size
 from dohyo.sumo_networks.networks.network import RoadNetwork
 
 router = APIRouter(prefix="/v1/networks", tags=["networks"])
@@ -164,8 +165,6 @@ def _view(network: RoadNetwork) -> NetworkView:
 @lru_cache(maxsize=2 * UPLOADED)
 def _viewed(name: str, sha256: str) -> NetworkView:
     network, entry = load_network(name), network_entry(name)
-    lanes = network.lanes
-    road = lanes.drivable & ~lanes.internal
     return NetworkView(
         name=name,
         title=entry.title,
@@ -173,9 +172,6 @@ def _viewed(name: str, sha256: str) -> NetworkView:
         source=entry.source,
         origin="dohyo" if name in builtin_names() else "upload",
         sha256=sha256,
-        lanes=int(road.sum()),
-        lane_km=round(float(lanes.length[road].sum()) / 1000, 1),
-        lights=len(network.signals.light_ids),
-        crossings=int(np.count_nonzero(lanes.crossing)),
+        **network_size(network).model_dump(),
         bounds=[round(value, 2) for value in network.bounds],
     )

@@ -13,10 +13,7 @@ from dohyo.agents.mcts.predictors.recording import TRAINING, MotionRequest, reco
 from dohyo.service.cli.output import console
 from dohyo.sumo_networks.freeway.dataset import DatasetRequest, make_dataset
 
-dataset = typer.Typer(help="Datasets for learning.", no_args_is_help=True)
 
-
-@dataset.command("motion")
 def motion(
     out: Annotated[Path, typer.Option(help="Folder; what is already there is kept.")],
     networks: Annotated[str, typer.Option(help="Names with commas between.")] = ",".join(TRAINING),
@@ -33,7 +30,6 @@ def motion(
     console.print(f"{samples} samples: {out.resolve()}", soft_wrap=True)
 
 
-@dataset.command("semantic")
 def semantic(
     out: Annotated[Path, typer.Option(help="Folder; what is already there is kept.")],
     images: Annotated[int, typer.Option(min=1, help="To train on, at least; others to judge by come on top.")] = 14_000,
@@ -48,7 +44,6 @@ def semantic(
     console.print(f"{pictures} pictures: {out.resolve()}", soft_wrap=True)
 
 
-@dataset.command("freeway")
 def freeway(
     days: Annotated[int, typer.Option(min=1, help="Days to train on, in meso.")],
     out: Annotated[Path, typer.Option(help="Folder; days already there are kept.")],

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import os
 import re
-import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,7 +24,8 @@ from dohyo.evaluation.scores.nuplan.summary import by_type, lost_episodes, score
 from dohyo.evaluation.summary import as_document, summarise, summarise_cells
 from dohyo.service.cli.closed_loop import print_closed_loop, print_legend
 from dohyo.service.cli.freeway import evaluate_on_freeway
-from dohyo.service.cli.output import console, print_cells, print_comparison, print_json
+from dohyo.service.cli.output import Json, console, print_cells, print_comparison, print_json
+from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.sumo_networks.errors import InvalidInputError
 
 
@@ -47,10 +47,10 @@ def evaluate(
     reverse: Annotated[bool, typer.Option(help="Drive in reverse order; the records are the same.")] = False,
     executor: Annotated[Engine, typer.Option(help="This machine's processes, or a Ray cluster.")] = Engine.PROCESSES,
     address: Annotated[str | None, typer.Option(help="Of the Ray cluster; default: one on this machine.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    json: Json = False,
 ) -> None:
     """Evaluates an agent on a benchmark. The same command again goes on where it stopped."""
-    sys.path.insert(0, os.getcwd())
+    find_own_modules()
     if is_freeway_benchmark(benchmark):
         given = {"executor": executor is Engine.RAY, "address": address is not None, "reverse": reverse}
         for name, is_given in (given | {"deadline": deadline != ACT_DEADLINE_S}).items():

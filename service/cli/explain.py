@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,6 +17,7 @@ from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.evaluation.report.road_map import drivable_lanes
 from dohyo.service.cli.output import console
+from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import AgentError, InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
@@ -61,7 +60,7 @@ def explain(
     ego: Annotated[str | None, typer.Option(help="Which ego, where the record has several.")] = None,
 ) -> None:
     """Shows why an agent acted as it did at one moment of a record: the explanation as JSON, or the search drawn."""
-    sys.path.insert(0, os.getcwd())
+    find_own_modules()
     old, tick = read_record(record), round(time / TICK_S)
     name = _which(old, ego)
     why, trajectory = _redriven(old, name, tick, record)

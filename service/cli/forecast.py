@@ -10,24 +10,20 @@ import numpy as np
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from dohyo.service.cli.output import console, number, print_json, print_rows
+from dohyo.service.cli.output import Json, console, number, print_json, print_rows
 from dohyo.sumo_networks.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from dohyo.agents.forecasting.base import Forecaster
     from dohyo.agents.forecasting.data import SpeedData
 
-forecast = typer.Typer(help="Forecasts of traffic speeds.", no_args_is_help=True)
-
 Data = Annotated[Path, typer.Option(help="A folder of `dohyo dataset freeway`, or a CSV or Parquet table.")]
 Unit = Annotated[str, typer.Option(help="Of the table's speeds: m/s, km/h or mph.")]
 Step = Annotated[float | None, typer.Option(min=0.001, help="Minutes between two rows, if its times do not say.")]
 Missing = Annotated[float, typer.Option(min=0.0, max=0.99, help="Largest share of a column that may be missing.")]
 Stands = Annotated[float | None, typer.Option(help="A number that stands for a missing speed.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 
 
-@forecast.command("fit")
 def fit(
     data: Data,
     model: Annotated[str, typer.Option(help="persistence, historical-mean, linear, sa-lstm-n-step, tsmixer, ...")],
@@ -41,7 +37,7 @@ def fit(
     batch: Annotated[int | None, typer.Option(min=0, help="Windows per step; 0: all. [default: by width]")] = None,
     rate: Annotated[float, typer.Option(min=1e-6, help="First learning rate.")] = 0.01,
     seed: Annotated[int, typer.Option(min=0)] = 0,
-    json: AsJson = False,
+    json: Json = False,
 ) -> None:
     """Learns from the earlier part of the data, and prints the errors on the part it has not seen."""
     from dohyo.agents.forecasting import registry, training  # torch takes seconds to import
@@ -65,7 +61,6 @@ def fit(
     _report(forecaster, table, table.measured_sets, json, written)
 
 
-@forecast.command("evaluate")
 def evaluate(
     data: Data,
     model: Annotated[str, typer.Option(help="A shipped one, a .safetensors or .onnx file, or persistence.")],
@@ -74,7 +69,7 @@ def evaluate(
     max_missing: Missing = 0.3,
     missing_value: Stands = None,
     sets: Annotated[str | None, typer.Option(help="With commas between, such as test or easy,hard.")] = None,
-    json: AsJson = False,
+    json: Json = False,
 ) -> None:
     """Prints the errors of a trained forecaster, and those of persistence beside them."""
     from dohyo.agents.forecasting import registry

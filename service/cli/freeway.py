@@ -13,7 +13,6 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from dohyo.evaluation.freeway.benchmark import (
     ForecastBenchmark,
     days_folder,
-    freeway_benchmark_names,
     load_freeway_benchmark,
 )
 from dohyo.evaluation.freeway.page import finding, unit_word, write_page
@@ -88,27 +87,6 @@ def _progress(hidden: bool) -> Progress:
     return Progress(
         *columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True, disable=hidden
     )
-
-
-def freeway_rows() -> list[dict[str, Any]]:
-    """What `dohyo benchmarks list` says of them."""
-    out: list[dict[str, Any]] = []
-    for name in freeway_benchmark_names():
-        one = load_freeway_benchmark(name)
-        units = one.number if isinstance(one, ForecastBenchmark) else len(one.seeds)
-        out.append(
-            {
-                "name": name,
-                "version": one.sha256[:12],
-                "cells": 1,
-                "scenarios": units,
-                "networks": [one.network],
-                "headline": one.headline.replace("_", " "),
-                "metric": one.metric,
-                "description": one.description,
-            }
-        )
-    return out
 
 
 def _print(result: FreewayResult) -> None:

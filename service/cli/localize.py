@@ -20,7 +20,7 @@ from dohyo.agents.localization.study import study as run_study
 from dohyo.agents.localization.tables import by_sigma
 from dohyo.agents.localization.track import EstimatedTrack, follow
 from dohyo.evaluation.scores.localization import accuracy, max_drift, p95, rmse
-from dohyo.service.cli.output import console, number, print_json, print_rows
+from dohyo.service.cli.output import Json, console, number, print_json, print_rows
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.files import write_atomically
@@ -40,7 +40,7 @@ def localize(
     calibrate: Annotated[bool, typer.Option(help="Measure the IMU's offsets while it stands.")] = True,
     study: Annotated[bool, typer.Option("--study", help="Run the benchmark 'localization' instead; no logs.")] = False,
     seeds: Annotated[int, typer.Option(min=1, help="Of --study: errors drawn anew, each on three routes.")] = 1,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    json: Json = False,
 ) -> None:
     """Estimates a vehicle's track from its IMU and GNSS logs; it must stand level at first.
 

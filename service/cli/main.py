@@ -3,55 +3,42 @@
 from __future__ import annotations
 
 import sys
+from importlib.metadata import version
+from typing import Annotated, Any
 
 import typer
 
-from dohyo.service.cli import (
-    catalogs,
-    dataset,
-    evaluate,
-    explain,
-    forecast,
-    localize,
-    networks,
-    records,
-    remote,
-    routes,
-    serve,
-    tokens,
-    train,
-    worker,
-)
+from dohyo.service.cli.commands import COMMANDS
+from dohyo.service.cli.lazy import INTERRUPTED, CommandGroup, make_commands
 from dohyo.sumo_networks.errors import DohyoError
 
-BAD_INPUT, INTERRUPTED = 2, 130
+BAD_INPUT = 2
 
-app = typer.Typer(
-    name="dohyo",
-    help="Evaluates driving agents in SUMO traffic: real city networks, reproducible scores.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
-app.add_typer(networks.networks, name="networks")
-app.add_typer(catalogs.agents, name="agents")
-app.add_typer(catalogs.benchmarks, name="benchmarks")
-catalogs.benchmarks.command("import")(routes.import_file)
-app.command("evaluate")(evaluate.evaluate)
-app.command("report")(records.report)
-app.command("verify")(records.verify)
-app.command("score")(records.score)
-app.command("explain")(explain.explain)
-app.command("localize")(localize.localize)
-app.command("serve")(serve.serve)
-app.command("worker")(worker.worker)
-app.command("submit")(remote.submit)
-app.add_typer(remote.evaluations, name="evaluations")
-app.command("leaderboard")(remote.leaderboard)
-app.add_typer(tokens.tokens, name="tokens")
-app.add_typer(dataset.dataset, name="dataset")
-app.command("train")(train.train)
-app.add_typer(forecast.forecast, name="forecast")
+
+class Root(CommandGroup):
+    """`dohyo` itself, with every command of the table."""
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        self.commands.update(make_commands(COMMANDS))
+
+
+app = typer.Typer(name="dohyo", cls=Root, no_args_is_help=True, pretty_exceptions_enable=False)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"dohyo {version('dohyo')}")
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Evaluates driving agents in SUMO traffic: real city networks, reproducible scores."""
 
 
 def main() -> None:
@@ -62,5 +49,4 @@ def main() -> None:
         print(f"dohyo: {error}", file=sys.stderr)
         sys.exit(BAD_INPUT)
     except KeyboardInterrupt:
-        print("dohyo: interrupted; the same command goes on where this one stopped", file=sys.stderr)
         sys.exit(INTERRUPTED)

@@ -4,34 +4,23 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 import typer
 
-from dohyo.service.cli.output import DASH, console, print_json, print_listing, print_rows
-from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.networks.catalog import builtin_names, load_network, network_entry, network_names
+from dohyo.service.cli.output import DASH, Json, console, print_json, print_rows
+from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.drawing import write_map
+from dohyo.sumo_networks.networks.entries import network_entry, network_names
 from dohyo.sumo_networks.networks.importing import build_network, import_network
 from dohyo.sumo_networks.networks.inspection import NetworkReport, inspect_network
 from dohyo.sumo_networks.networks.xml_guard import LIMIT_MB
 
 SHOWN = 6
 
-networks = typer.Typer(help="Road networks.", no_args_is_help=True)
-
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 Network = Annotated[str, typer.Argument(help="Name in the catalog, or path of a .net.xml[.gz].")]
 
 
-@networks.command("list")
-def list_networks(json: Json = False) -> None:
-    """Lists the networks that come with dohyo, and those you imported."""
-    print_listing([_row(name) for name in network_names()], json)
-
-
-@networks.command("show")
 def show(
     name: Network,
     out: Annotated[Path | None, typer.Option(help="A .png, .svg or .html file; default: NAME.html.")] = None,
@@ -42,14 +31,12 @@ def show(
     console.print(f"map: {path.resolve()}", soft_wrap=True)
 
 
-@networks.command("check")
 def check(name: Network, json: Json = False) -> None:
     """Reports what a network holds, and what about it would trouble a driver."""
     guessed = network_entry(name).guessed if name in network_names() else ()
     _print_report(inspect_network(load_network(name), guessed), json)
 
 
-@networks.command("import")
 def import_file(
     file: Annotated[Path, typer.Argument(help=".net.xml, .osm[.xml] or .xodr, each also with .gz.")],
     name: Annotated[str, typer.Option(help="What to call it: small letters, digits and hyphens.")],
@@ -66,35 +53,12 @@ def import_file(
         console.print(f"network '{name}': {done.folder.resolve()}", soft_wrap=True)
 
 
-@networks.command("build")
 def build(
     folder: Annotated[Path, typer.Argument(help="Holds NAME.netccfg and plain XML, and is called NAME.")],
     out: Annotated[Path | None, typer.Option(help="The net to write; default: FOLDER/NAME.net.xml.")] = None,
 ) -> None:
     """Builds a network from plain XML; the same source gives the same bytes."""
     console.print(f"net: {build_network(folder, out).resolve()}", soft_wrap=True)
-
-
-def _row(name: str) -> dict[str, Any]:
-    row: dict[str, Any] = dict.fromkeys(("name", "lanes", "lane_km", "lights", "crossings", "title", "licence", "from"))
-    row |= {"name": name, "from": "dohyo" if name in builtin_names() else "you"}
-    try:
-        network, entry = load_network(name), network_entry(name)
-    except InvalidInputError as error:
-        if row["from"] == "dohyo":
-            raise
-        # One broken import must not hide the other networks.
-        return row | {"title": f"broken: {error}"}
-    lanes = network.lanes
-    road = lanes.drivable & ~lanes.internal
-    return row | {
-        "lanes": int(road.sum()),
-        "lane_km": round(float(lanes.length[road].sum()) / 1000, 1),
-        "lights": len(network.signals.light_ids),
-        "crossings": int(np.count_nonzero(lanes.crossing)),
-        "title": entry.title,
-        "licence": entry.licence,
-    }
 
 
 def _print_report(report: NetworkReport, as_json: bool) -> None:

@@ -5,13 +5,17 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
 from rich.console import Console
 from rich.table import Table
 
-from dohyo.evaluation.statistics import Estimate
-from dohyo.evaluation.summary import Summary
+if TYPE_CHECKING:
+    from dohyo.evaluation.statistics import Estimate
+    from dohyo.evaluation.summary import Summary
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 
 console = Console()
 DASH = "—"

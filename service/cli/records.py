@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
@@ -30,13 +28,22 @@ from dohyo.evaluation.scores.nuplan.summary import (
 from dohyo.evaluation.scores.nuplan.summary import as_document as closed_loop_document
 from dohyo.evaluation.summary import as_document, compare, score_drive, summarise, summarise_cells
 from dohyo.service.cli.closed_loop import print_closed_loop, print_legend, print_terms
-from dohyo.service.cli.output import console, interval, number, print_cells, print_comparison, print_json, print_rows
+from dohyo.service.cli.output import (
+    Json,
+    console,
+    interval,
+    number,
+    print_cells,
+    print_comparison,
+    print_json,
+    print_rows,
+)
+from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 
 RulesOption = Annotated[Literal["1.0", "2.0", "2.1"], typer.Option(help="CARLA Leaderboard rules of the score.")]
 IrsOption = Annotated[Literal["driven", "route"], typer.Option(help="Kilometres that IRS divides by.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 DIFFERS = 1
 
 
@@ -114,7 +121,7 @@ def _names(agents: Sequence[AgentInfo]) -> list[str]:
 
 def verify(record: Annotated[Path, typer.Argument(help="A record, NAME.json.")], json: Json = False) -> None:
     """Replays an episode and compares the hashes; exit code 1 where they differ."""
-    sys.path.insert(0, os.getcwd())
+    find_own_modules()
     old = read_record(record)
     now = versions(load_network(old.scenario.network))
     if now != old.versions:

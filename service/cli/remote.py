@@ -16,16 +16,13 @@ from dohyo.evaluation.running.run import MANIFEST, RECORDS
 from dohyo.evaluation.statistics import Estimate
 from dohyo.service.calls import Document
 from dohyo.service.cli.evaluate import parse_seeds, parse_settings
-from dohyo.service.cli.output import DASH, SCORES, console, interval, number, print_json, print_rows
+from dohyo.service.cli.output import DASH, SCORES, Json, console, interval, number, print_json, print_rows
 from dohyo.service.client import ENDED, POLL_S, Client
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
-evaluations = typer.Typer(help="Evaluations at a service.", no_args_is_help=True)
-
 Server = Annotated[str, typer.Option(envvar="DOHYO_SERVER", help="Address of the service.")]
 Token = Annotated[str | None, typer.Option(envvar="DOHYO_TOKEN", help="What one may do there.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 Which = Annotated[str, typer.Argument(help="As `dohyo evaluations list` shows it.", metavar="EVALUATION")]
 LOCAL = "http://127.0.0.1:8000"
 TITLES = SCORES | {"closed_loop": "closed loop %"}
@@ -73,7 +70,6 @@ def submit(
     console.print(f"next: dohyo evaluations start {agent} quickstart --watch", highlight=False)
 
 
-@evaluations.command("start")
 def start(
     agent: Annotated[str, typer.Argument(help="A submitted one.")],
     benchmark: Annotated[str, typer.Argument(help="As `dohyo benchmarks list` shows it.")],
@@ -94,7 +90,6 @@ def start(
             _print(queued, json)
 
 
-@evaluations.command("list")
 def show_all(
     agent: Annotated[str | None, typer.Option(help="Only this one's.")] = None,
     benchmark: Annotated[str | None, typer.Option(help="Only on this one.")] = None,
@@ -115,14 +110,12 @@ def show_all(
     print_rows(("evaluation", "agent", "benchmark", "status", "done"), rows)
 
 
-@evaluations.command("watch")
 def watch(evaluation: Which, server: Server = LOCAL, token: Token = None, json: Json = False) -> None:
     """Waits until an evaluation has ended, and prints its scores; exit code 1 where it was not completed."""
     with Client(server, token) as client:
         _watch(client, evaluation, json)
 
 
-@evaluations.command("fetch")
 def fetch(
     evaluation: Which,
     out: Annotated[Path | None, typer.Option(help="Result folder; default: out/BENCHMARK/AGENT.")] = None,
@@ -140,14 +133,12 @@ def fetch(
     console.print(f"{len(paths)} records in {folder} (dohyo report {folder})", highlight=False, soft_wrap=True)
 
 
-@evaluations.command("cancel")
 def cancel(evaluation: Which, server: Server = LOCAL, token: Token = None, json: Json = False) -> None:
     """Ends an evaluation; its finished episodes stay."""
     with Client(server, token) as client:
         _print(client.cancel(evaluation), json)
 
 
-@evaluations.command("resume")
 def resume(evaluation: Which, server: Server = LOCAL, token: Token = None, json: Json = False) -> None:
     """Drives again what was lost or cancelled."""
     with Client(server, token) as client:

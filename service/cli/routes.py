@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from dohyo.evaluation.benchmarks.carla_routes import MAX_SNAP_M, import_routes, write_benchmark
-from dohyo.service.cli.output import console, print_json, print_rows
+from dohyo.service.cli.output import Json, console, print_json, print_rows
 from dohyo.sumo_networks.scenario import Traffic
 
 
@@ -21,7 +21,7 @@ def import_file(
     pedestrians: Annotated[int, typer.Option(min=0, help="Around every route.")] = 0,
     max_snap: Annotated[float, typer.Option(min=0, help="How far waypoints may lie off a lane, m.")] = MAX_SNAP_M,
     out: Annotated[Path | None, typer.Option(help="The .toml to write; default: NAME.toml.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    json: Json = False,
 ) -> None:
     """Makes a benchmark of the routes in a CARLA route file, one mission per route."""
     traffic = Traffic(vehicles=vehicles, pedestrians=pedestrians)

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 from sqlalchemy.orm import Session
 
-from dohyo.service.cli.output import DASH, console, print_json, print_rows
+from dohyo.service.cli.output import DASH, Json, console, print_json, print_rows
 from dohyo.service.cli.serve import make_settings
 from dohyo.service.database.engine import Database
 from dohyo.service.database.models import Role
@@ -19,14 +19,10 @@ from dohyo.service.database.tokens import create_token, list_tokens, revoke_toke
 from dohyo.service.views import view_token
 from dohyo.sumo_networks.errors import InvalidInputError
 
-tokens = typer.Typer(help="Tokens of the service.", no_args_is_help=True)
-
 Data = Annotated[Path | None, typer.Option(help="Folder of the service's data.")]
 Url = Annotated[str | None, typer.Option("--database", help="URL of the service's database.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 
 
-@tokens.command("create")
 def create(
     owner: Annotated[str, typer.Option(help="Whose; what one owner submits, others cannot touch.")],
     role: Annotated[Role, typer.Option(help="What it may do.")] = Role.SUBMITTER,
@@ -46,7 +42,6 @@ def create(
         console.print(secret, soft_wrap=True, highlight=False)
 
 
-@tokens.command("list")
 def show_all(data: Data = None, database: Url = None, json: Json = False) -> None:
     """Lists tokens, without their secrets."""
     with _session(data, database) as session:
@@ -64,7 +59,6 @@ def show_all(data: Data = None, database: Url = None, json: Json = False) -> Non
     print_rows(("id", "owner", "role", "created", "expires", "revoked"), rows)
 
 
-@tokens.command("revoke")
 def revoke(
     identifier: Annotated[str, typer.Argument(help="As `dohyo tokens list` shows it.")],
     data: Data = None,

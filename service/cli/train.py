@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -14,6 +13,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from dohyo.service.cli.output import console
+from dohyo.service.cli.own_modules import find_own_modules
 
 if TYPE_CHECKING:
     from dohyo.agents.training.report import Report
@@ -36,7 +36,7 @@ def train(
     from dohyo.agents.training.run import RunStoppedError, stored_config  # torch takes seconds to import
     from dohyo.agents.training.settings import read_settings
 
-    sys.path.insert(0, os.getcwd())  # so that a trainer of one's own is found
+    find_own_modules()
     trainer, given = trainer_named(name), list(settings or [])
     chooses_out = "out" in trainer.config.model_fields
     if chooses_out and out is not None:

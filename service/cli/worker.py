@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
-import sys
 from typing import Annotated
 
 import typer
@@ -12,6 +10,7 @@ import typer
 from dohyo.agents.registry import resolve_with
 from dohyo.evaluation.agent import agent_info, make_agent
 from dohyo.service.cli.evaluate import parse_settings
+from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.service.client import Client
 from dohyo.service.worker import Driver, keep_working, work
 from dohyo.service.worker_session import WorkerSession
@@ -31,7 +30,7 @@ def worker(
     """Drives an agent's episodes for a service until it is stopped. Submits the agent first, where it is not known."""
     logging.basicConfig(format="dohyo worker: %(message)s", level=logging.INFO)
     logging.getLogger("httpx").setLevel(logging.WARNING)
-    sys.path.insert(0, os.getcwd())
+    find_own_modules()
     resolved, given = resolve_with(entry or agent, parse_settings(settings or []))
     probe = make_agent(resolved, given)
     info = agent_info(probe, resolved, given)

@@ -9,13 +9,12 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.events.configs import KINDS, Event
+from dohyo.sumo_networks.events.configs import EVERY_M, KINDS, Event
 from dohyo.sumo_networks.events.director import make_script
 from dohyo.sumo_networks.events.script import Unfit
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route
 
-EVERY_M = (200.0, 300.0)
 FIRST_M = 30.0
 SEARCH_STEP_M = 10.0
 _EVENT: TypeAdapter[Event] = TypeAdapter(Event)

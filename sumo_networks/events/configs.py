@@ -19,6 +19,8 @@ Seconds = Annotated[float, Field(ge=0, le=3600)]
 Speed = Annotated[float, Field(gt=0, le=60)]
 Size = Annotated[float, Field(gt=0, le=20)]
 Side = Literal["left", "right"]
+EVERY_M = (200.0, 300.0)
+"""Smallest and largest distance between the triggers of two events that are placed automatically, m."""
 VehicleType = Literal["car", "van", "truck", "bus"]
 Gaps = tuple[Annotated[float, Field(gt=0, le=500)], Annotated[float, Field(gt=0, le=500)]]
 

@@ -12,7 +12,8 @@ from pydantic import ValidationError
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.networks.catalog import load_network, network_folder
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.entries import network_folder
 from dohyo.sumo_networks.networks.network import RoadNetwork
 
 MAINLINE = "mainline.toml"

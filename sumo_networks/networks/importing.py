@@ -21,15 +21,16 @@ from typing import Literal
 import sumo
 
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.networks.catalog import (
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.entries import (
     ENTRY,
+    NetworkSize,
     builtin_names,
     check_name,
-    load_network,
     network_names,
     user_catalog,
 )
-from dohyo.sumo_networks.networks.inspection import NetworkReport, inspect_network
+from dohyo.sumo_networks.networks.inspection import NetworkReport, inspect_network, network_size
 from dohyo.sumo_networks.networks.network import RoadNetwork, read_network
 from dohyo.sumo_networks.networks.xml_guard import LIMIT_MB, Census, scan
 
@@ -112,7 +113,7 @@ def import_network(
         network = _checked(packed, name, file)
         guessed = _guessed(kind, before, network, warnings) if not as_it_is else ()
         entry = Path(work) / ENTRY
-        entry.write_text(_entry(file, kind, packed.name, licence, guessed), encoding="utf-8")
+        entry.write_text(_entry(file, kind, packed.name, licence, guessed, network_size(network)), encoding="utf-8")
         folder = _publish(name, (entry, packed), force)
     return Imported(folder, inspect_network(load_network(name), guessed))
 
@@ -230,7 +231,7 @@ def _guessed(kind: Kind, before: Census, network: RoadNetwork, warnings: Sequenc
     return (*told, *(f"netconvert, {count} x: {text}" for text, count in kinds.most_common(12)))
 
 
-def _entry(file: Path, kind: Kind, net: str, licence: str | None, guessed: Sequence[str]) -> str:
+def _entry(file: Path, kind: Kind, net: str, licence: str | None, guessed: Sequence[str], size: NetworkSize) -> str:
     usual = "ODbL (OpenStreetMap data)" if kind == "osm" else "as the source's; its file does not say"
     fields: dict[str, str | list[str]] = {
         "title": f"{file.name}, imported from {TITLES[kind]}",
@@ -240,8 +241,9 @@ def _entry(file: Path, kind: Kind, net: str, licence: str | None, guessed: Seque
         "file": net,
         "guessed": list(guessed),
     }
+    counts = {"size." + key: value for key, value in size.model_dump().items()}
     # A JSON string, escaped to ASCII, is a TOML string too.
-    return "".join(f"{key} = {json.dumps(value)}\n" for key, value in fields.items()).replace("\x7f", " ")
+    return "".join(f"{key} = {json.dumps(value)}\n" for key, value in (fields | counts).items()).replace("\x7f", " ")
 
 
 def _publish(name: str, files: Sequence[Path], force: bool) -> Path:

@@ -12,6 +12,7 @@ import numpy as np
 import shapely
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from dohyo.sumo_networks.networks.entries import NetworkSize
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.units import KMH_PER_MPS
 
@@ -80,6 +81,18 @@ class NetworkReport:
     def as_document(self) -> dict[str, Any]:
         """The report as JSON can hold it."""
         return dataclasses.asdict(self)
+
+
+def network_size(network: RoadNetwork) -> NetworkSize:
+    """Counts what a list of networks shows."""
+    lanes = network.lanes
+    road = lanes.drivable & ~lanes.internal
+    return NetworkSize(
+        lanes=int(road.sum()),
+        lane_km=round(float(lanes.length[road].sum()) / 1000, 1),
+        lights=len(network.signals.light_ids),
+        crossings=int(lanes.crossing.sum()),
+    )
 
 
 def inspect_network(network: RoadNetwork, guessed: Sequence[str] = ()) -> NetworkReport:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import staged
-from dohyo.sumo_networks.networks.catalog import user_catalog
+from dohyo.sumo_networks.networks.entries import user_catalog
 from dohyo.sumo_networks.world import Actors
 
 SHIPPED = Path(__file__).parents[1] / "logs"

@@ -5,7 +5,7 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from dohyo.agents import registry
-from dohyo.agents.registry import GROUP, agent_entries, resolve
+from dohyo.agents.registry import GROUP, agent_entries, agent_views, resolve
 from dohyo.evaluation.agent import make_agent
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
@@ -40,3 +40,15 @@ def test_two_agents_of_one_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> 
 def test_the_same_agent_offered_twice_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
     offered(monkeypatch, "a:Agent", "a:Agent")
     assert agent_entries() == {"twice": "a:Agent"}
+
+
+@pytest.mark.parametrize("name", agent_entries())
+def test_what_is_declared_of_an_agent_is_what_its_class_says(name: str) -> None:
+    view, spec = agent_views()[name], make_agent(resolve(name)).spec
+    assert (view.track, view.sensors, view.control) == (spec.track, spec.sensors, spec.control)
+
+
+def test_an_agent_of_another_package_is_asked_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    offered(monkeypatch, "tests.evaluation.agents:Steady")
+    assert agent_views()["twice"].entry == "tests.evaluation.agents:Steady"
+    assert agent_views()["twice"].control == make_agent("tests.evaluation.agents:Steady").spec.control

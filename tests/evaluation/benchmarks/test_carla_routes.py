@@ -16,7 +16,8 @@ from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.benchmarks.carla_routes import import_routes, net_offset, read_routes, write_benchmark
 from dohyo.service.cli import app
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.networks.catalog import load_network, network_path
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.entries import network_path
 from dohyo.sumo_networks.networks.importing import import_network
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.routes.routing import plan_route

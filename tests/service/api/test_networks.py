@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from dohyo.service.network_map import map_document
-from dohyo.sumo_networks.networks.catalog import load_network, network_path
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.entries import network_path
 from tests.service.harness import Caller, Harness, assert_problem
 
 PLAIN = b"""<net version="1.20" junctionCornerDetail="5" limitTurnSpeed="5.50">

@@ -16,10 +16,11 @@ import sumo
 from PIL import Image
 
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.networks.catalog import CATALOG, load_network, network_names, network_path
+from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.drawing import draw_map, svg, write_map
+from dohyo.sumo_networks.networks.entries import CATALOG, builtin_names, network_entry, network_names, network_path
 from dohyo.sumo_networks.networks.importing import build_network
-from dohyo.sumo_networks.networks.inspection import inspect_network
+from dohyo.sumo_networks.networks.inspection import inspect_network, network_size
 from dohyo.sumo_networks.networks.network import RoadNetwork, read_network
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission, Place
@@ -52,6 +53,11 @@ def centreline_km(name: str) -> float:
         )
         total += shapely.LineString(points).length
     return total / 1000
+
+
+@pytest.mark.parametrize("name", builtin_names())
+def test_the_size_in_an_entry_is_that_of_the_net(name: str) -> None:
+    assert network_entry(name).size == network_size(load_network(name))
 
 
 def roads(network: RoadNetwork) -> list[int]:

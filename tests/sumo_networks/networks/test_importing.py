@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 
 from dohyo.service.cli import app
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.networks.catalog import CATALOG, load_network, network_entry, network_names, network_path
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.entries import CATALOG, network_entry, network_names, network_path
 from dohyo.sumo_networks.networks.importing import Imported, import_network
 from dohyo.sumo_networks.networks.inspection import inspect_network
 from dohyo.sumo_networks.routes.routing import plan_route

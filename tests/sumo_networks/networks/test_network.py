@@ -10,7 +10,8 @@ import shapely
 
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.networks import network as network_module
-from dohyo.sumo_networks.networks.catalog import load_network, network_entry, network_names, network_path
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.entries import network_entry, network_names, network_path
 from dohyo.sumo_networks.networks.network import RoadNetwork, read_network
 from dohyo.sumo_networks.networks.parsing import parse_net
 from tests.worlds import LANE_M, _build, crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road

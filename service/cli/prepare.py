@@ -1,0 +1,34 @@
+"""`dohyo benchmarks prepare`: makes what a benchmark replays."""
+
+from __future__ import annotations
+
+import os
+from typing import Annotated
+
+import typer
+from rich.progress import MofNCompleteColumn, Progress
+
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
+from dohyo.evaluation.freeway.benchmark import is_freeway_benchmark
+from dohyo.service.cli.freeway import prepare_days
+from dohyo.service.cli.output import console
+from dohyo.sumo_networks.simulation.traffic_log import logs_folder
+
+
+def prepare(
+    name: Annotated[str, typer.Argument(help="Name, or path of a .toml file.")],
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: one per CPU.")] = None,
+) -> None:
+    """Makes the recorded runs that a benchmark replays, or its days; the same command goes on where it stopped."""
+    if is_freeway_benchmark(name):
+        prepare_days(name, workers or os.cpu_count() or 1)
+        return
+    scenarios = load_benchmark(name).scenarios([0])
+    with Progress(*Progress.get_default_columns(), MofNCompleteColumn(), console=console) as bar:
+        task = bar.add_task(f"logs of {name}", total=None)
+        made = prepare_logs(
+            scenarios, workers or os.cpu_count() or 1, lambda done, total: bar.update(task, completed=done, total=total)
+        )
+    logs = sum(scenario.log is not None for scenario in scenarios)
+    console.print(f"{made} made, {logs - made} there before, in {logs_folder()}")

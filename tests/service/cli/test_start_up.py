@@ -1,0 +1,97 @@
+"""What `dohyo` imports before it answers, and what its help says."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from dohyo.service.cli.commands import COMMANDS
+from dohyo.service.cli.lazy import Command, Group
+
+ROOT = Path(__file__).parents[3]
+SLOW = ("torch", "scipy", "sqlalchemy", "libsumo", "numba")
+REPORT = f"""
+import atexit, sys
+atexit.register(lambda: print("imported:", *({SLOW!r} & sys.modules.keys()), file=sys.stderr))
+from dohyo.service.cli import main
+main()
+""".replace(repr(SLOW), repr(set(SLOW)))
+
+
+def dohyo(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "160"}
+    command = [sys.executable, "-c", REPORT, *arguments]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120, env=environment, check=False)
+
+
+def leaves(table: Mapping[str, Command | Group], words: tuple[str, ...] = ()) -> Iterator[tuple[str, Command]]:
+    for name, entry in table.items():
+        if isinstance(entry, Command):
+            yield " ".join((*words, name)), entry
+        else:
+            yield from leaves(entry.commands, (*words, name))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--help",),
+        ("--version",),
+        ("networks", "--help"),
+        ("networks", "list"),
+        ("agents", "list"),
+        ("benchmarks", "list"),
+        ("benchmarks", "list", "--json"),
+    ],
+    ids=" ".join,
+)
+def test_the_help_and_the_lists_import_nothing_slow(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    result = dohyo(*arguments, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert result.stderr.strip() == "imported:"
+
+
+def test_a_command_that_reads_a_network_imports_numba(tmp_path: Path) -> None:
+    # What makes the test above able to fail.
+    assert "numba" in dohyo("networks", "check", "ingolstadt", cwd=tmp_path).stderr.split()
+
+
+@pytest.mark.parametrize(
+    ("words", "command"), list(leaves(COMMANDS)), ids=lambda given: str(given) * isinstance(given, str)
+)
+def test_every_command_is_where_the_table_says_and_says_the_same(words: str, command: Command) -> None:
+    module, _, function = command.at.partition(":")
+    found = getattr(import_module(f"dohyo.service.cli.{module}"), function)
+    assert " ".join((found.__doc__ or "").partition("\n\n")[0].split()) == command.help
+
+
+def test_the_version_is_the_packages(tmp_path: Path) -> None:
+    assert dohyo("--version", cwd=tmp_path).stdout == f"dohyo {version('dohyo')}\n"
+
+
+def test_options_without_a_value_are_shown_without_one(tmp_path: Path) -> None:
+    shown = dohyo("agents", "list", "--help", cwd=tmp_path).stdout
+    assert "--json" in shown
+    assert "bool" not in shown
+
+
+def test_the_shell_completes_commands_and_options(tmp_path: Path) -> None:
+    environment = {"_DOHYO_COMPLETE": "complete_bash", "COMP_WORDS": "dohyo networks ch", "COMP_CWORD": "2"}
+    program = "import sys; sys.argv[0] = 'dohyo'; from dohyo.service.cli import main; main()"
+    result = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=os.environ | environment | {"PYTHONPATH": str(ROOT)},
+        check=False,
+    )
+    assert result.stdout.split() == ["check"]
