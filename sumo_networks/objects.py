@@ -3,23 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
-from typing import Any, Self
+from dataclasses import dataclass, fields
+from typing import Self
 
 import numpy as np
-from numpy.typing import DTypeLike
 
-from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
-
-
-def column(dtype: DTypeLike, *shape: int) -> Any:
-    """A column of a table: what a dataclass field needs to know for `ObjectStates.empty`.
-
-    Args:
-        dtype: Of its elements.
-        shape: Of one row; nothing for one number per row.
-    """
-    return field(metadata={"empty": np.empty((0, *shape), dtype)})
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray, column
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
-from dohyo.sumo_networks.objects import ObjectStates, column, stack_boxes
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray, column
+from dohyo.sumo_networks.objects import ObjectStates, stack_boxes
 
 if TYPE_CHECKING:
     from dohyo.sumo_networks.networks.network import RoadNetwork

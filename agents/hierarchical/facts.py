@@ -20,7 +20,7 @@ from dohyo.agents.hierarchical.watch import Danger
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
-from dohyo.sumo_networks.sensors.junctions_ahead import STOPS, YIELDS
+from dohyo.sumo_networks.rules.right_of_way import RightOfWay
 from dohyo.sumo_networks.sensors.path import BEHIND, POINTS
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind, LightState
@@ -42,7 +42,7 @@ CROSSING_M_S, CROSSING_ACCELERATION = 8.0, 1.5
 LINE_GAP_M = 1.0
 KIND = {kind: kind.name.lower() for kind in ActorKind}
 SIGNAL = {int(LightState.RED): "red", int(LightState.YELLOW): "yellow", int(LightState.GREEN): "green"}
-SIGN = {YIELDS: "yield", STOPS: "stop"}
+SIGN: dict[int, str] = {RightOfWay.YIELD: "yield", RightOfWay.STOP: "stop"}
 SIDES = ("left", "right")
 PEDESTRIAN = ActorKind.PEDESTRIAN
 
@@ -100,7 +100,7 @@ class Memory:
         kept = {key: left - TICK_S for key, left in self.raced.items() if left > TICK_S}
         self.raced = kept | {one.key: RACED_S for one in neighbours if one.speed > racing}
         distance, _, _, sign = (float(v) for v in junctions[0])
-        at_sign = sign == STOPS and -0.5 <= distance < FAR_M
+        at_sign = sign == RightOfWay.STOP and -0.5 <= distance < FAR_M
         self.stood_at_line = at_sign and (self.stood_at_line or (speed < 0.05 and distance < 2.5))
 
     def wait(self, speed: float, waiting: bool) -> None:

@@ -15,7 +15,7 @@ from dohyo.agents.experts.surroundings import boxes_on_path, project
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
-from dohyo.sumo_networks.sensors.junctions_ahead import STOPS, YIELDS
+from dohyo.sumo_networks.rules.right_of_way import RightOfWay
 from dohyo.sumo_networks.sensors.lanes import ATTRIBUTES, POINTS, ROAD
 from dohyo.sumo_networks.sensors.path import BEHIND
 from dohyo.sumo_networks.world import ActorKind, LightState
@@ -110,7 +110,7 @@ def junctions(observation: Observation) -> Float32Array:
     out[:, 0] = root(near[:, 0] / EVENT_M)
     for column, value in ((1, _RED), (2, _YELLOW), (3, _GREEN)):
         out[:, column] = near[:, 2] == value
-    out[:, 4], out[:, 5] = near[:, 3] == YIELDS, near[:, 3] == STOPS
+    out[:, 4], out[:, 5] = near[:, 3] == RightOfWay.YIELD, near[:, 3] == RightOfWay.STOP
     out[:, 6] = np.minimum(0.5 * speed**2 / np.maximum(near[:, 0], SHORTEST_M) / HARDEST_M_S2, 1.0)
     return out
 

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dohyo.evaluation.agent import Observation
-from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray, column
 from dohyo.sumo_networks.geometry import project_on_path, wrap_angle
-from dohyo.sumo_networks.objects import ObjectStates, column
-from dohyo.sumo_networks.sensors.junctions_ahead import STOPS
+from dohyo.sumo_networks.objects import ObjectStates
+from dohyo.sumo_networks.rules.right_of_way import RightOfWay
 from dohyo.sumo_networks.sensors.lanes import ATTRIBUTES, POINTS
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import LightState
@@ -232,12 +232,13 @@ class SceneBuilder:
 
     def _stop_lines(self, junctions: Float32Array, speed: float, length: float) -> StopLinesAhead:
         ahead = junctions[(junctions[:, 0] > -0.5) & (junctions[:, 0] < 1000.0)].astype(np.float64)
-        at_sign = len(junctions) > 0 and int(junctions[0, 3]) == STOPS and -0.5 < junctions[0, 0] < STOOD_DISTANCE_M
+        at_sign = len(junctions) > 0 and junctions[0, 3] == RightOfWay.STOP
+        at_sign = at_sign and -0.5 < junctions[0, 0] < STOOD_DISTANCE_M
         self._stood = bool(at_sign and (self._stood or speed < STOOD_SPEED))
         signal, distance = ahead[:, 2].astype(np.int64), ahead[:, 0]
         stoppable = speed**2 <= 2 * YELLOW_BRAKING * np.maximum(distance - 0.5, 0.0)
         closed = (signal == LightState.RED) | ((signal == LightState.YELLOW) & stoppable)
-        signed = (ahead[:, 3].astype(np.int64) == STOPS) & ~((np.arange(len(ahead)) == 0) & self._stood)
+        signed = (ahead[:, 3].astype(np.int64) == RightOfWay.STOP) & ~((np.arange(len(ahead)) == 0) & self._stood)
         return StopLinesAhead(s=distance + length / 2, closed=closed | signed, signal=signal)
 
 

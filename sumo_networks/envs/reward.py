@@ -10,7 +10,11 @@ from typing import Protocol
 import numpy as np
 
 from dohyo.sumo_networks.errors import UnknownNameError
-from dohyo.sumo_networks.world import ActorKind, LightState, World
+from dohyo.sumo_networks.geometry import wrap_angle
+from dohyo.sumo_networks.rules.contacts import is_touched
+from dohyo.sumo_networks.rules.red_signal import CLOSED, next_signal, passed_red
+from dohyo.sumo_networks.rules.right_of_way import has_stop_sign, passages_within
+from dohyo.sumo_networks.world import ActorKind, World
 
 
 class Reward(Protocol):
@@ -26,7 +30,7 @@ class ProgressReward:
 
     def __call__(self, before: World, after: World, ego: int) -> tuple[float, bool]:
         """See `Reward`."""
-        hit = any(contact.ego == ego for contact in after.contacts)
+        hit = is_touched(after, ego)
         return float(after.egos.progress[ego] - before.egos.progress[ego]) - 10.0 * hit, hit
 
 
@@ -58,8 +62,8 @@ class RoachReward:
         value -= abs(float(egos.lateral[ego])) / 2
         value -= abs(float(egos.route_heading_error[ego]))
         value -= 0.1 * (abs(float(egos.steering[ego] - before.egos.steering[ego])) > 0.01)
-        hit = any(contact.ego == ego for contact in after.contacts)
-        ran = self.obey_lights and _ran_red(before, after, ego)
+        hit = is_touched(after, ego)
+        ran = self.obey_lights and passed_red(before, after, ego)
         ended = hit or ran or abs(float(egos.lateral[ego])) > self.lateral_limit
         if ended:
             value -= 1.0 + (speed if hit or ran else 0.0)
@@ -78,10 +82,8 @@ class RoachReward:
 
     def _stop_sign(self, world: World, ego: int) -> float:
         """Distance from the ego's centre to a stop sign within 18 m, unless it has stood there; else infinite."""
-        progress = float(world.egos.progress[ego])
-        for passage in world.routes[ego].passages:
-            ahead = passage.entry - progress
-            if 0.0 <= ahead < LIGHT_M and passage.control in "sw" and passage.signal < 0:
+        for ahead, passage in passages_within(world.routes[ego], float(world.egos.progress[ego]), LIGHT_M):
+            if has_stop_sign(passage):
                 if ahead < STANDING_M and world.egos.speed[ego] < 0.1:
                     self._stood_before = passage.entry
                 return math.inf if self._stood_before == passage.entry else ahead
@@ -102,8 +104,8 @@ def _hazards(world: World, ego: int) -> tuple[float, float]:
     on_foot = np.concatenate([actors.kind == ActorKind.PEDESTRIAN, np.zeros(len(others), dtype=np.bool_)])
     lane = np.concatenate([actors.lane, np.full(len(others), -1)])
     distance = np.hypot(*offset.T)
-    bearing = np.abs(_wrapped(np.arctan2(offset[:, 1], offset[:, 0]) - egos.heading[ego]))
-    turned = np.abs(_wrapped(heading - egos.heading[ego]))
+    bearing = np.abs(wrap_angle(np.arctan2(offset[:, 1], offset[:, 0]) - egos.heading[ego]))
+    turned = np.abs(wrap_angle(heading - egos.heading[ego]))
     vehicle = ~on_foot & (distance < HAZARD_M) & (bearing < math.radians(45)) & (turned <= math.radians(150))
     sidewalk = (lane >= 0) & lanes.pedestrian[lane] & ~lanes.crossing[lane] & ~lanes.drivable[lane]
     cone = np.radians(162.0 / (np.clip(distance, 1.5, 10.5) + 0.3))
@@ -112,29 +114,10 @@ def _hazards(world: World, ego: int) -> tuple[float, float]:
     return nearest[0], nearest[1]
 
 
-def _wrapped(angle: np.ndarray) -> np.ndarray:
-    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
-
-
 def _closed_line(world: World, ego: int) -> float:
-    """Distance from the ego's centre to the next stop line that is red or yellow, within 18 m; else infinite."""
-    progress = float(world.egos.progress[ego])
-    for passage in world.routes[ego].passages:
-        ahead = passage.entry - progress
-        if 0.0 <= ahead < LIGHT_M and passage.signal >= 0:
-            closed = world.signals[passage.signal] in (LightState.RED, LightState.YELLOW)
-            return ahead if closed else math.inf
-    return math.inf
-
-
-def _ran_red(before: World, after: World, ego: int) -> bool:
-    """Whether the ego's front passed a red line of its route in this tick."""
-    half = float(after.egos.length[ego]) / 2
-    start, end = float(before.egos.progress[ego]) + half, float(after.egos.progress[ego]) + half
-    return any(
-        start < passage.entry <= end and passage.signal >= 0 and after.signals[passage.signal] == LightState.RED
-        for passage in after.routes[ego].passages
-    )
+    """Distance from the ego's centre to the next signal's line if that is red or yellow, within 18 m; else infinite."""
+    found = next_signal(world, ego, LIGHT_M)
+    return found[0] if found is not None and found[1] in CLOSED else math.inf
 
 
 REWARDS: dict[str, Callable[[], Reward]] = {"roach": RoachReward, "progress": ProgressReward}

@@ -7,7 +7,7 @@ from numba import njit
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 from dohyo.sumo_networks.geometry import box_overlaps
-from dohyo.sumo_networks.world import ActorKind, Actors, Contact, Egos
+from dohyo.sumo_networks.world import ActorKind, Actors, Contact, Egos, World
 
 
 def contacts(egos: Egos, actors: Actors) -> tuple[Contact, ...]:
@@ -24,6 +24,11 @@ def contacts(egos: Egos, actors: Actors) -> tuple[Contact, ...]:
             if a != b and egos.active[b]
         ]
     return tuple(found)
+
+
+def is_touched(world: World, ego: int) -> bool:
+    """Whether anything touches an ego."""
+    return any(contact.ego == ego for contact in world.contacts)
 
 
 @njit(cache=True)

@@ -6,13 +6,12 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.rules.right_of_way import right_of_way
 from dohyo.sumo_networks.sensors.base import Sensor, Track
 from dohyo.sumo_networks.world import World
 
 ROWS = 4
 SIGHT_M = 100.0
-MAJOR, YIELDS, STOPS = 0, 1, 2
-_CONTROL = {"m": YIELDS, "=": YIELDS, "s": STOPS, "w": STOPS}
 
 
 class JunctionsAhead(Sensor):
@@ -20,8 +19,8 @@ class JunctionsAhead(Sensor):
 
     Columns: distance from the front bumper to the junction (its stop line, where there is one) [m, negative once
     passed], distance to the junction's end [m], signal (`world.LightState`, -1 where there is none), right of way
-    (0 major, 1 yield, 2 stop sign). A junction stays until the ego's front has left it. Unused rows have distances of
-    1000 and signal -1.
+    (`rules.right_of_way.RightOfWay`: 0 major, 1 yield, 2 stop sign). A junction stays until the ego's front has left
+    it. Unused rows have distances of 1000 and signal -1.
     """
 
     name = "junctions_ahead"
@@ -40,7 +39,6 @@ class JunctionsAhead(Sensor):
             if passage.entry - front > SIGHT_M or row == ROWS:
                 break
             signal = world.signals[passage.signal] if passage.signal >= 0 else -1
-            control = _CONTROL.get(passage.control, MAJOR)
-            out[row] = passage.entry - front, passage.exit - front, signal, control
+            out[row] = passage.entry - front, passage.exit - front, signal, right_of_way(passage.control)
             row += 1
         return out

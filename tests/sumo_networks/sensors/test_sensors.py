@@ -8,9 +8,9 @@ import pytest
 
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.routes.route import Command
+from dohyo.sumo_networks.rules.right_of_way import RightOfWay
 from dohyo.sumo_networks.scenario import Mission, Place
 from dohyo.sumo_networks.sensors import PRESETS, SENSORS, Track, make_sensors
-from dohyo.sumo_networks.sensors.junctions_ahead import MAJOR, STOPS
 from dohyo.sumo_networks.sensors.objects import ROWS
 from dohyo.sumo_networks.world import ActorKind, LightState, World
 from tests.worlds import Scene, crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road
@@ -156,7 +156,7 @@ def test_the_next_light_its_distance_and_its_state(light: LightState) -> None:
     other = LightState.GREEN if light is LightState.RED else LightState.RED
     rows = read("junctions_ahead", scene.with_ego(x=-50.0).with_lights(other, s=light).world())
     front = -50.0 + 2.25
-    assert rows[0] == pytest.approx([scene.stop_line("w_c_0") - front, 10.4 - front, light, MAJOR], abs=0.01)
+    assert rows[0] == pytest.approx([scene.stop_line("w_c_0") - front, 10.4 - front, light, RightOfWay.MAJOR], abs=0.01)
     np.testing.assert_array_equal(rows[1:, :2], 1000.0)
     np.testing.assert_array_equal(rows[1:, 2], -1.0)
 
@@ -164,7 +164,7 @@ def test_the_next_light_its_distance_and_its_state(light: LightState) -> None:
 def test_a_stop_sign_is_no_light_but_a_line() -> None:
     scene = stop_sign_crossing()
     row = read("junctions_ahead", scene.with_ego(x=-50.0).world())[0]
-    assert row == pytest.approx([scene.stop_line("w_c_0") + 47.75, 58.15, -1.0, STOPS], abs=0.01)
+    assert row == pytest.approx([scene.stop_line("w_c_0") + 47.75, 58.15, -1.0, RightOfWay.STOP], abs=0.01)
 
 
 @pytest.mark.parametrize(("x", "seen"), [(-113.0, False), (-112.0, True), (-5.0, True), (8.0, True), (8.5, False)])

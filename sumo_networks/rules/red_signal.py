@@ -1,0 +1,50 @@
+"""Red signals: which signal stops an ego, at the end of a lane or along its route."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dohyo.sumo_networks.rules.right_of_way import passages_within
+from dohyo.sumo_networks.world import LightState, World
+
+CLOSED = frozenset({LightState.RED, LightState.YELLOW})
+"""States in which an ego that can stop has to."""
+
+
+def red_signal(world: World, ego: int, lane: int) -> int:
+    """The signal that is red for an ego at the end of a lane, -1 if none is.
+
+    Where the ego's route goes through that end, the route's own signal decides; elsewhere all signals must be red.
+    """
+    connections, progress = world.network.connections, world.egos.progress[ego]
+    through = [p for p in world.routes[ego].passages if connections.source[p.connection] == lane]
+    if through:
+        signals = np.array([min(through, key=lambda p: abs(p.entry - progress)).signal])
+    else:
+        signals = connections.signal[world.network.connections_from(lane)]
+    signals = signals[signals >= 0]
+    if len(signals) and bool((world.signals[signals] == LightState.RED).all()):
+        return int(signals[0])
+    return -1
+
+
+def next_signal(world: World, ego: int, within_m: float) -> tuple[float, LightState] | None:
+    """The next signal on an ego's route.
+
+    Returns:
+        Distance from the ego's centre to its stop line, m, and its state; None where there is none.
+    """
+    for ahead, passage in passages_within(world.routes[ego], float(world.egos.progress[ego]), within_m):
+        if passage.signal >= 0:
+            return ahead, LightState(world.signals[passage.signal])
+    return None
+
+
+def passed_red(before: World, after: World, ego: int) -> bool:
+    """Whether an ego's front passed, along its route, a line whose signal is red after the tick."""
+    half = float(after.egos.length[ego]) / 2
+    start, end = float(before.egos.progress[ego]) + half, float(after.egos.progress[ego]) + half
+    return any(
+        start < passage.entry <= end and passage.signal >= 0 and after.signals[passage.signal] == LightState.RED
+        for passage in after.routes[ego].passages
+    )
