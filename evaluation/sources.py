@@ -16,7 +16,7 @@ _NAMED = re.compile(r"(\w+(?:\.\w+)+)(?::\w+)?")
 def source_files(kind: type) -> tuple[Path, ...]:
     """The file that defines a class, and those of its package that it imports, directly or not.
 
-    Its package is everything under the first part of its module's name, and for dohyo's own agents `dohyo.agents`.
+    Its package is everything under the first part of its module's name, and for dohyo's own agents their floor.
     Imports are read, not followed at run time: those inside functions count too, and modules that a string names for
     later loading ("package.module" or "package.module:Class"); nothing is executed. Files that hold no more than a
     docstring are left out; so are other packages, whose versions a record states.

@@ -144,7 +144,7 @@ class Scenario(Config):
         conditions: Name of the road, light and air, see `dohyo.sumo_networks.conditions`.
         obstacles: Static boxes.
         events: Scripted happenings around the egos.
-        time_limit_s: Ends the episode; None: from the route (see `dohyo.evaluation.criteria.timeout`).
+        time_limit_s: Ends the episode; None: the judge takes it from the route's length.
         stop_on_collision: End an ego's episode at its first collision (NoCrash) instead of driving on.
         seed: Decides everything random in the world.
         duration_s: Ends the episode wherever the ego is then, which is no failure; None: it goes on to the goal.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -40,3 +41,16 @@ def test_every_package_says_what_it_is() -> None:
         for folder in folders(ROOT / floor):
             module = ast.parse((folder / "__init__.py").read_text())
             assert len(ast.get_docstring(module) or "") > 10, f"{folder.relative_to(ROOT)}/__init__.py"
+
+
+@pytest.mark.parametrize(("floor", "upper"), [(floor, FLOORS[i + 1 :]) for i, floor in enumerate(FLOORS[:-1])])
+def test_no_lower_floor_names_an_upper_one_not_even_in_a_string(floor: str, upper: tuple[str, ...]) -> None:
+    """Import-linter sees imports alone; a name in a string is loaded just as well."""
+    named = re.compile(rf"\bdohyo\.({'|'.join(upper)})\.")
+    for path in sorted((ROOT / floor).rglob("*.py")):
+        found = [
+            f"{path.relative_to(ROOT)}:{number}"
+            for number, line in enumerate(path.read_text().splitlines(), 1)
+            if named.search(line)
+        ]
+        assert not found

@@ -59,14 +59,17 @@ Found = tuple[str, str, ScriptedMission]
 """Type, network and mission of one scenario."""
 
 
-def draw(name: str, per_type: int, first_seed: int, train: bool, there: Sequence[Found] = ()) -> Iterator[Found]:
+def draw(
+    name: str, per_type: int, first_seed: int, train: bool, reference_agent: str, there: Sequence[Found] = ()
+) -> Iterator[Found]:
     """Type, network and mission of each scenario that is still missing, as it is found.
 
     Args:
         name: For the scenarios while they are tried.
         per_type: How many of each type.
         first_seed: Of the traffic.
-        train: Whose edges to use.
+        train: Whether to use the edges of training, not those of the benchmark.
+        reference_agent: "module:Class" of the agent that is the measure.
         there: What was found before.
 
     Raises:
@@ -99,7 +102,7 @@ def draw(name: str, per_type: int, first_seed: int, train: bool, there: Sequence
                     if mission is None or (snapshot.seed, mission.start) in moments:
                         continue
                     tries += 1
-                    kept, types = confirm(kind, snapshot, mission)
+                    kept, types = confirm(kind, snapshot, mission, reference_agent)
                     if kept is not None:
                         # A run that is not of the type it was meant for may be of another that is still wanted.
                         own = [one for one in types if found[one] < per_type and local[one, network_name] < share]
@@ -119,7 +122,7 @@ def draw(name: str, per_type: int, first_seed: int, train: bool, there: Sequence
     raise InvalidInputError(f"{name}: not found often enough: {missing}")
 
 
-def lines(name: str, found: Sequence[Found]) -> Iterator[str]:
+def lines(name: str, reference_agent: str, found: Sequence[Found]) -> Iterator[str]:
     """Lines of a benchmark's file."""
     what = "train a planner on" if name.endswith("train") else "the 14 scenario types of nuPlan's challenge"
     yield f'name = "{name}"'
@@ -129,6 +132,7 @@ def lines(name: str, found: Sequence[Found]) -> Iterator[str]:
     yield "seeds = [0]"
     yield f"duration_s = {DURATION_S}"
     yield "replay = true"
+    yield f'reference_agent = "{reference_agent}"'
     groups: dict[tuple[str, str], list[ScriptedMission]] = {}
     for kind in TYPES:
         for network in TRAFFIC:
@@ -171,23 +175,23 @@ def _toml(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def pinned(benchmark: Benchmark, workers: int) -> Iterator[Found]:
-    """The missions of a benchmark, with what the reference does in them today.
+def pinned(benchmark: Benchmark, reference_agent: str, workers: int) -> Iterator[Found]:
+    """The missions of a benchmark, with the reference agent's drives of today.
 
     A run that is no longer of its type is named, and kept: its place in the list is part of the benchmark.
     """
     todo = [(cell, mission) for cell in benchmark.cells for mission in benchmark.missions[cell.missions]]
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(_pin, todo)
+        yield from pool.map(partial(_pin, reference_agent), todo)
 
 
-def _pin(one: tuple[Cell, ScriptedMission]) -> Found:
+def _pin(reference_agent: str, one: tuple[Cell, ScriptedMission]) -> Found:
     cell, mission = one
     kind = cell.name.partition(".")[0]
     assert mission.excerpt is not None
     warm = cell.traffic.model_copy(update={"warm_up_s": mission.excerpt.warm_up_s})
     scenario = scenario_of(cell.model_copy(update={"traffic": warm}), mission, mission.excerpt.seed)
-    reference = drive_reference(scenario)
+    reference = drive_reference(scenario, reference_agent)
     if not TYPES[kind](run_of(scenario, reference)):
         print(f"{cell.name} {mission.name}: the reference's run is no longer of this type", flush=True)
     return kind, cell.network, mission.model_copy(update={"excerpt": excerpt_of(mission.excerpt.seed, reference)})
@@ -208,21 +212,27 @@ def missions_of(benchmark: Benchmark) -> list[Found]:
     ]
 
 
-def write(name: str, pin: bool, workers: int) -> None:
+def write(name: str, reference_agent: str, pin: bool, workers: int) -> None:
     """Draws what a benchmark's file lacks, or pins what it has; what was found is kept if this is interrupted."""
     file = BENCHMARKS / f"{name}.toml"
     found = missions_of(load_benchmark(name)) if file.exists() and not pin else []
-    for one in pinned(load_benchmark(name), workers) if pin else VARIANTS[name](there=tuple(found)):
+    draws = (
+        pinned(load_benchmark(name), reference_agent, workers)
+        if pin
+        else VARIANTS[name](reference_agent=reference_agent, there=tuple(found))
+    )
+    for one in draws:
         found.append(one)
         if not pin:
-            file.write_text("\n".join(lines(name, found)) + "\n")
-    file.write_text("\n".join(lines(name, found)) + "\n")
+            file.write_text("\n".join(lines(name, reference_agent, found)) + "\n")
+    file.write_text("\n".join(lines(name, reference_agent, found)) + "\n")
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Draws a benchmark of recorded scenarios.")
     parser.add_argument("name", choices=VARIANTS)
+    parser.add_argument("--reference", required=True, help="module:Class of the agent that is the measure")
     parser.add_argument("--pin", action="store_true", help="keep the missions, renew logs and references")
     parser.add_argument("--workers", type=int, default=1, help="processes that pin")
     arguments = parser.parse_args()
-    write(arguments.name, arguments.pin, arguments.workers)
+    write(arguments.name, arguments.reference, arguments.pin, arguments.workers)

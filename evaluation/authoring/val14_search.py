@@ -201,15 +201,17 @@ def suits(kind: str, route: Route) -> bool:
     return True
 
 
-def confirm(kind: str, snapshot: Snapshot, mission: ScriptedMission) -> tuple[ScriptedMission | None, list[str]]:
-    """Drives the reference through a mission; the mission with its excerpt, and the types of the run.
+def confirm(
+    kind: str, snapshot: Snapshot, mission: ScriptedMission, reference_agent: str
+) -> tuple[ScriptedMission | None, list[str]]:
+    """Drives the reference agent through a mission; the mission with its excerpt, and the types of the run.
 
     There is none where the reference arrived too early, touched somebody, or SUMO failed.
     """
     cell = Cell(name=kind, network=snapshot.network.name, missions="all", traffic=TRAFFIC[snapshot.network.name])
     scenario = scenario_of(cell, mission, snapshot.seed)
     try:
-        reference = drive_reference(scenario)
+        reference = drive_reference(scenario, reference_agent)
     except SimulationError:
         return None, []
     if reference.goal or any(_touches(reference)):

@@ -16,6 +16,8 @@ from dohyo.sumo_networks.events.configs import EVERY_M
 from dohyo.sumo_networks.scenario import Config, Mission, Name, Scenario, Traffic, content_hash
 
 BENCHMARKS = Path(__file__).parent
+ENTRY = r"^\w+(\.\w+)*:\w+$"
+"""How the class of an agent is named."""
 
 
 class AutoEvents(Config):
@@ -122,10 +124,11 @@ class Benchmark(Config):
         cells: Its parts.
         missions: Sets of missions by name.
         stop_on_collision: As in NoCrash.
-        time_limit: None: the CARLA Leaderboard's (see `dohyo.evaluation.criteria.timeout`).
+        time_limit: None: the CARLA Leaderboard's (see `criteria.timeout`).
         seeds: Driven by default; missions with an excerpt have their own.
         duration_s: Of every episode; None: to the goal.
-        replay: Everybody but the egos replays the log of the mission's excerpt, whatever the egos do.
+        replay: All but the egos replay the log of the mission's excerpt, whatever the egos do.
+        reference_agent: "module:Class" of the agent that drove where logs were made, and drives where one is missing.
     """
 
     name: Name
@@ -140,6 +143,7 @@ class Benchmark(Config):
     seeds: Annotated[tuple[int, ...], Field(min_length=1)] = (0, 1, 2)
     duration_s: Annotated[float | None, Field(gt=0, exclude_if=lambda duration: duration is None)] = None
     replay: Annotated[bool, Field(exclude_if=lambda replay: not replay)] = False
+    reference_agent: Annotated[str | None, Field(pattern=ENTRY, exclude_if=lambda agent: agent is None)] = None
 
     @model_validator(mode="before")
     @classmethod
@@ -161,6 +165,8 @@ class Benchmark(Config):
                 raise ValueError(f"names must be unique, got {names}")
         if self.replay and not self.duration_s:
             raise ValueError("replay: expected a duration_s beside it, since logs end")
+        if self.replay and not self.reference_agent:
+            raise ValueError("replay: expected a reference_agent beside it, which makes missing logs")
         missions = [mission for some in self.missions.values() for mission in some]
         if self.closed_loop and any(mission.excerpt is None for mission in missions):
             raise ValueError("headline 'closed_loop': expected an excerpt in every mission, for its reference_m")

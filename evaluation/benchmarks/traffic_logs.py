@@ -1,4 +1,4 @@
-"""Logs: made by driving the reference through a scenario in live traffic, once, and kept for all who replay it."""
+"""Traffic logs: each is made once, by driving the reference agent through a scenario in live traffic, and kept."""
 
 from __future__ import annotations
 
@@ -16,18 +16,15 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.simulation.traffic_log import Log, LogRecorder, log_path, write_log
 
-REFERENCE = "dohyo.agents.experts.autopilot:Autopilot"
-"""Who drives where a log is made: the expert whose progress is the measure."""
-
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """What the reference did in a scenario.
+    """The drive of the reference agent in a scenario.
 
     Attributes:
-        log: Of everybody else.
-        trajectory: Of the ego and of those in its sight.
-        progress_m: How far it came along the route.
+        log: Motion of all others.
+        trajectory: Of the ego and of the actors in its sight.
+        progress_m: Largest progress along the route, m.
         goal: Whether it reached the goal, so that the log ends early.
     """
 
@@ -37,12 +34,12 @@ class Reference:
     goal: bool
 
 
-def drive_reference(scenario: Scenario, entry: str = REFERENCE) -> Reference:
-    """Drives the reference through a scenario, with everybody else alive in SUMO.
+def drive_reference(scenario: Scenario, entry: str) -> Reference:
+    """Drives the reference agent through a scenario in live traffic.
 
     Args:
         scenario: With a duration and one mission; its log, if it names one, is not read.
-        entry: "module:Class" of the reference.
+        entry: "module:Class" of the reference agent.
 
     Raises:
         InvalidInputError: The scenario has no duration, or cannot be driven.
@@ -74,34 +71,38 @@ def drive_reference(scenario: Scenario, entry: str = REFERENCE) -> Reference:
 
 
 def missing_logs(scenarios: Iterable[Scenario]) -> list[Scenario]:
-    """Those scenarios whose logs are not on this machine."""
+    """The scenarios whose logs are not on this machine."""
     return [one for one in scenarios if one.log is not None and not log_path(one.log).exists()]
 
 
 def prepare_logs(
     scenarios: Iterable[Scenario],
+    reference_agent: str | None,
     workers: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> int:
-    """Makes the logs that are missing; interrupted, it goes on where it stopped.
+    """Makes the logs that are missing; after an interruption the same call makes the rest.
 
     Args:
         scenarios: Those without a log are left alone.
+        reference_agent: "module:Class" of the agent that the logs are made with; None where there are no logs.
         workers: Processes; each makes one log after the other.
         progress: Called with the number done and the total, at the start and after each.
 
     Returns:
-        How many were made.
+        The number made.
 
     Raises:
-        InvalidInputError: The reference has changed since a scenario was drawn: it gives another log.
+        InvalidInputError: A log is missing without a reference agent, or that agent no longer gives the same log.
     """
     todo = missing_logs(scenarios)
     progress(0, len(todo))
     if not todo:
         return 0
+    if reference_agent is None:
+        raise InvalidInputError(f"scenario '{todo[0].name}': its log is missing, and no reference_agent makes it")
     with ProcessPoolExecutor(min(workers, len(todo)), mp_context=get_context("spawn")) as pool:
-        futures = [pool.submit(_make_log, scenario) for scenario in todo]
+        futures = [pool.submit(_make_log, scenario, reference_agent) for scenario in todo]
         try:
             for done, future in enumerate(as_completed(futures), start=1):
                 future.result()
@@ -112,12 +113,12 @@ def prepare_logs(
     return len(todo)
 
 
-def _make_log(scenario: Scenario) -> None:
-    log = drive_reference(scenario).log
+def _make_log(scenario: Scenario, reference_agent: str) -> None:
+    log = drive_reference(scenario, reference_agent).log
     if log.sha256() != scenario.log:
         raise InvalidInputError(
-            f"scenario '{scenario.name}': expected log {(scenario.log or '')[:12]}, the reference now gives "
-            f"{log.sha256()[:12]}: it, SUMO or the network has changed since the benchmark was drawn "
-            "(python -m dohyo.evaluation.authoring.draw_val14 --pin)"
+            f"scenario '{scenario.name}': expected log {(scenario.log or '')[:12]}, {reference_agent} now gives "
+            f"{log.sha256()[:12]}: the agent, SUMO or the network has changed since the benchmark was drawn "
+            f"(python -m dohyo.evaluation.authoring.draw_val14 NAME --reference {reference_agent} --pin)"
         )
     write_log(log)

@@ -101,7 +101,7 @@ def run_benchmark(
     finished = {stem: record for stem, record in _finished(out, stems, scenarios, manifest) if record is not None}
     resumed = len(finished)
     todo = [scenario for scenario, stem in zip(scenarios, stems, strict=True) if stem not in finished]
-    prepare_logs(todo, getattr(executor, "workers", None) or 1, preparing)
+    prepare_logs(todo, benchmark.reference_agent, getattr(executor, "workers", None) or 1, preparing)
     progress(None, resumed, len(scenarios))
     jobs = [
         Job(scenario, info, (benchmark.name, manifest.benchmark_sha256), out / RECORDS, stem, act_deadline_s)

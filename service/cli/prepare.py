@@ -24,11 +24,15 @@ def prepare(
     if is_freeway_benchmark(name):
         prepare_days(name, workers or os.cpu_count() or 1)
         return
-    scenarios = load_benchmark(name).scenarios([0])
+    benchmark = load_benchmark(name)
+    scenarios = benchmark.scenarios([0])
     with Progress(*Progress.get_default_columns(), MofNCompleteColumn(), console=console) as bar:
         task = bar.add_task(f"logs of {name}", total=None)
         made = prepare_logs(
-            scenarios, workers or os.cpu_count() or 1, lambda done, total: bar.update(task, completed=done, total=total)
+            scenarios,
+            benchmark.reference_agent,
+            workers or os.cpu_count() or 1,
+            lambda done, total: bar.update(task, completed=done, total=total),
         )
     logs = sum(scenario.log is not None for scenario in scenarios)
     console.print(f"{made} made, {logs - made} there before, in {logs_folder()}")

@@ -19,6 +19,7 @@ PLAIN = {
     "seeds": [0],
     "duration_s": 15.0,
     "replay": True,
+    "reference_agent": "somewhere:Expert",
 }
 EXCERPT = {"seed": 7, "warm_up_s": 12.5, "reference_m": 80.5, "log": "ab" * 32}
 
@@ -56,6 +57,12 @@ def test_replay_needs_a_duration() -> None:
 def test_a_closed_loop_headline_needs_references() -> None:
     with pytest.raises(ValueError, match="expected an excerpt in every mission"):
         mine(missions=[mine().missions["all"][0].model_dump() | {"excerpt": None}])
+
+
+@pytest.mark.parametrize("agent", [None, "Expert", "somewhere.Expert", "os; x:Expert"])
+def test_replay_needs_an_agent_that_makes_the_logs(agent: str | None) -> None:
+    with pytest.raises(ValueError, match="reference_agent"):
+        mine(reference_agent=agent)
 
 
 def test_a_file_like_another_says_only_what_differs(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
-from dohyo.evaluation.benchmarks.traffic_logs import REFERENCE, Reference, drive_reference, missing_logs, prepare_logs
+from dohyo.evaluation.benchmarks.traffic_logs import Reference, drive_reference, missing_logs, prepare_logs
 from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.records.record import Status
 from dohyo.evaluation.running.run import run_benchmark
@@ -19,6 +19,7 @@ from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
 from dohyo.sumo_networks.simulation.traffic_log import log_path, read_log
 
 LANE = "B1C1_0"
+REFERENCE = load_benchmark("val14").reference_agent or ""
 
 
 @pytest.fixture(autouse=True)
@@ -42,7 +43,7 @@ def first_mission() -> Benchmark:
 @pytest.fixture(scope="module")
 def driven() -> tuple[Scenario, Reference]:
     scenario = first_mission().scenarios([0])[0]
-    return scenario, drive_reference(scenario)
+    return scenario, drive_reference(scenario, REFERENCE)
 
 
 def test_the_reference_drives_as_the_same_agent_does_in_the_live_scenario(driven: tuple[Scenario, Reference]) -> None:
@@ -59,10 +60,10 @@ def test_logs_are_made_once_and_replayed(driven: tuple[Scenario, Reference], tmp
     replayed = scenario.model_copy(update={"log": reference.log.sha256()})
     assert missing_logs([scenario, replayed]) == [replayed]
     seen: list[tuple[int, int]] = []
-    assert prepare_logs([scenario, replayed], progress=lambda done, total: seen.append((done, total))) == 1
+    assert prepare_logs([scenario, replayed], REFERENCE, progress=lambda done, total: seen.append((done, total))) == 1
     assert seen == [(0, 1), (1, 1)]
     assert log_path(reference.log.sha256()).exists()
-    assert prepare_logs([replayed]) == 0
+    assert prepare_logs([replayed], None) == 0
     record, _ = drive_episode(replayed, {"ego": make_agent(REFERENCE)})
     assert record.egos[0].progress_m == pytest.approx(reference.progress_m, abs=0.1)
 
@@ -70,15 +71,21 @@ def test_logs_are_made_once_and_replayed(driven: tuple[Scenario, Reference], tmp
 def test_a_reference_that_drives_otherwise_than_it_did_is_refused(driven: tuple[Scenario, Reference]) -> None:
     other = driven[0].model_copy(update={"log": "0" * 64})
     with pytest.raises(InvalidInputError, match=r"expected log 000000000000.*has changed since.*--pin"):
-        prepare_logs([other])
+        prepare_logs([other], REFERENCE)
     assert not log_path("0" * 64).exists()
+
+
+def test_a_missing_log_needs_an_agent_that_makes_it(driven: tuple[Scenario, Reference]) -> None:
+    other = driven[0].model_copy(update={"log": "0" * 64})
+    with pytest.raises(InvalidInputError, match="no reference_agent makes it"):
+        prepare_logs([other], None)
 
 
 def test_a_scenario_without_an_end_has_no_log() -> None:
     place = Place(lane=LANE)
     endless = Scenario(network="district", missions=(Mission(start=place, goal=place),), traffic=Traffic())
     with pytest.raises(InvalidInputError, match="expected a duration"):
-        drive_reference(endless)
+        drive_reference(endless, REFERENCE)
 
 
 def test_an_evaluation_makes_its_logs_and_is_scored(driven: tuple[Scenario, Reference], tmp_path: Path) -> None:
