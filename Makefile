@@ -9,7 +9,7 @@ RESULTS := out/quickstart
 SYSTEM_PACKAGES := libgl1 libx11-6 libxext6 libxrender1 libatomic1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint bench picture clean
+.PHONY: help setup demo test lint bench docs picture clean
 .DELETE_ON_ERROR:
 
 help:  ## List the targets
@@ -41,6 +41,10 @@ bench: $(INSTALLED)  ## Measure the world, the senses, the planners, the learned
 	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.state
 	@$(BIN)/python -m tests.performance.wire --quick
 
+docs: $(INSTALLED)  ## Build the documentation site in build/docs; every warning is an error
+	@$(BIN)/python -m sphinx -q -W --keep-going -b html -d build/doctrees docs build/docs
+	@echo "documentation: build/docs/index.html"
+
 picture: $(INSTALLED)  ## Draw the README's picture from a drive of each demo agent
 	@$(BIN)/python docs/pictures/picture.py
 
@@ -60,7 +64,7 @@ $(INSTALLED): pyproject.toml
 		{ echo "dohyo: '$(PYTHON)' has no venv module (Debian: apt-get install python3-venv)" >&2; exit 2; }
 	@echo "dohyo: installing into $(VENV) (minutes, the first time)"
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
-	@$(BIN)/python -m pip install -qq --no-input --disable-pip-version-check -e '.[dev]'
+	@$(BIN)/python -m pip install -qq --no-input --disable-pip-version-check -e '.[dev,docs]'
 	@$(BIN)/python -c 'import libsumo' || \
 		{ echo "dohyo: libsumo cannot be loaded (Debian: apt-get install $(SYSTEM_PACKAGES))" >&2; exit 2; }
 	@$(BIN)/dohyo networks list --json >/dev/null

@@ -1,4 +1,4 @@
-"""Settings of the service: from the environment (DOHYO_...), a .env file, or the command line."""
+"""Settings of the service: from the environment (`DOHYO_...`), a .env file, or the command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""WorkerSession: a policy worker's side of the wire, over one kept connection, in msgpack.
+"""WorkerSession: a policy worker's side of the wire, over one kept connection, in msgpack. A worker is a loop::
 
     with WorkerSession("http://127.0.0.1:8000", token, "my-agent") as session:
         while True:

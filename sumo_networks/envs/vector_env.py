@@ -164,8 +164,8 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
             terminations: Whether an ego's episode ended in this tick, at its goal or by its reward.
             truncations: Whether it ended at the time limit.
             infos: "active": whether the ego drove in this tick; "episode": (N,) number of the episode the observations
-                belong to; and where episodes ended and the next began, "final_obs", of the same form as the
-                observations but valid only where "_final_obs" (N,) is True.
+            belong to; and where episodes ended and the next began, "final_obs", of the same form as the
+            observations but valid only where "_final_obs" (N,) is True.
 
         Raises:
             InvalidActionError: The actions have a wrong shape or are not finite; nothing has moved then.
