@@ -32,7 +32,7 @@ from dohyo.sumo_networks.sensors import SENSORS
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [
     *(ROOT / name for name in ("README.md", "CONTEXT.md", "CONTRIBUTING.md", "CHANGELOG.md")),
-    *sorted(path for floor in ("agents", "sumo_networks") for path in (ROOT / floor).rglob("README.md")),
+    *sorted(path for floor in ("agents", "sumo_networks") for path in (ROOT / floor).rglob("*.md")),
 ]
 EXAMPLE = "examples.lane_keeper:LaneKeeper"
 FLOORS = ("service", "agents", "evaluation", "sumo_networks")

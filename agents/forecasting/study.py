@@ -1,9 +1,9 @@
 """Study: the thesis's tables 6.1 to 6.4 on our freeway, with baselines, seeds and intervals.
 
-    python -m dohyo.agents.forecasting.study --data DIR --seeds 0 1 2 --out out/forecasting --readme
+    python -m dohyo.agents.forecasting.study --data DIR --steps 200 --seeds 0 1 2 --out out/forecasting --results
 
-Each run is one forecaster, loss and seed; what is finished stays, and the same command goes on. `--readme` writes the
-tables into the README beside this file, `--ship` the first seed's forecasters into `checkpoints/`.
+Each run is one forecaster, loss and seed. The same command resumes: finished runs are kept. `--results` stores the
+results and writes the tables into RESULTS.md, `--ship` copies the first seed's forecasters into `checkpoints/`.
 """
 
 from __future__ import annotations
@@ -261,7 +261,7 @@ def ship(out: Path, seed: int) -> None:
 
 def main() -> None:
     """Runs the study; writes results, and tables or checkpoints where asked to."""
-    from dohyo.agents.forecasting.tables import RESULTS, write_readme
+    from dohyo.agents.forecasting.tables import RESULTS, write_results
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True)
@@ -269,17 +269,17 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/forecasting"))
     parser.add_argument("--steps", type=int, default=600, help="of each phase of a training")
     parser.add_argument("--trained-only", action="store_true", help="train nothing more")
-    parser.add_argument("--readme", action="store_true")
+    parser.add_argument("--results", action="store_true", help="store the results, and write RESULTS.md")
     parser.add_argument("--ship", action="store_true")
     arguments = parser.parse_args()
     data = read_data(arguments.data)
     result = study(data, arguments.seeds, arguments.out, arguments.steps, arguments.trained_only)
     if arguments.ship:
         ship(arguments.out, arguments.seeds[0])
-    if arguments.readme:
+    if arguments.results:
         RESULTS.parent.mkdir(exist_ok=True)
         write_atomically(RESULTS, (arguments.out / "results.json").read_bytes())
-        write_readme(result)
+        write_results(result)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,13 @@
-"""Tables: the study's results as the README shows them, beside the thesis's, and what became of its claims."""
+"""Tables of the study beside the thesis's, and a verdict on each of its claims.
+
+    python -m dohyo.agents.forecasting.tables
+
+writes RESULTS.md from the stored results.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,15 +17,12 @@ import numpy as np
 from dohyo.agents.forecasting.registry import SIMPLE
 from dohyo.agents.forecasting.scores import crossed
 from dohyo.agents.forecasting.study import LONG
+from dohyo.agents.results_page import PAGE, write_section
 from dohyo.evaluation.report.style import MISSING, number
 from dohyo.sumo_networks.arrays import FloatArray
-from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.files import write_atomically
 
-README = Path(__file__).with_name("README.md")
 RESULTS = Path(__file__).with_name("results") / "study.json"
 ENOUGH_SEEDS = 3
-BEGIN, END = "<!-- study -->", "<!-- /study -->"
 Result = Mapping[str, Any]
 
 NAMES = {"lstm": "LSTM", "convlstm": "ConvLSTM", "sa-convlstm": "SA-ConvLSTM", "transformer": "Transformer"}
@@ -42,18 +45,9 @@ WAYS = {
 }  # fmt: skip
 
 
-def write_readme(result: Result) -> None:
-    """Puts the tables between the README's marks.
-
-    Raises:
-        InvalidInputError: The marks are not there.
-    """
-    text = README.read_text()
-    if BEGIN not in text or END not in text:
-        raise InvalidInputError(f"'{README}': expected the lines {BEGIN} and {END}")
-    head, _, rest = text.partition(BEGIN)
-    _, _, tail = rest.partition(END)
-    write_atomically(README, f"{head}{BEGIN}\n{markdown(result)}\n{END}{tail}".encode())
+def write_results(result: Result) -> None:
+    """Writes the tables into RESULTS.md beside this file."""
+    write_section(Path(__file__).with_name(PAGE), "study", markdown(result))
 
 
 def markdown(result: Result) -> str:
@@ -178,9 +172,9 @@ def claims(result: Result) -> str:
     for what, *arms in _directions():
         difference, said = verdict(result, *arms)
         if " = " in what[0]:
-            said = "not told apart" if said == "not resolved" else said.replace("reproduced", "contradicted")
+            said = "no difference found" if said == "not resolved" else said.replace("reproduced", "contradicted")
         elif what[0].startswith("not the thesis's"):
-            said = {"reproduced": "yes", "contradicted": "no"}.get(said.split(",")[0], "not told apart")
+            said = {"reproduced": "yes", "contradicted": "no"}.get(said.split(",")[0], "not resolved")
         rows.append([*what, difference, said])
     return _table(["direction in the thesis", "set", "ours: difference, x 10^3", "verdict"], rows)
 
@@ -264,3 +258,7 @@ def _interval(some: FloatArray) -> str:
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+if __name__ == "__main__":
+    write_results(json.loads(RESULTS.read_text()))

@@ -30,6 +30,7 @@ from dohyo.agents.hierarchical.training_results import (
     read_results,
     table,
 )
+from dohyo.agents.results_page import PAGE, write_section
 from dohyo.evaluation.report.pictures import write_page
 from dohyo.evaluation.report.style import OKABE_ITO, PALETTES, label, number, template
 from dohyo.evaluation.statistics import Estimate
@@ -185,6 +186,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--policies", nargs="+", choices=POLICIES, default=POLICIES)
     parser.add_argument("--training", action="store_true", help="also the episodes of training, as thin lines")
     parser.add_argument("--table", action="store_true", help="print a table, and draw nothing")
+    parser.add_argument("--results", metavar="SECTION", help="with --table: write it into that section of RESULTS.md")
     parser.add_argument("--out", type=Path, default=Path("out/hierarchical/curves.html"), help="the page")
     given = parser.parse_args(arguments)
     results, waiting = read_results(given.runs)
@@ -197,6 +199,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise InvalidInputError(f"'{given.runs}': expected runs of {', '.join(given.policies)}, found none")
     if given.table:
         print(table(results))
+        if given.results:
+            write_section(Path(__file__).with_name(PAGE), given.results, table(results))
         return
     for path in write_page(draw(results, given.measure, given.training), given.out, "How GHRL's policies learned"):
         print(f"figure: {path}")

@@ -28,6 +28,7 @@ from dohyo.agents.hierarchical.crossed import Matched, by_training, difference, 
 from dohyo.agents.hierarchical.exercise import Exercise
 from dohyo.agents.hierarchical.hierarchy import read_sub_policies
 from dohyo.agents.hierarchical.tasks import ManoeuvreTask
+from dohyo.agents.results_page import PAGE, write_section
 from dohyo.agents.training.task import HELD_OUT_FROM
 from dohyo.evaluation.report.style import interval, markdown
 from dohyo.evaluation.running.lock import held
@@ -154,7 +155,7 @@ def tables(results: Mapping[str, Sequence[Line]]) -> str:
     heads = ["policy", "arm", "trainings", *MEASURES.values()]
     found = [markdown(heads, sums)]
     if pairs:
-        found.append(markdown(["policy", "difference", "of", "mean", "each training", "told apart"], pairs))
+        found.append(markdown(["policy", "difference", "of", "mean", "each training", "significant"], pairs))
     return "\n\n".join(found)
 
 
@@ -198,7 +199,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--out", type=Path, default=Path("out/hierarchical/held_out"))
-    parser.add_argument("--table", action="store_true", help="print the tables of what is there, and drive nothing")
+    parser.add_argument("--table", action="store_true", help="print the tables of stored exercises; drive nothing")
+    parser.add_argument("--results", metavar="SECTION", help="write the tables into that section of RESULTS.md")
     given = parser.parse_args(arguments)
     if not given.table:
         if given.runs is None:
@@ -215,6 +217,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if not there:
         raise InvalidInputError(f"'{given.out}': expected exercises in POLICY.jsonl, found none")
     print(tables(there))
+    if given.results:
+        write_section(Path(__file__).with_name(PAGE), given.results, tables(there))
 
 
 if __name__ == "__main__":

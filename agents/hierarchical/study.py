@@ -29,6 +29,7 @@ from dohyo.agents.hierarchical.ghrl import CHECKPOINT
 from dohyo.agents.hierarchical.study_tables import Drive, read_drives, tables
 from dohyo.agents.hierarchical.watch import STANDS_M_S
 from dohyo.agents.registry import resolve_with
+from dohyo.agents.results_page import PAGE, write_section
 from dohyo.evaluation.agent import Agent, Observation, make_agent
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.episode.runner import drive_episode
@@ -267,7 +268,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds-of-training", nargs="*", type=int, default=[0, 1, 2], help="N; only with --runs")
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--out", type=Path, default=Path("out/hierarchical"))
-    parser.add_argument("--table", action="store_true", help="print the tables of what is there, and drive nothing")
+    parser.add_argument("--table", action="store_true", help="print the tables of stored drives; drive nothing")
+    parser.add_argument("--results", metavar="SECTION", help="write the tables into that section of RESULTS.md")
     given = parser.parse_args(arguments)
     paths = [given.out / f"{given.benchmark}.jsonl"] if given.benchmark else sorted(given.out.glob("*.jsonl"))
     if not given.table:
@@ -280,7 +282,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     drives = [one for path in paths for one in read_drives(path) if one["arm"] in arms]
     if not drives:
         raise InvalidInputError(f"'{given.out}': expected drives in BENCHMARK.jsonl, found none")
-    print(tables(drives, arms))
+    text = tables(drives, arms)
+    print(text)
+    if given.results:
+        write_section(Path(__file__).with_name(PAGE), given.results, text)
 
 
 if __name__ == "__main__":

@@ -70,14 +70,16 @@ def success_table(drives: Sequence[Drive], arms: Sequence[str]) -> str:
 
 
 def failure_table(drives: Sequence[Drive], arms: Sequence[str]) -> str:
-    """A row per benchmark and arm: how drives failed, and red lights run."""
+    """A row per benchmark and arm: how drives failed, red lights run, and successes without a red light run."""
     rows = []
     for benchmark, arm, some in _by_arm(drives, arms):
         lost = len(some) - len(_kept(some))
         found = [f"{count} {kind}" for kind, count in failures(some).most_common()]
         red = sum(one["infractions"].count("red_light") for one in _kept(some))
-        rows.append([benchmark, arm, str(len(_kept(some))), ", ".join(found) or "none", str(red), str(lost)])
-    return markdown(["benchmark", "arm", "drives", "failures", "red lights run", "lost, not counted"], rows)
+        told = ", ".join(found) or "none"
+        rows.append([benchmark, arm, str(len(_kept(some))), told, str(red), _lawful(_kept(some)), str(lost)])
+    heads = ["benchmark", "arm", "drives", "failures", "red lights run", "lawful success, %", "lost, not counted"]
+    return markdown(heads, rows)
 
 
 def rules_table(drives: Sequence[Drive], arms: Sequence[str]) -> str:
@@ -109,7 +111,7 @@ def pair_table(drives: Sequence[Drive]) -> str:
                 found = estimate(matched, of_pairs)
                 each = ", ".join(f"{mean:+.0f}" for mean in by_training(matched).values())
                 rows.append([f"{above} - {below}", where, interval(found), each, verdict(found)])
-    heads = ["difference of successes, points", "benchmark", "mean", "each training", "told apart"]
+    heads = ["difference of successes, points", "benchmark", "mean", "each training", "significant"]
     return markdown(heads, rows) if rows else ""
 
 
@@ -149,6 +151,12 @@ def _success(drives: Sequence[Drive], each: bool) -> str:
     trainings = by_training(matched)
     told = f" ({', '.join(f'{mean:.0f}' for mean in trainings.values())})" if each and len(trainings) > 1 else ""
     return interval(estimate(matched, _of_successes)) + told
+
+
+def _lawful(drives: Sequence[Drive]) -> str:
+    """Successes in which no red light was run: share and count."""
+    count = sum(bool(one["success"]) and "red_light" not in one["infractions"] for one in drives)
+    return f"{number(100 * count / len(drives))} ({count})" if drives else MISSING
 
 
 def _by_arm(drives: Sequence[Drive], arms: Sequence[str]) -> Iterable[tuple[str, str, list[Drive]]]:

@@ -1,6 +1,6 @@
-"""Tables: the study's results as the README shows them, and as a figure.
+"""Tables and figure of the study.
 
-python -m dohyo.agents.localization.tables agents/localization/results/study.json --figure study.html
+python -m dohyo.agents.localization.tables agents/localization/results/study.json --results --figure study.html
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from dohyo.agents.localization.figures import grid_figure, page
+from dohyo.agents.results_page import PAGE, write_section
 from dohyo.evaluation.report.style import number
 from dohyo.sumo_networks.files import write_atomically
 
@@ -22,13 +23,16 @@ Cells = Sequence[Mapping[str, Any]]
 
 
 def main() -> None:
-    """Prints the tables; writes the figure where one is asked for."""
+    """Prints the tables; writes RESULTS.md and the figure on request."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("results", type=Path)
+    parser.add_argument("study", type=Path, help="the stored results")
+    parser.add_argument("--results", action="store_true", help="write the tables into RESULTS.md")
     parser.add_argument("--figure", type=Path)
     arguments = parser.parse_args()
-    result = json.loads(arguments.results.read_text())
+    result = json.loads(arguments.study.read_text())
     print(markdown(result))
+    if arguments.results:
+        write_section(Path(__file__).with_name(PAGE), "study", markdown(result))
     if arguments.figure:
         text = page("Localization study", [grid_figure(result["cells"])], {})
         write_atomically(arguments.figure, text.encode())
@@ -121,7 +125,7 @@ def vibration(cells: Cells) -> str:
 
 
 def against(comparisons: Cells) -> str:
-    """In how many cells the ES-EKF's RMSE is smaller, larger or not told apart."""
+    """In how many cells the ES-EKF's RMSE is significantly smaller, significantly larger, or neither."""
     rows = []
     for arm in ARMS:
         for other in ("ekf", "ukf"):
@@ -131,7 +135,7 @@ def against(comparisons: Cells) -> str:
             verdicts = Counter(cell["verdict"] for cell in chosen)
             counts = [str(verdicts[verdict]) for verdict in ("<", "=", ">")]
             rows.append([arm, NAMES[other], *counts, str(chosen[0]["difference_m"]["n"]) if chosen else "0"])
-    head = ["ES-EKF's RMSE against", "", "smaller", "not told apart", "larger", "journeys each"]
+    head = ["ES-EKF's RMSE against", "", "smaller", "no difference found", "larger", "journeys each"]
     return _table(head, rows)
 
 

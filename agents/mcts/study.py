@@ -2,7 +2,7 @@
 
 Every arm drives the same scenarios and seeds, the autopilot first; run again, it goes on where it stopped, drive by
 drive. Excerpts are measured by the closed-loop score, whole routes by what the leaderboard and NoCrash count. Results
-go to OUT/study.json, and with --readme into the tables of this folder's README.
+go to OUT/study.json, and with --results into the tables of RESULTS.md.
 
 A benchmark of excerpts is split in two by the number of a mission: who mends the planner looks at the drives of the odd
 ones (`--part look`), and the tables are made of the even ones (`--part held-out`). `--per-type` takes only so many of
@@ -23,8 +23,9 @@ from types import MappingProxyType
 from typing import Any, Literal, get_args
 
 from dohyo.agents.mcts.losses import CAUSES, losses
-from dohyo.agents.mcts.tables import EXCERPTS, ROUTES, shown, tables, write_tables
+from dohyo.agents.mcts.tables import EXCERPTS, ROUTES, section, shown, tables
 from dohyo.agents.registry import resolve
+from dohyo.agents.results_page import PAGE, write_section
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.records.record import EgoRecord, Status
 from dohyo.evaluation.records.store import read_trajectory
@@ -336,14 +337,14 @@ def main() -> None:
     parser.add_argument("--part", choices=get_args(Part), default="all", help="of a benchmark of excerpts")
     parser.add_argument("--per-type", type=int, help="at most so many scenarios of each type")
     parser.add_argument("--cells", default="", help="only those whose names begin so")
-    parser.add_argument("--readme", action="store_true", help="write the tables into the README beside this file")
+    parser.add_argument("--results", action="store_true", help="write the tables into RESULTS.md")
     given = parser.parse_args()
     document = run(
         given.benchmark, given.arms, given.seeds, given.out, given.workers, given.part, given.per_type, given.cells
     )  # fmt: skip
     print(tables(document))
-    if given.readme:
-        write_tables(Path(__file__).with_name("README.md"), document)
+    if given.results:
+        write_section(Path(__file__).with_name(PAGE), section(document), tables(document))
 
 
 if __name__ == "__main__":

@@ -1,17 +1,14 @@
-"""The tables of a study as Markdown, between a README's marks: `<!-- study val14 -->` to `<!-- end val14 -->`."""
+"""The tables of a study as Markdown."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from dohyo.agents.mcts.losses import CAUSES
 from dohyo.evaluation.statistics import Estimate
-from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.files import write_atomically
 
 EXCERPTS: Mapping[str, str] = MappingProxyType(
     {"score": "score", "collisions": "CR, %", "off_road": "DA, %", "progress": "EP, %"}
@@ -32,7 +29,7 @@ ROUTES: Mapping[str, str] = MappingProxyType(
 """Columns where they end at the goal."""
 
 PLANNERS = ("autopilot", "mbappe", "pdm-closed")
-"""Those whose failures are told apart."""
+"""Planners whose lost points are listed by cause."""
 
 
 def tables(document: Mapping[str, Any]) -> str:
@@ -79,24 +76,9 @@ def _row(name: str, arm: Mapping[str, Any], columns: Mapping[str, str], theirs: 
     return f"| {' | '.join([name, *map(shown, found), *thesis, str(found[0].n)])} |"
 
 
-def marks(document: Mapping[str, Any]) -> tuple[str, str]:
-    """What stands before and after the tables of a study in a README."""
-    which = " ".join(part for part in (document["benchmark"], document["cells"]) if part)
-    return f"<!-- study {which} -->", f"<!-- end {which} -->"
-
-
-def write_tables(readme: Path, document: Mapping[str, Any]) -> None:
-    """Puts the tables between a README's marks for that benchmark, and its cells.
-
-    Raises:
-        InvalidInputError: The marks are not there.
-    """
-    text = readme.read_text()
-    begin, end = marks(document)
-    if begin not in text or end not in text:
-        raise InvalidInputError(f"'{readme}': expected the marks {begin} and {end}")
-    before, after = text[: text.index(begin)], text[text.index(end) + len(end) :]
-    write_atomically(readme, f"{before}{begin}\n{tables(document)}\n{end}{after}".encode())
+def section(document: Mapping[str, Any]) -> str:
+    """The section of RESULTS.md that holds the tables of a study."""
+    return " ".join(part for part in (document["benchmark"], document["cells"]) if part)
 
 
 def shown(estimate: Estimate) -> str:

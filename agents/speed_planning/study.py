@@ -1,7 +1,7 @@
 """Benchmark `dissipation`, paired: `python -m dohyo.agents.speed_planning.study --seeds 0 1 2 --out out/dissipation`.
 
 Every arm drives the same mornings; a run that is done is not driven again. Seeds come one after the other, so that a
-study that is cut off has whole ones. Results go to OUT/study.json, and with --readme into this folder's README.
+study that is cut off has whole ones. Results go to OUT/study.json, and with --results into RESULTS.md.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, get_args
 
+from dohyo.agents.results_page import PAGE, write_section
 from dohyo.agents.speed_planning.buffer import RuleBuffer
 from dohyo.agents.speed_planning.dissipation import (
     DESIGNS,
@@ -247,20 +248,6 @@ def _shown(estimate: Estimate, digits: int) -> str:
     return f"{estimate.mean:.{digits}f} [{estimate.low:.{digits}f}, {estimate.high:.{digits}f}]"
 
 
-def write_tables(readme: Path, text: str) -> None:
-    """Puts the tables between a README's marks.
-
-    Raises:
-        InvalidInputError: The marks are not there.
-    """
-    begin, end = "<!-- study dissipation -->", "<!-- end dissipation -->"
-    before = readme.read_text()
-    if begin not in before or end not in before:
-        raise InvalidInputError(f"'{readme}': expected the marks {begin} and {end}")
-    head, tail = before[: before.index(begin)], before[before.index(end) + len(end) :]
-    write_atomically(readme, f"{head}{begin}\n{text}\n{end}{tail}".encode())
-
-
 def main() -> None:
     """The command."""
     default = Morning()
@@ -275,7 +262,7 @@ def main() -> None:
     parser.add_argument("--forecaster", default="sa-lstm", help="shipped name or file behind the forecast sa-lstm")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--readme", action="store_true", help="write the tables into the README beside this file")
+    parser.add_argument("--results", action="store_true", help="write the tables into RESULTS.md")
     given = parser.parse_args()
     morning = dataclasses.replace(
         default,
@@ -292,8 +279,8 @@ def main() -> None:
     )
     text = tables(runs)
     print(text)
-    if given.readme:
-        write_tables(Path(__file__).with_name("README.md"), text)
+    if given.results:
+        write_section(Path(__file__).with_name(PAGE), "dissipation", text)
 
 
 if __name__ == "__main__":

@@ -33,7 +33,12 @@ def test_failures_are_counted_by_the_first_collision_or_by_the_ending():
     ]
     assert tables.failures(drives) == {"pedestrian hit": 1, "got blocked": 1}
     told = "1 pedestrian hit, 1 got blocked"
-    assert rows(tables.failure_table(drives, ["rules"])) == [["precrash", "rules", "3", told, "1", "1"]]
+    assert rows(tables.failure_table(drives, ["rules"])) == [["precrash", "rules", "3", told, "1", "33.3 (1)", "1"]]
+
+
+def test_a_success_with_a_red_light_is_not_lawful():
+    drives = [a_drive(), a_drive(infractions=["red_light"])]
+    assert rows(tables.failure_table(drives, ["rules"])) == [["precrash", "rules", "2", "none", "1", "50.0 (1)", "0"]]
 
 
 def test_of_one_training_success_has_wilsons_interval_over_drives_that_were_not_lost():
@@ -121,5 +126,5 @@ def test_arms_that_never_drove_have_no_column_and_empty_tables_are_left_out():
     text = tables.tables(drives_of("autopilot", {None: [1, 0]}), ["rules", "autopilot"])
     assert [block.splitlines()[0] for block in text.split("\n\n")] == [
         "| NoCrash success, % | autopilot |",
-        "| benchmark | arm | drives | failures | red lights run | lost, not counted |",
+        "| benchmark | arm | drives | failures | red lights run | lawful success, % | lost, not counted |",
     ]

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
@@ -19,7 +18,7 @@ from dohyo.agents.mcts.study import (
     run,
     verdict,
 )
-from dohyo.agents.mcts.tables import EXCERPTS, ROUTES, tables, write_tables
+from dohyo.agents.mcts.tables import EXCERPTS, ROUTES, section, tables
 from dohyo.evaluation.authoring.scenario_types import TYPES
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.records.record import InfractionKind, Status
@@ -55,21 +54,13 @@ def test_only_drives_of_both_are_compared() -> None:
     assert compared.difference.mean == pytest.approx(10.0)
 
 
-def test_tables_go_between_their_marks(tmp_path: Path) -> None:
-    document = as_document("val14", {"mbappe": drives(80, 90), "idm": drives(60, 70)})
-    readme = tmp_path / "README.md"
-    readme.write_text("before\n<!-- study val14 -->\nold\n<!-- end val14 -->\nafter\n")
-    write_tables(readme, json.loads(json.dumps(document)))
-    text = readme.read_text()
-    assert text.startswith("before\n")
-    assert text.endswith("after\n")
-    assert "old" not in text
-    assert tables(document) in text
-    with pytest.raises(InvalidInputError, match="marks"):
-        write_tables(readme, {**document, "benchmark": "other"})
+def test_each_study_has_a_section_of_its_own() -> None:
+    arms = {"mbappe": drives(80, 90)}
+    assert section(as_document("val14", arms)) == "val14"
+    assert section(as_document("nocrash", arms, cells="town")) == "nocrash town"
 
 
-def test_excerpts_and_whole_routes_have_their_own_columns(tmp_path: Path) -> None:
+def test_excerpts_and_whole_routes_have_their_own_columns() -> None:
     arms = {"mbappe": drives(80, 90), "idm": drives(60, 70)}
     excerpts, routes = as_document("val14", arms), as_document("nocrash", arms, cells="town")
     assert "| mbappe | 85.0 [80.0, 90.0] | 0.0 [0.0, 65.8] | 0.0 [0.0, 65.8] | 50.0 [50.0, 50.0] | 86 | 2 |" in tables(
@@ -77,10 +68,6 @@ def test_excerpts_and_whole_routes_have_their_own_columns(tmp_path: Path) -> Non
     )
     assert "| NoCrash success, % | DS |" in tables(routes)
     assert "thesis" not in tables(routes) + tables(as_document("val14-reactive", arms))
-    readme = tmp_path / "README.md"
-    readme.write_text("<!-- study nocrash town -->\n<!-- end nocrash town -->\n")
-    write_tables(readme, routes)
-    assert tables(routes) in readme.read_text()
 
 
 def test_what_was_lost_is_told_cause_by_cause() -> None:

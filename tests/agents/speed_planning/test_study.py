@@ -18,7 +18,6 @@ from dohyo.agents.speed_planning.study import (
     run_path,
     settings_of,
     tables,
-    write_tables,
 )
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 
@@ -90,14 +89,6 @@ def test_a_copy_that_fails_is_said_by_its_name(capfd: pytest.CaptureFixture[str]
     with pytest.raises(SimulationError, match="rule, seed 4: the run failed"):
         in_a_copy("rule, seed 4", work)
     assert "not today" in capfd.readouterr().err
-
-
-def test_a_readme_without_marks_is_left_alone(tmp_path: Path) -> None:
-    readme = tmp_path / "README.md"
-    readme.write_text("nothing")
-    with pytest.raises(InvalidInputError, match="expected the marks"):
-        write_tables(readme, "x")
-    assert readme.read_text() == "nothing"
 
 
 def test_training_mornings_begin_with_traffic_and_pay_what_passes() -> None:
