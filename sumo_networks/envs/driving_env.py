@@ -7,14 +7,16 @@ from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.conditions import conditions_named
 from dohyo.sumo_networks.ego.control import Control, InvalidActionError, make_control
 from dohyo.sumo_networks.envs.reward import Reward, make_reward
-from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.rendering.overhead import Overhead
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.sensors import Sensor, SensorConfig, Track, make_sensors
@@ -30,6 +32,9 @@ SENSOR_NOISE = 1  # keeps this stream of random numbers apart from the traffic's
 GOAL_SHARE = 0.99
 GOAL_DISTANCE_M = 10.0
 DEFAULT_SENSORS = ("speedometer", "route", "objects", "junctions_ahead")
+RENDER_MODES = ("rgb_array",)
+RENDERING: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": round(1 / TICK_S)}
+"""What the metadata of every environment says of its pictures."""
 
 
 class DrivingEnv(ParallelEnv):  # type: ignore[misc]
@@ -39,6 +44,7 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
     it then leaves the road. There can be one started environment per process, since libsumo is global.
 
     Attributes:
+        render_mode: "rgb_array" or None.
         scenario: What is simulated.
         world: What is true after the last tick; the first one after `reset`.
         possible_agents: Names of the missions.
@@ -47,7 +53,7 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
     Source: PettingZoo's ParallelEnv interface.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"name": "dohyo_driving_v0", "render_modes": []}
+    metadata: ClassVar[dict[str, Any]] = {"name": "dohyo_driving_v0", "is_parallelizable": True, **RENDERING}
     world: World
 
     def __init__(
@@ -56,6 +62,7 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         sensors: SensorNames | Mapping[str, SensorNames] = DEFAULT_SENSORS,
         control: str | Mapping[str, str] = "target_speed_steering",
         reward: str | None = "roach",
+        render_mode: str | None = None,
     ) -> None:
         """Plans the routes and checks every name; SUMO starts at `reset`.
 
@@ -64,10 +71,14 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
             sensors: Names from `sensors.SENSORS` or configurations of one's own, for all egos or by ego name.
             control: Name from `control.CONTROLS`, for all egos or by ego name.
             reward: Name from `reward.REWARDS`; None: rewards are 0 and only the goal terminates.
+            render_mode: "rgb_array" for pictures from `render`.
 
         Raises:
             InvalidInputError: An unknown name, or a mission that cannot be driven.
         """
+        check_render_mode(render_mode)
+        self.render_mode = render_mode
+        self._overhead: Overhead | None = None
         self.scenario = scenario
         self.possible_agents = [mission.name for mission in scenario.missions]
         self.agents: list[str] = []
@@ -131,16 +142,21 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         """Drives every ego for one tick of 0.1 s.
 
         Args:
-            actions: One action per name in `agents`.
+            actions: One action per name in `agents`; those of egos whose episode has ended are ignored.
 
         Returns:
             Observations, rewards, terminations, truncations and infos of the egos that drove in this tick.
 
         Raises:
-            InvalidActionError: An action is missing, has a wrong shape or is not finite; nothing has moved then.
+            InvalidActionError: An action is missing, is for an unknown ego, has a wrong shape or is not finite;
+                nothing has moved then.
             SimulationError: SUMO failed.
         """
         drove, before = list(self.agents), self.world
+        if unknown := actions.keys() - self._index.keys():
+            raise InvalidActionError(
+                f"expected actions for {', '.join(self.possible_agents)}, got one for {', '.join(map(str, unknown))}"
+            )
         if missing := [name for name in drove if name not in actions]:
             raise InvalidActionError(f"expected an action for every ego that drives, got none for {', '.join(missing)}")
         commands = np.zeros((len(self.possible_agents), 2))
@@ -161,6 +177,15 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
             if terminations[name] or truncations[name]:
                 self.retire(name)
         return observations, rewards, terminations, truncations, {name: {} for name in drove}
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """(480, 480, 3) RGB picture from above; in its middle the first ego that drives. None without a render mode."""
+        if self.render_mode is None:
+            return None
+        if self._overhead is None:
+            self._overhead = Overhead()
+        driving = self.agents or self.possible_agents
+        return self._overhead.frame(self.world, self._index[driving[0]])
 
     def check_action(self, name: str, action: object) -> None:
         """Raises InvalidActionError where an action has a wrong shape or type, or is not finite."""
@@ -206,6 +231,12 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
             name: {sensor.name: sensor.read(self.world, self._index[name]) for sensor in self._sensors[name]}
             for name in names
         }
+
+
+def check_render_mode(mode: str | None) -> None:
+    """Raises UnknownNameError where an environment cannot draw in a mode; None draws nothing."""
+    if mode is not None and mode not in RENDER_MODES:
+        raise UnknownNameError("render mode", mode, RENDER_MODES)
 
 
 def reached_goal(world: World, ego: int) -> bool:

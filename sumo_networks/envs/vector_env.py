@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray
 from dohyo.sumo_networks.ego.control import InvalidActionError, make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
-from dohyo.sumo_networks.envs.driving_env import DEFAULT_SENSORS, SensorNames
+from dohyo.sumo_networks.envs.driving_env import DEFAULT_SENSORS, RENDERING, SensorNames, check_render_mode
 from dohyo.sumo_networks.envs.reward import make_reward
 from dohyo.sumo_networks.envs.vector_memory import Observations, SharedMemory, WorkerPipe
-from dohyo.sumo_networks.envs.vector_worker import RESET, STEP, Plan, ScenarioSource, unpacked, work
+from dohyo.sumo_networks.envs.vector_worker import RENDER, RESET, STEP, Plan, ScenarioSource, unpacked, work
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.sensors import make_sensors
 from dohyo.sumo_networks.units import TICK_S
@@ -51,7 +51,8 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         single_observation_space: One Box per sensor; (E, ...) where E > 1.
         single_action_space: The control interface's space; (E, ...) where E > 1.
         autoreset_mode: SAME_STEP: the step that ends an episode already returns the first observation of the next, and
-            the last one of the old in `infos["final_obs"]`; DISABLED: the caller resets, with
+            the last one of the old in `infos["final_obs"][w]`. NEXT_STEP: the step after it ignores the action and
+            returns the first observation of the next. DISABLED: the caller resets, with
             `options={"reset_mask": ...}`.
 
     Source: gymnasium's VectorEnv interface.
@@ -65,6 +66,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         control: str = "target_speed_steering",
         reward: str | None = "roach",
         autoreset_mode: AutoresetMode = AutoresetMode.SAME_STEP,
+        render_mode: str | None = None,
     ) -> None:
         """Checks every name and starts the processes; SUMO starts at `reset`.
 
@@ -75,7 +77,8 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
             sensors: Names from `sensors.SENSORS` or configurations of one's own, for all egos.
             control: Name from `control.CONTROLS`, for all egos.
             reward: Name from `reward.REWARDS`; None: rewards are 0 and only the goal terminates.
-            autoreset_mode: SAME_STEP or DISABLED.
+            autoreset_mode: See the class.
+            render_mode: "rgb_array" for pictures from `render`.
 
         Raises:
             InvalidInputError: An unknown name, no scenario, or scenarios of unequal numbers of egos.
@@ -83,18 +86,20 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         self.closed = True  # until there is something to close
         if num_envs < 1:
             raise InvalidInputError(f"expected at least one environment, got num_envs={num_envs}")
-        if autoreset_mode is AutoresetMode.NEXT_STEP:
-            raise InvalidInputError("autoreset_mode: expected SAME_STEP or DISABLED, got NEXT_STEP")
         if reward is not None:
             make_reward(reward)
+        check_render_mode(render_mode)
         self.num_envs, self.num_egos = num_envs, _count_egos(scenarios)
         self.autoreset_mode = autoreset_mode
-        self.metadata = {"autoreset_mode": autoreset_mode}
+        self.render_mode = render_mode
+        self.metadata = {**RENDERING, "autoreset_mode": autoreset_mode}
         self._set_spaces(sensors, control)
         context = multiprocessing.get_context("spawn")
-        memory = SharedMemory(context, self.num_envs, self.num_egos, self._sensor_boxes, self._action.shape)
+        memory = SharedMemory(
+            context, num_envs, self.num_egos, self._sensor_boxes, self._action.shape, renders=render_mode is not None
+        )
         self._arrays = memory.arrays()
-        plan = Plan(scenarios, tuple(sensors), control, reward, num_envs, autoreset_mode is AutoresetMode.SAME_STEP)
+        plan = Plan(scenarios, tuple(sensors), control, reward, render_mode, num_envs, autoreset_mode)
         self._channels: list[WorkerPipe] = []
         self._processes: list[SpawnProcess] = []
         self._finalizer = weakref.finalize(self, _shut_down, self._channels, self._processes)
@@ -176,7 +181,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         self._ask(STEP, range(self.num_envs))
         infos = self._infos()
         if arrays.renewed.any():
-            infos["final_obs"] = self._observations(arrays.finals)
+            infos["final_obs"] = self._final_observations()
             infos["_final_obs"] = arrays.renewed.copy()
         return (
             self._observations(arrays.observations),
@@ -185,6 +190,17 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
             self._squeezed(arrays.truncations),
             infos,
         )
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """One (480, 480, 3) RGB picture from above per environment; None without a render mode.
+
+        Raises:
+            SimulationError: An environment has not been reset, a worker has died, or this is closed.
+        """
+        if self.render_mode is None:
+            return None
+        self._ask(RENDER, range(self.num_envs))
+        return tuple(self._arrays.frames.copy())
 
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the processes; `close` calls it once."""
@@ -232,6 +248,14 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
 
     def _observations(self, arrays: Mapping[str, Float32Array]) -> Observations:
         return {name: self._squeezed(array) for name, array in arrays.items()}
+
+    def _final_observations(self) -> NDArray[np.object_]:
+        """(N,) the last observation of each episode that has ended, by sensor; None for the others."""
+        finals = np.full(self.num_envs, None, dtype=object)
+        observations = self._observations(self._arrays.finals)
+        for worker in np.flatnonzero(self._arrays.renewed).tolist():
+            finals[worker] = {name: array[worker] for name, array in observations.items()}
+        return finals
 
     def _squeezed(self, array: NDArray[Any]) -> NDArray[Any]:
         """A copy, without the axis of egos where there is one ego."""

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.rendering.overhead import FRAME_SHAPE
 
 Observations = dict[str, Float32Array]
 
@@ -40,6 +41,7 @@ class Arrays:
         active: (N, E) who drove in the last tick.
         observations: (N, E, ...) by sensor.
         finals: The same, of the last tick of the episode before; valid where `renewed`.
+        frames: (N, H, W, 3) the pictures drawn last; N is 0 without a render mode.
     """
 
     seed: IntArray
@@ -52,6 +54,7 @@ class Arrays:
     active: BoolArray
     observations: Observations
     finals: Observations
+    frames: NDArray[np.uint8]
 
 
 class SharedMemory:
@@ -64,6 +67,8 @@ class SharedMemory:
         egos: int,
         sensors: Mapping[str, gymnasium.spaces.Box],
         action: tuple[int, ...],
+        *,
+        renders: bool,
     ) -> None:
         def block(dtype: DTypeLike, *shape: int) -> Block:
             raw = context.RawArray(ctypes.c_byte, int(np.prod(shape)) * np.dtype(dtype).itemsize)
@@ -76,6 +81,7 @@ class SharedMemory:
             "actions": block(np.float32, envs, egos, *action),
             "rewards": block(np.float64, envs, egos),
             **{name: block(np.bool_, envs, egos) for name in ("terminations", "truncations", "active")},
+            "frames": block(np.uint8, envs if renders else 0, *FRAME_SHAPE),
         }
         self._observations = {name: block(box.dtype, envs, egos, *box.shape) for name, box in sensors.items()}
         self._finals = {name: block(box.dtype, envs, egos, *box.shape) for name, box in sensors.items()}

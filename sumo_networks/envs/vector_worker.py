@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
@@ -20,7 +21,7 @@ from dohyo.sumo_networks.sensors import SensorConfig
 
 ScenarioSource = Sequence[Scenario] | Callable[[int], Scenario]
 
-RESET, STEP = b"reset", b"step"
+RESET, STEP, RENDER = b"reset", b"step", b"render"
 
 
 def episode_seed(seed: int, episode: int) -> int:
@@ -41,8 +42,9 @@ class Plan:
     sensors: tuple[str | SensorConfig, ...]
     control: str
     reward: str | None
+    render_mode: str | None
     envs: int
-    autoreset: bool
+    autoreset: AutoresetMode
 
     def scenario(self, episode: int, egos: int) -> Scenario:
         """Of an episode; InvalidInputError where it has not as many egos as the first one."""
@@ -76,7 +78,8 @@ class VectorWorker:
         seed = episode_seed(int(self.arrays.seed[0]), episode)
         if self.env is None or self.env.scenario != scenario.model_copy(update={"seed": self.env.scenario.seed}):
             self.close()
-            self.env = DrivingEnv(scenario, self.plan.sensors, self.plan.control, self.plan.reward)
+            plan = self.plan
+            self.env = DrivingEnv(scenario, plan.sensors, plan.control, plan.reward, plan.render_mode)
         observations, _ = self.env.reset(seed=seed)
         self.arrays.renewed[self.worker] = False
         self._clear()
@@ -84,7 +87,7 @@ class VectorWorker:
         self._write(observations)
 
     def step(self) -> None:
-        """One tick; and where it ends the episode, the next one's start, if that is wanted."""
+        """One tick; the next episode starts with the tick that ends one, or instead of the tick after it."""
         env = self.env
         if env is None:
             raise SimulationError(f"environment {self.worker} has not been reset")
@@ -92,6 +95,8 @@ class VectorWorker:
         names = env.possible_agents
         actions = {name: self.actions[ego] for ego, name in enumerate(names) if name in env.agents}
         if not actions:
+            if self.plan.autoreset is AutoresetMode.NEXT_STEP:
+                self._begin_next()
             return
         observations, rewards, terminations, truncations, _ = env.step(actions)
         for ego, name in enumerate(names):
@@ -99,8 +104,16 @@ class VectorWorker:
                 self.active[ego], self.rewards[ego] = True, rewards[name]
                 self.terminations[ego], self.truncations[ego] = terminations[name], truncations[name]
         self._write(observations)
-        if not env.agents and self.plan.autoreset:
+        if not env.agents and self.plan.autoreset is AutoresetMode.SAME_STEP:
             self._renew()
+
+    def render(self) -> None:
+        """Draws the last tick into the shared memory."""
+        if self.env is None:
+            raise SimulationError(f"environment {self.worker} has not been reset")
+        frame = self.env.render()
+        assert frame is not None  # the parent asks only with a render mode
+        self.arrays.frames[self.worker] = frame
 
     def close(self) -> None:
         """Closes its environment, if there is one."""
@@ -113,10 +126,13 @@ class VectorWorker:
         for name, array in self.observations.items():
             self.finals[name][...] = array
         ended = self.rewards.copy(), self.terminations.copy(), self.truncations.copy(), self.active.copy()
-        self.arrays.episode[self.worker] += self.plan.envs
-        self.reset()
+        self._begin_next()
         self.rewards[:], self.terminations[:], self.truncations[:], self.active[:] = ended
         self.arrays.renewed[self.worker] = True
+
+    def _begin_next(self) -> None:
+        self.arrays.episode[self.worker] += self.plan.envs
+        self.reset()
 
     def _clear(self) -> None:
         self.arrays.renewed[self.worker] = False
@@ -137,7 +153,7 @@ def work(pipe: Connection, memory: SharedMemory, plan: Plan, worker: int) -> Non
     """A worker process: does what it is asked until its parent closes the pipe or dies."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     channel, seat = WorkerPipe(pipe), VectorWorker(memory, plan, worker)
-    commands = {RESET: seat.reset, STEP: seat.step}
+    commands = {RESET: seat.reset, STEP: seat.step, RENDER: seat.render}
     try:
         while True:
             command = channel.receive()

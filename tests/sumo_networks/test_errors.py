@@ -24,3 +24,10 @@ def test_an_unknown_name_names_the_nearest() -> None:
     with pytest.raises(InvalidInputError, match=found) as caught:
         raise UnknownNameError("network", "adlershofn", ["adlershof", "a10"])
     assert str(caught.value).endswith("(there is a10, adlershof)")
+
+
+def test_of_many_names_the_nearest_are_listed() -> None:
+    known = [f"camera_{i}" for i in range(20)] + ["speedometer"]
+    assert str(UnknownNameError("sensor", "speedometr", known)).startswith(
+        "no sensor named 'speedometr'; did you mean 'speedometer'? (the nearest of 21 are speedometer, "
+    )

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import supersuit
 from pettingzoo.test import parallel_api_test
 from torchrl.envs import PettingZooWrapper
 from torchrl.envs.utils import check_env_specs
@@ -76,6 +77,31 @@ def test_the_same_seed_gives_the_same_episode_and_another_does_not(make_env: Mak
     np.testing.assert_equal(fresh, first)
     with pytest.raises(AssertionError):
         np.testing.assert_equal(other[0], first[0])
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_supersuit_accepts_it(make_env: MakeEnv) -> None:
+    env = make_env(two_egos(), reward=None, render_mode="rgb_array")
+    vector = supersuit.pettingzoo_env_to_vec_env_v1(env)
+    both = supersuit.concat_vec_envs_v1(vector, 1, num_cpus=1)
+    observations, _ = both.reset(seed=1)
+    assert observations["route"].shape == (2, 80, 7)
+    observations, rewards, *_ = both.step(np.zeros((2, 2), np.float32))
+    assert (observations["route"].shape, rewards.shape) == ((2, 80, 7), (2,))
+    both.close()
+
+
+def test_it_draws_what_is_around_the_first_ego(make_env: MakeEnv) -> None:
+    env = make_env(two_egos(), render_mode="rgb_array")
+    env.reset()
+    first = env.render()
+    env.retire("ego")
+    second = env.render()
+    assert first is not None
+    assert second is not None
+    assert first.shape == second.shape == (480, 480, 3)
+    assert not np.array_equal(first, second), "the second ego is in the middle once the first has left"
+    assert make_env(light()).render() is None
 
 
 @pytest.mark.parametrize("scenario", [light(), two_egos()], ids=["one ego", "two egos"])
@@ -230,6 +256,14 @@ def test_an_invalid_action_moves_nobody(make_env: MakeEnv) -> None:
     env.check_action("second", [1.0, 0.0])
     env.step({"ego": np.array([5.0, 0.0]), "second": np.array([5.0, 0.0])})
     assert env.world.tick == 1
+
+
+def test_an_action_for_an_unknown_ego_is_refused(make_env: MakeEnv) -> None:
+    env = make_env(light())
+    env.reset()
+    with pytest.raises(InvalidActionError, match="expected actions for ego, got one for egg"):
+        env.step({"ego": STOP, "egg": STOP})
+    env.step({"ego": STOP})
 
 
 def test_a_missing_action_is_named(make_env: MakeEnv) -> None:

@@ -112,7 +112,7 @@ def test_each_environment_gives_what_it_would_give_alone(envs: int, source: Any)
             for sensor, value in alone.observation.items():
                 np.testing.assert_array_equal(observations[sensor][w], value)
             for sensor, value in (final or {}).items():
-                np.testing.assert_array_equal(infos["final_obs"][sensor][w], value)
+                np.testing.assert_array_equal(infos["final_obs"][w][sensor], value)
             episodes += final is not None
         assert alone.env is not None
         alone.env.close()
@@ -204,6 +204,39 @@ def test_an_ego_whose_episode_has_ended_is_masked_until_all_have() -> None:
     assert infos["episode"].tolist() == [1]
 
 
+def test_the_next_step_may_start_the_next_episode() -> None:
+    same, following = (VectorDrivingEnv(SCENARIOS, 1, autoreset_mode=mode) for mode in list(AutoresetMode)[1::-1])
+    assert (same.autoreset_mode, following.autoreset_mode) == (AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP)
+    same.reset(seed=2)
+    following.reset(seed=2)
+    go = np.float32([[6.0, 0.0]])
+    for _ in range(9):
+        np.testing.assert_equal(following.step(go)[:4], same.step(go)[:4])
+    fresh, reward, _, truncated, infos = same.step(go)
+    last, its_reward, _, its_truncated, _ = following.step(go)
+    assert truncated.tolist() == its_truncated.tolist() == [True]
+    assert reward == its_reward
+    np.testing.assert_equal({name: array[0] for name, array in last.items()}, infos["final_obs"][0])
+    begun, nothing, terminated, truncated, infos = following.step(go)
+    np.testing.assert_equal(begun, fresh)
+    assert (nothing[0], terminated[0], truncated[0], infos["episode"][0]) == (0.0, False, False, 1)
+    same.close()
+    following.close()
+
+
+def test_frames_come_from_every_environment() -> None:
+    env = VectorDrivingEnv(SCENARIOS, 2, render_mode="rgb_array")
+    with pytest.raises(SimulationError, match="has not been reset"):
+        env.render()
+    env.reset(seed=0)
+    first = env.render()
+    assert first is not None
+    env.step(np.tile(np.float32([12.0, 0.0]), (2, 1)))
+    assert [frame.shape for frame in first] == [(480, 480, 3)] * 2
+    assert not np.array_equal(first[0], first[1])
+    env.close()
+
+
 def test_without_autoreset_the_caller_says_who_is_reset() -> None:
     env = VectorDrivingEnv(
         (scenario(5.0, limit_s=0.3), scenario(5.0, limit_s=9.0)), 2, autoreset_mode=AutoresetMode.DISABLED
@@ -244,7 +277,7 @@ def test_an_error_in_a_worker_arrives_as_itself() -> None:
         ({"scenarios": SCENARIOS, "num_envs": 1, "sensors": ["rader"]}, "rader"),
         ({"scenarios": SCENARIOS, "num_envs": 1, "control": "reins"}, "reins"),
         ({"scenarios": SCENARIOS, "num_envs": 1, "reward": "gold"}, "gold"),
-        ({"scenarios": SCENARIOS, "num_envs": 1, "autoreset_mode": AutoresetMode.NEXT_STEP}, "SAME_STEP"),
+        ({"scenarios": SCENARIOS, "num_envs": 1, "render_mode": "human"}, "rgb_array"),
     ],
 )
 def test_impossible_orders_start_no_process(arguments: dict[str, Any], says: str) -> None:
