@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Iterable
 from typing import Any
 
-FEW = 12
+FEW, NEAREST = 12, 3
 
 
 class DohyoError(Exception):
@@ -28,14 +28,18 @@ class InvalidInputError(DohyoError):
 
 
 class UnknownNameError(InvalidInputError):
-    """A name that is in no registry; the message gives the nearest match, and the names where they are few."""
+    """A name that is in no registry; the message gives the names, or where they are many the nearest ones."""
 
     def __init__(self, what: str, name: str, known: Iterable[str]) -> None:
         known = sorted(known)
         near = difflib.get_close_matches(name, known, n=1)
         hint = f"; did you mean '{near[0]}'?" if near else ""
-        names = ", ".join(known) if len(known) <= FEW else f"{len(known)} others"
-        super().__init__(f"no {what} named '{name}'{hint} (there is {names or 'none'})")
+        if len(known) <= FEW:
+            names = f"there is {', '.join(known) or 'none'}"
+        else:
+            nearest = difflib.get_close_matches(name, known, n=NEAREST, cutoff=0.0)
+            names = f"the nearest of {len(known)} are {', '.join(nearest)}"
+        super().__init__(f"no {what} named '{name}'{hint} ({names})")
 
 
 class AgentError(DohyoError):
