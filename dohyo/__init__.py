@@ -1,7 +1,9 @@
 """dohyo evaluates driving agents in SUMO traffic.
 
 The names here are those that most people start with; each is imported when it is first used, so that `import dohyo`
-is quick. The four floors are `dohyo.sumo_networks` (the world), `dohyo.evaluation` (criteria, scores, benchmarks),
+is quick. It also makes the ids `dohyo/Driving-v0`, `dohyo/Quickstart-v0` and others known to `gymnasium.make`.
+
+The four floors are `dohyo.sumo_networks` (the world), `dohyo.evaluation` (criteria, scores, benchmarks),
 `dohyo.agents` (the policies and their training) and `dohyo.service` (REST, policy workers, dashboard, command line).
 """
 
@@ -10,20 +12,28 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from dohyo.gym_ids import register_all
+
 if TYPE_CHECKING:
+    from dohyo.agents.evaluation import evaluate
     from dohyo.evaluation.agent import Agent
+    from dohyo.evaluation.benchmarks.environments import make_vec
     from dohyo.sumo_networks.envs.driving_env import DrivingEnv
     from dohyo.sumo_networks.networks.catalog import load_network
     from dohyo.sumo_networks.scenario import Scenario
 
-__all__ = ["Agent", "DrivingEnv", "Scenario", "load_network"]
+__all__ = ["Agent", "DrivingEnv", "Scenario", "evaluate", "load_network", "make_vec"]
 
 _HOMES = {
     "Agent": "dohyo.evaluation.agent",
     "DrivingEnv": "dohyo.sumo_networks.envs.driving_env",
     "Scenario": "dohyo.sumo_networks.scenario",
+    "evaluate": "dohyo.agents.evaluation",
     "load_network": "dohyo.sumo_networks.networks.catalog",
+    "make_vec": "dohyo.evaluation.benchmarks.environments",
 }
+
+register_all()
 
 
 def __getattr__(name: str) -> Any:

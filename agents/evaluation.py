@@ -1,0 +1,66 @@
+"""evaluate: one agent on one benchmark, from Python; `dohyo evaluate` does the same from the command line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from dohyo.agents.registry import resolve_with
+from dohyo.evaluation.agent import Agent
+from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
+from dohyo.evaluation.running.executors import ProcessPool
+from dohyo.evaluation.running.run import Result, run_benchmark
+from dohyo.sumo_networks.errors import InvalidInputError
+
+
+def evaluate(
+    agent: str | Callable[..., Agent],
+    benchmark: str | Benchmark = "quickstart",
+    *,
+    seeds: Sequence[int] | None = None,
+    out: str | Path | None = None,
+    workers: int = 1,
+    settings: Mapping[str, Any] | None = None,
+) -> Result:
+    """Drives every scenario of a benchmark and keeps one record of each; run again, it does only what is missing.
+
+    Args:
+        agent: A registered name, "module:Class", a class of agents, or a function that makes one. Worker processes
+            import it again, so it must stand at the top of a module; a script needs `if __name__ == "__main__":`.
+        benchmark: Its name, the path of a .toml file, or the benchmark itself.
+        seeds: By default the benchmark's own.
+        out: Folder of the results; by default out/BENCHMARK/AGENT.
+        workers: How many processes drive.
+        settings: Keyword arguments that make the agent.
+
+    Raises:
+        InvalidInputError: An unknown name, an agent that cannot be made or imported, a mission that cannot be driven,
+            or a folder that holds another evaluation. Nothing has been driven then.
+    """
+    if workers < 1:
+        raise InvalidInputError(f"workers: expected at least 1, got {workers}")
+    if isinstance(benchmark, str):
+        benchmark = load_benchmark(benchmark)
+    name = agent if isinstance(agent, str) else _entry(agent)
+    entry, made_with = resolve_with(name, settings or {})
+    folder = Path("out") / benchmark.name / re.sub(r"[^\w.-]", "_", name)
+    return run_benchmark(
+        benchmark,
+        entry,
+        settings=made_with,
+        seeds=seeds,
+        out=folder if out is None else Path(out),
+        executor=ProcessPool(workers),
+    )
+
+
+def _entry(maker: Callable[..., Agent]) -> str:
+    """The "module:name" of a class or function."""
+    module, name = getattr(maker, "__module__", None), getattr(maker, "__qualname__", "")
+    if not module or not name.isidentifier():
+        raise InvalidInputError(
+            f"agent {maker!r}: expected a class or function at the top of a module, since worker processes import it"
+        )
+    return f"{module}:{name}"

@@ -1,0 +1,123 @@
+"""Environments for learning: the missions of a benchmark, or of one's own scenarios, for one ego at a time.
+
+They need not agree with the runner of benchmarks: a reward enters no score, and seeds of benchmarks are not drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from gymnasium.vector import AutoresetMode
+
+from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
+from dohyo.evaluation.criteria.timeout import RouteTimeout, travel_time
+from dohyo.sumo_networks.envs.single_env import SingleDrivingEnv, check_single
+from dohyo.sumo_networks.envs.vector_env import VectorDrivingEnv
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.routes.routing import plan_route
+from dohyo.sumo_networks.scenario import Mission, Scenario, Traffic
+
+Source = str | Benchmark | Scenario | Sequence[Scenario]
+
+
+def make_env(source: Source | None = None, **options: Any) -> SingleDrivingEnv:
+    """A gymnasium environment that draws one scenario per episode.
+
+    Args:
+        source: See `single_scenarios`.
+        **options: Those of `single_scenarios` and of `SingleDrivingEnv`.
+
+    Raises:
+        InvalidInputError: An unknown name, or scenarios that are no episodes of one ego.
+    """
+    scenarios, rest = _split(source, options)
+    return SingleDrivingEnv(scenarios, **rest)
+
+
+def make_vec(source: Source | None = None, num_envs: int = 1, **options: Any) -> VectorDrivingEnv:
+    """A gymnasium vector environment: as many processes, each of which drives the scenarios in turn.
+
+    Args:
+        source: See `single_scenarios`.
+        num_envs: How many processes.
+        **options: Those of `single_scenarios` and of `VectorDrivingEnv`; its autoreset mode is NEXT_STEP unless one is
+            given, since that is the one that gymnasium's vector wrappers accept.
+
+    Raises:
+        InvalidInputError: An unknown name, or scenarios that are no episodes of one ego.
+    """
+    scenarios, rest = _split(source, options)
+    return VectorDrivingEnv(scenarios, num_envs, **{"autoreset_mode": AutoresetMode.NEXT_STEP, **rest})
+
+
+def single_scenarios(
+    source: Source | None = None,
+    *,
+    network: str | None = None,
+    missions: Sequence[Mission | Mapping[str, Any]] = (),
+    traffic: Traffic | Mapping[str, Any] | None = None,
+    conditions: str = "clear",
+    time_limit_s: float | None = None,
+) -> tuple[Scenario, ...]:
+    """Scenarios with one ego and a time limit each.
+
+    Args:
+        source: A benchmark, or its name; or scenarios. None: one scenario per mission on the network.
+        network: Name in the catalog; only without a source, as are the next three.
+        missions: What to drive there.
+        traffic: Around every mission.
+        conditions: Of the road, light and air.
+        time_limit_s: Of every episode; None: the scenario's own, else that of the CARLA Leaderboard.
+
+    Raises:
+        InvalidInputError: An unknown name, both or neither of a source and a network, scenarios with several egos, or
+            missions that begin amid recorded traffic.
+    """
+    if (source is None) == (network is None):
+        raise InvalidInputError("expected either a benchmark or scenarios, or a network with missions")
+    if network is not None:
+        found = [
+            Scenario(
+                name=f"mission-{number}",
+                network=network,
+                missions=(Mission.model_validate(mission).model_copy(update={"name": "ego"}),),
+                traffic=Traffic.model_validate(traffic or {}),
+                conditions=conditions,
+            )
+            for number, mission in enumerate(missions, start=1)
+        ]
+    elif isinstance(source, Scenario):
+        found = [source]
+    elif isinstance(source, str | Benchmark):
+        found = _of_benchmark(load_benchmark(source) if isinstance(source, str) else source)
+    else:
+        found = list(source or ())
+    check_single(found)
+    return tuple(scenario.model_copy(update={"time_limit_s": time_limit_s or _limit(scenario)}) for scenario in found)
+
+
+def _of_benchmark(benchmark: Benchmark) -> list[Scenario]:
+    """Its scenarios, with the scripted events of its first seed."""
+    if benchmark.excerpts:
+        raise InvalidInputError(
+            f"benchmark '{benchmark.name}': its missions begin amid recorded traffic, with seeds of their own"
+        )
+    return benchmark.scenarios(benchmark.seeds[:1])
+
+
+def _limit(scenario: Scenario) -> float:
+    """The scenario's own limit, else that of `RouteTimeout`, s."""
+    if scenario.time_limit_s is not None:
+        return scenario.time_limit_s
+    timeout = RouteTimeout()
+    route = plan_route(load_network(scenario.network), scenario.missions[0])
+    return round(timeout.fixed_s + travel_time(route) / timeout.speed_share, 1)
+
+
+def _split(source: Source | None, options: Mapping[str, Any]) -> tuple[tuple[Scenario, ...], dict[str, Any]]:
+    """The scenarios, and the options that are the environment's."""
+    names = ("network", "missions", "traffic", "conditions", "time_limit_s")
+    ours = {name: value for name, value in options.items() if name in names}
+    return single_scenarios(source, **ours), {name: value for name, value in options.items() if name not in names}

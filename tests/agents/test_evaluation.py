@@ -1,0 +1,49 @@
+"""evaluate: every way to name an agent gives the same record."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import dohyo
+from dohyo.agents.experts.reckless import Reckless
+from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Traffic
+
+
+def tiny() -> Benchmark:
+    """One short drive."""
+    whole = load_benchmark("quickstart")
+    mission = whole.missions["all"][0]
+    traffic = Traffic(vehicles=4, warm_up_s=2.0)
+    cell = whole.cells[0].model_copy(update={"traffic": traffic})
+    return whole.model_copy(update={"missions": {"all": (mission,)}, "cells": (cell,), "duration_s": 2.0})
+
+
+def test_a_name_a_path_and_a_class_give_the_same_record(tmp_path: Path) -> None:
+    agents = ("reckless", "dohyo.agents.experts.reckless:Reckless", Reckless)
+    results = [dohyo.evaluate(agent, tiny(), seeds=[4], out=tmp_path / str(i)) for i, agent in enumerate(agents)]
+    hashes = {record.record_hash for result in results for record in result.records}
+    assert len(hashes) == 1
+    assert [len(result.records) for result in results] == [1, 1, 1]
+    assert all(path.is_file() for result in results for path in result.paths)
+
+
+def test_the_same_call_again_does_only_what_is_missing(tmp_path: Path) -> None:
+    dohyo.evaluate("reckless", tiny(), seeds=[4], out=tmp_path)
+    assert dohyo.evaluate("reckless", tiny(), seeds=[4], out=str(tmp_path)).resumed == 1
+
+
+def test_what_cannot_be_evaluated_is_refused(tmp_path: Path) -> None:
+    class Local(Reckless):
+        pass
+
+    with pytest.raises(InvalidInputError, match="at the top of a module"):
+        dohyo.evaluate(Local, tiny(), out=tmp_path)
+    with pytest.raises(InvalidInputError, match="did you mean 'reckless'"):
+        dohyo.evaluate("wreckless", tiny(), out=tmp_path)
+    with pytest.raises(InvalidInputError, match="workers: expected at least 1"):
+        dohyo.evaluate("reckless", tiny(), out=tmp_path, workers=0)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,111 @@
+"""Environments of benchmarks: by gymnasium's ids and by dohyo.make_vec."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import FlattenObservation
+from gymnasium.wrappers.vector import FlattenObservation as FlattenVectorObservation
+
+import dohyo
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.benchmarks.environments import single_scenarios
+from dohyo.sumo_networks.envs.single_env import SingleDrivingEnv
+from dohyo.sumo_networks.errors import InvalidInputError
+
+MISSION = {
+    "start": {"lane": "737320747#3_2", "position_m": 20.0},
+    "goal": {"lane": "726514449_2", "position_m": -15.0},
+}
+
+
+def test_gymnasium_makes_the_benchmark_with_its_missions() -> None:
+    env = gymnasium.make("dohyo/Quickstart-v0", time_limit_s=1.0)
+    assert isinstance(env.unwrapped, SingleDrivingEnv)
+    assert len(env.unwrapped.scenarios) == 6
+    flat = FlattenObservation(env)
+    observation, info = flat.reset(seed=1)
+    assert observation.shape == (2 + 80 * 7 + 48 * 8 + 4 * 4,)
+    assert info["scenario"] in {mission.name for mission in load_benchmark("quickstart").missions["all"]}
+    ends = [flat.step(flat.action_space.sample())[2:4] for _ in range(10)]
+    assert any(ends[-1])
+    flat.close()
+
+
+def test_gymnasium_makes_missions_of_ones_own() -> None:
+    options = {"network": "ingolstadt", "missions": [MISSION], "traffic": {"vehicles": 3, "warm_up_s": 1.0}}
+    env = gymnasium.make("dohyo/Driving-v0", sensors=("speedometer",), control="pedals_steering", **options)
+    assert set(env.observation_space) == {"speedometer"}
+    assert env.action_space.shape == (3,)
+    assert env.reset(seed=0)[1]["scenario"] == "mission-1"
+    env.close()
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_gymnasium_makes_two_at_once_for_its_wrappers() -> None:
+    env = gymnasium.make_vec("dohyo/Quickstart-v0", num_envs=2, time_limit_s=0.5, render_mode="rgb_array")
+    assert env.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    flat = FlattenVectorObservation(env)
+    observations, _ = flat.reset(seed=1)
+    assert observations.shape[0] == 2
+    frames = env.render()
+    assert frames is not None
+    assert [frame.shape for frame in frames] == [(480, 480, 3)] * 2
+    ends = []
+    for _ in range(7):
+        observations, _, _, truncations, infos = flat.step(np.zeros((2, 2), np.float32))
+        ends.append(truncations.tolist())
+    assert ends == [[False] * 2] * 4 + [[True] * 2] + [[False] * 2] * 2
+    assert infos["episode"].tolist() == [2, 3]
+    flat.close()
+
+
+def test_gymnasium_makes_processes_of_its_own() -> None:
+    env = gymnasium.make_vec("dohyo/Quickstart-v0", num_envs=2, vectorization_mode="async", time_limit_s=0.5)
+    observations, infos = env.reset(seed=1)
+    assert observations["speedometer"].shape == (2, 2)
+    assert len(set(infos["seed"].tolist())) == 2
+    env.close()
+
+
+def test_a_source_is_a_benchmark_or_scenarios() -> None:
+    whole = single_scenarios("quickstart")
+    assert single_scenarios(load_benchmark("quickstart")) == single_scenarios(whole) == whole
+    assert single_scenarios(whole[0]) == whole[:1]
+
+
+def test_make_vec_is_the_vector_environment_by_another_way() -> None:
+    scenario = load_benchmark("quickstart").scenarios([0])[0]
+    env = dohyo.make_vec(scenario, num_envs=1, autoreset_mode=AutoresetMode.SAME_STEP, sensors=("speedometer",))
+    assert (env.num_envs, env.num_egos, env.autoreset_mode) == (1, 1, AutoresetMode.SAME_STEP)
+    assert set(env.single_observation_space) == {"speedometer"}
+    env.close()
+
+
+def test_every_episode_has_an_end() -> None:
+    own, given = single_scenarios("nocrash"), single_scenarios("nocrash", time_limit_s=30.0)
+    assert {scenario.time_limit_s for scenario in given} == {30.0}
+    assert [scenario.time_limit_s for scenario in own] == [
+        scenario.time_limit_s for scenario in load_benchmark("nocrash").scenarios([0])
+    ], "the benchmark's own limits"
+    assert all((scenario.time_limit_s or 0.0) > 300.0 for scenario in single_scenarios("quickstart"))
+
+
+@pytest.mark.parametrize(
+    ("source", "options", "says"),
+    [
+        (None, {}, "either a benchmark or scenarios, or a network"),
+        ("quickstart", {"network": "ingolstadt"}, "either a benchmark or scenarios, or a network"),
+        (None, {"network": "ingolstadt"}, "at least one scenario"),
+        ("val14", {}, "amid recorded traffic"),
+        ("fleet", {}, "expected one ego"),
+        ("quickstrat", {}, "did you mean 'quickstart'"),
+    ],
+)
+def test_impossible_sources_are_refused(source: Any, options: dict[str, Any], says: str) -> None:
+    with pytest.raises(InvalidInputError, match=says):
+        single_scenarios(source, **options)
