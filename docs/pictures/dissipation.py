@@ -1,6 +1,7 @@
-"""Draws docs/pictures/dissipation.png: one morning's speeds in time and space, uncontrolled and with a plan that 5 % follow.
+"""Draws docs/pictures/dissipation.png: one morning's speeds, uncontrolled and with a plan that 5 % follow.
 
-Run it with `.venv/bin/python docs/pictures/dissipation.py` (some minutes; needs chromium). `--maps FOLDER` keeps what it drove.
+Run it with `.venv/bin/python docs/pictures/dissipation.py` (some minutes; needs chromium).
+`--maps FOLDER` keeps what it drove.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Draws docs/pictures/senses.png: what the sensors that draw show, in each of the conditions. Drives with the autopilot.
+"""Draws docs/pictures/senses.png: what cameras and bird's-eye view show, in each of the conditions.
 
     python docs/pictures/senses.py [--large DIR]
 
