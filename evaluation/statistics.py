@@ -1,9 +1,9 @@
 """Means with 95 % intervals, and paired comparisons.
 
-Intervals are percentile bootstraps, but where resampling is blind: a share of successes has Wilson's interval, and a
-rate of nothing at all Poisson's, since 30 successes of 30, or no collision in 10 km, are no proof of perfection. Values
-are sorted before they are resampled and the generator's seed
-is fixed, so an estimate depends on the values alone: not on their order, nor on the run.
+Intervals are percentile bootstraps, except where resampling shows no spread: a share of successes has Wilson's
+interval, and a rate without any event has Poisson's. 30 successes of 30, or no collision in 10 km, do not prove
+perfection. Values are sorted before they are resampled and the generator's seed is fixed, so an estimate depends on the
+values alone, not on their order.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from dohyo.sumo_networks.errors import InvalidInputError
 N_RESAMPLES: Final = 2000
 SEED: Final = 0
 _TAILS: Final = (0.025, 0.975)
-_Z: Final = 1.959964  # of the normal distribution, at 97.5 %
 _BLOCK: Final = 2**20
 
 Verdict = Literal["<", "=", ">"]
@@ -51,7 +50,7 @@ class Comparison:
     Attributes:
         difference: Mean of a - b.
         probability: Share of resamples in which that mean is above 0.
-        verdict: ">" or "<" where the interval leaves out 0, else "=": not told apart.
+        verdict: ">" or "<" where the interval leaves out 0, else "=": no significant difference.
     """
 
     difference: Estimate
@@ -85,11 +84,10 @@ def share_estimate(successes: Sequence[bool]) -> Estimate:
     share = sum(successes) / n
     if n == 1:
         return Estimate(100.0 * share, None, None, 1)
-    middle = (share + _Z**2 / (2 * n)) / (1 + _Z**2 / n)
-    half = _Z / (1 + _Z**2 / n) * math.sqrt(share * (1 - share) / n + _Z**2 / (4 * n**2))
-    # At 0 and n successes one end is the share itself, which rounding must neither miss nor pass.
-    low, high = min(max(middle - half, 0.0), share), max(min(middle + half, 1.0), share)
-    return Estimate(100.0 * share, 100.0 * low, 100.0 * high, n)
+    from scipy.stats import binomtest  # type: ignore[import-untyped]  # slow to import, so only where needed
+
+    interval = binomtest(sum(successes), n).proportion_ci(confidence_level=0.95, method="wilson")
+    return Estimate(100.0 * share, 100.0 * float(interval.low), 100.0 * float(interval.high), n)
 
 
 def ratio_estimate(

@@ -57,7 +57,7 @@ def test_tokens_from_the_command_line_work_at_once_and_the_folder_is_taken(tmp_p
         assert isinstance(missing.exception, InvalidInputError)
         second = command("serve", "--port", "0", "--data", data)
         assert isinstance(second.exception, InvalidInputError)
-        assert re.fullmatch(r"data folder '.*' is in use by another process", str(second.exception))
+        assert re.fullmatch(r"data folder '.*' is in use by another process: wait .*", str(second.exception))
 
 
 @pytest.mark.slow

@@ -27,13 +27,19 @@ def test_another_process_is_kept_out_until_the_first_is_killed(tmp_path: Path) -
         assert other.stdout is not None
         assert other.stdout.readline() == "held\n"
         with (
-            pytest.raises(InvalidInputError, match=r"study '.*' is in use by another"),
+            pytest.raises(InvalidInputError, match=r"study '.*' is in use by another process: wait until it ends"),
             held(tmp_path, "study"),
         ):
             pytest.fail("both hold it")
         other.kill()
     with held(tmp_path):
         pass
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / ".lock").mkdir()
+    with pytest.raises(InvalidInputError, match="cannot be used"), held(tmp_path):
+        pytest.fail("held")
 
 
 def test_a_file_in_its_place_is_named(tmp_path: Path) -> None:
@@ -43,3 +49,8 @@ def test_a_file_in_its_place_is_named(tmp_path: Path) -> None:
         held(tmp_path / "file"),
     ):
         pytest.fail("held")
+
+
+def test_the_same_process_cannot_hold_it_twice(tmp_path: Path) -> None:
+    with held(tmp_path), pytest.raises(InvalidInputError, match="is in use"), held(tmp_path):
+        pytest.fail("held twice")
