@@ -6,6 +6,7 @@ Boxes are rows of x, y [m], heading [rad], length, width [m]; all in the network
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -101,21 +102,35 @@ def project_on_path(
     return best_s, best_offset, best_heading
 
 
+class SegmentGrid(NamedTuple):
+    """The segments of lanes in a uniform grid, as `nearest_lane` looks them up.
+
+    Attributes:
+        segments: (S, 4) x0, y0, x1, y1 of every lane segment, m; those of a lane follow each other.
+        segment_lane: (S,) lane of each segment.
+        half_width: (L,) m.
+        cells: (rows * columns + 1,) start of each grid cell in `members`.
+        members: Segments by cell.
+        origin: (2,) lower left corner of the grid, m.
+        cell: Edge of a grid cell, m; at least 30.
+        columns: Of the grid.
+        rows: Of the grid.
+    """
+
+    segments: FloatArray
+    segment_lane: IntArray
+    half_width: FloatArray
+    cells: IntArray
+    members: IntArray
+    origin: FloatArray
+    cell: float
+    columns: int
+    rows: int
+
+
 @njit(cache=True)
 def nearest_lane(
-    x: float,
-    y: float,
-    heading: float,
-    segments: FloatArray,
-    segment_lane: IntArray,
-    half_width: FloatArray,
-    cells: IntArray,
-    members: IntArray,
-    origin: FloatArray,
-    cell: float,
-    columns: int,
-    rows: int,
-    preferred: BoolArray,
+    x: float, y: float, heading: float, grid: SegmentGrid, preferred: BoolArray
 ) -> tuple[int, float, float]:
     """The lane a point drives on.
 
@@ -126,33 +141,26 @@ def nearest_lane(
         x: m.
         y: m.
         heading: rad, of the vehicle.
-        segments: (S, 4) x0, y0, x1, y1 of every lane segment, m; those of a lane follow each other.
-        segment_lane: (S,) lane of each segment.
-        half_width: (L,) m.
-        cells: (rows * columns + 1,) start of each grid cell in `members`.
-        members: Segments by cell.
-        origin: (2,) lower left corner of the grid, m.
-        cell: Edge of a grid cell, m; at least 30.
-        columns: Of the grid.
-        rows: Of the grid.
+        grid: The lanes.
         preferred: (L,) lanes to prefer.
 
     Returns:
         Lane index or -1 if none is within 30 m, signed distance to its centreline [m, left positive], heading minus
         lane direction [rad].
     """
-    column = math.floor((x - origin[0]) / cell)
-    row = math.floor((y - origin[1]) / cell)
+    segments, segment_lane, cells, columns = grid.segments, grid.segment_lane, grid.cells, grid.columns
+    column = math.floor((x - grid.origin[0]) / grid.cell)
+    row = math.floor((y - grid.origin[1]) / grid.cell)
     best, best_segment = math.inf, -1
-    for r in range(max(row - 1, 0), min(row + 2, rows)):
+    for r in range(max(row - 1, 0), min(row + 2, grid.rows)):
         for c in range(max(column - 1, 0), min(column + 2, columns)):
             for k in range(cells[r * columns + c], cells[r * columns + c + 1]):
-                i = members[k]
+                i = grid.members[k]
                 distance, _ = _to_segment(x, y, segments[i])
                 if distance > NEAR_M:
                     continue
                 lane = segment_lane[i]
-                beside, other = 100.0 * max(distance - half_width[lane], 0.0), 0.0 if preferred[lane] else 2.0
+                beside, other = 100.0 * max(distance - grid.half_width[lane], 0.0), 0.0 if preferred[lane] else 2.0
                 if beside + 0.1 * distance + other >= best:
                     continue  # however well it is aligned, which costs more to find out
                 cost = beside + abs(wrap(heading - _direction(segments[i]))) + 0.1 * distance + other

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray, column
+
+
+class BoxColumns(NamedTuple):
+    """N moving boxes as numba kernels take them: columns of `ObjectStates`, or of `world.Egos`."""
+
+    position: FloatArray
+    heading: FloatArray
+    speed: FloatArray
+    length: FloatArray
+    width: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +49,10 @@ class ObjectStates:
     def boxes(self) -> FloatArray:
         """(N, 5) x, y [m], heading [rad], length, width [m]."""
         return stack_boxes(self.position, self.heading, self.length, self.width)
+
+    def columns(self) -> BoxColumns:
+        """The same boxes, and their speeds, for numba kernels."""
+        return BoxColumns(self.position, self.heading, self.speed, self.length, self.width)
 
     def take(self, rows: IntArray | BoolArray) -> Self:
         """The table of some rows: by index, in that order, or where a mask is True."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray, column
-from dohyo.sumo_networks.objects import ObjectStates, stack_boxes
+from dohyo.sumo_networks.objects import BoxColumns, ObjectStates, stack_boxes
 
 if TYPE_CHECKING:
     from dohyo.sumo_networks.networks.network import RoadNetwork
@@ -91,6 +91,10 @@ class Egos:
     def boxes(self) -> FloatArray:
         """(E, 5) x, y [m], heading [rad], length, width [m]."""
         return stack_boxes(self.position, self.heading, self.length, self.width)
+
+    def columns(self) -> BoxColumns:
+        """The boxes and their speeds, for numba kernels."""
+        return BoxColumns(self.position, self.heading, self.speed, self.length, self.width)
 
     def box(self, ego: int) -> FloatArray:
         """(5,) x, y [m], heading [rad], length, width [m] of one ego."""

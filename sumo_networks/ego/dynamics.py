@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -66,23 +67,46 @@ class VehicleParameters:
         return self.drag * speed * speed + (self.rolling_resistance if speed > 0 else 0.0)
 
 
+class CarConstants(NamedTuple):
+    """What `advance` needs of `VehicleParameters`, which has their units; grip is friction times gravity, m/s^2."""
+
+    wheelbase: float
+    max_steering: float
+    max_steering_rate: float
+    max_traction: float
+    power_to_mass: float
+    max_braking: float
+    drag: float
+    rolling_resistance: float
+    drive_lag: float
+    steering_lag: float
+    grip: float
+
+
+def car_constants(car: VehicleParameters) -> CarConstants:
+    """The constants of a car, for `advance`."""
+    return CarConstants(
+        wheelbase=car.wheelbase,
+        max_steering=car.max_steering,
+        max_steering_rate=car.max_steering_rate,
+        max_traction=car.max_traction,
+        power_to_mass=car.power_to_mass,
+        max_braking=car.max_braking,
+        drag=car.drag,
+        rolling_resistance=car.rolling_resistance,
+        drive_lag=car.drive_lag,
+        steering_lag=car.steering_lag,
+        grip=car.friction * GRAVITY,
+    )
+
+
 @njit(cache=True)
 def advance(
     states: FloatArray,
     commands: FloatArray,
     ticks: int,
     dt: float,
-    wheelbase: float,
-    max_steering: float,
-    max_steering_rate: float,
-    max_traction: float,
-    power_to_mass: float,
-    max_braking: float,
-    drag: float,
-    rolling_resistance: float,
-    drive_lag: float,
-    steering_lag: float,
-    grip: float,
+    car: CarConstants,
     motion: FloatArray | None = None,
 ) -> None:
     """Integrates the single-track model in place.
@@ -96,39 +120,29 @@ def advance(
         commands: (E, 2) demanded drive (traction minus brakes) [m/s^2] and front wheel angle [rad].
         ticks: Number of substeps.
         dt: Length of a substep, s.
-        wheelbase: See VehicleParameters, as for all that follow.
-        max_steering: rad.
-        max_steering_rate: rad/s.
-        max_traction: m/s^2.
-        power_to_mass: W/kg.
-        max_braking: m/s^2.
-        drag: 1/m.
-        rolling_resistance: m/s^2.
-        drive_lag: s.
-        steering_lag: s.
-        grip: Friction coefficient times gravity, m/s^2.
+        car: What all vehicles have in common.
         motion: (E, ticks, 2) where to write the acceleration [m/s^2] and yaw rate [rad/s] of every substep, if asked.
     """
     for e in range(states.shape[0]):
         x, y, heading, speed, drive, steering = states[e, :6]
         acceleration = yaw_rate = 0.0
         for tick in range(ticks):
-            traction = min(max_traction, power_to_mass / max(speed, 0.1))
-            demand = min(max(commands[e, 0], -max_braking), traction)
-            drive += (demand - drive) * dt / drive_lag
-            wanted = min(max(commands[e, 1], -max_steering), max_steering)
-            rate = (wanted - steering) / steering_lag
-            steering += min(max(rate, -max_steering_rate), max_steering_rate) * dt
-            force = min(max(drive, -grip), grip)
-            resistance = drag * speed * speed + (rolling_resistance if speed > 0.0 else 0.0)
+            traction = min(car.max_traction, car.power_to_mass / max(speed, 0.1))
+            demand = min(max(commands[e, 0], -car.max_braking), traction)
+            drive += (demand - drive) * dt / car.drive_lag
+            wanted = min(max(commands[e, 1], -car.max_steering), car.max_steering)
+            rate = (wanted - steering) / car.steering_lag
+            steering += min(max(rate, -car.max_steering_rate), car.max_steering_rate) * dt
+            force = min(max(drive, -car.grip), car.grip)
+            resistance = car.drag * speed * speed + (car.rolling_resistance if speed > 0.0 else 0.0)
             faster = speed + (force - resistance) * dt
-            if speed == 0.0 and force <= rolling_resistance:
+            if speed == 0.0 and force <= car.rolling_resistance:
                 faster = 0.0
             faster = max(faster, 0.0)
             acceleration = (faster - speed) / dt
             speed = faster
-            sideways = math.sqrt(max(grip * grip - force * force, 0.04 * grip * grip))
-            curvature = math.tan(steering) / wheelbase
+            sideways = math.sqrt(max(car.grip * car.grip - force * force, 0.04 * car.grip * car.grip))
+            curvature = math.tan(steering) / car.wheelbase
             yaw_rate = speed * curvature
             if abs(yaw_rate * speed) > sideways:
                 yaw_rate = math.copysign(sideways / speed, curvature)
@@ -156,20 +170,7 @@ class Vehicles:
         self.parameters = parameters
         self.states: FloatArray = np.zeros((count, STATE_SIZE))
         self.motion: FloatArray = np.zeros((count, 10, 2))
-        p = parameters
-        self._arguments = (
-            p.wheelbase,
-            p.max_steering,
-            p.max_steering_rate,
-            p.max_traction,
-            p.power_to_mass,
-            p.max_braking,
-            p.drag,
-            p.rolling_resistance,
-            p.drive_lag,
-            p.steering_lag,
-            p.friction * GRAVITY,
-        )
+        self._constants = car_constants(parameters)
 
     def place(self, vehicle: int, x: float, y: float, heading: float, speed: float = 0.0) -> None:
         """Puts a vehicle with the centre of its box at x, y [m], at rest or coasting straight on at a speed [m/s]."""
@@ -187,7 +188,7 @@ class Vehicles:
         """
         substeps = round(seconds / SUBSTEP_S)
         self.motion = np.empty((len(self.states), substeps, 2))
-        advance(self.states, commands, substeps, SUBSTEP_S, *self._arguments, self.motion)
+        advance(self.states, commands, substeps, SUBSTEP_S, self._constants, self.motion)
 
     def centres(self) -> FloatArray:
         """(E, 2), m: centres of the boxes."""

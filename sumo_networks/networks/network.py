@@ -14,7 +14,7 @@ import shapely
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray, StringArray
 from dohyo.sumo_networks.files import staged
-from dohyo.sumo_networks.geometry import crossed_segments, nearest_lane
+from dohyo.sumo_networks.geometry import SegmentGrid, crossed_segments, nearest_lane
 from dohyo.sumo_networks.networks.parsing import file_hash, parse_net
 from dohyo.sumo_networks.networks.xml_guard import check_size, scan
 
@@ -215,7 +215,7 @@ class RoadNetwork:
 
     def nearest_lane(self, x: float, y: float, heading: float, preferred: BoolArray) -> tuple[int, float, float]:
         """The drivable lane a vehicle is on; see `geometry.nearest_lane`."""
-        return nearest_lane(x, y, heading, *self._grid, preferred)
+        return nearest_lane(x, y, heading, self._grid, preferred)
 
     def crossed_stop_lines(self, x0: float, y0: float, x1: float, y1: float) -> IntArray:
         """Indices of the stop lines a motion crosses in driving direction."""
@@ -240,8 +240,8 @@ class RoadNetwork:
         return float(x0), float(y0), float(x1), float(y1)
 
     @cached_property
-    def _grid(self) -> tuple[FloatArray, IntArray, FloatArray, IntArray, IntArray, FloatArray, float, int, int]:
-        """The arguments of the `nearest_lane` kernel that describe the network: segments in a uniform grid."""
+    def _grid(self) -> SegmentGrid:
+        """The segments of the drivable lanes."""
         segments, owners = [], []
         for lane in np.flatnonzero(self.lanes.drivable):
             shape = self.lane_shape(int(lane))
@@ -261,7 +261,7 @@ class RoadNetwork:
                     cells[r * columns + c].append(i)
         starts = np.concatenate([[0], np.cumsum([len(cell) for cell in cells])]).astype(np.int64)
         members = np.array([i for cell in cells for i in cell], dtype=np.int64)
-        return table, owner, self.lanes.width / 2, starts, members, low, GRID_CELL_M, columns, rows
+        return SegmentGrid(table, owner, self.lanes.width / 2, starts, members, low, GRID_CELL_M, columns, rows)
 
 
 _GROUPS = {

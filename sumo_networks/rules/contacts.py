@@ -7,20 +7,21 @@ from numba import njit
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 from dohyo.sumo_networks.geometry import box_overlaps
+from dohyo.sumo_networks.objects import BoxColumns
 from dohyo.sumo_networks.world import ActorKind, Actors, Contact, Egos, World
 
 
 def contacts(egos: Egos, actors: Actors) -> tuple[Contact, ...]:
     """Boxes that touch an active ego's."""
-    own = egos.active, egos.position, egos.heading, egos.length, egos.width
+    own = egos.columns()
     found = [
         Contact(ego, int(actors.key[row]), ActorKind(actors.kind[row]), row)
-        for ego, row in _touching(*own, actors.position, actors.heading, actors.length, actors.width).tolist()
+        for ego, row in _touching(egos.active, own, actors.columns()).tolist()
     ]
     if len(egos.names) > 1:
         found += [
             Contact(a, -1 - b, ActorKind.EGO, b)
-            for a, b in _touching(*own, egos.position, egos.heading, egos.length, egos.width).tolist()
+            for a, b in _touching(egos.active, own, own).tolist()
             if a != b and egos.active[b]
         ]
     return tuple(found)
@@ -32,28 +33,24 @@ def is_touched(world: World, ego: int) -> bool:
 
 
 @njit(cache=True)
-def _touching(
-    active: BoolArray,
-    position: FloatArray,
-    heading: FloatArray,
-    length: FloatArray,
-    width: FloatArray,
-    other_position: FloatArray,
-    other_heading: FloatArray,
-    other_length: FloatArray,
-    other_width: FloatArray,
-) -> IntArray:
+def _copy_box(boxes: BoxColumns, row: int, out: FloatArray) -> None:
+    """Writes one box into (5,)."""
+    out[0], out[1], out[2] = boxes.position[row, 0], boxes.position[row, 1], boxes.heading[row]
+    out[3], out[4] = boxes.length[row], boxes.width[row]
+
+
+@njit(cache=True)
+def _touching(active: BoolArray, own: BoxColumns, other: BoxColumns) -> IntArray:
     """(K, 2) rows of the active ones of E boxes and of those of M others that they touch."""
     found = []
-    box, other = np.empty(5), np.empty(5)
+    box, another = np.empty(5), np.empty(5)
     for e in range(active.shape[0]):
         if not active[e]:
             continue
-        box[0], box[1], box[2], box[3], box[4] = position[e, 0], position[e, 1], heading[e], length[e], width[e]
-        for i in range(other_heading.shape[0]):
-            other[0], other[1], other[2] = other_position[i, 0], other_position[i, 1], other_heading[i]
-            other[3], other[4] = other_length[i], other_width[i]
-            if box_overlaps(box, other):
+        _copy_box(own, e, box)
+        for i in range(other.heading.shape[0]):
+            _copy_box(other, i, another)
+            if box_overlaps(box, another):
                 found.append((e, i))
     out = np.empty((len(found), 2), dtype=np.int64)
     for row in range(len(found)):

@@ -8,8 +8,9 @@ import numpy as np
 from gymnasium.spaces import Box
 from numba import njit
 
-from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array, IntArray
 from dohyo.sumo_networks.geometry import wrap
+from dohyo.sumo_networks.objects import BoxColumns
 from dohyo.sumo_networks.sensors.base import Sensor, Track
 from dohyo.sumo_networks.world import ActorKind, World
 
@@ -33,68 +34,45 @@ class Objects(Sensor):
     def read(self, world: World, ego: int) -> Float32Array:
         """See the class."""
         actors, egos = world.actors, world.egos
-        return _nearest(
-            ego,
-            actors.kind,
-            actors.key,
-            actors.position,
-            actors.heading,
-            actors.speed,
-            actors.length,
-            actors.width,
-            egos.active,
-            egos.position,
-            egos.heading,
-            egos.speed,
-            egos.length,
-            egos.width,
-        )
+        return _nearest(ego, egos.active, egos.columns(), actors.kind, actors.key, actors.columns())
 
 
 @njit(cache=True)
 def _nearest(
-    ego: int,
-    kind: IntArray,
-    key: IntArray,
-    position: FloatArray,
-    direction: FloatArray,
-    speed: FloatArray,
-    length: FloatArray,
-    width: FloatArray,
-    ego_active: BoolArray,
-    ego_position: FloatArray,
-    ego_direction: FloatArray,
-    ego_speed: FloatArray,
-    ego_length: FloatArray,
-    ego_width: FloatArray,
+    ego: int, active: BoolArray, egos: BoxColumns, kind: IntArray, key: IntArray, actors: BoxColumns
 ) -> Float32Array:
-    """(48, 8) what `Objects` says, of the columns of `Actors` and of `Egos`."""
+    """(48, 8) the rows of `Objects` for one ego, of the columns of `Egos` and of `Actors`."""
     out = np.zeros((ROWS, COLUMNS), dtype=np.float32)
     out[:, 0] = -1.0
-    x, y, heading = ego_position[ego, 0], ego_position[ego, 1], ego_direction[ego]
-    actors = kind.shape[0]
-    distance = np.full(actors + ego_active.shape[0], np.inf)
-    for i in range(actors):
-        distance[i] = math.hypot(position[i, 0] - x, position[i, 1] - y)
-    for other in range(ego_active.shape[0]):
-        if other != ego and ego_active[other]:
-            distance[actors + other] = math.hypot(ego_position[other, 0] - x, ego_position[other, 1] - y)
-    cos, sin = math.cos(heading), math.sin(heading)
+    x, y, heading = egos.position[ego, 0], egos.position[ego, 1], egos.heading[ego]
+    count = kind.shape[0]
+    distance = np.full(count + active.shape[0], np.inf)
+    for i in range(count):
+        distance[i] = math.hypot(actors.position[i, 0] - x, actors.position[i, 1] - y)
+    for other in range(active.shape[0]):
+        if other != ego and active[other]:
+            distance[count + other] = math.hypot(egos.position[other, 0] - x, egos.position[other, 1] - y)
+    eye = (x, y, heading, math.cos(heading), math.sin(heading))
     order = np.argsort(distance, kind="mergesort")[:ROWS]
     for row in range(order.shape[0]):
-        i, other = order[row], order[row] - actors
+        i, other = order[row], order[row] - count
         if distance[i] == np.inf:
             break
         if other < 0:
             out[row, 0], out[row, 7] = kind[i], key[i]
-            px, py, towards = position[i, 0], position[i, 1], direction[i]
-            out[row, 4], out[row, 5], out[row, 6] = speed[i], length[i], width[i]
+            _write_box(actors, i, eye, out[row])
         else:
             out[row, 0], out[row, 7] = _EGO, -1 - other
-            px, py, towards = ego_position[other, 0], ego_position[other, 1], ego_direction[other]
-            out[row, 4], out[row, 5], out[row, 6] = ego_speed[other], ego_length[other], ego_width[other]
-        dx, dy = px - x, py - y
-        out[row, 1] = dx * cos + dy * sin
-        out[row, 2] = dy * cos - dx * sin
-        out[row, 3] = wrap(towards - heading)
+            _write_box(egos, other, eye, out[row])
     return out
+
+
+@njit(cache=True)
+def _write_box(boxes: BoxColumns, i: int, eye: tuple[float, float, float, float, float], out: Float32Array) -> None:
+    """Columns 1 to 6 of one box, seen from an eye at x, y [m], with heading [rad], its cosine and its sine."""
+    x, y, heading, cos, sin = eye
+    dx, dy = boxes.position[i, 0] - x, boxes.position[i, 1] - y
+    out[1] = dx * cos + dy * sin
+    out[2] = dy * cos - dx * sin
+    out[3] = wrap(boxes.heading[i] - heading)
+    out[4], out[5], out[6] = boxes.speed[i], boxes.length[i], boxes.width[i]

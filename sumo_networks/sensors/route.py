@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -37,12 +38,7 @@ class RouteSensor(Sensor):
             float(x),
             float(y),
             float(egos.heading[ego]),
-            route.position,
-            route.heading,
-            route.curvature,
-            route.speed_limit,
-            route.width,
-            route.command,
+            PathColumns(route.position, route.heading, route.curvature, route.speed_limit, route.width, route.command),
         )
 
 
@@ -60,30 +56,30 @@ class Navigation(Sensor):
         return np.array([command, max(route.length - progress, 0.0), progress], dtype=np.float32)
 
 
+class PathColumns(NamedTuple):
+    """A path of N points as `path_ahead` takes it: columns of `routes.route.Route`, which has their units."""
+
+    position: FloatArray
+    heading: FloatArray
+    curvature: FloatArray
+    speed_limit: FloatArray
+    width: FloatArray
+    command: IntArray
+
+
 @njit(cache=True)
-def path_ahead(
-    first: int,
-    x: float,
-    y: float,
-    heading: float,
-    position: FloatArray,
-    direction: FloatArray,
-    curvature: FloatArray,
-    limit: FloatArray,
-    width: FloatArray,
-    command: IntArray,
-) -> Float32Array:
-    """(80, 7) what the route from a row on, as `RouteSensor` has it, seen from x, y [m], heading [rad]."""
+def path_ahead(first: int, x: float, y: float, heading: float, path: PathColumns) -> Float32Array:
+    """(80, 7) the route from a row on, as `RouteSensor` has it, seen from x, y [m], heading [rad]."""
     out = np.empty((POINTS, 7), dtype=np.float32)
     cos, sin = math.cos(heading), math.sin(heading)
     for row in range(POINTS):
-        i = min(first + row, position.shape[0] - 1)
-        dx, dy = position[i, 0] - x, position[i, 1] - y
+        i = min(first + row, path.position.shape[0] - 1)
+        dx, dy = path.position[i, 0] - x, path.position[i, 1] - y
         out[row, 0] = dx * cos + dy * sin
         out[row, 1] = dy * cos - dx * sin
-        out[row, 2] = wrap(direction[i] - heading)
-        out[row, 3] = curvature[i]
-        out[row, 4] = limit[i]
-        out[row, 5] = width[i]
-        out[row, 6] = command[i]
+        out[row, 2] = wrap(path.heading[i] - heading)
+        out[row, 3] = path.curvature[i]
+        out[row, 4] = path.speed_limit[i]
+        out[row, 5] = path.width[i]
+        out[row, 6] = path.command[i]
     return out

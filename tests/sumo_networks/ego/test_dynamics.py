@@ -20,6 +20,7 @@ from dohyo.sumo_networks.ego.dynamics import (
     VehicleParameters,
     Vehicles,
     advance,
+    car_constants,
 )
 from dohyo.sumo_networks.units import TICK_S
 
@@ -177,12 +178,11 @@ def test_finer_substeps_hardly_change_the_path() -> None:
     weave = [(2.0, 0.15), (1.0, -0.2), (-3.0, 0.1), (0.5, 0.25)] * 3
 
     def end(substep: float) -> FloatArray:
-        p, states = CAR, np.zeros((1, 8))
+        states = np.zeros((1, 8))
         states[0, SPEED] = 8.0
-        limits = (p.wheelbase, p.max_steering, p.max_steering_rate, p.max_traction, p.power_to_mass, p.max_braking)
-        losses = (p.drag, p.rolling_resistance, p.drive_lag, p.steering_lag, p.friction * GRAVITY)
+        constants = car_constants(CAR)
         for command in weave:
-            advance(states, np.array([command]), round(0.5 / substep), substep, *limits, *losses)
+            advance(states, np.array([command]), round(0.5 / substep), substep, constants)
         return states[0, :2].copy()
 
     exact = end(0.0001)
