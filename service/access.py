@@ -1,7 +1,7 @@
-"""Access: who asks, and what they may do. A route names its rule by the type of an argument.
+"""Access: the caller of a request and its permissions. A route names its rule by the type of an argument.
 
-A `Reader` may read what is public, and a token's owner what is theirs; a `Submitter` changes things of their own; a
-`WorkerCaller` drives; an `Admin` may do everything. What others may not see does not exist for them: 404, never 403.
+A `Reader` may read public data and the token owner's own; a `Submitter` changes its own data; a
+`WorkerCaller` drives; an `Admin` may do everything. Data that a caller may not see is answered with 404, never 403.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ _bearer = HTTPBearer(auto_error=False, description="A token, as `dohyo tokens cr
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """Who sent a request.
+    """The sender of a request.
 
     Attributes:
-        owner: Of the token; empty for a caller without one.
-        role: Of the token.
-        token_id: Of the token; None without one.
-        public: Whether the service shows everything it measures to everybody.
+        owner: Owner of the token; empty for a caller without a token.
+        role: Role of the token.
+        token_id: Identifier of the token; None without a token.
+        public: Whether all results of this service are public.
     """
 
     owner: str
@@ -50,7 +50,7 @@ class Caller:
         return self.public or self.is_admin
 
     def owns(self, owner: str) -> bool:
-        """Whether things of an owner can be changed."""
+        """Whether the caller may change an owner's data."""
         return self.is_admin or (self.token_id is not None and self.owner == owner)
 
     def may_see(self, owner: str) -> bool:
@@ -62,10 +62,10 @@ Credentials = Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)]
 
 
 def _identify(request: Request, credentials: Credentials, services: ServicesOf) -> Caller | None:
-    """Who the token says it is; None where there is no token.
+    """Caller that a token identifies; None without a token.
 
     Raises:
-        UnauthorisedError: The header holds something that is no valid token.
+        UnauthorisedError: The header holds no valid token.
     """
     public = services.settings.public
     if credentials is None:

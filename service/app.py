@@ -1,4 +1,4 @@
-"""App: the FastAPI service, put together."""
+"""The FastAPI application with all its parts."""
 
 from __future__ import annotations
 
@@ -56,11 +56,11 @@ def create_app(
     settings: Settings | None = None,
     make_scheduler: Callable[[Settings, Database, Broadcast], Any] = Scheduler,
 ) -> FastAPI:
-    """Makes the service; its parts start with the app's lifespan.
+    """Creates the service; its parts start with the app's lifespan.
 
     Args:
-        settings: None: from the environment.
-        make_scheduler: What drives episodes.
+        settings: Settings of the service; None reads them from the environment.
+        make_scheduler: Factory of the scheduler that drives episodes.
     """
     settings = settings or Settings()
     database, events = Database(settings.database_url), Broadcast()

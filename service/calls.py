@@ -1,4 +1,4 @@
-"""Calls: what the service can be asked for in one request; Client and AsyncClient send them, each in its way."""
+"""Calls: the requests of the service's clients, shared by Client and AsyncClient."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A request to be sent; of query and body, what is None is left out."""
+    """A request to send; entries of query and body that are None are left out."""
 
     method: str
     path: str
@@ -28,7 +28,7 @@ class Call:
     files: Mapping[str, Any] | None = None
 
     def arguments(self) -> dict[str, Any]:
-        """For httpx."""
+        """Arguments of the request for httpx."""
         out: dict[str, Any] = {"method": self.method, "url": self.path, "params": _given(self.query or {})}
         if self.files is not None:
             out |= {"files": self.files}
@@ -38,9 +38,9 @@ class Call:
 
 
 class Calls(ABC, Generic[Answer]):
-    """The calls; every one raises ServiceError where the service refuses or is not there.
+    """The calls; each raises ServiceError where the service refuses or cannot be reached.
 
-    `Answer` is a JSON document of the service's, or the promise of one.
+    `Answer` is a JSON document, or an awaitable of one.
     """
 
     @abstractmethod
@@ -52,19 +52,19 @@ class Calls(ABC, Generic[Answer]):
         return self._json(Call("GET", path, query))
 
     def register_agent(self, name: str, description: str = "") -> Answer:
-        """Makes an agent of the token's owner."""
+        """Registers an agent of the token's owner."""
         return self._json(Call("POST", "/v1/agents", body={"name": name, "description": description}))
 
     def submit_builtin(self, agent: str, entry: str, settings: Mapping[str, Any] | None = None) -> Answer:
-        """Submits an agent that comes with the service."""
+        """Submits a built-in agent of the service."""
         return self._submit(agent, {"kind": "builtin", "entry": entry, "settings": dict(settings or {})})
 
     def submit_remote(self, agent: str, info: AgentInfo) -> Answer:
-        """Declares an agent that drives through workers; `info` is what its records will say."""
+        """Declares an agent that drives through workers; `info` appears in its records."""
         return self._submit(agent, {"kind": "remote", **info.model_dump(mode="json")})
 
     def submit_onnx(self, agent: str, policy: Path, spec: Mapping[str, Any]) -> Answer:
-        """Submits an ONNX file; `spec` says its track, sensors and control.
+        """Submits an ONNX file; `spec` gives its track, sensors and control.
 
         Raises:
             InvalidInputError: The file cannot be read.
@@ -86,7 +86,7 @@ class Calls(ABC, Generic[Answer]):
         slow_policy: Literal["wait", "realtime"] = "wait",
         act_deadline_s: float | None = None,
     ) -> Answer:
-        """Queues an evaluation; by default of the latest version, with the benchmark's seeds."""
+        """Queues an evaluation, by default of the latest version with the benchmark's seeds."""
         body = {
             "agent": agent,
             "benchmark": benchmark,
@@ -98,40 +98,40 @@ class Calls(ABC, Generic[Answer]):
         return self._json(Call("POST", "/v1/evaluations", body=body))
 
     def evaluation(self, evaluation_id: str) -> Answer:
-        """An evaluation as it stands."""
+        """State of an evaluation."""
         return self.get(path_of("evaluations", evaluation_id))
 
     def metrics(self, evaluation_id: str) -> Answer:
-        """Its scores with intervals, of the episodes finished so far."""
+        """Scores of an evaluation with intervals, over the finished episodes."""
         return self.get(path_of("evaluations", evaluation_id, "metrics"))
 
     def manifest(self, evaluation_id: str) -> Answer:
-        """What it evaluates, as a result folder of `dohyo evaluate` says it."""
+        """Manifest of an evaluation, as in a result folder of `dohyo evaluate`."""
         return self.get(path_of("evaluations", evaluation_id, "manifest"))
 
     def cancel(self, evaluation_id: str) -> Answer:
-        """Ends an evaluation; its finished episodes stay."""
+        """Cancels an evaluation; finished episodes are kept."""
         return self._json(Call("POST", path_of("evaluations", evaluation_id, "cancel")))
 
     def resume(self, evaluation_id: str) -> Answer:
-        """Drives again what was lost or cancelled."""
+        """Queues lost and cancelled episodes again."""
         return self._json(Call("POST", path_of("evaluations", evaluation_id, "resume")))
 
     def record(self, episode_id: str) -> Answer:
-        """The facts of an episode."""
+        """Record of an episode."""
         return self.get(path_of("episodes", episode_id, "record"))
 
     def begin_morning(self, agent: str, *, seed: int = 0, minutes: float | None = None) -> Answer:
-        """Lets an agent's policy worker be the planner of a morning on the freeway."""
+        """Starts a freeway morning with an agent's policy worker as planner."""
         body = {"agent": agent, "seed": seed, "minutes": minutes}
         return self._json(Call("POST", "/v1/freeway/mornings", body=body))
 
     def morning(self, morning_id: str) -> Answer:
-        """A morning as it stands, with what became of all traffic once it is over."""
+        """State of a freeway morning, with the outcome of all traffic at its end."""
         return self.get(path_of("freeway", "mornings", morning_id))
 
     def leaderboard(self, benchmark: str, *, version: str | None = None, track: str | None = None) -> Answer:
-        """Who drives best."""
+        """Leaderboard of a benchmark."""
         return self.get("/v1/leaderboard", benchmark=benchmark, version=version, track=track)
 
     def comparison(self, evaluation_ids: Sequence[str]) -> Answer:
@@ -143,7 +143,7 @@ class Calls(ABC, Generic[Answer]):
 
 
 def path_of(*parts: str) -> str:
-    """A path of the interface, its parts quoted."""
+    """A path of the interface with quoted parts."""
     return "/v1/" + "/".join(quote(part, safe="") for part in parts)
 
 

@@ -1,4 +1,4 @@
-"""Client and AsyncClient: the service from Python.
+"""Client and AsyncClient: access to the service from Python.
 
     with Client("http://127.0.0.1:8000", token) as client:
         client.register_agent("my-autopilot")

@@ -29,7 +29,7 @@ IdempotencyKey = Annotated[
 
 
 class AgentOrder(BaseModel):
-    """What to call it."""
+    """The name of a new agent."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -44,7 +44,7 @@ class AgentOrder(BaseModel):
 def create(
     order: AgentOrder, caller: Submitter, services: ServicesOf, idempotency_key: IdempotencyKey = None
 ) -> AgentView:
-    """Registers an agent; its name is taken from then on, for all owners."""
+    """Registers an agent; no other owner can use the name afterwards."""
     request = content_hash({"agent": order.model_dump()})
     with services.database.session() as session:
         if made_before(session, caller.owner, idempotency_key, request):
@@ -76,7 +76,7 @@ def show(name: Name, caller: Reader, services: ServicesOf) -> AgentView:
 
 
 def visible_agent(session: Session, caller: Caller, name: str) -> Agent:
-    """An agent that the caller may know of.
+    """An agent that is visible to the caller.
 
     Raises:
         NotFoundError: There is none.
@@ -91,8 +91,8 @@ def owned_agent(session: Session, caller: Caller, name: str) -> Agent:
     """An agent that the caller may submit to and evaluate.
 
     Raises:
-        NotFoundError: There is none that the caller may know of.
-        ForbiddenError: It is another owner's.
+        NotFoundError: No agent of this name is visible to the caller.
+        ForbiddenError: The agent belongs to another owner.
     """
     agent = visible_agent(session, caller, name)
     if not caller.owns(agent.owner):

@@ -1,4 +1,4 @@
-"""Benchmarks: those that come with dohyo, and the versions of them that were evaluated here."""
+"""Benchmarks: those that ship with dohyo, and their versions that were evaluated on this server."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def show(name: Name, caller: Reader) -> BenchmarkView:
 
 @router.get("/{name}/versions", responses=problems(404))
 def versions(name: Name, caller: Reader, services: ServicesOf) -> list[BenchmarkVersionView]:
-    """The benchmark as it is now, and as it was when it was evaluated here; the newest first."""
+    """Versions of a benchmark: the current one and those that were evaluated on this server, newest first."""
     current = find_benchmark(name).sha256
     with services.database.reading() as session:
         rows = count_by_version(session, name)
@@ -43,7 +43,7 @@ def versions(name: Name, caller: Reader, services: ServicesOf) -> list[Benchmark
 
 
 def find_benchmark(name: str) -> Benchmark:
-    """A benchmark of the catalog by its name; never a path, whatever a stranger calls it.
+    """A benchmark of the catalog by its name; a name is never used as a path.
 
     Raises:
         UnknownNameError: There is none.

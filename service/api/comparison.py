@@ -28,7 +28,7 @@ Chosen = Annotated[
 
 @router.get("/comparison", response_model=ComparedView)
 def compare(caller: Reader, services: ServicesOf, readers: ReadersOf, evaluation: Chosen) -> Response:
-    """Evaluations drive by drive: every score with its paired difference, and where they differ most."""
+    """Compares evaluations drive by drive: paired difference of every score, and the scenarios that differ most."""
     seen = [evaluation_for(services, caller, one) for one in evaluation]
     with services.database.reading() as session:
         found = reading.entries(session, evaluation)

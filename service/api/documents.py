@@ -1,4 +1,4 @@
-"""Documents: how the interface is described in OpenAPI: groups, and the errors that a route may answer."""
+"""OpenAPI description of the interface: groups, and the errors that a route may answer."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
 
 
 def describe(app: FastAPI) -> None:
-    """Makes the app's OpenAPI document know what a problem is."""
+    """Adds the problem document to the app's OpenAPI schema."""
 
     def openapi() -> dict[str, Any]:
         if not app.openapi_schema:

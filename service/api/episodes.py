@@ -41,7 +41,7 @@ router = APIRouter(prefix="/v1/episodes/{identifier}", tags=["episodes"], respon
 
 @router.get("")
 def show(identifier: Identified, caller: Reader, services: ServicesOf, readers: ReadersOf) -> EpisodeDetail:
-    """Says where an episode stands, and its scores."""
+    """Status and scores of an episode."""
     episode, evaluation, version = episode_for(services, caller, identifier)
     benchmark = readers.benchmark(version)
     return EpisodeDetail(
@@ -57,7 +57,7 @@ def show(identifier: Identified, caller: Reader, services: ServicesOf, readers: 
 
 @router.get("/record", responses=problems(404, 409, 410) | Cached.json(EpisodeRecord))
 def record(identifier: Identified, request: Request, caller: Reader, services: ServicesOf) -> Response:
-    """The facts, as `dohyo verify` and `dohyo score` read them; they never change."""
+    """The record of an episode, as `dohyo verify` and `dohyo score` read it; it never changes."""
     episode, _, _ = episode_for(services, caller, identifier)
     path = record_path(services.settings, episode)
     headers = immutable(f"{episode.record_hash}", services)
@@ -69,7 +69,7 @@ def record(identifier: Identified, request: Request, caller: Reader, services: S
 
 @router.get("/trajectory", responses=problems(404, 409, 410) | Cached.file("application/vnd.apache.parquet"))
 def trajectory(identifier: Identified, request: Request, caller: Reader, services: ServicesOf) -> Response:
-    """Where everything was after every tick, as Parquet; ranges of bytes can be asked for."""
+    """Trajectories of an episode as Parquet, one row per object and tick; byte ranges are supported."""
     episode, _, _ = episode_for(services, caller, identifier)
     path = record_path(services.settings, episode).with_suffix(".parquet")
     headers = immutable(f"{episode.record_hash}-trajectory", services)
@@ -82,7 +82,7 @@ def trajectory(identifier: Identified, request: Request, caller: Reader, service
 
 @router.get("/events", responses=problems(404, 409, 410))
 def events(identifier: Identified, caller: Reader, services: ServicesOf, readers: ReadersOf) -> EventsView:
-    """The infractions in the order of time, each with what it costs alone."""
+    """The infractions in the order of time, each with its own cost."""
     episode, _, version = episode_for(services, caller, identifier)
     rules = readers.benchmark(version).rules
     egos: list[dict[str, Any]] = [
@@ -102,7 +102,7 @@ def events(identifier: Identified, caller: Reader, services: ServicesOf, readers
 def replay(
     identifier: Identified, request: Request, caller: Reader, services: ServicesOf, readers: ReadersOf
 ) -> Response:
-    """All that a player draws but the roads (`/v1/networks/{name}/map`): poses, lights, infractions, series."""
+    """Data of a replay except the roads (`/v1/networks/{name}/map`): poses, lights, infractions, series."""
     episode, _, version = episode_for(services, caller, identifier)
     path = record_path(services.settings, episode)
     headers = immutable(f"{episode.record_hash}-{episode.id}-replay{FORMAT}", services)
@@ -129,7 +129,7 @@ async def explanation(
     readers: ReadersOf,
     tick: Annotated[int, Query(ge=0, le=10_000_000, description="The decision taken when the world was at this tick.")],
 ) -> Any:
-    """Why the agent decided so. The first time the episode is driven again, which takes as long as it took: 202."""
+    """Explanations of the agent's decisions. The first request drives the episode again and answers 202."""
     episode, evaluation, _ = await asyncio.to_thread(episode_for, services, caller, identifier)
     facts = await asyncio.to_thread(_repeatable, services, episode, evaluation)
     trace = await readers.redrives.explain(record_path(services.settings, episode))
@@ -146,7 +146,7 @@ async def explanation(
 
 @router.post("/verify", responses=problems(404, 409, 410, 413))
 async def verify(identifier: Identified, caller: Holder, services: ServicesOf, readers: ReadersOf) -> VerificationView:
-    """Drives the episode again and compares the hashes; needs a token, and as long as the episode took."""
+    """Drives the episode again and compares the hashes; needs a token and takes as long as the episode did."""
     episode, evaluation, _ = await asyncio.to_thread(episode_for, services, caller, identifier)
     await asyncio.to_thread(_repeatable, services, episode, evaluation)
     answer = await readers.redrives.verify(record_path(services.settings, episode))

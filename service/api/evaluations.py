@@ -37,7 +37,7 @@ Seed = Annotated[int, Field(ge=0, le=2**31 - 1)]
 
 
 class EvaluationOrder(BaseModel):
-    """Which agent on which benchmark."""
+    """The order of an evaluation: an agent, a benchmark, seeds and conditions of the run."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -98,7 +98,7 @@ def show_all(
 
 @router.get("/{identifier}", responses=problems(404))
 def show(identifier: Identifier, caller: Reader, services: ServicesOf) -> EvaluationView:
-    """Says where an evaluation stands."""
+    """Status of an evaluation."""
     return _state(services, caller, identifier)
 
 
@@ -117,10 +117,10 @@ async def progress(
     services: ServicesOf,
     last_event_id: Annotated[str, Header(include_in_schema=False)] = "",
 ) -> Response:
-    """Tells live how an evaluation goes, as server-sent events.
+    """Streams the progress of an evaluation as server-sent events.
 
-    The first event is always `state`, the whole evaluation, so that whoever was cut off has missed nothing; then one
-    `episode` for each that starts or ends, and at last `end`, the whole evaluation again.
+    The first event is always `state`, the whole evaluation, so that a client that reconnects misses nothing; then one
+    `episode` event for each episode that starts or ends, and finally `end`, the whole evaluation again.
     """
     state = await run_in_threadpool(_state, services, caller, identifier)
     if last_event_id == "end" and state.status.finished:
@@ -135,7 +135,7 @@ async def progress(
 
 @router.get("/{identifier}/manifest", responses=problems(404))
 def manifest(identifier: Identifier, caller: Reader, services: ServicesOf) -> Manifest:
-    """What is evaluated, the whole benchmark included: with its records, a result folder of `dohyo evaluate`."""
+    """Manifest of an evaluation with the whole benchmark; with the records it makes a result folder."""
     with services.database.reading() as session:
         evaluation = _visible(session, caller, identifier)
         return Manifest(
@@ -164,7 +164,7 @@ def episodes(
 
 @router.post("/{identifier}/cancel", responses=problems(403, 404, 409, 507))
 async def cancel(identifier: Identifier, caller: Submitter, services: ServicesOf) -> EvaluationView:
-    """Ends an evaluation at once; its finished episodes stay. Harmless where it is cancelled already."""
+    """Cancels an evaluation at once; finished episodes are kept. Has no effect on a cancelled evaluation."""
 
     def check() -> EvaluationStatus:
         with services.database.reading() as session:
@@ -180,7 +180,7 @@ async def cancel(identifier: Identifier, caller: Submitter, services: ServicesOf
 
 @router.post("/{identifier}/resume", responses=problems(403, 404, 409, 507))
 async def resume(identifier: Identifier, caller: Submitter, services: ServicesOf) -> EvaluationView:
-    """Queues again what was lost or cancelled; what is done stays done. Harmless where nothing is missing."""
+    """Queues lost and cancelled episodes again; finished ones are kept. Has no effect where none is missing."""
     _refuse_while_ending(services)
 
     def again() -> None:
@@ -202,10 +202,10 @@ def _create(order: EvaluationOrder, caller: Caller, services: Services, key: str
     with services.database.reading() as session:
         submission = _submission(session, caller, order)
     seeds = list(dict.fromkeys(order.seeds or benchmark.seeds))
-    # Plans routes, so it takes a while the first time: outside of any transaction.
+    # Planning routes is slow the first time, so it happens outside of any transaction.
     scenarios = benchmark.scenarios(seeds)
     request = content_hash({"evaluation": order.model_dump(mode="json")})
-    _refuse_while_ending(services)  # nobody may wait for the answer any more
+    _refuse_while_ending(services)  # the client may have disconnected
     with services.database.session() as session:
         if before := made_before(session, caller.owner, key, request):
             return _views(session, [session.get_one(Evaluation, before)])[0]
@@ -240,7 +240,7 @@ def _submission(session: Session, caller: Caller, order: EvaluationOrder) -> Sub
 
 
 def _check_room(session: Session, services: Services, owner: str, episodes_more: int) -> None:
-    """The owner's quota, and the queue's limit."""
+    """Refuses an order beyond the owner's quota or the limit of the queue."""
     settings = services.settings
     if evaluations.count_unfinished(session, owner) >= settings.evaluations_per_owner:
         raise TooManyRequestsError(

@@ -1,4 +1,4 @@
-"""The freeway for policy workers: a morning of the benchmark `dissipation` whose planner is a worker."""
+"""Freeway mornings of the benchmark `dissipation` in which a policy worker is the speed planner."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ router = APIRouter(prefix="/v1/freeway/mornings", tags=["workers"])
 
 
 class MorningOrder(BaseModel):
-    """Whose workers plan, and which morning."""
+    """The order of a morning: the planning agent, the benchmark and the seed."""
 
     model_config = ConfigDict(
         extra="forbid", json_schema_extra={"examples": [{"agent": "my-planner", "seed": 0, "minutes": 25}]}
@@ -50,10 +50,10 @@ class MorningView(BaseModel):
 
 @router.post("", status_code=201, responses=problems(403, 404, 413))
 async def begin(order: MorningOrder, caller: Submitter, services: ServicesOf) -> MorningView:
-    """Lets an agent's policy worker be the planner of a morning; it begins once a worker asks for an episode.
+    """Starts a morning with an agent's policy worker as planner, once a worker asks for an episode.
 
     The worker sees `{"planner": {"speeds": (lanes, cells)}}`, m/s, once a simulated minute, and answers target speeds
-    of the same shape as `{"planner": ...}`. Nothing of it is ranked.
+    of the same shape as `{"planner": ...}`. The result is not ranked.
     """
     if services.draining:
         raise BusyError("the service is ending", retry_s=5)
@@ -68,7 +68,7 @@ async def begin(order: MorningOrder, caller: Submitter, services: ServicesOf) ->
 
 @router.get("/{name}", responses=problems(404))
 async def read(name: Identifier, caller: Reader, services: ServicesOf) -> MorningView:
-    """Tells what became of a morning."""
+    """Status and outcome of a morning."""
     document = services.freeway.read(name)
     if not caller.may_see(document["owner"]):
         raise NotFoundError(f"no morning '{name}'")

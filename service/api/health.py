@@ -1,4 +1,4 @@
-"""Health: for supervisors and load balancers."""
+"""Health checks for supervisors and load balancers."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ router = APIRouter(prefix="/health", tags=["health"], responses=problems())
 
 @router.get("/live")
 async def live() -> dict[str, str]:
-    """The process answers."""
+    """Liveness: the process answers."""
     return {"status": "alive"}
 
 
 @router.get("/ready", response_model=None, responses={200: {"content": {"application/json": {}}}})
 async def ready(services: ServicesOf) -> dict[str, Any] | JSONResponse:
-    """The service takes work: the database answers, and it is not shutting down."""
+    """Readiness: the database answers and the service is not shutting down."""
     if services.draining:
         return problem(503, "the service is shutting down", {"retry-after": "30"})
     try:

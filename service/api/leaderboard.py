@@ -36,7 +36,7 @@ CSV: dict[int | str, dict[str, Any]] = {
 
 @dataclass(frozen=True, slots=True)
 class _Board:
-    """What was asked for, and what there is."""
+    """The requested benchmark version and its ranked entries."""
 
     benchmark: Benchmark
     version: str
@@ -76,7 +76,7 @@ def show_csv(
     version: VersionHash = None,
     track: TrackName = None,
 ) -> Response:
-    """The same as a table."""
+    """The leaderboard as CSV."""
     board = _board(services, readers, caller, benchmark, version, track)
     return Response(as_csv(board.rows, board.benchmark.headline), media_type="text/csv")
 
@@ -99,10 +99,10 @@ def _board(
 
 
 def _unevaluated(name: str, version: str | None, evaluated: list[str]) -> Benchmark:
-    """A benchmark that nobody has driven yet.
+    """A benchmark that has no evaluation yet.
 
     Raises:
-        UnknownNameError: There is none of this name or version; a name that ends like a file is no benchmark either.
+        UnknownNameError: No benchmark has this name and version; file names are refused too.
     """
     if name.endswith(".toml"):
         raise UnknownNameError("benchmark", name, evaluated)

@@ -32,20 +32,20 @@ TEXT: dict[int | str, dict[str, Any]] = {
 
 @router.get("/v1/evaluations/{identifier}/metrics", response_model=MetricsView, responses=problems(404))
 def metrics(identifier: Identified, caller: Reader, services: ServicesOf) -> Response:
-    """Scores with intervals as a whole and by cell, and every drive; of the episodes finished so far."""
+    """Scores with intervals over all finished episodes, by cell, and for every drive."""
     document = as_document(_entry(services, caller, identifier))
     return Response(msgspec.json.encode(document), media_type="application/json")
 
 
 @router.get("/v1/evaluations/{identifier}/metrics.csv", response_class=Response, responses=problems(404) | CSV)
 def metrics_csv(identifier: Identified, caller: Reader, services: ServicesOf) -> Response:
-    """The same as a table: a row per drive, one per cell, one for all."""
+    """The metrics as CSV: a row per drive, one per cell, and one for all."""
     return Response(as_csv(_entry(services, caller, identifier)), media_type="text/csv")
 
 
 @router.get("/v1/evaluations/{identifier}/infractions", response_model=InfractionsView, responses=problems(404))
 def infractions(identifier: Identified, caller: Reader, services: ServicesOf, readers: ReadersOf) -> Response:
-    """Every infraction with its place on its network, for a map; of the episodes finished so far."""
+    """Infractions of all finished episodes with their positions, for a map."""
     _, benchmark = evaluation_for(services, caller, identifier)
     networks = {cell.name: cell.network for cell in readers.benchmark(benchmark).cells}
     found = [
@@ -67,7 +67,7 @@ def infractions(identifier: Identified, caller: Reader, services: ServicesOf, re
 
 @router.get("/metrics", response_class=Response, responses=TEXT)
 def prometheus(caller: Reader, services: ServicesOf, readers: ReadersOf) -> Response:
-    """What the service does, for Prometheus; what is in the database is up to five seconds old."""
+    """State of the service for Prometheus; counts from the database are up to five seconds old."""
     return Response(exposition(_families(services, readers)), headers={"content-type": CONTENT_TYPE})
 
 
@@ -93,7 +93,7 @@ def _by_status(counts: Mapping[str, int]) -> tuple[Sample, ...]:
 
 
 def _scheduled(snapshot: Mapping[str, Any]) -> Iterator[Family]:
-    """Whatever the scheduler tells: a number is a gauge, numbers by name are one with a label."""
+    """Gauges of the scheduler's facts: a number is one gauge, numbers by name are one gauge with a label."""
     for name, value in snapshot.items():
         if isinstance(value, bool | int | float):
             yield Family(f"dohyo_scheduler_{name}", f"Of the scheduler: {name}.", "gauge", (Sample(value),))

@@ -1,4 +1,4 @@
-"""Networks: those that come with dohyo, those that were uploaded, and their maps."""
+"""Networks: those that ship with dohyo, those that were uploaded, and their maps."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def geometry(
     accept_encoding: Annotated[str, Header(include_in_schema=False)] = "",
     if_none_match: Annotated[str, Header(include_in_schema=False)] = "",
 ) -> Response:
-    """The roads of a network, or of a part of it, as a replay draws them: metres in the network frame."""
+    """Roads of a network, or of a part of it, for a replay; metres in the network frame."""
     network, box = find_network(name), _box(x0, y0, x1, y1)
     etag = f'"{network.sha256[:32]}"'
     headers = {"etag": etag, "cache-control": "no-cache", "vary": "accept-encoding"}
@@ -97,13 +97,13 @@ def geometry(
 
 @router.post("", status_code=201, responses=problems(403, 409, 413, 507), openapi_extra=FORM)
 async def upload(request: Request, caller: Submitter, services: ServicesOf) -> NetworkView:
-    """Imports a SUMO net, an OpenStreetMap extract or an OpenDRIVE file; whatever fails, nothing is kept."""
+    """Imports a SUMO net, an OpenStreetMap extract or an OpenDRIVE file; a failed import leaves nothing behind."""
     async with receive_upload(request, services.settings.upload_limit_bytes) as given:
         return await run_in_threadpool(_import, services, given)
 
 
 def find_network(name: str) -> RoadNetwork:
-    """A network of the catalog by its name; never a path, whatever a stranger calls it.
+    """A network of the catalog by its name; a name is never used as a path.
 
     Raises:
         UnknownNameError: There is none.
@@ -125,7 +125,7 @@ def _import(services: Services, given: Upload) -> NetworkView:
         raise InvalidInputError("lights: expected true or false")
     if licence is not None and (len(licence) > 200 or not licence.isprintable()):
         raise InvalidInputError("licence: expected at most 200 printable characters")
-    # The sender's file name decides only what kind of file it is.
+    # Only the suffix of the sender's file name is used.
     suffix = next((end for end in (f"{one}{gz}" for one in SUFFIXES for gz in ("", ".gz")) if _ends(given, end)), None)
     if suffix is None:
         raise InvalidInputError(f"file: expected a name that ends in {', '.join(SUFFIXES)} (each also with .gz)")

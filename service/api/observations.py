@@ -1,4 +1,4 @@
-"""Observations: what an agent sees and must answer, for whoever builds a policy."""
+"""Description of observations and actions, for authors of policies."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def observations(
     sensors: Annotated[list[str] | None, Query(max_length=50, examples=[["speedometer", "route"]])] = None,
     control: Annotated[str | None, Query(max_length=100, examples=["target_speed_steering"])] = None,
 ) -> dict[str, Any]:
-    """Names, shapes, types, units and frames of an agent's inputs and output; without arguments those of all there are.
+    """Names, shapes, types, units and frames of an agent's inputs and output; without arguments, of all that exist.
 
     `sensors` may be repeated, or one list with commas. A sensor above the track is refused by name.
     """

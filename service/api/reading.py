@@ -1,4 +1,4 @@
-"""What the reading routes have in common: identifiers, and answers that never change."""
+"""Shared parts of the reading routes: identifiers, and answers that never change."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ Identified = Annotated[str, Path(min_length=1, max_length=40, pattern=ID, exampl
 
 
 class Cached:
-    """OpenAPI entries of answers that a cache may keep."""
+    """OpenAPI entries of answers that caches may keep."""
 
     @staticmethod
     def json(model: type[BaseModel] | None = None) -> dict[int | str, dict[str, Any]]:
-        """JSON of a model, or any."""
+        """JSON answer from a model or any plain JSON."""
         entry: dict[str, Any] = {"description": "Never changes."}
         entry |= {"model": model} if model else {"content": {"application/json": {"schema": {"type": "object"}}}}
         return {200: entry, 304: {"description": "What the caller has is still right."}}
 
     @staticmethod
     def file(media_type: str) -> dict[int | str, dict[str, Any]]:
-        """A file."""
+        """Answer with the content of a file."""
         content = {media_type: {"schema": {"type": "string", "format": "binary"}}}
         return {
             200: {"description": "Never changes.", "content": content},
@@ -38,13 +38,13 @@ class Cached:
 
 
 def immutable(tag: str, services: Services) -> dict[str, str]:
-    """Headers of what will never change; shared caches may keep it only where everybody may see it."""
+    """Cache headers of an answer that never changes; shared caches may keep only public answers."""
     scope = "public" if services.settings.public else "private"
     return {"etag": f'"{tag}"', "cache-control": f"{scope}, max-age={YEAR_S}, immutable"}
 
 
 def already_has(request: Request, headers: dict[str, str]) -> bool:
-    """Whether the caller's If-None-Match names what it would get."""
+    """Whether the caller's If-None-Match matches the answer."""
     given = request.headers.get("if-none-match", "")
     tags = {tag.strip().removeprefix("W/") for tag in given.split(",")}
     return headers["etag"] in tags or "*" in tags

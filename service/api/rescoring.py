@@ -1,4 +1,4 @@
-"""Rescoring: an evaluation under other rules."""
+"""Rescoring of an evaluation under other rules."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ router = APIRouter(prefix="/v1", tags=["metrics"], responses=problems(404))
 
 
 class RescoringOrder(BaseModel):
-    """Which evaluation, under which rules."""
+    """The evaluation to rescore, and the rules."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -39,7 +39,7 @@ class RescoringOrder(BaseModel):
 
 @router.post("/rescore", response_model=RescoredView, responses=problems(404, 409, 410, 413))
 def order(order: RescoringOrder, caller: Reader, services: ServicesOf, readers: ReadersOf) -> Response:
-    """Recomputes every score from the records; nothing stored changes."""
+    """Recomputes every score from the records; stored data does not change."""
     _, version = evaluation_for(services, caller, order.evaluation)
     with services.database.reading() as session:
         episodes = reading.recorded_episodes(session, order.evaluation)

@@ -1,4 +1,4 @@
-"""Submissions: versions of an agent, of three kinds. Each is checked before anything of it is stored."""
+"""Submissions: versions of an agent, of three kinds. Each is checked before it is stored."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class _Order(BaseModel):
 
 
 class BuiltinOrder(_Order):
-    """An agent that comes with this service, and what to make it with."""
+    """A built-in agent of this service with its settings."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -85,7 +85,7 @@ class BuiltinOrder(_Order):
 
 
 class RemoteOrder(_Order):
-    """An agent that drives through its own workers: what it will see and do."""
+    """An agent that drives through its own workers: its sensors and control."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -149,7 +149,7 @@ def show_all(
 
 
 def _builtin(order: BuiltinOrder) -> AgentInfo:
-    """Made once in a process of its own, since its constructor sees what a stranger wrote."""
+    """Builds the agent once in a separate process, since its settings come from a stranger."""
     entries = agent_entries()
     if order.entry not in entries:
         raise InvalidInputError(str(UnknownNameError("built-in agent", order.entry, entries)))
@@ -192,7 +192,7 @@ def _submit_onnx(services: Services, caller: Caller, name: str, given: Upload, k
 
 
 def _spec(text: str | None, agent: str) -> AgentSpec:
-    """The agent's declaration in a form; its name is the agent's where it says none."""
+    """The declaration of an agent in a form; without a name, the registered agent's name is used."""
     try:
         given = json.loads(text or "")
     except (ValueError, RecursionError) as error:
@@ -210,7 +210,7 @@ def _spec(text: str | None, agent: str) -> AgentSpec:
 
 
 def _check_owner(services: Services, caller: Caller, name: str) -> None:
-    """Before anything costly: may the caller submit at all?"""
+    """Checks the caller's permission before any costly work."""
     with services.database.reading() as session:
         agent = owned_agent(session, caller, name)
         if count_submissions(session, agent) >= PER_AGENT:
@@ -241,7 +241,7 @@ def _made(session: Session, identifier: str) -> Submission:
 
 
 def _keep(folder: Path, content: bytes) -> None:
-    """Stores a policy under its hash; whole or not at all."""
+    """Stores a policy under its hash, complete or not at all."""
     path = folder / f"{hashlib.sha256(content).hexdigest()}.onnx"
     if not path.exists():
         write_atomically(path, content)

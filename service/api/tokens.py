@@ -22,7 +22,7 @@ Owner = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9
 
 
 class TokenOrder(BaseModel):
-    """Whose token, and what it may do."""
+    """The owner and the role of a new token."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -36,7 +36,7 @@ class TokenOrder(BaseModel):
 
 @router.post("/tokens", status_code=201, responses=problems(403, 413, 507))
 def create(order: TokenOrder, caller: Admin, services: ServicesOf) -> NewToken:
-    """Makes a token; the answer holds its secret, which is told only once."""
+    """Creates a token; the answer holds its secret, which cannot be read again."""
     lifetime = timedelta(days=order.expires_in_days) if order.expires_in_days is not None else None
     with services.database.session() as session:
         token, secret = create_token(session, order.owner, order.role, lifetime)
@@ -54,7 +54,7 @@ def show_all(caller: Admin, services: ServicesOf, limit: Limit = 100, after: Aft
 
 @router.delete("/tokens/{identifier}", status_code=204, responses=problems(403, 404))
 def revoke(identifier: Identifier, caller: Admin, services: ServicesOf) -> None:
-    """Ends a token for good, at once."""
+    """Revokes a token at once and for ever."""
     with services.database.session() as session:
         if revoke_token(session, identifier) is None:
             raise NotFoundError(f"no token '{identifier}'")
@@ -62,5 +62,5 @@ def revoke(identifier: Identifier, caller: Admin, services: ServicesOf) -> None:
 
 @router.get("/me")
 def me(caller: Holder) -> MeView:
-    """Says whose token this is."""
+    """Owner and role of the caller's token."""
     return MeView(owner=caller.owner, role=caller.role, token=caller.token_id or "")

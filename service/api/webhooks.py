@@ -1,4 +1,4 @@
-"""Webhooks: an owner is told when an evaluation has ended."""
+"""Webhooks: messages to an owner's URL when an evaluation ends."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PER_OWNER = 10
 
 
 class WebhookOrder(BaseModel):
-    """Where to."""
+    """The URL of a new webhook."""
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"url": "https://example.org/hook"}]})
 
@@ -31,7 +31,7 @@ class WebhookOrder(BaseModel):
 
 @router.post("", status_code=201, responses=problems(403, 413, 507))
 def create(order: WebhookOrder, caller: Submitter, services: ServicesOf) -> NewWebhook:
-    """Registers a URL; the answer holds the key of its signatures, which is told only once.
+    """Registers a URL; the answer holds the key of its signatures, which cannot be read again.
 
     Each message is a POST with `Dohyo-Signature: t=TIMESTAMP,v1=HEX`, the HMAC-SHA256 of "TIMESTAMP.BODY" under that
     key. It is repeated, ever less often, until the answer is 2xx; redirects are not followed.
@@ -55,7 +55,7 @@ def show_all(caller: Submitter, services: ServicesOf, limit: Limit = 100, after:
 
 @router.delete("/{identifier}", status_code=204, responses=problems(403, 404))
 def delete(identifier: Identifier, caller: Submitter, services: ServicesOf) -> None:
-    """Ends a webhook, with what was still to be sent."""
+    """Deletes a webhook and its unsent messages."""
     with services.database.session() as session:
         webhook = session.get(Webhook, identifier)
         if webhook is None or not caller.owns(webhook.owner):

@@ -1,4 +1,4 @@
-"""What OpenAPI says of the wire, written by hand: its routes decode their bodies themselves."""
+"""OpenAPI schema of the wire, written by hand: its routes decode their bodies themselves."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ class Steps:
     response_class=Response,
 )
 async def register(request: Request, caller: WorkerCaller, services: ServicesOf) -> Response:
-    """Registers a worker for an agent of the token's owner; all it does next needs the token it gets here."""
+    """Registers a worker for an agent of the token's owner; later requests need the token from this answer."""
     headers = _headers(request.scope)
     try:
         taken, answered = _formats(headers)
@@ -103,7 +103,7 @@ async def acquire(
     services: ServicesOf,
     wait: Annotated[float, Query(ge=0.0, le=LONGEST_WAIT_S, description="Seconds to wait for one.")] = 20.0,
 ) -> Response:
-    """Waits for an episode and leases it, with the first observations; 204 where none came in time."""
+    """Waits for an episode and leases it, with the first observations; 204 where none is available in time."""
     headers, leases = _headers(request.scope), services.scheduler.leases
     try:
         worker = leases.worker_of(_bearer(headers))
@@ -126,7 +126,7 @@ async def acquire(
 
 
 step_route = Route("/v1/leases/{lease}/step", Steps(), methods=["POST"], include_in_schema=False)
-"""To be put before all others: looking through them costs as much as a step."""
+"""Puts the route of a step before all others, since the search through them costs as much as a step."""
 
 
 @router.post(
@@ -137,7 +137,7 @@ step_route = Route("/v1/leases/{lease}/step", Steps(), methods=["POST"], include
     response_class=Response,
 )
 async def documented_step(lease: LeaseId) -> Response:
-    """Drives all egos of the lease for one tick of 0.1 s. The same tick again gives the same answer: retry freely."""
+    """Drives all egos of the lease for one tick of 0.1 s. A repeated tick gets the same answer, so retries are safe."""
     raise AssertionError("unreachable: `step_route` is asked before this one, which is only read as a document")
 
 
@@ -150,7 +150,7 @@ async def documented_step(lease: LeaseId) -> Response:
     response_class=Response,
 )
 async def heartbeat(lease: LeaseId, request: Request, services: ServicesOf) -> Response:
-    """Renews a lease, as every step does; for workers that load a model or decide for longer than the lease lives."""
+    """Renews a lease, as every step does; for workers that load a model or decide for longer than the lease lasts."""
     try:
         worker, leases = await _caller(request, services)
         leases.heartbeat(leases.lease_of(worker, lease))
@@ -168,7 +168,7 @@ async def heartbeat(lease: LeaseId, request: Request, services: ServicesOf) -> R
     response_class=Response,
 )
 async def release(lease: LeaseId, request: Request, services: ServicesOf) -> Response:
-    """Ends a lease: by the agent's fault where there is an `error`, else to be driven again by another worker."""
+    """Ends a lease: with an `error` by the agent's fault, otherwise another worker drives the episode again."""
     headers = _headers(request.scope)
     try:
         leases = services.scheduler.leases
@@ -200,7 +200,7 @@ def _registration(document: Any) -> _Registration:
 
 
 def _reason(document: Any) -> tuple[Fault | None, str]:
-    """Whose fault a release is, and the text for the record."""
+    """Fault of a release, and its text for the record."""
     try:
         given = msgspec.convert(document, _Release)
     except msgspec.ValidationError as error:
@@ -212,7 +212,7 @@ def _reason(document: Any) -> tuple[Fault | None, str]:
 
 
 def _given(lease: Lease) -> dict[str, Any]:
-    """What a worker gets with a lease."""
+    """Content of the answer that grants a lease."""
     order, episode = lease.episode.order, lease.episode
     return order.told(episode.version) | {
         "lease": lease.id,
@@ -242,7 +242,7 @@ def _bearer(headers: dict[bytes, bytes]) -> str:
 
 
 def _formats(headers: dict[bytes, bytes]) -> tuple[Format, Format]:
-    """What the body is in, and what the answer shall be in: the same, unless another is asked for."""
+    """Formats of the body and of the answer; the answer has the body's unless another is requested."""
     taken = format_of(headers.get(b"content-type", b"").decode("latin-1"))
     answered = format_of(headers.get(b"accept", b"").decode("latin-1"), None)
     if b"content-type" not in headers and answered is not None:
@@ -252,10 +252,10 @@ def _formats(headers: dict[bytes, bytes]) -> tuple[Format, Format]:
 
 
 async def _body(headers: dict[bytes, bytes], receive: Receive) -> bytes:
-    """The whole body; one that is too large is refused before it is read.
+    """The whole body; a body that is too large is refused before it is read.
 
     Raises:
-        TooLargeError: It is.
+        TooLargeError: The body is too large.
     """
     told = headers.get(b"content-length", b"0")
     if told.isdigit() and int(told) > BODY_LIMIT:
@@ -272,7 +272,7 @@ async def _body(headers: dict[bytes, bytes], receive: Receive) -> bytes:
 
 @asynccontextmanager
 async def _departure(receive: Receive) -> AsyncIterator[asyncio.Future[None]]:
-    """Done once the client has closed its connection."""
+    """Returns once the client has closed its connection."""
 
     async def wait() -> None:
         while (await receive())["type"] != "http.disconnect":
@@ -293,14 +293,14 @@ def _owner_of(database: Database, agent: str) -> str | None:
 
 
 def _is_good(database: Database, token_id: str) -> bool:
-    """Whether an API token has been neither revoked nor outlived."""
+    """Whether an API token is neither revoked nor expired."""
     with database.reading() as session:
         token = session.get(Token, token_id)
         return token is not None and token.revoked is None and (token.expires is None or now() < token.expires)
 
 
 def _problem(error: ServiceError | InvalidInputError) -> Response:
-    """An error of the wire as a problem document; these are JSON, whatever the worker speaks."""
+    """An error of the wire as a problem document, always in JSON."""
     if isinstance(error, StaleTickError):
         return problem(error.status, str(error), expected_tick=error.expected)
     if isinstance(error, ServiceError):
