@@ -34,12 +34,12 @@ POLL_S = 1.0
 
 
 class ServiceError(DohyoError):
-    """The service refuses, or cannot be reached.
+    """A refusal of the service, or a service that cannot be reached.
 
     Attributes:
-        status: Of HTTP; 0 where there was no answer.
-        detail: What was expected and what came.
-        retry_s: Seconds to wait before trying again, where the service said so.
+        status: HTTP status; 0 without an answer.
+        detail: The expected and the received input.
+        retry_s: Seconds to wait before a retry, where the service gave them.
     """
 
     def __init__(self, status: int, detail: str, retry_s: float | None = None) -> None:
@@ -48,7 +48,7 @@ class ServiceError(DohyoError):
 
 
 class Client(Calls[Document]):
-    """The service, call by call. Every method raises ServiceError where the service refuses or is not there."""
+    """Blocking client. Every method raises ServiceError where the service refuses or cannot be reached."""
 
     def __init__(self, url: str, token: str | None = None, *, timeout_s: float = TIMEOUT_S) -> None:
         """Connects at the first call.
@@ -82,7 +82,7 @@ class Client(Calls[Document]):
         return document
 
     def items(self, path: str, **query: Any) -> Iterator[Document]:
-        """All items of a list, page after page, such as `items("/v1/evaluations", agent="my-agent")`."""
+        """All items of a paged list, such as `items("/v1/evaluations", agent="my-agent")`."""
         after: str | None = None
         while True:
             page = self.get(path, **query, after=after)
@@ -96,7 +96,7 @@ class Client(Calls[Document]):
         return self.items(path_of("evaluations", evaluation_id, "episodes"))
 
     def ensure_agent(self, name: str, description: str = "") -> Document:
-        """The agent of that name; it is registered where there is none."""
+        """The agent of that name; registers it where it is missing."""
         try:
             return self.get(path_of("agents", name))
         except ServiceError as error:
@@ -105,7 +105,7 @@ class Client(Calls[Document]):
         return self.register_agent(name, description)
 
     def ensure_remote(self, agent: str, info: AgentInfo) -> int:
-        """The version of an agent that declares `info`; registers the agent and submits it where it is missing."""
+        """The version of an agent that declares `info`; registers and submits it where it is missing."""
         self.ensure_agent(agent)
         there = _versions_like(self.get(path_of("agents", agent, "submissions")), info)
         return there[-1] if there else int(self.submit_remote(agent, info)["version"])
@@ -114,7 +114,7 @@ class Client(Calls[Document]):
         """Waits until an evaluation has ended.
 
         Raises:
-            TimeoutError: It has not, in that time.
+            TimeoutError: The evaluation did not end in that time.
         """
         ends = time.monotonic() + timeout_s if timeout_s is not None else None
         while (evaluation := self.evaluation(evaluation_id))["status"] not in ENDED:
@@ -135,7 +135,7 @@ class Client(Calls[Document]):
         return paths
 
     def worker(self, agent: str, *, version: int | None = None, capacity: int = 1) -> WorkerSession:
-        """The wire of a policy worker for an agent."""
+        """A session of a policy worker for an agent."""
         return WorkerSession(self._url, self._token or "", agent, version=version, capacity=capacity)
 
 
@@ -246,7 +246,7 @@ def _versions_like(listed: Document, info: AgentInfo) -> list[int]:
 
 
 def _parts(episode: Document, folder: Path) -> list[tuple[Path, Call]]:
-    """The files of an episode's record and where they come from; the facts last, as `write_record` does."""
+    """Files of an episode's record with their addresses; the facts come last, as in `write_record`."""
     facts = folder / f"{episode['scenario']}-s{episode['seed']}.json"
     parts = ((facts.with_suffix(".parquet"), "trajectory"), (facts, "record"))
     return [(path, Call("GET", path_of("episodes", episode["id"], part))) for path, part in parts]

@@ -16,10 +16,10 @@ SCENARIOS: Final = 10
 
 
 def compare_entries(entries: Sequence[Entry], metric: str) -> dict[str, Any]:
-    """Two to eight evaluations side by side; plain JSON.
+    """Compares two to eight evaluations; plain JSON.
 
     Args:
-        entries: Of one benchmark version; different versions have no common scale, so they are refused.
+        entries: Evaluations of one benchmark version; different versions have no common scale and are refused.
         metric: The benchmark's headline.
 
     Returns:

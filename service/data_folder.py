@@ -1,4 +1,4 @@
-"""The data folder: made, held by one service at a time, and known to its child processes."""
+"""The data folder: created, locked by one service at a time, and passed to its child processes."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 @contextmanager
 def held(settings: Settings) -> Iterator[None]:
-    """Makes the folder and keeps it: two services on one would drive the same episodes.
+    """Creates and locks the folder: two services on one folder would drive the same episodes.
 
     Raises:
-        InvalidInputError: It cannot be made, or another service holds it.
+        InvalidInputError: The folder cannot be created, or another service has locked it.
     """
     try:
         for folder in (settings.data, settings.records, settings.staging, settings.policies):
@@ -30,7 +30,7 @@ def held(settings: Settings) -> Iterator[None]:
 
 @contextmanager
 def told(settings: Settings) -> Iterator[None]:
-    """Tells this process and its children where networks and policies are."""
+    """Sets the environment variables by which this process and its children find networks and policies."""
     ours = {"DOHYO_HOME": str(settings.data.resolve()), FOLDER_VARIABLE: str(settings.policies.resolve())}
     before = {name: os.environ.get(name) for name in ours}
     os.environ.update(ours)

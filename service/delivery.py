@@ -1,4 +1,4 @@
-"""Delivery: webhooks are told of evaluations that have ended, signed, again and again until they take it.
+"""Delivery: signed messages to webhooks about ended evaluations, repeated until they are accepted.
 
 What is to be sent is in the database before it is sent, so that a service that dies in between sends it later. A
 message may come twice; its `Dohyo-Delivery` header is then the same.
@@ -35,7 +35,7 @@ logger = logging.getLogger("dohyo.webhooks")
 
 
 def check_url(url: str, *, private_allowed: bool) -> None:
-    """Refuses what no webhook can be, by its text alone; where its name leads is checked at every delivery.
+    """Refuses an impossible URL by its text alone; the address behind its name is checked at every delivery.
 
     Raises:
         InvalidInputError: Another scheme than https (or http), credentials in it, or an address that is not public.
@@ -62,10 +62,10 @@ def signature(secret: str, timestamp: int, body: bytes) -> str:
 
 
 async def public_address(host: str, port: int, *, private_allowed: bool) -> str:
-    """An address that a name leads to, all of which must be public.
+    """One of a name's addresses, all of which must be public.
 
     Raises:
-        InvalidInputError: One is not, or there is none.
+        InvalidInputError: An address is not public, or the name has none.
     """
     loop = asyncio.get_running_loop()
     try:
@@ -79,7 +79,7 @@ async def public_address(host: str, port: int, *, private_allowed: bool) -> str:
 
 
 class Deliverer:
-    """Sends in the background, for as long as the app lives."""
+    """Sends messages in the background during the app's lifespan."""
 
     def __init__(self, services: Services) -> None:
         self.services = services
@@ -87,8 +87,8 @@ class Deliverer:
         self._client: httpx.AsyncClient | None = None
 
     async def start(self) -> None:
-        """Begins."""
-        # Nothing of this machine's environment: no proxy, no stored credentials.
+        """Starts the background task."""
+        # The environment of this machine is ignored: no proxy, no stored credentials.
         context = httpx.create_ssl_context(trust_env=False)
         if (own := self.services.settings.webhook_authorities) is not None:
             context.load_verify_locations(own)
@@ -96,7 +96,7 @@ class Deliverer:
         self._task = asyncio.create_task(self._run(), name="webhooks")
 
     async def stop(self) -> None:
-        """Ends; what is not sent is sent after the next start."""
+        """Stops the task; unsent messages are sent after the next start."""
         if self._task is not None:
             self._task.cancel()
             with contextlib.suppress(asyncio.CancelledError):
@@ -142,7 +142,7 @@ class Deliverer:
         await asyncio.to_thread(settle)
 
     async def _post(self, delivery: Delivery, webhook: Webhook) -> int:
-        """Sends once, to the address that was checked: the name is not looked up a second time."""
+        """Sends once to the checked address: the name is not resolved a second time."""
         url = httpx.URL(webhook.url)
         port = url.port or (443 if url.scheme == "https" else 80)
         allowed = self.services.settings.webhook_private_addresses
@@ -160,13 +160,13 @@ class Deliverer:
         if client is None:
             raise InvalidInputError("the service is ending")
         target = url.copy_with(host=address)
-        # The answer's body is never read: it may have no end.
+        # The answer's body is never read, since it may be endless.
         async with client.stream("POST", target, content=body, headers=headers, extensions=extensions) as answer:
             return answer.status_code
 
 
 def _is_private(host: str) -> bool:
-    """Whether it is an address of no public host; a name is none."""
+    """Whether a host is an address that is not public; a name is not an address."""
     try:
         address = ipaddress.ip_address(host.partition("%")[0])
     except ValueError:

@@ -1,4 +1,4 @@
-"""Errors of the service, and how every error becomes `application/problem+json` (RFC 9457)."""
+"""Errors of the service, and their answers as `application/problem+json` (RFC 9457)."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class ServiceError(DohyoError):
     """A request that is refused.
 
     Attributes:
-        status: Of the answer.
-        headers: Of the answer.
+        status: HTTP status of the answer.
+        headers: Headers of the answer.
     """
 
     status = 500
@@ -40,7 +40,7 @@ class ServiceError(DohyoError):
 
 
 class UnauthorisedError(ServiceError):
-    """No token, or one that is unknown, expired or revoked: which of them is not said."""
+    """The token is missing, unknown, expired or revoked; the answer does not say which."""
 
     status = 401
 
@@ -49,31 +49,31 @@ class UnauthorisedError(ServiceError):
 
 
 class ForbiddenError(ServiceError):
-    """The token is good, but not for this."""
+    """The token is valid but does not permit the request."""
 
     status = 403
 
 
 class NotFoundError(ServiceError):
-    """No such thing, or one that the caller may not know of."""
+    """The resource does not exist or is not visible to the caller."""
 
     status = 404
 
 
 class ConflictError(ServiceError):
-    """It contradicts what is there."""
+    """The request conflicts with the current state."""
 
     status = 409
 
 
 class GoneError(ServiceError):
-    """It was there, and will not come back."""
+    """The resource existed and is gone for ever."""
 
     status = 410
 
 
 class TooLargeError(ServiceError):
-    """More bytes than are taken."""
+    """The body is larger than the limit."""
 
     status = 413
 
@@ -82,7 +82,7 @@ class TooLargeError(ServiceError):
 
 
 class TooManyRequestsError(ServiceError):
-    """Past a quota or a rate limit."""
+    """The caller exceeds a quota or a rate limit."""
 
     status = 429
 
@@ -91,7 +91,7 @@ class TooManyRequestsError(ServiceError):
 
 
 class BusyError(ServiceError):
-    """Not now: a queue is full, the database is locked, the service is shutting down."""
+    """The service is busy: a queue is full, the database is locked, or the service is shutting down."""
 
     status = 503
 
@@ -100,7 +100,7 @@ class BusyError(ServiceError):
 
 
 class StorageFullError(ServiceError):
-    """The disk is full; nothing was kept of what was sent."""
+    """The disk is full; nothing of the request was stored."""
 
     status = 507
 
@@ -114,7 +114,7 @@ def problem(status: int, detail: str, headers: Mapping[str, str] | None = None, 
     Args:
         status: Of HTTP.
         detail: One line: what was expected, what came.
-        headers: Of the answer.
+        headers: Headers of the answer.
         members: More of the document, such as the `errors` of a body.
     """
     body = {"type": "about:blank", "title": HTTPStatus(status).phrase, "status": status, "detail": detail, **members}
@@ -122,7 +122,7 @@ def problem(status: int, detail: str, headers: Mapping[str, str] | None = None, 
 
 
 def as_service_error(error: Exception) -> DohyoError | None:
-    """What the infrastructure threw, as what a caller can act on; None for a defect of ours."""
+    """An infrastructure error as an answer that callers can act on; None for an internal error."""
     if isinstance(error, ServiceError):
         return error
     if isinstance(error, OSError):
@@ -173,7 +173,7 @@ def _dohyo_error(request: Request, error: Exception) -> JSONResponse:
 
 
 def _invalid_request(request: Request, error: Exception) -> JSONResponse:
-    """Says where each fault is and what was expected, but not what came: it may be a secret."""
+    """Names the place and the expected value of each fault, but not the received one, which may be a secret."""
     given = error.errors() if isinstance(error, RequestValidationError) else []
     faults = [{"where": ".".join(str(part) for part in one["loc"]), "expected": str(one["msg"])} for one in given]
     first = faults[0] if faults else {"where": "request", "expected": "another one"}
@@ -195,7 +195,7 @@ def _infrastructure(request: Request, error: Exception) -> JSONResponse:
 
 
 def _unexpected(request: Request, error: Exception) -> JSONResponse:
-    """Tells the log everything and the caller nothing but how to name it."""
+    """Logs the whole error; the caller gets only the request's identifier."""
     name = getattr(request.state, "request_id", "unknown")
     logger.error("request %s failed", name, exc_info=error)
     return problem(500, f"an error of the service; its log tells more under request {name}", {"x-request-id": name})

@@ -1,4 +1,4 @@
-"""Isolated: work on what strangers sent, in a child process with limits on time, memory and file size.
+"""Isolated work on untrusted input, in a child process with limits on time, memory and file size.
 
 `python -m dohyo.service.isolated TASK` reads one JSON object of arguments from standard input and prints one JSON
 object: {"result": ...}, {"refused": "why"} or {"full": true}. The child can only run the tasks named here.
@@ -19,7 +19,7 @@ from dohyo.service.errors import DISK_FULL, BusyError, StorageFullError
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 
 AT_ONCE: Final = 2
-MEMORY_BYTES: Final = 8_000_000_000  # of address space, of which numpy and torch reserve more than they use
+MEMORY_BYTES: Final = 8_000_000_000  # address space, of which numpy and torch reserve more than they use
 FILE_BYTES: Final = 2_000_000_000
 WAIT_S: Final = 20.0
 
@@ -32,7 +32,7 @@ def run_isolated(task: str, arguments: Mapping[str, Any], timeout_s: float) -> A
     Args:
         task: A name in `TASKS`.
         arguments: Plain JSON.
-        timeout_s: After which the child is ended.
+        timeout_s: Time after which the child is ended.
 
     Raises:
         InvalidInputError: The task refused its input, did not end in time, or broke.
@@ -67,7 +67,7 @@ def run_isolated(task: str, arguments: Mapping[str, Any], timeout_s: float) -> A
 
 
 def describe_agent(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Makes a built-in agent with settings, and says what records will say of it."""
+    """Builds a built-in agent with settings and returns its AgentInfo."""
     from dohyo.evaluation.agent import agent_info, make_agent
 
     entry, settings = arguments["entry"], arguments["settings"]
@@ -100,7 +100,7 @@ TASKS: Final[Mapping[str, Callable[[Mapping[str, Any]], Any]]] = {
 
 
 def main() -> None:
-    """The child."""
+    """Entry point of the child process."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_FSIZE, (FILE_BYTES, FILE_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

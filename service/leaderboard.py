@@ -14,26 +14,26 @@ from dohyo.service.scoring import CLOSED_LOOP_SCORES, Drive, compare_drives, est
 
 COLUMNS = ("driving_score", "route_completion", "infraction_penalty", "irs", "success", "nocrash_success")
 OF_SOME = ("drove_2500m", *CLOSED_LOOP_SCORES)
-"""Columns of the benchmarks that rank by one of them."""
+"""Columns of benchmarks that rank by nuPlan's score or one of its terms."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A finished evaluation as a leaderboard or a comparison needs it.
+    """A finished evaluation with the facts that leaderboards and comparisons need.
 
     Attributes:
-        evaluation: Its id.
-        submission: Id of what drove.
-        agent: Name.
-        version: Of the agent.
-        owner: Who submitted it.
-        kind: How it drives: builtin, onnx, remote.
+        evaluation: Identifier.
+        submission: Identifier of the submission.
+        agent: Name of the agent.
+        version: Version of the agent.
+        owner: Owner of the submission.
+        kind: Kind of the submission: builtin, onnx, remote.
         track: Which sensors it may use.
-        benchmark: Name.
+        benchmark: Name of the benchmark.
         benchmark_sha256: Version of the benchmark.
-        seeds: Driven.
-        finished: When.
-        drives: All of them.
+        seeds: Driven seeds.
+        finished: Time of its end.
+        drives: All drives.
     """
 
     evaluation: str
@@ -66,8 +66,8 @@ class Row:
     """A place on the leaderboard.
 
     Attributes:
-        rank: Shared by all that cannot be told apart from the best of them.
-        entry: Who.
+        rank: Shared by all entries that do not differ significantly from the best of the rank.
+        entry: Ranked evaluation.
         above: Comparison with the row above: "<" told apart, "=" not; None for the first, or without common drives.
     """
 
@@ -83,8 +83,8 @@ def rank(entries: Sequence[Entry], metric: str) -> list[Row]:
     question open; without drives in common, means alone decide.
 
     Args:
-        entries: Of one benchmark version, with at least one drive each.
-        metric: A score that all of them have.
+        entries: Evaluations of one benchmark version, with at least one drive each.
+        metric: Name of a score that all of them have.
     """
     rows: list[Row] = []
     for entry in sorted(entries, key=lambda one: _place(one, metric)):

@@ -1,4 +1,4 @@
-"""Limits: what every request meets before a route does. Pure ASGI, since each layer adds to every step on the wire."""
+"""Limits on every request, as pure ASGI middleware, since each layer adds to the latency of every step."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from dohyo.service.errors import BusyError, TooLargeError, problem
 WIRE = ("/v1/workers", "/v1/leases")
 FREE = ("/health", "/static")
 UPLOADS = ("/v1/networks", "/submissions/onnx")
-FORM_BYTES = 100_000  # of an upload, beside the file
+FORM_BYTES = 100_000  # size of an upload's other fields
 SECURITY = {
     "content-security-policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
@@ -50,7 +50,7 @@ class BodyLimit:
         self.app, self.limit, self.upload_limit = app, limit, upload_limit + FORM_BYTES
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Passes on what is small enough."""
+        """Passes on requests with a body within the limit."""
         if scope["type"] != "http" or scope["method"] in ("GET", "HEAD"):
             await self.app(scope, receive, send)
             return
@@ -77,7 +77,7 @@ class BodyLimit:
         try:
             await self.app(scope, count, watch)
         except HTTPException as error:
-            # Whoever read the body outside the routes' own error handling.
+            # The body was read outside the routes' own error handling.
             if error.status_code != 413 or answered:
                 raise
             await _too_large(limit)(scope, receive, send)
@@ -95,7 +95,7 @@ def _ending() -> Response:
 
 @dataclass(slots=True)
 class _Bucket:
-    """Requests that are left at a moment; fills steadily."""
+    """Token bucket: remaining requests, refilled steadily."""
 
     left: float
     at: float
@@ -116,7 +116,7 @@ class RateLimit:
         self._accepted: OrderedDict[str, None] = OrderedDict()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Passes on what is within the rate."""
+        """Passes on requests within the rate."""
         if scope["type"] != "http" or scope["path"].startswith(FREE):
             await self.app(scope, receive, send)
             return
@@ -135,7 +135,7 @@ class RateLimit:
             self._remember(token)
 
     async def _pass_on_wire(self, scope: Scope, receive: Receive, send: Send, token: str, address: str) -> None:
-        """Counts only what is refused for its token; one that was good before always passes."""
+        """Counts only requests with a refused token; tokens accepted before always pass."""
         if token in self._accepted:
             await self.app(scope, receive, send)
             return
@@ -182,7 +182,7 @@ class RateLimit:
 
 
 class SecurityHeaders:
-    """Tells browsers to run only what the service itself serves, and to show it in no frame."""
+    """Security headers: browsers run only the service's own scripts and show its pages in no frame."""
 
     def __init__(self, app: ASGIApp, tls: bool) -> None:
         self.app = app
@@ -190,7 +190,7 @@ class SecurityHeaders:
         self.headers: Iterable[tuple[bytes, bytes]] = tuple((k.encode(), v.encode()) for k, v in headers.items())
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Adds the headers; the wire is for programs, and gets none."""
+        """Adds the headers, except on the wire, which is for programs."""
         if scope["type"] != "http" or _on_wire(scope["path"]):
             await self.app(scope, receive, send)
             return
@@ -204,13 +204,13 @@ class SecurityHeaders:
 
 
 class AccessLog:
-    """Gives each request a name, and writes one line about it: who, what, how long; never a token, body or query."""
+    """Gives each request an identifier and logs caller, route and duration; never a token, body or query."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Names, measures and writes."""
+        """Identifies, measures and logs a request."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
@@ -229,7 +229,7 @@ class AccessLog:
         try:
             await self.app(scope, receive, note)
         except asyncio.CancelledError:
-            # Only the end of the service cancels a request: what it still waits for takes longer than there is time.
+            # Only the shutdown of the service cancels a request.
             if answered:
                 raise
             await _ending()(scope, receive, note)

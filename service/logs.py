@@ -11,7 +11,7 @@ class JsonLines(logging.Formatter):
     """Formats a record; what `extra={"facts": {...}}` gave becomes members of the line."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """One line."""
+        """A record as one line of JSON."""
         line = {
             "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
             "level": record.levelname.lower(),
@@ -25,12 +25,12 @@ class JsonLines(logging.Formatter):
 
 
 def configure(level: int = logging.INFO) -> None:
-    """Sends dohyo's messages to standard error, and of others only warnings."""
+    """Logs dohyo's messages, and only warnings of other libraries, to standard error."""
     handler = logging.StreamHandler()
     handler.setFormatter(JsonLines())
     root = logging.getLogger()
     root.handlers = [handler]
     root.setLevel(logging.WARNING)
     logging.getLogger("dohyo").setLevel(level)
-    # httpx writes each URL, and a webhook's may be its owner's secret.
+    # httpx logs each URL, and a webhook's URL may be its owner's secret.
     logging.getLogger("httpx").setLevel(logging.WARNING)

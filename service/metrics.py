@@ -1,4 +1,4 @@
-"""Metrics of one evaluation: as a whole, per cell and per drive; JSON and CSV."""
+"""Metrics of one evaluation: over all drives, per cell and per drive; JSON and CSV."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _LENGTHS: Final = ("km", "route_m", "driven_m", "duration_s")
 
 
 def as_document(entry: Entry) -> dict[str, Any]:
-    """All drives, and those of each cell, summarised; then the drives themselves. Plain JSON."""
+    """Summary of all drives and of each cell, then the drives themselves. Plain JSON."""
     return {
         "evaluation": entry.evaluation,
         "agent": entry.agent,
@@ -38,7 +38,7 @@ def as_csv(entry: Entry) -> str:
 
 
 def cells_of(entry: Entry) -> dict[str, list[Drive]]:
-    """Drives by the benchmark's cell, in the order in which they come."""
+    """Drives by the benchmark's cell, in the order of their first drive."""
     cells: dict[str, list[Drive]] = {}
     for drive in entry.drives:
         cells.setdefault(drive.cell, []).append(drive)

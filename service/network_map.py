@@ -21,8 +21,8 @@ def map_document(network: RoadNetwork, box: Box | None = None) -> dict[str, Any]
     """Lanes, junctions and stop lines.
 
     Args:
-        network: Whose.
-        box: x0, y0, x1, y1, m: only what reaches into it; None: everything.
+        network: Network to draw.
+        box: x0, y0, x1, y1, m: limits the answer to objects that reach into it; None: everything.
 
     Returns:
         `lanes`: points [m], width [m], kind (drive, bicycle, walk, crossing, internal); `junctions`: outlines [m];
@@ -51,16 +51,16 @@ def map_document(network: RoadNetwork, box: Box | None = None) -> dict[str, Any]
 
 @lru_cache(maxsize=KEPT)
 def packed_map(name: str, sha256: str, box: Box | None) -> bytes:
-    """The same of a network of the catalog, as gzipped JSON; `sha256` is the network's, which decides the answer."""
+    """Map of a catalog network as gzipped JSON; `sha256` is the network's hash, which decides the answer."""
     document = map_document(load_network(name), box)
     return gzip.compress(json.dumps(document, separators=(",", ":")).encode(), 6, mtime=0)
 
 
 def _kinds(network: RoadNetwork) -> list[str]:
-    """Per lane how it is drawn; "" where nobody of interest goes."""
+    """Kind of each lane for drawing; "" for lanes without interesting traffic."""
     lanes = network.lanes
     kinds = np.full(len(lanes.ids), "", dtype="<U8")
-    # The later, the more it decides.
+    # Later entries take precedence.
     kinds[lanes.pedestrian & ~lanes.internal] = "walk"
     kinds[lanes.bicycle & ~lanes.internal] = "bicycle"
     kinds[lanes.drivable] = "drive"
@@ -70,7 +70,7 @@ def _kinds(network: RoadNetwork) -> list[str]:
 
 
 def _near(points: FloatArray, start: Any, box: Box | None) -> BoolArray:
-    """Which of some polylines have a bounding box that meets the box.
+    """Selects the polylines whose bounding box meets the box.
 
     Args:
         points: (P, 2), m, of all polylines one after another.

@@ -1,4 +1,4 @@
-"""Progress: an evaluation's events as a stream that browsers understand (text/event-stream)."""
+"""Progress: an evaluation's events as server-sent events (text/event-stream)."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ RETRY_MS = 3000
 async def stream_progress(
     events: Broadcast, evaluation_id: str, read: Callable[[], Awaitable[EvaluationView]]
 ) -> AsyncIterator[str]:
-    """Events of one evaluation until it ends.
+    """Streams the events of one evaluation until it ends.
 
     Args:
-        events: Where they are published.
-        evaluation_id: Whose.
+        events: Broadcast of the service.
+        evaluation_id: Identifier of the evaluation.
         read: Reads the whole state; it is read after listening has begun, so that nothing falls in between, and again
             whenever this reader was too slow to get all events.
 
@@ -38,7 +38,7 @@ async def stream_progress(
                 continue
             if subscription.closed:
                 return
-            # Silence, an end, or a gap: what counts is what is written down.
+            # After silence, an end, or a gap, the state in the database decides.
             subscription.lagged = False
             before, state = state, await read()
             if state.status.finished:

@@ -21,7 +21,7 @@ class Sample:
 
     Attributes:
         value: Any float, also infinite or NaN.
-        labels: Name and value.
+        labels: Pairs of name and value.
         suffix: After the family's name: "_sum", "_count", "_bucket" or nothing.
     """
 
@@ -36,9 +36,9 @@ class Family:
 
     Attributes:
         name: As Prometheus has it: unit and "_total" at its end.
-        help: One line.
-        type: What may be done with it.
-        samples: At least none.
+        help: Description in one line.
+        type: Type of the metric: counter, gauge, histogram...
+        samples: Samples, possibly none.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Family:
 
 
 def exposition(families: Iterable[Family]) -> str:
-    """The families as text; every family once, with its help and type.
+    """Formats the families as text; every family once, with its help and type.
 
     Raises:
         InvalidInputError: A name or a label's name is not one that Prometheus takes.

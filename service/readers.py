@@ -1,4 +1,4 @@
-"""Readers: what the reading routes share, and how they find records and files derived from them."""
+"""Readers: shared state of the reading routes, and access to records and files derived from them."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ logger = logging.getLogger("dohyo.service")
 
 @dataclass(slots=True)
 class Readers:
-    """Shared by the reading routes of one app.
+    """Shared state of the reading routes of one app.
 
     Attributes:
-        standings: Leaderboards in memory.
-        redrives: Episodes being driven again.
+        standings: Cached leaderboards.
+        redrives: Running redrives.
         benchmarks: Parsed documents by content hash.
     """
 
@@ -59,11 +59,11 @@ class Readers:
         return benchmark
 
     def network_of(self, version: BenchmarkVersion, cell: str) -> str:
-        """Where a cell of a benchmark is; empty where the benchmark has no such cell."""
+        """Network of a benchmark's cell; empty for an unknown cell."""
         return next((one.network for one in self.benchmark(version).cells if one.name == cell), "")
 
     def counts(self, services: Services) -> tuple[Mapping[str, int], Mapping[str, int]]:
-        """Episodes and evaluations by status, at most a few seconds old."""
+        """Counts of episodes and evaluations by status, at most a few seconds old."""
         now, known = time.monotonic(), self._counts
         if known is None or now - known[0] > COUNTS_S:
             with services.database.reading() as session:
@@ -71,7 +71,7 @@ class Readers:
         return known[1]
 
     def derived(self, path: Path, make: Callable[[], bytes]) -> bytes:
-        """A file that can be made again: read, or made once and kept. Without room for it, it is made every time."""
+        """A derived file: read from the cache, or built and stored there. Built every time where the disk is full."""
         with self._stripes[hash(path) % STRIPES]:
             if path.exists():
                 return path.read_bytes()
@@ -84,7 +84,7 @@ class Readers:
 
 
 async def readers_of(request: Request, services: ServicesOf) -> Readers:
-    """The app's; made at the first request, on the event loop, so that there is only one."""
+    """The app's readers, created at the first request on the event loop, so that there is only one."""
     state = request.app.state
     if not hasattr(state, "readers"):
         state.readers = Readers(Standings(), Redrives(services.settings.policies))
@@ -96,7 +96,7 @@ ReadersOf = Annotated[Readers, Depends(readers_of)]
 
 
 def owner_filter(caller: Caller) -> str | None:
-    """Whose evaluations a caller sees; None: everybody's."""
+    """Owner whose evaluations a caller sees; None: all owners."""
     return None if caller.sees_all else caller.owner
 
 
@@ -104,7 +104,7 @@ def evaluation_for(services: Services, caller: Caller, evaluation_id: str) -> tu
     """An evaluation that the caller may see, with its benchmark.
 
     Raises:
-        NotFoundError: There is none for this caller.
+        NotFoundError: It does not exist or is not visible to this caller.
     """
     with services.database.reading() as session:
         evaluation = reading.find_evaluation(session, evaluation_id, owner_filter(caller))
@@ -117,7 +117,7 @@ def episode_for(services: Services, caller: Caller, episode_id: str) -> tuple[Ep
     """An episode that the caller may see, with its evaluation and benchmark.
 
     Raises:
-        NotFoundError: There is none for this caller.
+        NotFoundError: It does not exist or is not visible to this caller.
     """
     with services.database.reading() as session:
         found = reading.find_episode(session, episode_id, owner_filter(caller))
@@ -128,11 +128,11 @@ def episode_for(services: Services, caller: Caller, episode_id: str) -> tuple[Ep
 
 
 def record_path(settings: Settings, episode: Episode) -> Path:
-    """Where an episode's record is.
+    """Path of an episode's record.
 
     Raises:
-        ConflictError: It has none yet.
-        GoneError: It had one, and the file is missing.
+        ConflictError: The episode has no record yet.
+        GoneError: The record's file is missing.
     """
     if episode.record_hash is None:
         raise ConflictError(f"episode '{episode.id}' is {episode.status}: it has no record")
@@ -143,11 +143,11 @@ def record_path(settings: Settings, episode: Episode) -> Path:
 
 
 def record_of(settings: Settings, episode: Episode) -> EpisodeRecord:
-    """An episode's record, whole and unchanged.
+    """An episode's record, after a check of its hash.
 
     Raises:
-        ConflictError: It has none yet.
-        GoneError: It cannot be read any more.
+        ConflictError: The episode has no record yet.
+        GoneError: The record can no longer be read.
     """
     path = record_path(settings, episode)
     try:
@@ -160,11 +160,11 @@ def record_of(settings: Settings, episode: Episode) -> EpisodeRecord:
 
 
 def trajectory_of(settings: Settings, episode: Episode) -> Trajectory:
-    """Where everything was in an episode, whole and unchanged.
+    """An episode's trajectories, after a check of their hash.
 
     Raises:
-        ConflictError: It has no record yet.
-        GoneError: It cannot be read any more.
+        ConflictError: The episode has no record yet.
+        GoneError: The record can no longer be read.
     """
     try:
         return read_trajectory(record_path(settings, episode))
@@ -173,13 +173,13 @@ def trajectory_of(settings: Settings, episode: Episode) -> Trajectory:
 
 
 def unreadable(episode: Episode, error: Exception | None = None) -> GoneError:
-    """What a caller is told of a damaged record; where it lies is for the log alone."""
+    """Error for a damaged record; its path appears only in the log."""
     logger.error("record %s of episode %s cannot be read: %s", episode.record_hash, episode.id, error or "missing")
     return GoneError(f"the record of episode '{episode.id}' is missing or damaged on the server")
 
 
 def refuse_unrepeatable(evaluation: Evaluation) -> None:
-    """Raises where only a remote worker, or the clock, could tell what the agent did.
+    """Refuses to drive again where decisions depended on a remote worker or the clock.
 
     Raises:
         ConflictError: The episode cannot be driven again here.

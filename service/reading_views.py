@@ -1,4 +1,4 @@
-"""Views of what is read: standings, comparisons, metrics, scores. They describe plain JSON made elsewhere."""
+"""Views of the reading routes: standings, comparisons, metrics, scores. They describe plain JSON built elsewhere."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class EstimateView(View):
 
 
 class ComparisonView(View):
-    """How one side differs from another on the drives both made."""
+    """Paired difference of two sides over their common drives."""
 
     difference: EstimateView
     probability: Annotated[float, Field(description="Share of resamples in which the difference is above 0.")]
@@ -88,7 +88,7 @@ class PairView(View):
 
 
 class ScenarioView(View):
-    """A scenario, and what each evaluation made of it, in their order."""
+    """A scenario with the score of each evaluation, in their order."""
 
     scenario: str
     seed: int
@@ -101,7 +101,7 @@ class ScenarioView(View):
 
 
 class ComparedView(View):
-    """Evaluations of one benchmark version side by side."""
+    """Comparison of evaluations of one benchmark version."""
 
     benchmark: str
     benchmark_sha256: Version
@@ -169,7 +169,7 @@ class RescoredView(View):
 
 
 class EpisodeDetail(EpisodeView):
-    """An episode and whose it is."""
+    """An episode with its agent and owner."""
 
     agent: str
     agent_version: int
@@ -197,7 +197,7 @@ class VerificationView(View):
 
 
 class ExplanationView(View):
-    """Why the agent decided as it did at one tick, by ego; null where it has nothing to say."""
+    """Explanations of the agent's decisions at one tick, by ego; null without an explanation."""
 
     episode: str
     tick: int

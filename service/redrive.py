@@ -1,4 +1,4 @@
-"""Drives a recorded episode again, in a process of its own: does it give the same record, and why did it act so?
+"""Drives a recorded episode again in a separate process: compares the record and collects explanations.
 
 `python -m dohyo.service.redrive RECORD EXPLANATIONS` prints one JSON object on standard output, and writes the
 explanations where the record is the same. Its parent holds its standard input open, and it ends when that is closed, so
@@ -34,7 +34,7 @@ LEVEL: Final = 4
 
 
 class Explained(Agent):
-    """An agent that is asked why after every decision; `note` takes each answer, None where it has nothing to say."""
+    """Wraps an agent and passes its explanation to `note` after every decision; None without an explanation."""
 
     def __init__(self, agent: Agent, note: Callable[[Explanation | None], None]) -> None:
         self.agent, self.note, self.spec = agent, note, agent.spec
@@ -59,15 +59,15 @@ class Trace:
     """Explanations as JSON lines: line t holds those of the decisions taken at tick t, by ego.
 
     Attributes:
-        lines: By ego, one per decision, encoded at once: agents may change what they gave later.
-        size: Bytes so far; beyond the limit, null takes an explanation's place.
+        lines: Lines by ego, one per decision, encoded at once, since agents may change the object later.
+        size: Size in bytes; beyond the limit, explanations are replaced by null.
     """
 
     lines: dict[str, list[str]] = field(default_factory=dict)
     size: int = 0
 
     def noter(self, ego: str) -> Callable[[Explanation | None], None]:
-        """What takes the explanations of one ego."""
+        """Receiver of one ego's explanations."""
         lines = self.lines.setdefault(ego, [])
 
         def note(explanation: Explanation | None) -> None:
@@ -78,7 +78,7 @@ class Trace:
         return note
 
     def write(self, path: Path) -> None:
-        """Writes all ticks, gzip'd, whole or not at all."""
+        """Writes all ticks as gzip, complete or not at all."""
         ticks = max(map(len, self.lines.values()), default=0)
         table = []
         for tick in range(ticks):
@@ -91,7 +91,7 @@ def redrive(record: EpisodeRecord, trace: Trace) -> EpisodeRecord:
     """Drives a record's scenario again with the agents it names.
 
     Raises:
-        InvalidInputError: If what is installed here is not what made the record, so that a difference proves nothing.
+        InvalidInputError: The installed versions differ from the record's, so that a difference would prove nothing.
     """
     now = versions(load_network(record.scenario.network))
     if now != record.versions:
@@ -135,7 +135,7 @@ def _agent(ego: EgoRecord, trace: Trace) -> Explained:
 
 
 def _encoded(explanation: Explanation | None) -> str:
-    """As JSON on one line, null for NaN and infinity; an explanation that cannot be told must not end the drive."""
+    """JSON on one line, null for NaN and infinity; an explanation that cannot be encoded must not end the drive."""
     try:
         return msgspec.json.encode(explanation, enc_hook=_plain).decode()
     except (TypeError, ValueError, RecursionError) as error:
@@ -152,7 +152,7 @@ def _end_with_parent() -> None:
 
 
 def main(record_path: Path, explanations: Path) -> dict[str, Any]:
-    """One drive: what the parent reads."""
+    """Drives once and returns the answer for the parent process."""
     try:
         record, trace = read_record(record_path), Trace()
         again = redrive(record, trace)
@@ -167,6 +167,6 @@ def main(record_path: Path, explanations: Path) -> dict[str, Any]:
 if __name__ == "__main__":
     threading.Thread(target=_end_with_parent, daemon=True).start()
     answer = os.dup(1)
-    os.dup2(2, 1)  # whatever an agent or SUMO prints is no part of the answer
+    os.dup2(2, 1)  # output of the agent or of SUMO is not part of the answer
     os.write(answer, json.dumps(main(Path(sys.argv[1]), Path(sys.argv[2]))).encode())
     os._exit(0)

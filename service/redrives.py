@@ -1,4 +1,4 @@
-"""Redrives: recorded episodes driven again beside the service, few at a time, each in a process of its own."""
+"""Redrives: recorded episodes driven again, few at a time, each in a separate process."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ logger = logging.getLogger("dohyo.service")
 
 
 class Redrives:
-    """What is being driven again; on the event loop only. Two that ask for the same record share one drive."""
+    """Running redrives, on the event loop only. Requests for the same record share one drive."""
 
     def __init__(self, policies: Path) -> None:
         self._environment = os.environ | {"DOHYO_POLICIES": str(policies.resolve()), "OMP_NUM_THREADS": "1"}
@@ -35,17 +35,17 @@ class Redrives:
         """Drives a record's episode again, and waits for the answer of `dohyo.service.redrive`.
 
         Raises:
-            ConflictError: If a replay would prove nothing, or did not end.
-            BusyError: If too many wait already.
+            ConflictError: The redrive would prove nothing, or did not end.
+            BusyError: Too many redrives wait already.
         """
         return await asyncio.shield(self._begun(record))
 
     async def explain(self, record: Path) -> Path | None:
-        """The file of a record's explanations; None as long as they are being made.
+        """File of a record's explanations; None while they are being collected.
 
         Raises:
-            ConflictError: If they cannot be had; once found, that is remembered.
-            BusyError: If too many wait already.
+            ConflictError: They cannot be collected; the answer is cached.
+            BusyError: Too many redrives wait already.
         """
         trace = trace_path(record)
         if trace.exists():
@@ -101,5 +101,5 @@ class Redrives:
 
 
 def trace_path(record: Path) -> Path:
-    """Where a record's explanations are kept: beside it, as what can be made again."""
+    """Path of a record's explanations, beside the record."""
     return record.with_name(f"{record.stem}.explanations-{TRACE_FORMAT}.jsonl.gz")

@@ -1,4 +1,4 @@
-"""Replay: an episode as the player draws it, made from its record, its trajectory and its network."""
+"""Replay: data for the player, built from an episode's record, trajectory and network."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.world import ActorKind
 
 FORMAT: Final = 1
-"""Grows whenever a replay of the same record would look different; caches are kept by it."""
+"""Version of the format, part of the cache key; increases with every change."""
 DT_S: Final = 0.1
 MARGIN_M: Final = 40.0
-_GZIP_LEVEL: Final = 4  # 6 takes four times as long for a twentieth less
+_GZIP_LEVEL: Final = 4  # level 6 takes four times as long and saves a twentieth
 _SERIES: Final = {"speed": 2, "acceleration": 2, "steering": 3, "progress": 2, "lateral": 2}
 
 
 def replay_of(
     record: EpisodeRecord, trajectory: Trajectory, network: RoadNetwork, *, episode: str, rules: Rules
 ) -> dict[str, Any]:
-    """Everything a player needs but the roads; plain JSON, metres and radians to two decimals, network frame.
+    """Data for the player except the roads; plain JSON, metres and radians to two decimals, network frame.
 
     Args:
-        record: The facts.
-        trajectory: Of the same episode.
-        network: On which it was driven.
-        episode: Its name in the service.
-        rules: Of the driving score.
+        record: Record of the episode.
+        trajectory: Trajectories of the same episode.
+        network: Network of the episode.
+        episode: Identifier of the episode at the service.
+        rules: Rules of the driving score.
 
     Returns:
         `egos` with their routes, infractions and series; `actors`, an entry per gap-free appearance of whatever moved,
         the egos included (kind "ego"); `signals` near them, each with its stop line and its changes.
 
     Raises:
-        InvalidInputError: If the network is not the one of the record, or one of its missions cannot be driven on it.
+        InvalidInputError: The network differs from the record's, or a mission cannot be planned on it.
     """
     if network.sha256 != record.versions.network_sha256:
         raise InvalidInputError(
@@ -73,17 +73,17 @@ def replay_of(
 
 
 def encode(replay: dict[str, Any]) -> bytes:
-    """The replay as JSON, gzip'd; the same bytes for the same replay."""
+    """The replay as gzipped JSON; equal replays give equal bytes."""
     return gzip.compress(msgspec.json.encode(replay), _GZIP_LEVEL, mtime=0)
 
 
 def infraction_document(one: Infraction, rules: Rules) -> dict[str, Any]:
-    """An infraction as plain JSON, with `factor`: the infraction penalty of a drive with this infraction alone."""
+    """An infraction as plain JSON, with `factor`: the infraction penalty of a drive with only this infraction."""
     return one.model_dump(mode="json") | {"factor": infraction_penalty([one], rules, 0.0)}
 
 
 def _bounds(trajectory: Trajectory, routes: list[FloatArray]) -> list[float]:
-    """Box x0, y0, x1, y1 of all that is drawn."""
+    """Bounding box x0, y0, x1, y1 of all drawn objects, m."""
     moved = np.column_stack([trajectory.x, trajectory.y]).astype(np.float64)
     points = np.concatenate([moved[np.isfinite(moved).all(axis=1)], *routes])
     low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
@@ -153,6 +153,6 @@ def _signals(changes: NDArray[np.int32], network: RoadNetwork, bounds: list[floa
 
 
 def _rounded(values: NDArray[Any], digits: int) -> list[float]:
-    """As the shortest decimals, for which float32 is too short; NaN stays, and is null in JSON."""
+    """Rounded values as float64, which print as short decimals; NaN stays and becomes null in JSON."""
     rounded: list[float] = np.round(values.astype(np.float64), digits).tolist()
     return rounded

@@ -1,4 +1,4 @@
-"""Rescoring: an evaluation's records under other rules. Pure; what is stored does not change."""
+"""Rescoring: an evaluation's records under other rules. Stored data does not change."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ LAMBDA: Final = 4.0
 def rescore(
     records: Sequence[EpisodeRecord], *, rules: Rules, irs_lambda: float = LAMBDA, irs_length: IrsLength = "driven"
 ) -> dict[str, Any]:
-    """Every score from the records' facts, as `dohyo score --json` prints them; plain JSON.
+    """Computes every score from the records, as `dohyo score --json` does; plain JSON.
 
     Args:
-        records: Of one agent and one benchmark version.
-        rules: Of the driving score.
+        records: Records of one agent and one benchmark version.
+        rules: Rules of the driving score.
         irs_lambda: Decay of the infraction rate score, km per infraction.
-        irs_length: What its kilometres are.
+        irs_length: Distance that its kilometres count: driven or route.
 
     Returns:
         The summary of all drives, with `irs_lambda`, `cells` (a summary each) and `drives`.
 
     Raises:
-        InvalidInputError: If there are no records, they do not belong together, or lambda is out of range.
+        InvalidInputError: There are no records, they do not belong together, or lambda is out of range.
     """
     summary = summarise(records, rules=rules, irs_length=irs_length)
     cells = summarise_cells(records, rules=rules, irs_length=irs_length)

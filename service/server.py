@@ -1,4 +1,4 @@
-"""Server: uvicorn around the app, on a socket of ours, with a shutdown that lets episodes end."""
+"""Server: uvicorn with the app on an own socket, and a shutdown that lets running episodes end."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ CLOSE_S = 5
 
 
 def run(settings: Settings, listening: Callable[[str, str | None], None]) -> bool:
-    """Runs the service until it is told to end.
+    """Runs the service until a signal ends it.
 
     Args:
-        settings: How.
-        listening: Is told the URL, and at the very first start an administrator's token.
+        settings: Settings of the service.
+        listening: Callback with the URL and, at the very first start, an administrator's token.
 
     Returns:
-        Whether it ever started.
+        Whether the service started.
 
     Raises:
         InvalidInputError: The settings cannot be served.
@@ -55,10 +55,10 @@ def run(settings: Settings, listening: Callable[[str, str | None], None]) -> boo
 
 
 def check_exposure(settings: Settings) -> None:
-    """Refuses to be heard by others without encryption, unless told to.
+    """Refuses to listen beyond loopback without encryption, unless the settings allow it.
 
     Raises:
-        InvalidInputError: Beyond loopback without TLS, or half of a TLS setting.
+        InvalidInputError: Listening beyond loopback without TLS, or an incomplete TLS setting.
     """
     certificate, key = settings.tls_certificate, settings.tls_key
     if (certificate is None) != (key is None):
@@ -82,14 +82,14 @@ class DrainingServer(uvicorn.Server):
         self._drain: asyncio.Task[None] | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Remembers the loop for signals, and what is there for good: the collector need not look at it again."""
+        """Stores the loop for signals; freezes existing objects, which the garbage collector then skips."""
         self._loop = asyncio.get_running_loop()
         await super().startup(sockets)
         gc.collect()
         gc.freeze()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Begins to drain, or ends."""
+        """Starts to drain at the first signal and ends at the second."""
         if self._drain is None and self.started:
             self._loop.call_soon_threadsafe(self._begin)
         else:
@@ -107,7 +107,7 @@ class DrainingServer(uvicorn.Server):
 
 
 def configuration(settings: Settings, app: FastAPI) -> uvicorn.Config:
-    """How uvicorn serves the app."""
+    """Configuration of uvicorn."""
     return uvicorn.Config(
         app,
         loop="uvloop",
@@ -126,10 +126,10 @@ def configuration(settings: Settings, app: FastAPI) -> uvicorn.Config:
 
 
 def listen(settings: Settings) -> socket.socket:
-    """The socket to serve on.
+    """Opens the socket to serve on.
 
     Raises:
-        InvalidInputError: It cannot be had.
+        InvalidInputError: The address cannot be used.
     """
     try:
         family = socket.getaddrinfo(settings.host, settings.port, type=socket.SOCK_STREAM)[0][0]
@@ -140,7 +140,7 @@ def listen(settings: Settings) -> socket.socket:
 
 
 def _prepare(settings: Settings) -> str | None:
-    """Makes the folder and the tables; returns the first token, if there was none."""
+    """Creates the folder and the tables; returns the first token if there was none."""
     with held(settings):
         database = Database(settings.database_url)
         try:

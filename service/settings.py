@@ -11,33 +11,33 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 
 class Settings(BaseSettings):
-    """How one service runs.
+    """Settings of one service.
 
     Attributes:
         data: Folder of records, policies, networks and the SQLite database.
         database: SQLAlchemy URL; None: SQLite in the data folder.
-        host: Where to listen; other than loopback needs TLS or `insecure`.
-        port: 0 chooses a free one.
+        host: Address to listen on; any other than loopback needs TLS or `insecure`.
+        port: Port to listen on; 0 chooses a free one.
         tls_certificate: PEM file.
         tls_key: PEM file.
         insecure: Listen beyond loopback without TLS, such as behind a proxy that ends it.
-        executor: What drives built-in and ONNX agents: this machine's processes, or a Ray cluster.
-        ray_address: Of that cluster; "auto": the one this machine belongs to, or what RAY_ADDRESS says.
+        executor: Executor of built-in and ONNX agents: processes on this machine, or a Ray cluster.
+        ray_address: Address of the cluster; "auto": this machine's cluster or the value of RAY_ADDRESS.
         processes: Episodes driven at once by built-in and ONNX agents; each keeps a process on this machine, too, which
             on a cluster only waits.
-        remote_episodes: Episodes of remote agents alive at once.
-        queue_limit: Episodes waiting at once, over all submitters.
-        evaluations_per_owner: Unfinished evaluations one owner may have.
-        requests_per_minute: Per token, the wire of policy workers apart.
-        body_limit_bytes: Of any request but an upload.
-        upload_limit_bytes: Of an uploaded policy or network.
-        public: Whether leaderboards, episodes and replays can be read without a token.
-        cors_origins: Browsers' origins that may call the API.
-        lease_ttl_s: A worker silent for longer loses its lease.
-        act_deadline_s: Wall-clock time for one decision where the simulation waits.
-        webhook_private_addresses: Let webhooks call this machine and its private network.
+        remote_episodes: Most live episodes of remote agents.
+        queue_limit: Most waiting episodes over all submitters.
+        evaluations_per_owner: Most unfinished evaluations of one owner.
+        requests_per_minute: Limit per token, without the wire of policy workers.
+        body_limit_bytes: Largest body of a request that is not an upload.
+        upload_limit_bytes: Largest uploaded policy or network.
+        public: Whether leaderboards, episodes and replays are readable without a token.
+        cors_origins: Origins of browsers that may call the API.
+        lease_ttl_s: Silence after which a worker loses its lease, s.
+        act_deadline_s: Wall-clock limit of one decision while the simulation waits, s.
+        webhook_private_addresses: Whether webhooks may call this machine and its private network.
         webhook_authorities: PEM file of certificates, beyond those that everybody trusts, that webhooks may prove with.
-        drain_s: After SIGTERM, time for running episodes to end.
+        drain_s: Time for running episodes to end after SIGTERM, s.
     """
 
     model_config = SettingsConfigDict(env_prefix="DOHYO_", env_file=".env", extra="ignore", frozen=True)
@@ -68,22 +68,22 @@ class Settings(BaseSettings):
 
     @property
     def database_url(self) -> str:
-        """The URL to connect to."""
+        """URL of the database."""
         if self.database is not None:
             return self.database.get_secret_value()
         return f"sqlite:///{(self.data / 'dohyo.db').resolve()}"
 
     @property
     def records(self) -> Path:
-        """Finished records by content hash: `ab/abcd....json` beside its Parquet."""
+        """Folder of finished records by content hash: `ab/abcd....json` beside its Parquet file."""
         return self.data / "records"
 
     @property
     def staging(self) -> Path:
-        """Records of episodes being driven, a folder per evaluation."""
+        """Folder of running episodes' records, with a folder per evaluation."""
         return self.data / "staging"
 
     @property
     def policies(self) -> Path:
-        """Uploaded policies by content hash."""
+        """Folder of uploaded policies by content hash."""
         return self.data / "policies"

@@ -1,4 +1,4 @@
-"""Standings: leaderboards kept in memory. A finished evaluation never changes, nor what follows from it."""
+"""Standings: leaderboards cached in memory, since finished evaluations never change."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LEADERBOARDS: Final = 100
 
 @dataclass(slots=True)
 class Recent(Generic[K, V]):
-    """The values used last, at most `size`."""
+    """Cache of the `size` most recently used values."""
 
     size: int
     values: OrderedDict[K, V] = field(default_factory=OrderedDict)
@@ -36,7 +36,7 @@ class Recent(Generic[K, V]):
             return self.values.get(key)
 
     def put(self, key: K, value: V) -> None:
-        """Keeps a value, and forgets the one unused for longest."""
+        """Stores a value and drops the least recently used one."""
         with self.lock:
             self.values[key] = value
             self.values.move_to_end(key)
@@ -45,7 +45,7 @@ class Recent(Generic[K, V]):
 
 
 class Standings:
-    """Rows of leaderboards by what decides them: the evaluations ranked and the score."""
+    """Rows of leaderboards by the ranked evaluations and the score."""
 
     def __init__(self) -> None:
         self._entries: Recent[str, Entry] = Recent(ENTRIES)
@@ -55,14 +55,14 @@ class Standings:
     def rows(
         self, session: Session, benchmark_sha256: str, track: str | None, owner: str | None, metric: str
     ) -> list[Row]:
-        """The leaderboard as it stands; see `dohyo.service.leaderboard.rank`."""
+        """The current leaderboard; see `dohyo.service.leaderboard.rank`."""
         ids = tuple(reading.ranked_evaluations(session, benchmark_sha256, track, owner))
         return self._cached(ids, metric, lambda: self._finished(session, ids))
 
     def _cached(self, ids: tuple[str, ...], metric: str, load: Callable[[], list[Entry]]) -> list[Row]:
         rows = self._boards.get((ids, metric))
         if rows is None:
-            with self._building:  # one thread builds, the others find it built
+            with self._building:  # one thread builds, the others wait for its result
                 rows = self._boards.get((ids, metric))
                 if rows is None:
                     rows = rank([entry for entry in load() if entry.drives and metric in entry.scores], metric)

@@ -1,4 +1,4 @@
-"""State: what all requests share, and the broadcast of what happens."""
+"""State: shared services of all requests, and the broadcast of events."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Subscription:
         self._filled.set()
 
     async def get(self, timeout_s: float | None = None) -> dict[str, Any] | None:
-        """The next message; None where none came in time, or where there will be no more (`closed`)."""
+        """The next message; None after the time-out, or where no more will come (`closed`)."""
         while not self._waiting:
             if self._closed:
                 return None
@@ -90,7 +90,7 @@ class Broadcast:
         self._ended = False
 
     def publish(self, topic: str, data: dict[str, Any]) -> None:
-        """Sends a message to all listeners of a topic; from any thread, and never waits."""
+        """Sends a message to all listeners of a topic; callable from any thread, never blocks."""
         try:
             asyncio.get_running_loop()
         except RuntimeError:
@@ -100,7 +100,7 @@ class Broadcast:
         self._deliver(topic, data)
 
     def subscribe(self, topic: str) -> Subscription:
-        """Listens from now on; an async iterator and a context manager. On the event loop only."""
+        """Subscribes to a topic; an async iterator and a context manager. On the event loop only."""
         self._loop = asyncio.get_running_loop()
         subscription = Subscription(self, topic)
         if self._ended:
@@ -129,16 +129,16 @@ class Broadcast:
 
 @dataclass(slots=True)
 class Services:
-    """Shared by all requests, in `app.state.services`.
+    """Services shared by all requests, in `app.state.services`.
 
     Attributes:
-        settings: How the service runs.
-        database: What it remembers.
-        scheduler: What drives.
-        events: What happens.
-        started: When.
-        draining: Whether it is shutting down: nothing new is taken.
-        freeway: Mornings whose planner is a policy worker.
+        settings: Settings of the service.
+        database: Database.
+        scheduler: Scheduler that drives episodes.
+        events: Broadcast of events.
+        started: Start time.
+        draining: Whether the service is shutting down and accepts no new work.
+        freeway: Freeway mornings with a policy worker as planner.
     """
 
     settings: Settings
@@ -153,7 +153,7 @@ class Services:
         self.freeway = FreewayMornings(self.settings, self.scheduler)
 
     async def drain(self) -> None:
-        """Lets running episodes end while their workers are still served, then ends all open streams."""
+        """Waits for running episodes while their workers are still served, then ends all open streams."""
         if not self.draining:
             self.draining = True
             await self.freeway.stop()

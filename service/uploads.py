@@ -26,8 +26,8 @@ class Upload:
     """One file and the form's other fields.
 
     Attributes:
-        path: Of the temporary file, which is gone when the request ends.
-        name: As its sender calls it, without folders; never used as a path.
+        path: Path of the temporary file, which is deleted at the end of the request.
+        name: File name given by the sender, without folders; never used as a path.
         fields: The other fields.
     """
 
@@ -41,11 +41,11 @@ async def receive_upload(request: Request, limit: int) -> AsyncIterator[Upload]:
     """Reads the form of a request: the part `file`, and text fields.
 
     Args:
-        request: With a body `multipart/form-data`.
-        limit: Of the file, bytes.
+        request: Request with a body `multipart/form-data`.
+        limit: Largest size of the file, bytes.
 
     Raises:
-        InvalidInputError: It is no such form, or has not exactly one `file`.
+        InvalidInputError: The body is not such a form, or has not exactly one `file`.
         TooLargeError: The file is too large.
         OSError: The disk is full.
     """

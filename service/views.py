@@ -1,4 +1,4 @@
-"""Views: what the routes answer, one model per resource."""
+"""Views: the answers of the routes, one model per resource."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Moment = Annotated[datetime, Field(examples=["2026-01-31T12:00:00Z"])]
 
 
 class View(BaseModel):
-    """Of all answers."""
+    """Base of all answers."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -44,7 +44,7 @@ class Problem(View):
 
 
 class Page(View, Generic[T]):
-    """Some items, and where the next ones begin."""
+    """A page of items with the cursor of the next page."""
 
     items: list[T]
     next: Annotated[str | None, Field(description="To be given as `after`; null at the end.")] = None
@@ -62,13 +62,13 @@ class TokenView(View):
 
 
 class NewToken(TokenView):
-    """A token just made; its secret is told once."""
+    """A new token; its secret cannot be read again."""
 
     token: Annotated[str, Field(examples=["dohyo_7Zl3..."])]
 
 
 class MeView(View):
-    """Whose token was sent."""
+    """Owner and role of the sent token."""
 
     owner: str
     role: Role
@@ -92,7 +92,7 @@ class NetworkView(View):
 
 
 class BenchmarkView(View):
-    """A benchmark as it is now; its version is a content hash, so that a changed one is another."""
+    """The current version of a benchmark; the version is a content hash."""
 
     name: Annotated[str, Field(examples=["quickstart"])]
     version: Version
@@ -107,7 +107,7 @@ class BenchmarkView(View):
 
 
 class BenchmarkVersionView(View):
-    """A version of a benchmark that was evaluated here, or can be."""
+    """A version of a benchmark that was or can be evaluated on this server."""
 
     version: Version
     current: Annotated[bool, Field(description="Whether new evaluations use it.")]
@@ -146,7 +146,7 @@ class SubmissionView(View):
 
 
 class Progress(View):
-    """Episodes of an evaluation by where they stand."""
+    """Numbers of an evaluation's episodes by status."""
 
     total: int
     done: int = 0
@@ -197,7 +197,7 @@ class EpisodeView(View):
 
 
 class WebhookView(View):
-    """Where an owner is told that an evaluation has ended."""
+    """A URL for an owner's messages at the end of evaluations."""
 
     id: str
     url: Annotated[str, Field(examples=["https://example.org/hook"])]
@@ -205,13 +205,13 @@ class WebhookView(View):
 
 
 class NewWebhook(WebhookView):
-    """A webhook just made; its secret is told once."""
+    """A new webhook; its secret cannot be read again."""
 
     secret: Annotated[str, Field(description="Key of the signature in `Dohyo-Signature`.")]
 
 
 def view_token(token: Token) -> TokenView:
-    """A token, without anything secret."""
+    """View of a token without its secret."""
     return TokenView.model_validate(token, from_attributes=True)
 
 

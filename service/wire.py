@@ -29,7 +29,7 @@ class Format(StrEnum):
 
 
 class Reply(msgspec.Struct):
-    """What a step answers. `observations` is msgpack as the episode process wrote it."""
+    """Answer to a step. `observations` is msgpack as the episode process wrote it."""
 
     tick: int
     time_s: float
@@ -37,11 +37,11 @@ class Reply(msgspec.Struct):
     done: bool
     missed: int
     directive: str
-    rewards: None = None  # drives are ranked; nothing on the wire tells how well
+    rewards: None = None  # ranked drives give no rewards to the worker
 
 
 class Step(msgspec.Struct):
-    """A worker's answer; `actions` stays encoded until it is where the action is checked."""
+    """A worker's step; `actions` stays encoded until the episode process checks it."""
 
     tick: int
     actions: msgspec.Raw
@@ -51,11 +51,11 @@ _msgpack, _json = msgspec.msgpack.Encoder(), msgspec.json.Encoder()
 _msgpack_steps, _json_steps = msgspec.msgpack.Decoder(Step), msgspec.json.Decoder(Step)
 
 NOTHING = msgspec.Raw(b"\x80")
-"""Observations of nobody: an empty msgpack map."""
+"""Empty observations: an empty msgpack map."""
 
 
 def format_of(media_type: str | None, default: Format | None = Format.JSON) -> Format | None:
-    """The wire's format that a Content-Type or an Accept header asks for; the default where it names neither."""
+    """Format requested by a Content-Type or an Accept header; the default for other types."""
     given = (media_type or "").lower()
     if "msgpack" in given:
         return Format.MSGPACK
@@ -73,7 +73,7 @@ def decode(body: bytes, fmt: Format) -> Any:
     """Decodes a document.
 
     Raises:
-        InvalidInputError: It is not of that format.
+        InvalidInputError: The body is not of that format.
     """
     try:
         return msgspec.msgpack.decode(body) if fmt is Format.MSGPACK else msgspec.json.decode(body)
@@ -82,10 +82,10 @@ def decode(body: bytes, fmt: Format) -> Any:
 
 
 def decode_step(body: bytes, fmt: Format) -> Step:
-    """Decodes a step, its actions apart.
+    """Decodes a step except its actions.
 
     Raises:
-        InvalidInputError: It is none.
+        InvalidInputError: The body is not a step.
     """
     try:
         return (_msgpack_steps if fmt is Format.MSGPACK else _json_steps).decode(body)
@@ -101,7 +101,7 @@ def encode_observations(observations: Mapping[str, Mapping[str, np.ndarray]]) ->
 
 
 def pack(array: np.ndarray) -> dict[str, Any]:
-    """An array as the msgpack wire has it."""
+    """An array in the form of the msgpack wire."""
     if array.dtype.byteorder == ">" or (array.dtype.byteorder == "=" and sys.byteorder == "big"):
         array = array.astype(array.dtype.newbyteorder("<"))
     return {"shape": array.shape, "dtype": array.dtype.name, "data": array.tobytes()}
@@ -111,7 +111,7 @@ def unpack(value: Any) -> np.ndarray:
     """An array from the wire: a packed one, or a (nested) list of numbers.
 
     Raises:
-        InvalidInputError: It is neither.
+        InvalidInputError: The value is neither.
     """
     if isinstance(value, Mapping):
         return _unpacked(value)
@@ -139,7 +139,7 @@ def _unpacked(value: Mapping[str, Any]) -> np.ndarray:
 
 
 def plain(value: Any) -> Any:
-    """The same document with nested lists for packed arrays."""
+    """A document with nested lists in place of packed arrays."""
     if isinstance(value, dict):
         if value.keys() == {"shape", "dtype", "data"}:
             return unpack(value).tolist()
@@ -148,7 +148,7 @@ def plain(value: Any) -> Any:
 
 
 def arrays(observations: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, np.ndarray]]:
-    """Observations from the wire as an agent wants them: float32 arrays by ego and sensor."""
+    """Observations from the wire as arrays by ego and sensor."""
     return {
         ego: {sensor: unpack(value).astype(np.float32, copy=False) for sensor, value in seen.items()}
         for ego, seen in observations.items()

@@ -1,4 +1,4 @@
-"""The worker loop: drives any local agent's episodes for a service, until it is told to stop.
+"""The worker loop: drives any local agent's episodes for a service until a signal stops it.
 
 The same agent gets the same missions, seeds and observations as in a local evaluation, so the records are the same, to
 the hash. What the agent does wrong is told to the service in the words a local evaluation would use.
@@ -36,8 +36,8 @@ from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, DohyoError, InvalidInputError
 from dohyo.sumo_networks.units import TICK_S
 
-GRACE_S = 1.0  # the service judges first
-REFUSED = 2  # exit code of a command that cannot do what was asked
+GRACE_S = 1.0  # the service's own deadline comes first
+REFUSED = 2  # exit code for bad input
 HANG_S = 10.0  # past a lost lease, before a process whose agent never returns ends itself
 INVALID_ACTION = "invalid_action"
 PASSING = (409, 429, 503)
@@ -46,16 +46,16 @@ logger = logging.getLogger("dohyo.worker")
 
 
 class _Stop(BaseException):
-    """Raised wherever the worker is when it is told to stop."""
+    """Raised in the main thread by a stop signal."""
 
 
 @dataclass(frozen=True, slots=True)
 class Driver:
-    """What a worker drives with.
+    """Agent of a worker.
 
     Attributes:
         entry: "module:Class" of the agent.
-        settings: Of its constructor.
+        settings: Arguments of its constructor.
     """
 
     entry: str
@@ -65,7 +65,7 @@ class Driver:
         """A fresh agent for each ego of an episode.
 
         Raises:
-            InvalidInputError: It cannot be made, or is not what was submitted.
+            InvalidInputError: The agent cannot be built, or differs from the submitted one.
         """
         made = {ego: make_agent(self.entry, self.settings) for ego in drive.missions}
         for agent in made.values():
@@ -80,11 +80,11 @@ class Driver:
 
 
 def work(session: WorkerSession, driver: Driver, episodes: int | None = None) -> None:
-    """Drives episode after episode; returns when it is told to stop (SIGINT, SIGTERM), or after so many episodes.
+    """Drives episode after episode until SIGINT, SIGTERM, or a number of episodes.
 
     Raises:
         WireError: The service refuses this worker for good.
-        InvalidInputError: The agent is not what was submitted.
+        InvalidInputError: The agent differs from the submitted one.
     """
     pauses, driven = Pauses(), 0
     with suppress(_Stop), _stopping(), session:
@@ -105,10 +105,10 @@ def work(session: WorkerSession, driver: Driver, episodes: int | None = None) ->
 
 
 def drive_episode(session: WorkerSession, driver: Driver, drive: Drive) -> None:
-    """Drives one episode to its end, or until it is no longer this worker's.
+    """Drives one episode to its end or until the lease is lost.
 
     Raises:
-        InvalidInputError: The agent is not what was submitted; the episode has been given back.
+        InvalidInputError: The agent differs from the submitted one; the episode was returned.
     """
     logger.info("episode on lease %s, attempt %d", drive.lease, drive.attempt)
     try:
@@ -132,7 +132,7 @@ def drive_episode(session: WorkerSession, driver: Driver, drive: Drive) -> None:
 
 
 def _decide_all(session: WorkerSession, agents: Mapping[str, Agent], drive: Drive) -> None:
-    """Decides tick after tick; what the agent does wrong ends the episode, in the words of a local evaluation."""
+    """Decides tick after tick; a fault of the agent ends the episode with the text of a local evaluation."""
     control = make_control(drive.spec["control"], VehicleParameters(), TICK_S)
     seconds, started = drive.first_deadline_s, False
     while not drive.done:
@@ -144,7 +144,7 @@ def _decide_all(session: WorkerSession, agents: Mapping[str, Agent], drive: Driv
                 actions = {ego: agents[ego].act(seen) for ego, seen in drive.observations.items()}
             for action in actions.values():
                 control.checked(action)
-        except Exception as error:  # a stranger's agent may raise anything
+        except Exception as error:  # an agent may raise anything
             _report(session, drive, error)
             return
         session.step(drive, actions)
@@ -152,9 +152,9 @@ def _decide_all(session: WorkerSession, agents: Mapping[str, Agent], drive: Driv
 
 
 def _report(session: WorkerSession, drive: Drive, error: Exception) -> None:
-    """Tells the service how the agent failed."""
+    """Reports the agent's failure to the service."""
     if isinstance(error, AgentTimeoutError):
-        session.heartbeat(drive)  # past the deadline this is answered by the end of the lease: the agent was too slow
+        session.heartbeat(drive)  # past the deadline the lease has ended already, since the agent was too slow
     if isinstance(error, InvalidActionError):
         session.release(drive, INVALID_ACTION, str(error))
     else:
@@ -168,7 +168,7 @@ def _give_back(session: WorkerSession, drive: Drive, reason: str) -> None:
 
 @contextmanager
 def _heartbeats(session: WorkerSession, drive: Drive) -> Iterator[None]:
-    """Signs of life while the agent decides for long; a process whose agent never returns is ended."""
+    """Heartbeats during long decisions; ends the process if the agent never returns."""
     over = threading.Event()
     every = session.lease_ttl_s / 3
 
@@ -203,7 +203,7 @@ def _stopping() -> Iterator[None]:
 
     def stop(number: int, frame: FrameType | None) -> None:
         for one in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(one, signal.SIG_IGN)  # what is being released is released once
+            signal.signal(one, signal.SIG_IGN)  # an episode is released only once
         raise _Stop
 
     before = {one: signal.signal(one, stop) for one in (signal.SIGINT, signal.SIGTERM)}
@@ -215,12 +215,12 @@ def _stopping() -> Iterator[None]:
 
 
 def keep_working(command: Sequence[str], count: int, environment: Mapping[str, str]) -> None:
-    """Runs worker processes side by side, and starts those anew that die; ends them when it is told to stop.
+    """Runs worker processes in parallel, restarts those that die, and ends them at a stop signal.
 
     Args:
-        command: Arguments of Python.
-        count: Processes.
-        environment: Of each, beside this one's own.
+        command: Arguments of the Python command.
+        count: Number of processes.
+        environment: Variables added to the environment of each process.
     """
     crew: list[subprocess.Popen[bytes]] = []
     pauses = Pauses()

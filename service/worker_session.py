@@ -30,17 +30,17 @@ from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 from dohyo.sumo_networks.scenario import Mission
 
 ACQUIRE_S = 20.0
-REPLY_S = 150.0  # a tick of a large network may take its time
+REPLY_S = 150.0  # a tick of a large network may be slow
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.2, 5.0
 LONGEST_TEXT = 500
 
 
 class WireError(DohyoError):
-    """The service refuses.
+    """A refusal of the service.
 
     Attributes:
-        status: Of HTTP.
-        retry_s: When to try again, where the service said so.
+        status: HTTP status.
+        retry_s: Seconds to wait before a retry, where the service gave them.
     """
 
     def __init__(self, status: int, detail: str, retry_s: float | None = None) -> None:
@@ -49,19 +49,19 @@ class WireError(DohyoError):
 
 
 class LeaseLostError(WireError):
-    """410: the episode is no longer this worker's."""
+    """410: the lease is lost."""
 
 
 class BadActionError(WireError):
-    """422: the action cannot be taken; another one may be sent until it is due."""
+    """422: the action is invalid; another one may be sent before the deadline."""
 
 
 class UnknownWorkerError(WireError):
-    """401: the service does not know this worker, as after its restart: register again."""
+    """401: the service does not know this worker, for example after a restart: register again."""
 
 
 class UnreachableError(DohyoError):
-    """Nobody answers at the address."""
+    """No service answers at the address."""
 
 
 _ERRORS = {401: UnknownWorkerError, 410: LeaseLostError, 422: BadActionError}
@@ -69,22 +69,22 @@ _ERRORS = {401: UnknownWorkerError, 410: LeaseLostError, 422: BadActionError}
 
 @dataclass(slots=True)
 class Drive:
-    """An episode on lease, as its worker knows it.
+    """A leased episode from the worker's point of view.
 
     Attributes:
         lease: Identifier.
-        attempt: From 1.
-        deadline_s: For one decision.
-        first_deadline_s: For the first one.
+        attempt: Number of the attempt, from 1.
+        deadline_s: Time for one decision.
+        first_deadline_s: Time for the first decision.
         slow_policy: Whether the simulation waits.
         spec: name, version, track, sensors, control and settings, as submitted.
-        missions: By ego.
-        seed: For `Agent.reset`.
-        tick: To be decided.
-        observations: At that tick, by ego and sensor.
+        missions: Missions by ego.
+        seed: Seed for `Agent.reset`.
+        tick: Tick that awaits a decision.
+        observations: Observations at that tick, by ego and sensor.
         time_s: Simulated time of the tick.
         done: Whether the episode is over.
-        missed: Ticks that went by without a decision.
+        missed: Number of ticks without a decision.
         directive: "run", or "drain": the service ends soon, or "abort": the evaluation was ended.
     """
 
@@ -105,7 +105,7 @@ class Drive:
 
     @classmethod
     def given(cls, answer: Mapping[str, Any]) -> Self:
-        """From the answer to an acquire."""
+        """Drive from the answer to an acquire request."""
         return cls(
             lease=answer["lease"],
             attempt=answer["attempt"],
@@ -120,24 +120,24 @@ class Drive:
         )
 
     def take(self, answer: Mapping[str, Any]) -> None:
-        """The answer to a step."""
+        """Updates the drive with the answer to a step."""
         self.tick, self.time_s = answer["tick"], answer["time_s"]
         self.observations = arrays(answer["observations"])
         self.done, self.missed, self.directive = answer["done"], answer["missed"], answer["directive"]
 
 
 class Connection:
-    """One kept HTTP connection that speaks msgpack; opened again whenever it breaks."""
+    """A persistent HTTP connection with msgpack bodies; reopened after a failure."""
 
     def __init__(self, url: str, timeout_s: float = REPLY_S) -> None:
         """Connects at the first request.
 
         Args:
-            url: Of the service, http or https.
-            timeout_s: For any answer.
+            url: Address of the service, http or https.
+            timeout_s: Time limit of an answer.
 
         Raises:
-            InvalidInputError: It is no such address.
+            InvalidInputError: The address is invalid.
         """
         parts = urlsplit(url)
         if parts.scheme not in ("http", "https") or not parts.hostname:
@@ -147,7 +147,7 @@ class Connection:
         self._connection: HTTPConnection | None = None
 
     def post(self, path: str, document: Any, token: str) -> Any:
-        """Sends a document, and returns the one that comes back; None for an empty answer.
+        """Sends a document and returns the answer; None for an empty one.
 
         Raises:
             WireError: The service refuses.
@@ -163,7 +163,7 @@ class Connection:
         except (OSError, HTTPException) as error:
             self.close()
             raise UnreachableError(f"no answer from {self._host}: {type(error).__name__}: {error}") from error
-        except BaseException:  # interrupted: what comes next on this connection would be another's answer
+        except BaseException:  # after an interruption the next answer on this connection would belong to another request
             self.close()
             raise
         if response.status >= 400:
@@ -184,11 +184,11 @@ class Connection:
 
 
 class WorkerSession:
-    """A registered worker; not for several threads at once, `heartbeat` apart.
+    """A registered worker; not thread-safe, except `heartbeat`.
 
     Attributes:
-        lease_ttl_s: Silent for longer, it loses its lease.
-        heard: When the service last had a sign of life, monotonic.
+        lease_ttl_s: Silence after which it loses its lease, s.
+        heard: Monotonic time of the last request that the service received.
     """
 
     def __init__(
@@ -204,12 +204,12 @@ class WorkerSession:
         """Registers at the first `acquire`.
 
         Args:
-            url: Of the service.
-            token: Of role worker or submitter.
-            agent: Its name.
-            version: Of the agent; None: whichever.
-            capacity: Episodes at once.
-            patience_s: How long a step is tried again while the service cannot be reached.
+            url: Address of the service.
+            token: Token with the role worker or submitter.
+            agent: Name of the agent.
+            version: Version of the agent; None: any.
+            capacity: Most episodes at once.
+            patience_s: Time during which a step is repeated while the service cannot be reached.
         """
         self._connection, self._pulse = Connection(url), Connection(url, timeout_s=10.0)
         self._api_token, self._agent, self._version, self._capacity = token, agent, version, capacity
@@ -220,26 +220,26 @@ class WorkerSession:
         self.heard = time.monotonic()
 
     def register(self) -> None:
-        """Introduces the worker, anew if it was known.
+        """Registers the worker, again if it was registered before.
 
         Raises:
-            WireError: The token is not good for this agent.
-            UnreachableError: Nobody answers.
+            WireError: The token does not permit this agent.
+            UnreachableError: No service answers.
         """
         order = {"agent": self._agent, "capacity": self._capacity, "version": self._version}
         try:
             answer = self._connection.post("/v1/workers", order, self._api_token)
         except UnknownWorkerError as error:
-            raise WireError(error.status, error.detail) from error  # the token itself: registering again is no help
+            raise WireError(error.status, error.detail) from error  # the token itself is refused: registering again does not help
         self._worker, self._token, self.lease_ttl_s = answer["worker"], answer["token"], answer["lease_ttl_s"]
 
     def acquire(self, wait_s: float = ACQUIRE_S) -> Drive | None:
-        """Waits for an episode; None where none came in time.
+        """Waits for an episode; None after the time-out.
 
         Raises:
-            UnknownWorkerError: The service has forgotten this worker; the next call introduces it again.
+            UnknownWorkerError: The service no longer knows this worker; the next call registers it again.
             WireError: The service refuses.
-            UnreachableError: Nobody answers.
+            UnreachableError: No service answers.
         """
         if not self._worker:
             self.register()
@@ -252,12 +252,12 @@ class WorkerSession:
         return Drive.given(answer) if answer is not None else None
 
     def step(self, drive: Drive, actions: Mapping[str, Any]) -> None:
-        """Sends the decisions of all egos, and moves the drive on to what they led to.
+        """Sends the decisions of all egos and updates the drive with the answer.
 
         Raises:
-            BadActionError: One cannot be taken; others may be sent.
-            LeaseLostError: The episode is no longer this worker's.
-            UnreachableError: Nobody answers, not even after `patience_s`.
+            BadActionError: An action is invalid; others may be sent.
+            LeaseLostError: The lease is lost.
+            UnreachableError: No service answers within `patience_s`.
         """
         packed = {ego: pack(np.asarray(action)) for ego, action in actions.items()}
         answer = self._insist(f"/v1/leases/{drive.lease}/step", {"tick": drive.tick, "actions": packed})
@@ -265,28 +265,28 @@ class WorkerSession:
         drive.take(answer)
 
     def heartbeat(self, drive: Drive) -> None:
-        """Tells that a decision is still on its way; from any thread.
+        """Renews the lease during a long decision; callable from any thread.
 
         Raises:
-            LeaseLostError: The episode is no longer this worker's.
-            UnreachableError: Nobody answers.
+            LeaseLostError: The lease is lost.
+            UnreachableError: No service answers.
         """
         with self._pulse_lock:
             self._pulse.post(f"/v1/leases/{drive.lease}/heartbeat", {}, self._token)
         self.heard = time.monotonic()
 
     def release(self, drive: Drive, reason: str = "", error: str | None = None) -> None:
-        """Gives an episode back: because the agent failed, where there is an `error`; else to be driven again.
+        """Releases an episode: with an `error` as the agent's fault, otherwise it is driven again.
 
         Raises:
-            WireError: The episode is no longer this worker's.
-            UnreachableError: Nobody answers.
+            WireError: The lease is lost.
+            UnreachableError: No service answers.
         """
         document = {"reason": reason[:LONGEST_TEXT], "error": error[:LONGEST_TEXT] if error is not None else None}
         self._connection.post(f"/v1/leases/{drive.lease}/release", document, self._token)
 
     def close(self) -> None:
-        """Closes the connections; an episode on lease is lost by its silence."""
+        """Closes the connections; a lease that is still held expires."""
         self._connection.close()
         self._pulse.close()
 
@@ -297,13 +297,13 @@ class WorkerSession:
         self.close()
 
     def _insist(self, path: str, document: Any) -> Any:
-        """Sends a request that may be sent twice, until it is answered."""
+        """Sends an idempotent request until it is answered."""
         ends, pauses = time.monotonic() + self._patience_s, Pauses()
         while True:
             try:
                 return self._connection.post(path, document, self._token)
             except UnknownWorkerError as error:
-                self._worker = ""  # the service was started anew, and the episode with it
+                self._worker = ""  # the service was restarted, and the episode with it
                 raise LeaseLostError(410, error.detail) from error
             except (UnreachableError, WireError) as error:
                 temporary = isinstance(error, UnreachableError) or error.status in (429, 503)
@@ -314,7 +314,7 @@ class WorkerSession:
 
 @dataclass(slots=True)
 class Pauses:
-    """Ever longer pauses between attempts, or what the service asks for."""
+    """Growing pauses between attempts, or those that the service asks for."""
 
     _seconds: float = field(default=FIRST_PAUSE_S)
 
@@ -325,7 +325,7 @@ class Pauses:
         return told if told is not None else pause
 
     def reset(self) -> None:
-        """It went well."""
+        """Resets the pause after a success."""
         self._seconds = FIRST_PAUSE_S
 
 

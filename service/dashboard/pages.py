@@ -33,17 +33,17 @@ _MOST_AGENTS: Final = 200
 
 
 class Assets(StaticFiles):
-    """Modules and styles; a browser asks each time whether they changed, so that a new version is never half-loaded."""
+    """Static modules and styles; browsers revalidate them each time, so that versions are never mixed."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """Adds what caches may do with it."""
+        """Adds the cache headers."""
         response = await super().get_response(path, scope)
         response.headers["cache-control"] = "no-cache"
         return response
 
 
 def _words() -> Markup:
-    """Marks and endings as JSON that cannot end the element it stands in."""
+    """Marks and endings as JSON that is safe inside a script element."""
     vocabulary = {
         "marks": {kind.value: {"label": mark.label, "path": mark.path} for kind, mark in MARKS.items()},
         "endings": {status.value: meaning for status, (meaning, _) in ENDINGS.items()},
@@ -63,10 +63,10 @@ def render(request: Request, template: str, *, status: int = 200, **values: Any)
     """A page from its template.
 
     Args:
-        request: What asked for it.
+        request: The browser's request.
         template: Name of the page, without `.html.j2`.
-        status: Of the answer.
-        values: For the template.
+        status: HTTP status of the answer.
+        values: Variables of the template.
     """
     shared = {"signed_in": COOKIE in request.cookies, "path": request.url.path, "template": template, "status": status}
     page = _templates.get_template(f"{template}.html.j2").render(shared | values)
@@ -75,13 +75,13 @@ def render(request: Request, template: str, *, status: int = 200, **values: Any)
 
 @router.get("/")
 def leaderboard(request: Request) -> HTMLResponse:
-    """Who drives best."""
+    """The leaderboard."""
     return render(request, "leaderboard")
 
 
 @router.get("/evaluations")
 def evaluations(request: Request) -> HTMLResponse:
-    """All evaluations, the newest first, and which of them to compare."""
+    """All evaluations, newest first, with a selection to compare."""
     return render(request, "evaluations")
 
 
@@ -99,25 +99,25 @@ def evaluation(request: Request, evaluation: str) -> HTMLResponse:
 
 @router.get("/evaluations/{evaluation}/map")
 def infraction_map(request: Request, evaluation: str) -> HTMLResponse:
-    """Where an evaluation's infractions happened."""
+    """Map of an evaluation's infractions."""
     return render(request, "map", evaluation=evaluation)
 
 
 @router.get("/episodes/{episode}")
 def episode(request: Request, episode: str) -> HTMLResponse:
-    """One episode: replay, timeline, and why it scored as it did."""
+    """One episode: replay, timeline, and the explanation of its score."""
     return render(request, "episode", episode=episode)
 
 
 @router.get("/compare")
 def compare(request: Request) -> HTMLResponse:
-    """Evaluations side by side; which ones, the query says."""
+    """Comparison of the evaluations that the query names."""
     return render(request, "compare")
 
 
 @router.get("/api")
 def api(request: Request) -> HTMLResponse:
-    """How to use the service from a program."""
+    """Use of the service from a program."""
     return render(request, "api", origin=str(request.base_url).rstrip("/"))
 
 
@@ -129,12 +129,12 @@ def colours(agent: str = "") -> JSONResponse:
 
 @router.get("/login")
 def login(request: Request, next: str = "/") -> HTMLResponse:
-    """Where a token is pasted."""
+    """Sign-in form for a token."""
     return render(request, "login", next=_local(next), problem="")
 
 
 def token_check(services: ServicesOf) -> Callable[[str], bool]:
-    """What says whether a token would be accepted."""
+    """Checks whether a token is accepted."""
 
     def accepted(token: str) -> bool:
         with services.database.reading() as session:
@@ -150,7 +150,7 @@ def sign_in(
     token: Annotated[str, Form()] = "",
     next: Annotated[str, Form()] = "/",
 ) -> Response:
-    """Keeps a token in a cookie that no script can read, until the browser closes."""
+    """Stores a token in a session cookie that scripts cannot read."""
     if not same_origin(request):
         return render(request, "login", status=403, next="/", problem="Sign in from this service's own page.")
     token = token.strip()
@@ -168,7 +168,7 @@ def sign_in(
 
 @router.post("/logout")
 def sign_out(request: Request) -> Response:
-    """Forgets the token."""
+    """Deletes the cookie."""
     answer = RedirectResponse("/", status_code=303)
     if same_origin(request):
         answer.delete_cookie(COOKIE, httponly=True, samesite="strict", path="/")
@@ -176,7 +176,7 @@ def sign_out(request: Request) -> Response:
 
 
 def _local(target: str) -> str:
-    """A path on this service, whatever was asked for: never a way to another site."""
+    """The requested path on this service; never an address of another site."""
     parts = urlsplit(target)
     local = not parts.scheme and not parts.netloc and target.startswith("/") and target[1:2] not in ("/", "\\")
     return target if local and target.isprintable() else "/"

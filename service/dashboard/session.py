@@ -28,7 +28,7 @@ class SessionCookie:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Passes the request on, with the header where it is due."""
+        """Passes the request on, with the header where it applies."""
         if scope["type"] == "http" and scope["method"] in ("GET", "HEAD") and scope["path"].startswith("/v1/"):
             headers = Headers(scope=scope)
             token = _cookie(headers.get("cookie", ""))
@@ -39,7 +39,7 @@ class SessionCookie:
 
 
 def same_origin(request: Request) -> bool:
-    """Whether a form was sent by a page of this service, as far as the browser tells."""
+    """Whether a form was sent by a page of this service, according to the browser's headers."""
     site = request.headers.get("sec-fetch-site")
     if site is not None:
         return site in ("same-origin", "none")
@@ -48,11 +48,11 @@ def same_origin(request: Request) -> bool:
 
 
 def show_errors_as_pages(app: FastAPI, render: Callable[..., Response]) -> None:
-    """Wraps the error handlers of an app: whoever opens a page in a browser gets a page; programs get what they got.
+    """Wraps the error handlers of an app: browsers get an HTML page, programs still get the problem document.
 
     Args:
-        app: With all its handlers registered.
-        render: `pages.render`.
+        app: App with all its handlers registered.
+        render: The function `pages.render`.
     """
     handlers = {Exception: _unexpected, **app.exception_handlers}
     for kind, handler in handlers.items():
@@ -86,7 +86,7 @@ def _is_navigation(request: Request) -> bool:
 
 
 def _detail(response: Response) -> str:
-    """What the problem document says; nothing of an error that was not meant."""
+    """Content of the problem document; without details for internal errors."""
     try:
         detail = json.loads(bytes(response.body)).get("detail", "") if response.status_code < 500 else ""
     except (AttributeError, ValueError):

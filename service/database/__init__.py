@@ -1,1 +1,1 @@
-"""What the service remembers: tables, the engine, and queries as small functions that take a session."""
+"""The database: tables, the engine, and queries as small functions that take a session."""

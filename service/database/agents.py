@@ -18,7 +18,7 @@ def find_agent(session: Session, name: str) -> Agent | None:
 
 
 def count_agents(session: Session, owner: str) -> int:
-    """How many agents an owner has."""
+    """Number of an owner's agents."""
     return session.scalar(select(func.count()).select_from(Agent).where(Agent.owner == owner)) or 0
 
 
@@ -37,7 +37,7 @@ def list_agents(
 
     Args:
         session: To read in.
-        owner: Only theirs; None: everybody's.
+        owner: Only this owner's; None: all owners'.
         limit: At most so many.
         after: A name.
     """
@@ -74,7 +74,7 @@ def list_submissions(
 
 
 def count_submissions(session: Session, agent: Agent) -> int:
-    """How many submissions an agent has."""
+    """Number of an agent's submissions."""
     return session.scalar(select(func.count()).select_from(Submission).where(Submission.agent_id == agent.id)) or 0
 
 

@@ -17,7 +17,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 MIGRATIONS = Path(__file__).with_name("migrations")
 BUSY_S = 5.0
-_LOCK = 0x0D0E_0400  # of PostgreSQL's advisory locks, while tables change
+_LOCK = 0x0D0E_0400  # key of PostgreSQL's advisory lock during migrations
 _ENQUEUE_LOCK = _LOCK + 1
 
 
@@ -29,11 +29,11 @@ class Database:
     """
 
     def __init__(self, url: str, *, busy_s: float = BUSY_S, pool: int = 20) -> None:
-        """Prepares; connects at the first use.
+        """Prepares the engine, which connects at the first use.
 
         Args:
             url: SQLAlchemy's, of SQLite or PostgreSQL.
-            busy_s: How long a transaction waits for another one's lock.
+            busy_s: Seconds that a transaction waits for the lock of another one.
             pool: Connections at once; FastAPI has 40 threads, few of which are in the database at one moment.
 
         Raises:
@@ -45,7 +45,7 @@ class Database:
 
     @contextmanager
     def session(self) -> Iterator[Session]:
-        """A transaction that may write; commits at the end, rolls back if anything is raised.
+        """A transaction that may write; commits at the end and rolls back after an exception.
 
         On SQLite its first statement takes the write lock: one that reads first and writes later could never be
         completed if another wrote in between.
@@ -60,7 +60,7 @@ class Database:
             yield session
 
     def migrate(self) -> None:
-        """Brings the tables to what the models say; two services that start at once wait for each other."""
+        """Migrates the tables to the current models; services that start at the same time wait for each other."""
         config = AlembicConfig()
         config.set_main_option("script_location", str(MIGRATIONS))
         with self._writing.begin() as connection:
@@ -70,7 +70,7 @@ class Database:
             command.upgrade(config, "head")
 
     def check(self) -> None:
-        """Asks the database for a sign of life."""
+        """Runs a trivial query to check the connection."""
         with self.reading() as session:
             session.execute(text("SELECT 1"))
 
@@ -80,7 +80,7 @@ class Database:
 
 
 def serialise(session: Session) -> None:
-    """Waits until no other transaction is between this call and its end, so that what it counts stays true."""
+    """Locks until the end of the transaction, so that a count stays valid."""
     if session.get_bind().dialect.name == "postgresql":
         session.execute(text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _ENQUEUE_LOCK})
 

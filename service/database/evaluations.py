@@ -55,9 +55,9 @@ def add_evaluation(
 
     Args:
         session: To write in.
-        owner: Who asked for it.
-        submission: Who drives.
-        benchmark: What is driven.
+        owner: Owner of the evaluation.
+        submission: Submission that drives.
+        benchmark: Benchmark to drive.
         seeds: Of the benchmark's scenarios.
         scenarios: `benchmark.scenarios(seeds)`: an episode's position is its place in there.
         slow_policy: "wait" or "realtime".
@@ -91,13 +91,13 @@ def add_evaluation(
 
 
 def count_unfinished(session: Session, owner: str) -> int:
-    """How many evaluations of an owner have not ended."""
+    """Number of an owner's unfinished evaluations."""
     query = select(func.count()).select_from(Evaluation)
     return session.scalar(query.where(Evaluation.owner == owner, Evaluation.status.in_(UNFINISHED))) or 0
 
 
 def count_waiting(session: Session) -> int:
-    """How many episodes wait, over all owners."""
+    """Number of queued episodes over all owners."""
     query = select(func.count()).select_from(Episode).join(Evaluation, Evaluation.id == Episode.evaluation_id)
     waiting = query.where(Episode.status == EpisodeStatus.QUEUED, Evaluation.status.in_(UNFINISHED))
     return session.scalar(waiting) or 0
@@ -122,10 +122,10 @@ def list_evaluations(
 
     Args:
         session: To read in.
-        owner: Only theirs.
-        agent: Only of the agent of this name.
-        benchmark: Only on versions of the benchmark of this name.
-        status: Only those that stand so.
+        owner: Only this owner's.
+        agent: Only evaluations of the agent of this name.
+        benchmark: Only evaluations on versions of the benchmark of this name.
+        status: Only evaluations of this status.
         limit: At most so many.
         after: Identifier of an evaluation; an unknown one gives none.
     """
@@ -200,7 +200,7 @@ def list_episodes(
 
 
 def resume(session: Session, evaluation: Evaluation) -> int:
-    """Queues again what was lost or cancelled; what is done stays done.
+    """Queues lost and cancelled episodes again; finished ones are kept.
 
     Returns:
         How many episodes were queued.
@@ -223,5 +223,5 @@ def resume(session: Session, evaluation: Evaluation) -> int:
 
 
 def mark_announced(session: Session, evaluation: Evaluation) -> None:
-    """Notes that webhooks know of the end of an evaluation."""
+    """Marks the end of an evaluation as announced to webhooks."""
     evaluation.announced = evaluation.finished or now()

@@ -1,4 +1,4 @@
-"""Idempotency: a request sent twice with the same key makes one thing."""
+"""Idempotency: a request sent twice with the same key has one effect."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ KEPT = timedelta(days=7)
 
 
 def made_before(session: Session, owner: str, key: str | None, request_sha256: str) -> str | None:
-    """Identifier of what the same request made before; None if it is new.
+    """Identifier of the resource that the same request created before; None for a new request.
 
     Raises:
         InvalidInputError: The key was used for another request.
@@ -32,7 +32,7 @@ def made_before(session: Session, owner: str, key: str | None, request_sha256: s
 
 
 def remember(session: Session, owner: str, key: str | None, request_sha256: str, made: str) -> None:
-    """Keeps what a request made, for a week."""
+    """Stores the identifier of a created resource for a week."""
     if key is None:
         return
     session.execute(delete(Idempotency).where(Idempotency.created < now() - KEPT))

@@ -1,4 +1,4 @@
-"""Tables: what the service remembers. Facts of episodes are in records on disk; here is who, what, when, a summary."""
+"""Tables of the service. Facts of episodes are in records on disk; the tables hold owners, times and summaries."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 
 class Role(StrEnum):
-    """What a token may do; each role may also do what `READER` may."""
+    """Permissions of a token; each role includes those of `READER`."""
 
     ADMIN = "admin"
     SUBMITTER = "submitter"
@@ -23,7 +23,7 @@ class Role(StrEnum):
 
 
 class AgentKind(StrEnum):
-    """How a submission drives."""
+    """Kind of a submission."""
 
     BUILTIN = "builtin"
     ONNX = "onnx"
@@ -31,7 +31,7 @@ class AgentKind(StrEnum):
 
 
 class EvaluationStatus(StrEnum):
-    """Where an evaluation stands. DONE: every episode has a record that counts."""
+    """Status of an evaluation. DONE: every episode has a record that counts."""
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -41,12 +41,12 @@ class EvaluationStatus(StrEnum):
 
     @property
     def finished(self) -> bool:
-        """Whether nothing more will happen by itself."""
+        """Whether the status is final unless somebody resumes."""
         return self in (EvaluationStatus.DONE, EvaluationStatus.FAILED, EvaluationStatus.CANCELLED)
 
 
 class EpisodeStatus(StrEnum):
-    """Where an episode stands. LOST: infrastructure fault, twice; says nothing about the agent."""
+    """Status of an episode. LOST: two infrastructure faults, which say nothing about the agent."""
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -56,28 +56,28 @@ class EpisodeStatus(StrEnum):
 
 
 class UtcDateTime(TypeDecorator[datetime]):
-    """A moment in UTC; SQLite gives it back without its zone."""
+    """A time in UTC; SQLite drops the zone, which is restored here."""
 
     impl = DateTime(timezone=True)
     cache_ok = True
 
     def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:
-        """Puts the zone back."""
+        """Restores the zone."""
         return value.replace(tzinfo=UTC) if value is not None and value.tzinfo is None else value
 
 
 def now() -> datetime:
-    """This moment."""
+    """The current time."""
     return datetime.now(UTC)
 
 
 def new_id(prefix: str) -> str:
-    """An identifier that nobody can guess, such as "ev-9f86d081884c7d65"."""
+    """A random identifier, such as "ev-9f86d081884c7d65"."""
     return f"{prefix}-{secrets.token_hex(8)}"
 
 
 class Base(DeclarativeBase):
-    """Of all tables."""
+    """Base of all tables."""
 
     type_annotation_map = {  # noqa: RUF012
         datetime: UtcDateTime,
@@ -144,7 +144,7 @@ class BenchmarkVersion(Base):
 
 
 class Evaluation(Base):
-    """One submission on one benchmark version. `announced` is the end that webhooks were told of."""
+    """One submission on one benchmark version. `announced` is the end that was announced to webhooks."""
 
     __tablename__ = "evaluations"
 
@@ -168,7 +168,7 @@ class Evaluation(Base):
 class Episode(Base):
     """One scenario of an evaluation.
 
-    `summary` is a copy of what pages sort and count by (`dohyo.service.scoring.summary_of`), recomputable from the
+    `summary` holds the numbers that pages sort and count by (`dohyo.service.scoring.summary_of`), recomputable from the
     record.
     """
 
@@ -192,7 +192,7 @@ class Episode(Base):
 
 
 class Webhook(Base):
-    """Where to tell an owner that an evaluation has ended; bodies are signed with the secret (HMAC-SHA256)."""
+    """A URL for an owner's messages at the end of evaluations; bodies are signed with the secret (HMAC-SHA256)."""
 
     __tablename__ = "webhooks"
 
@@ -204,7 +204,7 @@ class Webhook(Base):
 
 
 class Delivery(Base):
-    """One message to one webhook, tried until it is taken or given up."""
+    """One message to one webhook, sent again until it is accepted or given up."""
 
     __tablename__ = "deliveries"
 
@@ -218,7 +218,7 @@ class Delivery(Base):
 
 
 class Idempotency(Base):
-    """What a request with an `Idempotency-Key` made, so that the same request again makes nothing new."""
+    """Result of a request with an `Idempotency-Key`, so that its repetition creates nothing new."""
 
     __tablename__ = "idempotency"
 

@@ -1,6 +1,6 @@
-"""Queries of pages that read: evaluations, their episodes, and what a leaderboard ranks.
+"""Read-only queries: evaluations, their episodes, and the entries of leaderboards.
 
-`owner` limits a query to what one owner may see; None: everything.
+`owner` limits a query to the data that one owner may see; None: no limit.
 """
 
 from __future__ import annotations
@@ -24,36 +24,36 @@ from dohyo.service.scoring import Drive
 
 
 def find_evaluation(session: Session, evaluation_id: str, owner: str | None) -> Evaluation | None:
-    """An evaluation by its id, if there is one to see."""
+    """An evaluation by its id, if it exists and is visible."""
     return session.scalar(select(Evaluation).where(Evaluation.id == evaluation_id, _seen_by(owner)))
 
 
 def find_episode(session: Session, episode_id: str, owner: str | None) -> tuple[Episode, Evaluation] | None:
-    """An episode by its id, with its evaluation, if there is one to see."""
+    """An episode by its id with its evaluation, if it exists and is visible."""
     query = select(Episode, Evaluation).join(Evaluation).where(Episode.id == episode_id, _seen_by(owner))
     row = session.execute(query).unique().one_or_none()
     return (row[0], row[1]) if row else None
 
 
 def recorded_episodes(session: Session, evaluation_id: str) -> list[Episode]:
-    """Episodes of an evaluation that have a record which counts, in the benchmark's order."""
+    """Episodes of an evaluation with a record that counts, in the benchmark's order."""
     query = select(Episode).where(Episode.evaluation_id == evaluation_id, Episode.status == EpisodeStatus.DONE)
     return list(session.scalars(query.where(Episode.record_hash.is_not(None)).order_by(Episode.position)))
 
 
 def benchmark_versions(session: Session, name: str) -> list[BenchmarkVersion]:
-    """All versions of a benchmark that were ever evaluated, newest first."""
+    """All evaluated versions of a benchmark, newest first."""
     query = select(BenchmarkVersion).where(BenchmarkVersion.name == name)
     return list(session.scalars(query.order_by(BenchmarkVersion.created.desc(), BenchmarkVersion.sha256)))
 
 
 def benchmark_names(session: Session) -> list[str]:
-    """Benchmarks that were ever evaluated, sorted."""
+    """Names of all evaluated benchmarks, sorted."""
     return sorted(session.scalars(select(BenchmarkVersion.name).distinct()))
 
 
 def ranked_evaluations(session: Session, benchmark_sha256: str, track: str | None, owner: str | None) -> list[str]:
-    """Ids of what a leaderboard ranks: complete, reproducible, the latest of each submission; in a fixed order."""
+    """Ids of ranked evaluations: complete, reproducible, the latest of each submission; in a fixed order."""
     query = (
         select(Evaluation.id, Evaluation.submission_id)
         .join(Submission, Submission.id == Evaluation.submission_id)
@@ -74,7 +74,7 @@ def ranked_evaluations(session: Session, benchmark_sha256: str, track: str | Non
 
 
 def entries(session: Session, evaluation_ids: Sequence[str]) -> dict[str, Entry]:
-    """Evaluations by id with all their drives so far, lost episodes left out; none for an id that does not exist."""
+    """Evaluations by id with their finished drives, without lost episodes; unknown ids give no entry."""
     query = (
         select(Evaluation.id, Evaluation.seeds, Evaluation.finished, Evaluation.owner)
         .add_columns(Submission.id, Submission.version, Submission.kind, Submission.track, Agent.name)

@@ -1,4 +1,4 @@
-"""Tokens: bearer secrets, of which only the hash is kept."""
+"""Tokens: bearer secrets, stored as hashes only."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ FIRST_OWNER = "admin"
 
 
 def create_token(session: Session, owner: str, role: Role, expires_in: timedelta | None = None) -> tuple[Token, str]:
-    """Makes a token.
+    """Creates a token.
 
     Returns:
-        The row, and the secret, which cannot be had again.
+        The row, and the secret, which is not stored.
     """
     secret = PREFIX + secrets.token_urlsafe(32)
     created = now()
@@ -36,7 +36,7 @@ def create_token(session: Session, owner: str, role: Role, expires_in: timedelta
 
 
 def first_admin_token(session: Session) -> str | None:
-    """The secret of an administrator's token, if there was no token at all."""
+    """Secret of a new administrator's token, if the database held no token."""
     serialise(session)
     if session.scalar(select(func.count()).select_from(Token)):
         return None
@@ -44,9 +44,9 @@ def first_admin_token(session: Session) -> str | None:
 
 
 def find_token(session: Session, secret: str, at: datetime | None = None) -> Token | None:
-    """The token of a secret, if it is neither expired nor revoked.
+    """Token of a secret, if it is neither expired nor revoked.
 
-    The search is by the secret's hash, so that its duration tells nothing about secrets that are near.
+    The search uses the secret's hash, so that its duration reveals nothing about similar secrets.
     """
     digest = _digest(secret)
     token = session.scalar(select(Token).where(Token.sha256 == digest))
@@ -62,7 +62,7 @@ def list_tokens(session: Session, limit: int | None = None, after: str | None = 
 
 
 def revoke_token(session: Session, token_id: str) -> Token | None:
-    """Ends a token for good; None where there is none."""
+    """Revokes a token for ever; None for an unknown one."""
     token = session.get(Token, token_id)
     if token is not None and token.revoked is None:
         token.revoked = now()

@@ -1,4 +1,4 @@
-"""Webhooks: who is told, and what still has to be."""
+"""Webhooks: their URLs and the messages that are not yet delivered."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def add_webhook(session: Session, owner: str, url: str) -> Webhook:
 
 
 def count_webhooks(session: Session, owner: str) -> int:
-    """How many webhooks an owner has."""
+    """Number of an owner's webhooks."""
     return session.scalar(select(func.count()).select_from(Webhook).where(Webhook.owner == owner)) or 0
 
 
@@ -42,13 +42,13 @@ def list_webhooks(
 
 
 def unannounced(session: Session) -> Sequence[Evaluation]:
-    """Evaluations whose end was not yet written down for webhooks."""
+    """Ended evaluations that have no deliveries yet."""
     news = or_(Evaluation.announced.is_(None), Evaluation.announced < Evaluation.finished)
     return session.scalars(select(Evaluation).where(Evaluation.status.in_(FINISHED), news)).unique().all()
 
 
 def announce(session: Session) -> int:
-    """Writes down one delivery per ended evaluation and webhook of its owner, once; returns how many."""
+    """Stores one delivery per ended evaluation and webhook of its owner, once; returns their number."""
     ended = unannounced(session)
     names = names_of(session, ended)
     deliveries = 0
@@ -62,7 +62,7 @@ def announce(session: Session) -> int:
 
 
 def due_deliveries(session: Session, limit: int, at: datetime | None = None) -> Sequence[tuple[Delivery, Webhook]]:
-    """What has to be sent now, with where to."""
+    """Deliveries that are due now, with their webhooks."""
     query = (
         select(Delivery, Webhook)
         .join(Webhook, Webhook.id == Delivery.webhook_id)
@@ -74,17 +74,17 @@ def due_deliveries(session: Session, limit: int, at: datetime | None = None) -> 
 
 
 def settle(session: Session, delivery_id: str, failure: str | None, *, final: bool = False) -> None:
-    """Notes how a delivery went; after a failure it is due again, each time twice as late.
+    """Stores the result of a delivery; after a failure it is due again with a doubled delay.
 
     Args:
         session: To write in.
-        delivery_id: Which.
-        failure: Why it was not taken; None if it was.
-        final: Whether to give up.
+        delivery_id: Identifier of the delivery.
+        failure: Reason of a failure; None after a success.
+        final: Whether to give up after a failure.
     """
     delivery = session.get(Delivery, delivery_id)
     if delivery is None:
-        return  # its webhook was deleted meanwhile
+        return  # the webhook was deleted in the meantime
     delivery.attempts = ATTEMPTS if final else delivery.attempts + 1
     delivery.failure = failure[:500] if failure else None
     if failure is None:

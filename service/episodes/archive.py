@@ -1,4 +1,4 @@
-"""Archive: a finished record moves from staging to where it is found by its hash, whole or not at all.
+"""Archive: moves a finished record from staging to a path by its hash, complete or not at all.
 
 A record is first linked into the archive, then remembered by the database, then removed from staging; wherever this is
 interrupted, doing it again ends the same.
@@ -18,28 +18,28 @@ from dohyo.sumo_networks.scenario import Scenario
 
 
 def staged_folder(settings: Settings, evaluation_id: str) -> Path:
-    """Where the processes write the records of an evaluation."""
+    """Folder into which the processes write the records of an evaluation."""
     return settings.staging / evaluation_id
 
 
 def archived_path(settings: Settings, record_hash: str) -> Path:
-    """The JSON of a record; the Parquet file lies beside it."""
+    """Path of a record's JSON file; the Parquet file lies beside it."""
     return settings.records / record_hash[:2] / f"{record_hash}.json"
 
 
 def shelve(settings: Settings, staged: Path, scenario: Scenario) -> EpisodeRecord:
-    """Links a staged record into the archive; one of the same hash that is there already stays.
+    """Links a staged record into the archive, unless the same hash is there already.
 
-    A record that was lost to the infrastructure is no result, and only returned.
+    A record lost to the infrastructure is returned but not archived.
 
     Args:
-        settings: Where the archive is.
-        staged: JSON of the record.
-        scenario: That it must be of.
+        settings: Settings with the archive's folder.
+        staged: Path of the record's JSON file.
+        scenario: Scenario that the record must be of.
 
     Raises:
-        InvalidInputError: There is no whole record, or it is of another scenario.
-        OSError: The disk refuses.
+        InvalidInputError: The record is missing, incomplete, or of another scenario.
+        OSError: A file operation failed.
     """
     record = read_record(staged)
     if record.scenario != scenario:
@@ -47,19 +47,19 @@ def shelve(settings: Settings, staged: Path, scenario: Scenario) -> EpisodeRecor
     facts = archived_path(settings, record.record_hash)
     if lost_because(record) is None and not facts.exists():
         facts.parent.mkdir(parents=True, exist_ok=True)
-        # The JSON makes the record exist, so it comes last.
+        # A record exists once its JSON file does, so that file comes last.
         _link(staged.with_suffix(".parquet"), facts.with_suffix(".parquet"))
         _link(staged, facts)
     return record
 
 
 def lost_because(record: EpisodeRecord) -> str | None:
-    """Why a record says nothing about its agent; None where it does."""
+    """Infrastructure fault of a record; None for a record that counts."""
     return next((ego.failure or ego.status.value for ego in record.egos if ego.status.infrastructure_fault), None)
 
 
 def discard(settings: Settings, evaluation_id: str, stem: str | None = None) -> None:
-    """Removes a staged record, or all of an evaluation."""
+    """Removes one staged record, or all records of an evaluation."""
     folder = staged_folder(settings, evaluation_id)
     if stem is None:
         shutil.rmtree(folder, ignore_errors=True)
@@ -69,7 +69,7 @@ def discard(settings: Settings, evaluation_id: str, stem: str | None = None) -> 
 
 
 def _link(source: Path, target: Path) -> None:
-    """Gives a file a second name, replacing what is there: both have their bytes on the disk already."""
+    """Links a file to a second name and replaces an existing file there."""
     staged = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     staged.unlink(missing_ok=True)
     os.link(source, staged)

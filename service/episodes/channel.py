@@ -1,4 +1,4 @@
-"""A channel of frames between the server and an episode process: a socket pair, a kind and a payload per frame."""
+"""Channel of frames between the server and an episode process: a socket pair; a frame has a kind and a payload."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _CHUNK = 1 << 18
 
 
 class Kind(IntEnum):
-    """What a frame is; the first four go to the process, the others come from it."""
+    """Kind of a frame; the first four go to the process, the others come from it."""
 
     ORDER = 1  # JSON of an EpisodeOrder: drive this
     GRANT = 2  # a worker holds the episode: the clock of its first decision runs
@@ -31,7 +31,7 @@ class Kind(IntEnum):
 
 
 class Channel:
-    """The blocking end, in the episode process; it ends the process when the server is gone."""
+    """Blocking end in the episode process; it exits the process when the server is gone."""
 
     def __init__(self, sock: socket.socket) -> None:
         self._socket = sock
@@ -41,7 +41,7 @@ class Channel:
         self._buffer = bytearray()
 
     def fileno(self) -> int:
-        """Of the socket."""
+        """File descriptor of the socket."""
         return self._socket.fileno()
 
     def send(self, kind: Kind, payload: bytes = b"") -> None:
@@ -52,7 +52,7 @@ class Channel:
             _end()
 
     def receive(self, timeout_s: float | None = None) -> tuple[Kind, bytes] | None:
-        """The next frame; None where none came in time."""
+        """The next frame; None after the time-out."""
         ends = None if timeout_s is None else time.monotonic() + timeout_s
         while (frame := _take(self._buffer)) is None:
             if ends is not None and not self._poll.poll(max(0.0, ends - time.monotonic()) * 1000.0):
@@ -69,22 +69,22 @@ class Channel:
 
 
 def _end() -> NoReturn:
-    """Ends the process at once: an exception could be taken for the agent's, and be written down as its fault."""
+    """Exits the process at once: an exception could be recorded as the agent's fault."""
     os._exit(0)
 
 
 class Frames(asyncio.Protocol):
-    """The event loop's end, in the server."""
+    """Asynchronous end in the server."""
 
     def __init__(self, received: Callable[[Kind, bytes], None], lost: Callable[[], None]) -> None:
-        """Calls back with each frame, and once when the other end is gone."""
+        """Calls `received` with each frame and `lost` once the other end is gone."""
         self._received, self._lost = received, lost
         self._buffer = bytearray()
         self._transport: asyncio.Transport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """See `asyncio.Protocol`."""
-        self._transport = cast(asyncio.Transport, transport)  # uvloop's own is no subclass of it
+        self._transport = cast(asyncio.Transport, transport)  # uvloop's transport is not a subclass of asyncio's
 
     def data_received(self, data: bytes) -> None:
         """See `asyncio.Protocol`."""
@@ -98,7 +98,7 @@ class Frames(asyncio.Protocol):
         self._lost()
 
     def send(self, kind: Kind, payload: bytes = b"") -> None:
-        """Sends one frame; nothing where the other end is gone."""
+        """Sends one frame, unless the other end is gone."""
         if self._transport is not None:
             self._transport.write(_HEADER.pack(len(payload), kind) + payload)
 
@@ -109,7 +109,7 @@ class Frames(asyncio.Protocol):
 
 
 def _take(buffer: bytearray) -> tuple[Kind, bytes] | None:
-    """The first frame of a buffer, taken from it once it is whole."""
+    """The first complete frame of a buffer, removed from it; None for an incomplete one."""
     if len(buffer) < _HEADER.size:
         return None
     size, kind = _HEADER.unpack_from(buffer)

@@ -31,12 +31,12 @@ ALARM_BYTES = 8
 
 
 def main() -> None:
-    """Drives until there is no server any more."""
+    """Drives orders until the server is gone."""
     channel = Channel(socket.socket(fileno=int(sys.argv[1])))
     alarm = memoryview(mmap.mmap(int(sys.argv[2]), ALARM_BYTES)).cast("d")
     threading.Thread(target=end_with_server, args=(channel.fileno(),), daemon=True).start()
     while (frame := channel.receive()) is not None:
-        if frame[0] is Kind.ORDER:  # anything else was for an episode that has ended
+        if frame[0] is Kind.ORDER:  # other frames belonged to an episode that has ended
             alarm[0] = 0.0
             channel.send(*_drive(EpisodeOrder.model_validate_json(frame[1]), channel, alarm))
 
@@ -54,9 +54,9 @@ def _drive(order: EpisodeOrder, channel: Channel, alarm: memoryview[float]) -> t
             _cluster(sys.argv[3]).drive(order)
         else:
             drive_job(checked_job(order), watch)
-    except InvalidInputError as error:  # no second attempt would go better
+    except InvalidInputError as error:  # a second attempt would fail in the same way
         return Kind.IMPOSSIBLE, str(error).encode()
-    except Exception as error:  # of ours, or a full disk: the server decides what becomes of the episode
+    except Exception as error:  # an internal error or a full disk: the server decides whether to try again
         traceback.print_exc()
         return Kind.FAILED, f"{type(error).__name__}: {error}"[:1000].encode()
     return Kind.FINISHED, b""
@@ -70,9 +70,9 @@ def _cluster(address: str) -> Cluster:
 
 
 def end_with_server(descriptor: int) -> None:
-    """Ends this process, wherever it is, once the server's end of the channel is closed."""
+    """Exits this process once the server's end of the channel is closed."""
     hangup = select.poll()
-    hangup.register(descriptor, 0)  # a hang-up is always told
+    hangup.register(descriptor, 0)  # POLLHUP is always reported
     hangup.poll()
     os._exit(0)
 

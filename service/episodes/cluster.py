@@ -1,4 +1,4 @@
-"""Cluster: an episode process's way to the machines of a Ray cluster. Ray is the extra `cluster`.
+"""Cluster: connection of an episode process to a Ray cluster. Ray is the extra `cluster`.
 
 The process here only waits: for it, an actor somewhere keeps a worker process that drives, as
 `dohyo.evaluation.running.ray_executor` has them. Machines need not share a disk: an uploaded policy goes there as
@@ -23,10 +23,10 @@ from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 
 
 def check_cluster(address: str) -> None:
-    """Refuses a cluster that is not there.
+    """Refuses a cluster that cannot be reached.
 
     Raises:
-        InvalidInputError: Nor is Ray, or nobody answers at that address.
+        InvalidInputError: Ray is not installed, or no cluster answers at that address.
     """
     ray = require_ray()
     try:
@@ -37,26 +37,26 @@ def check_cluster(address: str) -> None:
 
 
 class Cluster:
-    """A seat on a cluster for one episode at a time; its actor is kept from one to the next."""
+    """A cluster worker for one episode at a time; its Ray actor is reused."""
 
     def __init__(self, address: str) -> None:
         """Connects.
 
         Raises:
-            SimulationError: The cluster is gone.
+            SimulationError: The cluster cannot be reached.
         """
         self._ray = require_ray()
         try:
             connect(self._ray, address)
-        except InvalidInputError as error:  # it was there when the service started: the infrastructure's fault
+        except InvalidInputError as error:  # it answered when the service started, so this is an infrastructure fault
             raise SimulationError(str(error)) from error
         self._station: Any = None
 
     def drive(self, order: EpisodeOrder) -> None:
-        """Has an order driven, and writes its record here.
+        """Drives an order on the cluster and writes its record on this machine.
 
         Raises:
-            InvalidInputError: It cannot be driven, or that machine has other versions than this one.
+            InvalidInputError: The order cannot be driven, or the machines have different versions.
             SimulationError: Ray lost the actor or its machine.
         """
         if self._station is None:
@@ -75,7 +75,7 @@ class Cluster:
 
 
 class PolicyStation(Station):
-    """A station that is sent uploaded policies, and drives only what was submitted."""
+    """A station that receives uploaded policies and drives only submitted code."""
 
     def __init__(self, search_path: Sequence[str], threads: str | None) -> None:
         """See `Station`; its worker process looks for policies in a folder of its own."""
@@ -89,11 +89,11 @@ class PolicyStation(Station):
         """Drives one order; see `Station.drive`.
 
         Args:
-            order: What to drive.
-            policy: File name and content of the uploaded policy that drives, if one does.
+            order: Order to drive.
+            policy: File name and content of the uploaded policy, if one drives.
 
         Raises:
-            InvalidInputError: The agent's code here is not what was submitted.
+            InvalidInputError: The agent's code on this machine differs from the submitted one.
         """
         if policy is not None:
             Path(self._policies.name, policy[0]).write_bytes(policy[1])

@@ -1,4 +1,4 @@
-"""Mornings on the freeway whose planner is a policy worker: one process each, and a file of what became of it.
+"""Freeway mornings with a policy worker as planner: one process each, with its result in a file.
 
 They are no evaluations: nothing of them is ranked. A morning waits until a worker of its agent asks for an episode; a
 worker that vanishes costs an attempt, and after two the morning is lost.
@@ -39,12 +39,12 @@ logger = logging.getLogger("dohyo.service")
 
 @dataclass(eq=False, slots=True)
 class Live:
-    """A morning that waits or is driven.
+    """A morning that waits or runs.
 
     Attributes:
-        order: It.
-        task: Drives it.
-        episode: What a worker may take, once there is a process.
+        order: Order of the morning.
+        task: Task that drives it.
+        episode: Episode for a worker, once the process runs.
     """
 
     order: FreewayOrder
@@ -53,22 +53,22 @@ class Live:
 
     @property
     def status(self) -> str:
-        """As a reader is told."""
+        """Public state of the morning."""
         return "running" if self.episode is not None and self.episode.held else "waiting"
 
 
 class FreewayMornings:
-    """All of them. It lives on the event loop; results stay on disk."""
+    """All mornings. Lives on the event loop; results are on disk."""
 
     def __init__(self, settings: Settings, scheduler: Scheduler) -> None:
         self._settings, self._scheduler = settings, scheduler
         self._live: dict[str, Live] = {}
 
     def begin(self, benchmark: TrafficBenchmark, seed: int, agent: str, owner: str) -> str:
-        """Takes an order; its name.
+        """Accepts an order and returns the name of its morning.
 
         Raises:
-            TooManyRequestsError: As many are alive as the service drives.
+            TooManyRequestsError: The largest number of live mornings is reached.
         """
         if len(self._live) >= self._settings.remote_episodes:
             raise TooManyRequestsError(
@@ -83,7 +83,7 @@ class FreewayMornings:
         return name
 
     def read(self, name: str) -> dict[str, Any]:
-        """What is known of a morning, with its owner.
+        """State of a morning, with its owner.
 
         Raises:
             NotFoundError: There is none of that name.
@@ -98,7 +98,7 @@ class FreewayMornings:
         return document
 
     async def stop(self) -> None:
-        """Ends all; what was not finished is lost."""
+        """Ends all mornings; unfinished ones are lost."""
         tasks = [live.task for live in self._live.values() if live.task is not None]
         for task in tasks:
             task.cancel()
@@ -130,7 +130,7 @@ class FreewayMornings:
             del self._live[name]
 
     async def _wanted(self, live: Live) -> None:
-        """Waits until a worker of its agent is free, beyond those that other mornings are already on their way to."""
+        """Waits for a free worker of the agent that no other morning has reserved."""
         leases, agent = self._scheduler.leases, live.order.agent
         while True:
             coming = sum(

@@ -1,4 +1,4 @@
-"""The process of a morning on the freeway in which a policy worker is the planner.
+"""Process of a freeway morning in which a policy worker is the planner.
 
 Started like `dohyo.service.episodes.child`. The worker decides once a minute, before each publication; everybody else
 is played here: the forecaster takes the last reports for now, and connected vehicles drive what the plan says where
@@ -33,13 +33,13 @@ from dohyo.sumo_networks.freeway.process import TICK_S
 STATE = "speeds"
 """The planner's only sensor: (L, X) lane by sub-segment, m/s."""
 NEAR_M, NEAR_S = 3.0, 0.6
-"""Standing and moving part of the gap below which a vehicle is left to its driver."""
+"""Constant and speed-dependent part of the gap below which the driver controls the vehicle."""
 
 
 def main() -> None:
-    """Drives one morning after the other until there is no server any more."""
+    """Drives mornings until the server is gone."""
     channel = Channel(socket.socket(fileno=int(sys.argv[1])))
-    mmap.mmap(int(sys.argv[2]), ALARM_BYTES)  # the server's alarm is for agents that decide here, and none does
+    mmap.mmap(int(sys.argv[2]), ALARM_BYTES)  # the server's alarm is for agents in this process, and there is none
     threading.Thread(target=end_with_server, args=(channel.fileno(),), daemon=True).start()
     while (frame := channel.receive()) is not None:
         if frame[0] is not Kind.ORDER:
@@ -48,7 +48,7 @@ def main() -> None:
             answer = Kind.FINISHED, drive_morning(FreewayOrder.model_validate_json(frame[1]), channel)
         except InvalidInputError as error:
             answer = Kind.IMPOSSIBLE, str(error).encode()
-        except Exception as error:  # of ours: the server decides what becomes of the morning
+        except Exception as error:  # an internal error: the server decides whether to try again
             traceback.print_exc()
             answer = Kind.FAILED, f"{type(error).__name__}: {error}"[:1000].encode()
         channel.send(*answer)
@@ -86,7 +86,7 @@ def drive_morning(order: FreewayOrder, channel: Channel) -> bytes:
 
 
 def told(outcome: Outcome) -> dict[str, float | None]:
-    """An outcome as JSON can hold it: None where no vehicle gave a value; SUMO's fuel, which is not read, left out."""
+    """An outcome as JSON: None where no vehicle gave a value; without SUMO's fuel, which is not read."""
     values = {name: float(value) for name, value in outcome.as_dict().items() if name != "fuel_sumo_g_km"}
     return {name: value if math.isfinite(value) else None for name, value in values.items()}
 
@@ -95,7 +95,7 @@ def checked(action: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """A plan's target speeds.
 
     Raises:
-        InvalidInputError: Another shape, or speeds that no road has.
+        InvalidInputError: A wrong shape, or impossible speeds.
     """
     if action.shape != shape or not np.isfinite(action).all():
         raise InvalidInputError(f"expected finite target speeds {shape}, m/s, got shape {action.shape}")
@@ -106,7 +106,7 @@ def checked(action: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def last_report(history: Float32Array) -> Float32Array:
-    """(S,) the last speed that was reported of each segment; of free traffic where there is none."""
+    """(S,), m/s: last reported speed of each segment; the speed of free traffic without a report."""
     out = np.full(history.shape[1], FASTEST_MPS, dtype=np.float32)
     for row in history:
         out = np.where(row >= 0.0, row, out)
@@ -114,7 +114,7 @@ def last_report(history: Float32Array) -> Float32Array:
 
 
 def vehicles(seen: Mapping[str, Float32Array]) -> dict[str, Float32Array]:
-    """What connected vehicles drive: the plan's speed where they are, unless they come near their leader."""
+    """Target speeds of connected vehicles: the plan's speed at their place, unless they are near their leader."""
     out = {}
     for name, own in seen.items():
         if name not in (FORECASTER, PLANNER) and own[1] > NEAR_M + NEAR_S * own[0] and own[3] > 0.0:

@@ -1,4 +1,4 @@
-"""FreewayOrder: one morning on the freeway whose planner is a policy worker."""
+"""FreewayOrder: one freeway morning with a policy worker as planner."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ DECIDES_EVERY_S = 60.0
 
 
 class FreewayOrder(Config):
-    """What the server asks of the process, and what the worker is told.
+    """The server's order to the process, and the facts for the worker.
 
     Attributes:
-        benchmark: Which mornings.
-        seed: Of the morning.
-        agent: Whose workers plan.
+        benchmark: Name of the benchmark.
+        seed: Seed of the morning.
+        agent: Agent whose workers plan.
         act_deadline_s: Wall-clock time for one plan.
-        slow_policy: The simulation waits.
+        slow_policy: "wait": the simulation waits for the worker.
         decision_s: Simulated time between two plans.
     """
 
@@ -30,7 +30,7 @@ class FreewayOrder(Config):
     decision_s: float = DECIDES_EVERY_S
 
     def facts(self) -> dict[str, Any]:
-        """What is known of it from the beginning."""
+        """State of the morning before its start."""
         return {
             "agent": self.agent,
             "benchmark": self.benchmark.name,
@@ -39,7 +39,7 @@ class FreewayOrder(Config):
         }
 
     def told(self, version: int) -> dict[str, Any]:
-        """What a worker is told of it with its lease."""
+        """Facts for the worker at the start of its lease."""
         spec = {
             "name": self.agent,
             "version": version,

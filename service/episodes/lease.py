@@ -1,4 +1,4 @@
-"""What the lease book writes down: workers, episodes that workers drive, and who holds which."""
+"""Entries of the lease book: workers, remote episodes, and leases."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ class Worker:
     """A policy worker.
 
     Attributes:
-        id: In paths.
-        token: What it proves itself with.
-        agent: Whose episodes it drives.
-        owner: Of the agent.
-        token_id: The API token it registered with.
-        version: Of the agent; None: whichever.
-        capacity: Episodes at once.
-        seen: When it last said anything, monotonic.
-        leases: It holds.
-        polls: Its requests for an episode that wait now.
+        id: Identifier in paths.
+        token: Secret of its later requests.
+        agent: Name of the agent whose episodes it drives.
+        owner: Owner of the agent.
+        token_id: API token of its registration.
+        version: Version of the agent; None: any.
+        capacity: Most episodes at once.
+        seen: Monotonic time of its last request.
+        leases: Leases that it holds.
+        polls: Number of its waiting requests for an episode.
     """
 
     id: str
@@ -40,26 +40,26 @@ class Worker:
     polls: int = 0
 
     def takes(self, episode: RemoteEpisode) -> bool:
-        """Whether an episode is for it."""
+        """Whether the worker may drive an episode."""
         return self.agent == episode.agent and self.version in (None, episode.version)
 
 
 @dataclass(eq=False, slots=True)
 class RemoteEpisode:
-    """An episode in a process that waits for a worker, or is held by one.
+    """An episode in a process that waits for a worker or is leased to one.
 
     Attributes:
         agent: Name of the agent.
-        version: Of its submission.
-        attempt: From 1.
-        order: What is driven.
-        process: Where.
-        offered: When it could first be given to a worker, monotonic; None: not yet.
-        frame: What the worker is to see next, as the process sent it.
-        held: Whether a worker has it.
-        stepped: Whether a worker has driven any of it.
-        returned: How often workers gave it back untouched.
-        blameless: Whether its end was not even an attempt: no worker has seen it.
+        version: Version of the submission.
+        attempt: Number of the attempt, from 1.
+        order: Order that is driven.
+        process: Process that drives it.
+        offered: Monotonic time of the first offer to workers; None: not yet.
+        frame: Next observations for the worker, as the process sent them.
+        held: Whether a worker holds it.
+        stepped: Whether a worker has sent a step.
+        returned: Number of times that workers returned it without a step.
+        blameless: Whether its end does not count as an attempt, since no worker has seen it.
     """
 
     agent: str
@@ -80,18 +80,18 @@ class Lease:
     """A worker's hold on an episode.
 
     Attributes:
-        id: In paths; the fence.
-        worker: Who holds it.
-        episode: What is held.
-        tick: Last shown to the worker.
-        answered: The tick that `reply` answers; -1: none.
-        reply: The last one, for whoever asks again.
-        waiting: Requests for the reply to `tick`; the simulation moves while there are any.
-        heard: When the worker last said anything, monotonic.
-        due: When its decision is due, monotonic.
-        moving: Since when the simulation has had the worker's decision; None: it is the worker's turn.
-        refused: Whether the worker's last answer could not be taken.
-        ended: Why it is no more; "" while it is held.
+        id: Identifier in paths; fences older leases.
+        worker: Holder of the lease.
+        episode: Leased episode.
+        tick: Tick last shown to the worker.
+        answered: Tick that `reply` answers; -1: none.
+        reply: Last reply, for repeated requests.
+        waiting: Requests that wait for the reply to `tick`; the simulation runs while there are any.
+        heard: Monotonic time of the worker's last request.
+        due: Monotonic time by which its decision is due.
+        moving: Monotonic time at which the simulation got the decision; None: the worker decides now.
+        refused: Whether the worker's last action was invalid.
+        ended: Reason of its end; "" while it is held.
     """
 
     id: str

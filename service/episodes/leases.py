@@ -1,4 +1,4 @@
-"""LeaseBook: which worker holds which episode, and the lockstep between them.
+"""LeaseBook: workers, the episodes that they hold, and the lockstep between them.
 
 All of it lives on the event loop and in memory. A lease is fenced by its identifier: whoever lost one can reach its
 episode no more, and an episode given out again has another. Whose fault silence is: a worker that gives any sign of
@@ -30,18 +30,18 @@ from dohyo.sumo_networks.errors import InvalidInputError
 SWEEP_S = 0.1
 WORKERS_PER_OWNER = 256
 LONGEST_CAPACITY = 64
-POLL_PAUSE_S = 5.0  # between two polls a worker still counts as waiting
-FORGET_S = 300.0  # silent workers, and the replies of ended leases
+POLL_PAUSE_S = 5.0  # a worker counts as waiting for so long after its last poll
+FORGET_S = 300.0  # silent workers and replies of ended leases are forgotten after it
 MOST_RETURNS = 3
-LONGEST_TICK_S = 120.0  # of the simulation
+LONGEST_TICK_S = 120.0  # time for the simulation's tick
 
 
 class LeaseBook:
     """All workers, leases, and episodes that wait for a worker.
 
     Attributes:
-        draining: No more episodes are given out.
-        fresh: Called when a worker begins to wait.
+        draining: Whether no more episodes are leased.
+        fresh: Callback for a worker that begins to wait.
     """
 
     def __init__(self, lease_ttl_s: float) -> None:
@@ -57,10 +57,10 @@ class LeaseBook:
     # Workers
 
     def register(self, agent: str, owner: str, token_id: str, capacity: int, version: int | None) -> Worker:
-        """Takes on a worker.
+        """Registers a worker.
 
         Raises:
-            TooManyRequestsError: Its owner has too many.
+            TooManyRequestsError: The owner has too many workers.
         """
         self._forget()
         if sum(worker.owner == owner for worker in self._workers.values()) >= WORKERS_PER_OWNER:
@@ -79,10 +79,10 @@ class LeaseBook:
         return worker
 
     def worker_of(self, token: str) -> Worker:
-        """The worker that proves itself with a token.
+        """The worker of a token.
 
         Raises:
-            UnauthorisedError: There is none, or no longer.
+            UnauthorisedError: The token is unknown or no longer valid.
         """
         worker = self._tokens.get(token)
         if worker is None:
@@ -91,12 +91,12 @@ class LeaseBook:
         return worker
 
     def dismiss(self, token_id: str) -> None:
-        """Forgets the workers of an API token that is no longer good; their leases lapse."""
+        """Removes the workers of a revoked API token; their leases expire."""
         for worker in [one for one in self._workers.values() if one.token_id == token_id]:
             del self._workers[worker.id], self._tokens[worker.token]
 
     def demand(self, agent: str, version: int) -> int:
-        """How many more episodes of a submission workers are waiting for."""
+        """Number of episodes of a submission that workers wait for."""
         now = time.monotonic()
         return sum(
             max(0, worker.capacity - len(worker.leases))
@@ -106,23 +106,23 @@ class LeaseBook:
         )
 
     def counts(self) -> dict[str, int]:
-        """How many workers and leases there are."""
+        """Numbers of workers and leases."""
         now = time.monotonic()
         alive = sum(bool(worker.polls or worker.leases) or now - worker.seen < 30 for worker in self._workers.values())
         return {"workers": alive, "leases": sum(not lease.ended for lease in self._leases.values())}
 
-    # Giving out
+    # Leasing
 
     async def acquire(self, worker: Worker, wait_s: float, left: asyncio.Future[Any]) -> Lease | None:
-        """An episode for a worker, as soon as there is one.
+        """Waits for an episode and leases it to a worker.
 
         Args:
-            worker: Who asks.
-            wait_s: For how long at most.
-            left: Done once the worker has closed its connection; nothing is given to it then.
+            worker: The waiting worker.
+            wait_s: Longest wait.
+            left: Completes once the worker closes its connection; it gets no episode then.
 
         Raises:
-            ConflictError: The worker holds as many as it said it can.
+            ConflictError: The worker holds as many episodes as its capacity.
         """
         if len(worker.leases) + worker.polls >= worker.capacity:
             raise ConflictError(f"expected at most {worker.capacity} episodes at once, as the worker was registered")
@@ -151,7 +151,7 @@ class LeaseBook:
         return lease
 
     def expect(self, episode: RemoteEpisode) -> RemoteEpisode:
-        """Offers an episode as soon as its process has something to show."""
+        """Offers an episode once its process has sent observations."""
 
         def ready(kind: Kind, payload: bytes) -> None:
             episode.frame = payload
@@ -161,7 +161,7 @@ class LeaseBook:
         return episode
 
     def _offer(self, episode: RemoteEpisode) -> None:
-        """Gives an episode to the worker that has waited longest, or keeps it for the next."""
+        """Leases an episode to the worker that has waited longest, or keeps it for the next one."""
         episode.offered = time.monotonic()
         for worker, given in self._polls:
             if worker.takes(episode) and not given.done() and not self.draining:
@@ -182,7 +182,7 @@ class LeaseBook:
         return lease
 
     def _give_back(self, lease: Lease, why: str) -> None:
-        """Offers an episode again that its worker has not touched."""
+        """Offers an episode again that its worker has returned without a step."""
         self._end(lease, why)
         lease.episode.held = False
         lease.episode.returned += 1
@@ -191,10 +191,10 @@ class LeaseBook:
     # The lockstep
 
     def lease_of(self, worker: Worker, lease_id: str) -> Lease:
-        """A lease of a worker, held or ended.
+        """A lease of a worker, active or ended.
 
         Raises:
-            GoneError: It never had it, or had it long ago.
+            GoneError: The lease is unknown or ended long ago.
         """
         lease = self._leases.get(lease_id)
         if lease is None or lease.worker is not worker:
@@ -202,12 +202,12 @@ class LeaseBook:
         return lease
 
     async def step(self, lease: Lease, step: Step, fmt: Format) -> Reply:
-        """Takes a worker's decision, and waits for what comes of it.
+        """Passes a worker's decision to the simulation and waits for the reply.
 
         Raises:
             GoneError: The lease has ended.
             StaleTickError: The decision is for another tick.
-            InvalidInputError: It is none; the worker may send another until it is due.
+            InvalidInputError: The decision is invalid; the worker may send another one before the deadline.
         """
         if step.tick == lease.answered and lease.reply is not None:
             self._heard(lease)
@@ -228,22 +228,22 @@ class LeaseBook:
         """Renews a lease.
 
         Raises:
-            GoneError: It has ended.
+            GoneError: The lease has ended.
         """
         self._refuse_ended(lease)
         self._heard(lease)
         self._refuse_ended(lease)
 
     def release(self, lease: Lease, fault: Fault | None, text: str) -> None:
-        """Takes a lease back from its worker.
+        """Ends a lease at the worker's request.
 
         Args:
-            lease: Held.
-            fault: What its agent did wrong; None: the worker only cannot go on.
-            text: Why.
+            lease: Active lease.
+            fault: Fault of the agent; None: the worker cannot continue.
+            text: Reason.
 
         Raises:
-            GoneError: It has ended.
+            GoneError: The lease has ended.
         """
         self._refuse_ended(lease)
         self._heard(lease)
@@ -256,7 +256,7 @@ class LeaseBook:
             self._give_back(lease, "given back")
 
     def _heard(self, lease: Lease) -> None:
-        """Renews a lease; a sign of life after the decision was due tells that the agent is slow."""
+        """Renews a lease; a request after the deadline shows that the agent is too slow."""
         lease.heard = time.monotonic()
         if not lease.ended and lease.moving is None and lease.heard > lease.due:
             self._time_out(lease)
@@ -266,7 +266,7 @@ class LeaseBook:
             raise GoneError(f"lease lost: {lease.ended}")
 
     def _seen(self, lease: Lease, kind: Kind, payload: bytes) -> None:
-        """What the episode's process says."""
+        """Handles a frame of the episode's process."""
         if lease.ended:
             return
         if kind is Kind.REFUSED:
@@ -278,7 +278,7 @@ class LeaseBook:
             self._show(lease)
 
     def _show(self, lease: Lease) -> None:
-        """Answers the worker with what is to be seen now: its turn."""
+        """Answers the worker with the current observations."""
         tick, time_s, missed = SEEN.unpack_from(lease.episode.frame)
         seen = msgspec.Raw(memoryview(lease.episode.frame)[SEEN.size :])
         directive = "drain" if self.draining else "run"
@@ -291,7 +291,7 @@ class LeaseBook:
     def _answer(self, lease: Lease, answer: Reply | Exception) -> None:
         waiting, lease.waiting = lease.waiting, []
         for future in waiting:
-            if future.done():  # its request was given up
+            if future.done():  # the request was cancelled
                 continue
             if isinstance(answer, Exception):
                 future.set_exception(answer)
@@ -301,7 +301,7 @@ class LeaseBook:
     # Ends
 
     def ended(self, episode: RemoteEpisode, outcome: Outcome, directive: str = "run") -> None:
-        """Ends whatever lease there is on an episode that has ended."""
+        """Ends the lease on an episode that has ended, if there is one."""
         if episode in self._offers:
             self._offers.remove(episode)
         for lease in self._leases.values():
@@ -328,17 +328,17 @@ class LeaseBook:
         self._fail(lease, Fault.TIMEOUT, f"agent '{order.agent}' took longer than {seconds:g} s")
 
     def _fail(self, lease: Lease, fault: Fault, text: str) -> None:
-        """Ends an episode by the agent's fault; its process writes the record."""
+        """Ends an episode with an agent fault; its process writes the record."""
         lease.episode.process.send(Kind.FAULT, json.dumps([fault.value, text]).encode())
         self._end(lease, text)
 
     def _lose(self, lease: Lease, why: str) -> None:
-        """Ends an episode by nobody's fault; it will be driven again from its seed."""
+        """Ends an episode with an infrastructure fault; it is driven again from its seed."""
         self._end(lease, why)
         lease.episode.process.kill(Outcome(End.FAILED, why))
 
     def sweep(self) -> None:
-        """Ends what has been silent for too long; called every `SWEEP_S`."""
+        """Ends leases and workers that have been silent for too long; called every `SWEEP_S`."""
         now = time.monotonic()
         self._forget()
         for lease in [one for one in self._leases.values() if not one.ended]:
@@ -355,7 +355,7 @@ class LeaseBook:
                 episode.process.kill(Outcome(End.FAILED, "no worker came for the episode"))
 
     def drain(self) -> None:
-        """Gives out no more episodes; workers hear of it with their next step."""
+        """Stops leasing episodes; workers learn of it with their next step."""
         self.draining = True
         for _, given in list(self._polls):
             given.cancel()
@@ -370,7 +370,7 @@ class LeaseBook:
 
 
 class StaleTickError(ConflictError):
-    """A decision for a tick that is over, or has not come yet."""
+    """A decision for a tick other than the current one."""
 
     def __init__(self, expected: int, got: int) -> None:
         super().__init__(f"stale tick: expected actions for tick {expected}, got {got}")

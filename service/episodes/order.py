@@ -16,18 +16,18 @@ from dohyo.sumo_networks.units import TICK_S
 
 
 class EpisodeOrder(Config):
-    """One episode to drive, and where its record goes.
+    """One episode to drive, and the folder of its record.
 
     Attributes:
-        scenario: What to drive.
-        info: Who drives, as the record will say.
+        scenario: Scenario to drive.
+        info: Agent, as its record will name it.
         benchmark: Name and content hash.
-        directory: Folder of the record.
-        stem: File name without suffix.
+        directory: Folder for the record.
+        stem: File name of the record without suffix.
         act_deadline_s: Wall-clock time for one decision.
         remote: Whether a policy worker decides.
         slow_policy: Whether the simulation waits for a slow worker, or goes on with its last decision.
-        verdict: Do not drive; write the record of an episode that ended so, and why.
+        verdict: Status and reason of an episode that is recorded without driving.
     """
 
     scenario: Scenario
@@ -41,7 +41,7 @@ class EpisodeOrder(Config):
     verdict: tuple[Status, str] | None = None
 
     def told(self, version: int) -> dict[str, Any]:
-        """What a worker is told of it with its lease: nothing of the scenario but its missions and its seed."""
+        """Facts for the worker at the start of its lease: missions and seed, but not the rest of the scenario."""
         info = self.info
         return {
             "dt_s": TICK_S,
@@ -59,12 +59,12 @@ class EpisodeOrder(Config):
 
     @property
     def agent(self) -> str:
-        """Name of who drives."""
+        """Name of the agent."""
         return self.info.name
 
     @property
     def job(self) -> Job:
-        """The same for `dohyo.evaluation.running.executors`."""
+        """The order as a job of `dohyo.evaluation.running.executors`."""
         return Job(self.scenario, self.info, self.benchmark, self.directory, self.stem, self.act_deadline_s)
 
 
@@ -72,7 +72,7 @@ def checked_job(order: EpisodeOrder) -> Job:
     """An order's job, its agent's entry resolved.
 
     Raises:
-        InvalidInputError: The code here is other than was submitted: the record would tell a lie.
+        InvalidInputError: The installed code differs from the submitted code, so the record would be wrong.
     """
     entry = resolve(order.info.entry)
     if order.info.source_sha256:

@@ -1,4 +1,4 @@
-"""EpisodeProcess: one process that drives episodes, as the server's event loop sees it.
+"""EpisodeProcess: the server's handle of one process that drives episodes.
 
 libsumo lives only there. The process is kept from episode to episode; it dies with the server, and the server notices
 its death, and the hanging of an agent in it, without ever waiting for it.
@@ -27,11 +27,11 @@ from dohyo.service.episodes.order import EpisodeOrder
 
 PROGRAM = "dohyo.service.episodes.child"
 ALARM_BYTES = 8
-SECRETS = ("DOHYO_DATABASE",)  # of no use to an agent
+SECRETS = ("DOHYO_DATABASE",)  # useless to an agent
 
 
 class End(StrEnum):
-    """How an order ended."""
+    """End of an order."""
 
     FINISHED = "finished"
     IMPOSSIBLE = "impossible"
@@ -41,11 +41,11 @@ class End(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of an order.
+    """Result of an order.
 
     Attributes:
         end: FINISHED: the record is on disk. HUNG: the agent never returned. FAILED: the infrastructure's fault.
-        text: Why, where it did not finish.
+        text: Reason, where it did not finish.
         last: Of a remote episode that finished: its last tick, as `remote.SEEN`, and what else its program tells.
     """
 
@@ -63,7 +63,7 @@ class EpisodeProcess:
     """
 
     def __init__(self, policies: Path, program: str = PROGRAM, cluster: str | None = None) -> None:
-        """Not started yet.
+        """Creates the handle; `start` starts the process.
 
         Args:
             policies: Folder of uploaded policies.
@@ -83,7 +83,7 @@ class EpisodeProcess:
         """Starts the process.
 
         Raises:
-            OSError: The machine refuses.
+            OSError: The process cannot be started.
         """
         ours, theirs = socket.socketpair()
         with theirs, tempfile.TemporaryFile() as shared:
@@ -99,12 +99,12 @@ class EpisodeProcess:
             [sys.executable, "-m", self._program, str(channel), str(alarm), *self._options],
             pass_fds=(channel, alarm),
             stdin=subprocess.DEVNULL,
-            start_new_session=True,  # a Ctrl-C is for the server, which ends its processes in its own time
+            start_new_session=True,  # Ctrl-C goes to the server, which ends its processes itself
             env=environment | {"DOHYO_POLICIES": str(self._policies.resolve())},
         )
 
     async def drive(self, order: EpisodeOrder | FreewayOrder) -> Outcome:
-        """Drives one order to whatever end; cancelled, it ends the process."""
+        """Drives one order to its end; a cancellation ends the process."""
         self._ending = asyncio.get_running_loop().create_future()
         self._alarm[0] = 0.0
         self._frames.send(Kind.ORDER, order.model_dump_json().encode())
@@ -126,7 +126,7 @@ class EpisodeProcess:
         self._frames.send(kind, payload)
 
     def kill(self, why: Outcome | None = None) -> None:
-        """Ends the process at once; its order ends as told."""
+        """Ends the process at once; its order ends as given."""
         if why is not None:
             self._end(why)
         self.alive = False
@@ -141,7 +141,7 @@ class EpisodeProcess:
             await asyncio.to_thread(self._process.wait)
 
     def _check(self) -> None:
-        """Looks whether the agent hangs, or the process has gone without a word."""
+        """Checks whether the agent hangs or the process has died."""
         if self._alarm[0] > 0.0 and time.monotonic() > self._alarm[0] + KILL_GRACE_S:
             self.kill(Outcome(End.HUNG, "agent never returned; its process was ended"))
         elif self._process is None or self._process.poll() is not None:
@@ -162,7 +162,7 @@ class EpisodeProcess:
         code: int | None = None
         if self._process is not None:
             with contextlib.suppress(subprocess.TimeoutExpired):
-                code = self._process.wait(0.05)  # its channel closes a moment before it is gone
+                code = self._process.wait(0.05)  # the channel closes shortly before the process ends
         self._end(Outcome(End.FAILED, f"episode process ended with code {code}"))
         self.kill()
 

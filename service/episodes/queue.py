@@ -1,4 +1,4 @@
-"""The queue of episodes, as the database has it. Each function is one small transaction.
+"""The queue of episodes in the database. Each function is one small transaction.
 
 Every change of an episode asks for the status it had, so that what comes late (a record of an episode that was
 cancelled meanwhile, or taken up by somebody else) changes nothing, and nothing is counted twice.
@@ -32,11 +32,11 @@ class Waiting:
     """An evaluation with queued episodes, oldest first.
 
     Attributes:
-        evaluation_id: Of the evaluation.
-        owner: Who asked for it.
-        kind: Of the submission.
+        evaluation_id: Identifier of the evaluation.
+        owner: Owner of the evaluation.
+        kind: Kind of the submission.
         agent: Name of the agent.
-        version: Of the submission.
+        version: Version of the submission.
     """
 
     evaluation_id: str
@@ -51,15 +51,15 @@ class Ticket:
     """An episode taken from the queue.
 
     Attributes:
-        episode_id: Of the episode.
-        waiting: Its evaluation.
-        position: In the benchmark's scenarios.
+        episode_id: Identifier of the episode.
+        waiting: Evaluation of the episode.
+        position: Position in the benchmark's scenarios.
         stem: File name of its record, without suffix.
-        attempt: From 1.
+        attempt: Number of the attempt, from 1.
         info: AgentInfo of the submission, as a document.
-        benchmark: Name and content hash.
-        document: Of the benchmark.
-        seeds: Of the evaluation.
+        benchmark: Name and content hash of the benchmark.
+        document: Document of the benchmark.
+        seeds: Seeds of the evaluation.
         slow_policy: See `EpisodeOrder`.
         act_deadline_s: See `EpisodeOrder`.
     """
@@ -78,20 +78,20 @@ class Ticket:
 
     @property
     def evaluation_id(self) -> str:
-        """Of its evaluation."""
+        """Identifier of the evaluation."""
         return self.waiting.evaluation_id
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far an evaluation is.
+    """Progress of an evaluation.
 
     Attributes:
-        evaluation_id: Of the evaluation.
-        status: Its status now.
-        done: Episodes with a record that counts.
-        total: Episodes.
-        ended: Whether it has ended with this change.
+        evaluation_id: Identifier of the evaluation.
+        status: Current status.
+        done: Number of episodes with a record that counts.
+        total: Number of all episodes.
+        ended: Whether this change ended it.
     """
 
     evaluation_id: str
@@ -120,7 +120,7 @@ def queued_count(session: Session) -> int:
 
 
 def take(session: Session, chosen: Waiting) -> Ticket | None:
-    """Takes the next episode of an evaluation: it is running, and the attempt counts; None: there is none any more."""
+    """Takes the next episode of an evaluation, which then runs and counts an attempt; None: the queue is empty."""
     evaluation = session.get(Evaluation, chosen.evaluation_id, with_for_update={"of": Evaluation})
     if evaluation is None or evaluation.status not in UNFINISHED:
         return None
@@ -135,7 +135,7 @@ def take(session: Session, chosen: Waiting) -> Ticket | None:
 
 
 def running(session: Session) -> list[Ticket]:
-    """Episodes that were running when the service ended."""
+    """Episodes that were running when the service stopped."""
     found = session.scalars(select(Episode).where(Episode.status == EpisodeStatus.RUNNING))
     tickets = []
     for episode in found:
@@ -147,12 +147,12 @@ def running(session: Session) -> list[Ticket]:
 
 
 def unfinished(session: Session) -> list[str]:
-    """Identifiers of evaluations that have not ended."""
+    """Identifiers of unfinished evaluations."""
     return list(session.scalars(select(Evaluation.id).where(Evaluation.status.in_(UNFINISHED))))
 
 
 def finish(session: Session, ticket: Ticket, record_hash: str, summary: dict[str, Any]) -> Progress | None:
-    """Remembers an episode's record; None: the episode no longer runs."""
+    """Stores an episode's record; None: the episode no longer runs."""
     changed = _change(
         session,
         ticket.episode_id,
@@ -166,7 +166,7 @@ def finish(session: Session, ticket: Ticket, record_hash: str, summary: dict[str
 
 
 def lose(session: Session, ticket: Ticket, why: str) -> Progress | None:
-    """Gives an episode up; None: it no longer runs."""
+    """Marks an episode as lost; None: it no longer runs."""
     changed = _change(
         session, ticket.episode_id, status=EpisodeStatus.LOST, failure=why[:LONGEST_FAILURE], finished=now()
     )
@@ -174,13 +174,13 @@ def lose(session: Session, ticket: Ticket, why: str) -> Progress | None:
 
 
 def requeue(session: Session, episode_id: str, why: str | None, counted: bool) -> None:
-    """Puts a running episode back, to be driven again from its seed.
+    """Returns a running episode to the queue; it is driven again from its seed.
 
     Args:
-        session: To the database.
-        episode_id: Which.
-        why: What happened to the attempt.
-        counted: Whether it was an attempt at all.
+        session: Session to write in.
+        episode_id: Identifier of the episode.
+        why: Reason for the end of the attempt.
+        counted: Whether the attempt counts.
     """
     attempts = Episode.attempts if counted else Episode.attempts - 1
     failure = why[:LONGEST_FAILURE] if why else None
@@ -188,18 +188,18 @@ def requeue(session: Session, episode_id: str, why: str | None, counted: bool) -
 
 
 def fail(session: Session, ticket: Ticket, why: str) -> Progress | None:
-    """Ends an evaluation that can never be driven; None: it has ended already."""
+    """Fails an evaluation that can never be driven; None: it has ended already."""
     _change(session, ticket.episode_id, status=EpisodeStatus.CANCELLED, failure=why[:LONGEST_FAILURE], finished=now())
     return _stop(session, ticket.evaluation_id, EvaluationStatus.FAILED, why)
 
 
 def cancel(session: Session, evaluation_id: str) -> Progress | None:
-    """Ends an evaluation as its owner wishes; None: it has ended already."""
+    """Cancels an evaluation; None: it has ended already."""
     return _stop(session, evaluation_id, EvaluationStatus.CANCELLED, None)
 
 
 def settle(session: Session, evaluation_id: str) -> Progress | None:
-    """Ends an evaluation whose episodes all have; None: there is no such evaluation."""
+    """Ends an evaluation whose episodes have all ended; None: it does not exist."""
     return _settle(session, evaluation_id)
 
 
@@ -221,7 +221,7 @@ def _ticket(evaluation: Evaluation, episode: Episode, chosen: Waiting) -> Ticket
 
 
 def _change(session: Session, episode_id: str, **values: Any) -> bool:
-    """Changes an episode that is running; False: it is not."""
+    """Changes a running episode; False: it is not running."""
     wanted = update(Episode).where(Episode.id == episode_id, Episode.status == EpisodeStatus.RUNNING)
     result: Any = session.execute(wanted.values(**values).execution_options(synchronize_session=False))
     return bool(result.rowcount)

@@ -1,4 +1,4 @@
-"""RemoteAgent: an agent whose decisions are taken by a policy worker, at the other end of a channel."""
+"""RemoteAgent: an agent whose decisions come from a policy worker at the other end of a channel."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ NO_LIMIT_S = 86_400.0
 
 
 class Fault(StrEnum):
-    """What a worker's agent did wrong."""
+    """Fault of a worker's agent."""
 
     RAISED = "raised"
     INVALID_ACTION = "invalid_action"
@@ -44,7 +44,7 @@ FAULTS: dict[Fault, type[AgentError]] = {
 
 
 class Bridge:
-    """The lockstep with one worker, which decides for all egos of the episode at once.
+    """Lockstep with one worker, which decides for all egos of the episode.
 
     The server owns the deadlines: it knows whether a silent worker still lives. Here, `wait` waits for as long as it
     takes, and `realtime` for at most one tick.
@@ -56,12 +56,12 @@ class Bridge:
         check: Callable[[np.ndarray], np.ndarray],
         slow_policy: Literal["wait", "realtime"],
     ) -> None:
-        """Not granted to a worker yet.
+        """Creates the lockstep before a worker holds the episode.
 
         Args:
-            channel: To the server.
-            check: Returns an action as it is to be used, or raises what is wrong with it.
-            slow_policy: Whether to wait for a slow worker, or to go on with its last decision.
+            channel: Channel to the server.
+            check: Returns a valid action, or raises an error for an invalid one.
+            slow_policy: Whether to wait for a slow worker or to repeat its last decision.
         """
         self._channel, self._realtime, self._check = channel, slow_policy == "realtime", check
         self._granted = False
@@ -72,12 +72,12 @@ class Bridge:
         self.missed = 0
 
     def show(self, tick: int, observations: dict[str, Observation], time_s: float | None = None) -> None:
-        """Shows the worker a tick; the first one waits until there is a worker.
+        """Sends a tick to the worker; the first tick waits until a worker holds the episode.
 
         Args:
-            tick: From 0.
-            observations: By ego.
-            time_s: Of the tick; None: since the beginning, 0.1 s each.
+            tick: Number of the tick, from 0.
+            observations: Observations by ego.
+            time_s: Simulated time of the tick; None: 0.1 s per tick.
         """
         time_s = round(tick * TICK_S, 3) if time_s is None else time_s
         self._channel.send(Kind.SEEN, SEEN.pack(tick, time_s, self.missed) + encode_observations(observations))
@@ -88,7 +88,7 @@ class Bridge:
         self._shown = time.monotonic()
 
     def decision(self, ego: str) -> np.ndarray:
-        """The worker's action for an ego in the tick last shown.
+        """The worker's action for an ego in the tick last sent.
 
         Raises:
             AgentError: The worker's agent has failed.
@@ -112,7 +112,7 @@ class Bridge:
                 return
 
     def _take(self, kind: Kind, payload: bytes) -> bool:
-        """Whether a frame decides the tick."""
+        """Whether a frame holds the decision for the tick."""
         if kind is Kind.FAULT:
             fault, text = json.loads(payload)
             self._fault = FAULTS[Fault(fault)](text)
@@ -140,20 +140,20 @@ class Bridge:
 
 
 class RemoteAgent(Agent):
-    """One ego of a worker."""
+    """One ego that a worker drives."""
 
     def __init__(self, bridge: Bridge, spec: AgentSpec, ego: str) -> None:
         self.spec, self._bridge, self._ego = spec, bridge, ego
 
     def reset(self, mission: Mission, seed: int) -> None:
-        """The worker has both from its lease."""
+        """Does nothing: the worker knows mission and seed from its lease."""
 
     def act(self, observation: Observation) -> np.ndarray:
-        """The worker's action; it was shown the observation before."""
+        """The worker's action for the observation that it has already received."""
         return self._bridge.decision(self._ego)
 
     def close(self) -> None:
-        """Nothing to free."""
+        """Does nothing: the agent holds no resources."""
 
 
 def drive_remotely(order: EpisodeOrder, channel: Channel) -> bytes:
@@ -163,7 +163,7 @@ def drive_remotely(order: EpisodeOrder, channel: Channel) -> bytes:
         The last tick, as `SEEN`.
 
     Raises:
-        InvalidInputError: It cannot be driven.
+        InvalidInputError: The order cannot be driven.
     """
     info = order.info
     spec = AgentSpec(name=info.name, track=info.track, sensors=info.sensors, control=info.control)

@@ -1,4 +1,4 @@
-"""Scheduler: takes queued episodes, fairly between owners, has them driven, and keeps what came of them.
+"""Scheduler: takes queued episodes in fair turns between owners, drives them, and stores their results.
 
 One task per live episode. The database and the disk are touched in threads only, so that no worker's step waits for
 them. Whatever is interrupted, even by kill -9, is taken up at the next start: whole records in staging are kept, all
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from dohyo.service.database.engine import Database
     from dohyo.service.state import Broadcast
 
-LOOK_S = 2.0  # at the queue, even if nobody said that there is something
+LOOK_S = 2.0  # longest time between two looks at the queue
 RETRY_S = (0.5, 1.0, 2.0, 5.0, 10.0)
 T = TypeVar("T")
 
@@ -47,12 +47,12 @@ logger = logging.getLogger("dohyo.scheduler")
 
 @dataclass(eq=False, slots=True)
 class Live:
-    """An episode being driven.
+    """A running episode.
 
     Attributes:
-        ticket: Which.
-        task: That drives it.
-        remote: Its end of the wire, where a worker drives.
+        ticket: Ticket of the episode.
+        task: Task that drives it.
+        remote: The remote episode, where a worker drives.
     """
 
     ticket: Ticket
@@ -61,19 +61,19 @@ class Live:
 
     @property
     def unclaimed(self) -> bool:
-        """Whether it is on its way to a worker, and no worker has it."""
+        """Whether it waits for a worker."""
         return self.ticket.waiting.kind is AgentKind.REMOTE and (self.remote is None or not self.remote.held)
 
 
 class Scheduler:
-    """Drives what is queued.
+    """Drives queued episodes.
 
     Attributes:
-        leases: The policy workers' side.
+        leases: Lease book of the policy workers.
     """
 
     def __init__(self, settings: Settings, database: Database, events: Broadcast) -> None:
-        """Prepares."""
+        """Creates the scheduler; `start` starts it."""
         self.leases = LeaseBook(settings.lease_ttl_s)
         self.leases.fresh = self.wake
         self._settings, self._database, self._events = settings, database, events
@@ -90,16 +90,16 @@ class Scheduler:
     # Life
 
     async def start(self) -> None:
-        """Takes up what an earlier service left unfinished, and begins."""
+        """Recovers what an earlier service left unfinished, then starts."""
         await self._recover()
         self._tasks = [asyncio.create_task(self._serve()), asyncio.create_task(self._sweep())]
 
     def wake(self) -> None:
-        """Looks at the queue soon: an evaluation was created or resumed, or a worker waits."""
+        """Schedules a look at the queue: an evaluation was created or resumed, or a worker waits."""
         self._woken.set()
 
     def begin_drain(self) -> None:
-        """Starts no more episodes; workers hear of it with their next step."""
+        """Starts no more episodes; workers learn of it with their next step."""
         self._draining = True
         self.leases.drain()
 
@@ -113,7 +113,7 @@ class Scheduler:
             await asyncio.wait(tasks, timeout=self._settings.drain_s)
 
     async def stop(self) -> None:
-        """Drains, and ends all processes; what they had not finished is queued again, and counts as no attempt."""
+        """Drains and ends all processes; unfinished episodes return to the queue without counting an attempt."""
         if self._stopped:
             return
         await self.drain()
@@ -126,14 +126,14 @@ class Scheduler:
         self._idle.clear()
 
     async def cancel(self, evaluation_id: str) -> None:
-        """Ends an evaluation: its episodes stop at once, its finished ones stay."""
+        """Cancels an evaluation: running episodes stop at once, finished ones are kept."""
         progress = await self._transaction(lambda session: queue.cancel(session, evaluation_id), patient=False)
         self._abort(evaluation_id)
         if progress is not None:
             await self._tell(progress)
 
     def snapshot(self) -> dict[str, Any]:
-        """What is going on."""
+        """Counts of running and waiting episodes, workers and leases."""
         remote = sum(one.ticket.waiting.kind is AgentKind.REMOTE for one in self._live.values())
         return {
             "running": len(self._live),
@@ -162,7 +162,7 @@ class Scheduler:
                 continue
 
     async def _take(self) -> Ticket | None:
-        """The next episode that somebody is free to drive."""
+        """The next episode for a free process or worker."""
         local, remote = self._room()
         candidates, self._queued = await asyncio.to_thread(self._look)
         can_start = [
@@ -180,12 +180,12 @@ class Scheduler:
             return queue.waiting(session), queue.queued_count(session)
 
     def _room(self) -> tuple[int, int]:
-        """How many more local and remote episodes may be alive."""
+        """Numbers of local and remote episodes that may still start."""
         remote = sum(one.ticket.waiting.kind is AgentKind.REMOTE for one in self._live.values())
         return self._settings.processes - (len(self._live) - remote), self._settings.remote_episodes - remote
 
     def _wanted(self, one: Waiting) -> bool:
-        """Whether a worker waits for an episode of a submission beyond those on their way."""
+        """Whether more workers wait for a submission's episodes than episodes are on offer."""
         coming = sum(
             live.unclaimed and (live.ticket.waiting.agent, live.ticket.waiting.version) == (one.agent, one.version)
             for live in self._live.values()
@@ -199,9 +199,9 @@ class Scheduler:
         try:
             await self._drive_to_an_end(live)
         except asyncio.CancelledError:
-            # Cancelled by its evaluation's end, or by ours; only in the second case it still counts as running.
+            # Cancelled with its evaluation or by our shutdown; only in the second case does it still count as running.
             await self._requeue(ticket, None, counted=False)
-        except Exception:  # a defect of ours must not leave the episode running for ever
+        except Exception:  # an internal error must not leave the episode running for ever
             logger.exception("episode %s", ticket.episode_id)
             await self._give_up(live, "an error of the service; its log tells more")
         finally:
@@ -244,7 +244,7 @@ class Scheduler:
         )
 
     async def _in_process(self, order: EpisodeOrder, live: Live | None = None) -> Outcome:
-        """Has a process drive an order; the process is kept for the next one."""
+        """Drives an order in a process, which is then kept for the next one."""
         try:
             process = await self._process()
         except OSError as error:
@@ -275,10 +275,10 @@ class Scheduler:
         await process.start()
         return process
 
-    # What came of it
+    # Results
 
     async def _keep(self, ticket: Ticket, order: EpisodeOrder) -> Outcome:
-        """Archives a finished record; one that was lost to the infrastructure is no result."""
+        """Archives a finished record; an infrastructure fault is not a result."""
         staged = order.directory / f"{order.stem}.json"
         try:
             record = await asyncio.to_thread(shelve, self._settings, staged, order.scenario)
@@ -301,7 +301,7 @@ class Scheduler:
         await self._tell(progress, ticket, "done")
 
     async def _give_up(self, live: Live, why: str) -> None:
-        """Nobody's fault: the episode is queued again, or lost after its last attempt."""
+        """Handles an infrastructure fault: queues the episode again, or marks it as lost after its last attempt."""
         ticket, remote = live.ticket, live.remote
         counted = remote is None or not remote.blameless
         if not counted or ticket.attempt < MAX_ATTEMPTS:
@@ -317,7 +317,7 @@ class Scheduler:
         await self._transaction(lambda session: queue.requeue(session, ticket.episode_id, why, counted))
 
     async def _fail(self, ticket: Ticket, why: str) -> None:
-        """The evaluation can never be driven."""
+        """Fails an evaluation that can never be driven."""
         logger.warning("evaluation %s cannot be driven: %s", ticket.evaluation_id, why)
         progress = await self._transaction(lambda session: queue.fail(session, ticket, why))
         self._abort(ticket.evaluation_id, but=ticket.episode_id)
@@ -335,7 +335,7 @@ class Scheduler:
         self._events.publish(f"evaluation:{ticket.evaluation_id}", data)
 
     async def _tell(self, progress: Progress | None, ticket: Ticket | None = None, status: str = "") -> None:
-        """Tells whoever listens; an evaluation that has ended is tidied up."""
+        """Publishes the progress; removes the staging of an ended evaluation."""
         if progress is None:
             return
         if ticket is not None:
@@ -350,7 +350,7 @@ class Scheduler:
         await asyncio.to_thread(discard, self._settings, progress.evaluation_id)
 
     async def _transaction(self, change: Callable[[Session], T], patient: bool = True) -> T:
-        """Changes the database; tried again while it is locked, full, or away, for as long as the service lives."""
+        """Changes the database; repeats while it is locked, full, or unreachable, until the service stops."""
 
         def once() -> T:
             with self._database.session() as session:
@@ -367,7 +367,7 @@ class Scheduler:
         raise AssertionError("unreachable: the pauses never end")
 
     async def _recover(self) -> None:
-        """Keeps the whole records that an earlier service left in staging; queues again what else was running."""
+        """Archives complete records that an earlier service left in staging; queues other running episodes again."""
         for ticket in await asyncio.to_thread(self._left):
             try:
                 order = await asyncio.to_thread(self._order, ticket)

@@ -1,4 +1,4 @@
-"""Turns: who is served next."""
+"""Turns: fair order between owners."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dohyo.service.episodes.queue import Waiting
 
 @dataclass(slots=True)
 class Turns:
-    """Who was served when, so that owners take turns."""
+    """Time of the last service by owner."""
 
     count: int = 0
     last: dict[str, int] = field(default_factory=dict)
