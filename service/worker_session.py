@@ -163,7 +163,7 @@ class Connection:
         except (OSError, HTTPException) as error:
             self.close()
             raise UnreachableError(f"no answer from {self._host}: {type(error).__name__}: {error}") from error
-        except BaseException:  # after an interruption the next answer on this connection would belong to another request
+        except BaseException:  # the next answer on this connection would belong to another request
             self.close()
             raise
         if response.status >= 400:
@@ -230,7 +230,7 @@ class WorkerSession:
         try:
             answer = self._connection.post("/v1/workers", order, self._api_token)
         except UnknownWorkerError as error:
-            raise WireError(error.status, error.detail) from error  # the token itself is refused: registering again does not help
+            raise WireError(error.status, error.detail) from error  # the token is refused: registering again does not help
         self._worker, self._token, self.lease_ttl_s = answer["worker"], answer["token"], answer["lease_ttl_s"]
 
     def acquire(self, wait_s: float = ACQUIRE_S) -> Drive | None:
