@@ -1,4 +1,6 @@
-"""WorkerSession: a policy worker's side of the wire, over one kept connection, in msgpack. A worker is a loop::
+"""WorkerSession: a policy worker's side of the wire, over one kept connection, in msgpack.
+
+A worker is a loop::
 
     with WorkerSession("http://127.0.0.1:8000", token, "my-agent") as session:
         while True:
@@ -230,7 +232,7 @@ class WorkerSession:
         try:
             answer = self._connection.post("/v1/workers", order, self._api_token)
         except UnknownWorkerError as error:
-            raise WireError(error.status, error.detail) from error  # the token is refused: registering again does not help
+            raise WireError(error.status, error.detail) from error  # the token itself is refused
         self._worker, self._token, self.lease_ttl_s = answer["worker"], answer["token"], answer["lease_ttl_s"]
 
     def acquire(self, wait_s: float = ACQUIRE_S) -> Drive | None:
