@@ -1,1 +1,1 @@
-"""Drivers by rule: the autopilot, PDM-Closed, IDM, and the baselines that crash."""
+"""Rule-based drivers: autopilot, PDM-Closed, IDM, and two baselines that must fail."""

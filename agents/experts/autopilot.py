@@ -1,9 +1,9 @@
-"""Autopilot: a rule-based expert with privileged sensors. The demonstrator for learners, the bar for planners.
+"""Autopilot: a rule-based expert with privileged sensors, used as demonstrator and as reference.
 
 It follows its route's path by pure pursuit and takes the smallest of the accelerations that its rules ask for: the
 speed limit and the curve ahead, leaders in its path (IDM), red and yellow lights, stop signs, and actors that cross or
-join its path and have the right of way, or do not look as if they would give it. It goes round what blocks its lane
-(`passing`), and makes room for emergency vehicles and for those who come over the middle of the road (`courtesy`).
+join its path and have the right of way, or do not look like yielding. It passes what blocks its lane
+(`passing`), and makes room for emergency vehicles and for traffic that crosses the middle of the road (`courtesy`).
 """
 
 from __future__ import annotations
@@ -51,17 +51,17 @@ class Style:
     """How the autopilot drives.
 
     Attributes:
-        max_speed: m/s, however high the limit.
+        max_speed: Upper bound under any speed limit, m/s.
         acceleration: m/s^2.
         comfortable_braking: m/s^2.
         lateral_acceleration: In curves, m/s^2.
-        headway: To leaders, s.
-        gap: To a standing leader, m.
+        headway: Time gap to leaders, s.
+        gap: Distance to a standing leader, m.
         line_gap: Front bumper to a stop line, m.
-        corridor_margin: Beside the ego's body, within which somebody ahead is a leader, m.
-        patience: Standing longer than this, it no longer waits for others that stand too, s.
-        hurry_after: Having waited for longer than this for a gap, it begins to take smaller ones, s.
-        hurry_within: Time from then on until it takes the smallest, s.
+        corridor_margin: Width added on each side of the ego; an actor ahead within it is a leader, m.
+        patience: After standing so long, the ego no longer waits for others that stand too, s.
+        hurry_after: After waiting so long for a gap, the ego begins to take smaller ones, s.
+        hurry_within: Time from then on until the ego takes the smallest gaps, s.
     """
 
     max_speed: float = 14.0
@@ -97,7 +97,7 @@ class Autopilot(Agent):
         self._reset_memory()
 
     def reset(self, mission: Mission, seed: int) -> None:
-        """Forgets the last episode."""
+        """Clears the state of the last episode."""
         for compiles in (surroundings.warm_up, gaps.warm_up, impact.warm_up):
             compiles()
         self._reset_memory()
@@ -113,9 +113,9 @@ class Autopilot(Agent):
         self._right = 0.0
 
     def act(self, observation: Observation) -> np.ndarray:
-        """The most careful of the accelerations asked for, and the steering along the path."""
+        """Smallest requested acceleration, and steering along the path."""
         speed = float(observation["speedometer"][0])
-        # Creeping up to a line is waiting too; driving wears it off.
+        # Creeping up to a line counts as waiting; driving reduces the waiting time.
         self._standing = self._standing + 0.1 if speed < 0.6 else max(self._standing - 0.5, 0.0)
         around, progress = Surroundings(observation), float(observation["navigation"][2])
         self._step_aside(around, observation, speed, progress)
@@ -141,12 +141,12 @@ class Autopilot(Agent):
         return np.array([acceleration, self._steering(speed, route)])
 
     def explain(self) -> Explanation | None:
-        """The rule that decided, and what each rule asked for."""
+        """Deciding rule, and the acceleration that each rule requests."""
         return self._reason
 
     @property
     def _hurry(self) -> float:
-        """From 0 to 1: how much smaller a gap it takes, and how much harder it accelerates, after a long wait."""
+        """Impatience in [0, 1]: after a long wait the ego takes smaller gaps and accelerates harder."""
         return min(max(self._refused - self.style.hurry_after, 0.0) / self.style.hurry_within, 1.0)
 
     def _steering(self, speed: float, route: Float32Array) -> float:
@@ -154,7 +154,7 @@ class Autopilot(Agent):
         return pure_pursuit(self._vehicle, float(aim[0]), float(aim[1])) / self._vehicle.max_steering
 
     def _free_road(self, speed: float, route: Float32Array) -> float:
-        """Towards the limit here, braking in time for lower limits and curves ahead."""
+        """Acceleration towards the speed limit, with braking in time for lower limits and curves ahead."""
         s = self.style
         curve = np.sqrt(s.lateral_acceleration / np.maximum(np.abs(route[:, 3]), 1e-3))
         allowed = np.minimum(np.minimum(route[:, 4], curve), s.max_speed)
@@ -168,7 +168,7 @@ class Autopilot(Agent):
         return (s.acceleration + self._hurry) * (1.0 - (speed / max(target, 0.1)) ** 4)
 
     def _step_aside(self, around: Surroundings, observation: Observation, speed: float, progress: float) -> None:
-        """Leaves the middle of the lane for whoever stands there, comes from behind, or comes over the middle."""
+        """Leaves the middle of the lane for blockers, emergency vehicles and oncoming traffic in this lane."""
         junctions, limit = observation["junctions_ahead"], float(observation["route"][:LIMIT_M, 4].min())
         if not self._yielding.active:
             self._passing.update(around, junctions, speed, limit, progress, self._aside)
@@ -176,7 +176,7 @@ class Autopilot(Agent):
         if self._passing.active or self._yielding.active:
             self._right = 0.0
             return
-        # Inside a junction those who turn across look as if they came over the middle.
+        # Inside a junction, turning vehicles look like oncoming traffic in this lane.
         wanted, ramp = 0.0 if junctions[0, 0] < 5.0 else keep_right(around, self._half_width, speed), KEEP_RIGHT_RAMP_M
         if self._standing > self.style.patience or (self._right > 0.0 and speed < CREEPING_M_S):
             wanted, ramp = max(wanted, squeeze_past(around, self._half_length, self._half_width)), SQUEEZE_RAMP_M
@@ -190,7 +190,7 @@ class Autopilot(Agent):
         return self._follow(speed, gap, leader_speed)
 
     def _wait_to_pass(self, speed: float) -> float:
-        """Stands so far behind what blocks the lane that there is room to turn out; not too fast while beside it."""
+        """Stops far enough behind a blocker to turn out; limits the speed beside it."""
         if self._passing.active:
             return self._no_faster(speed, PASSING_M_S)
         if self._passing.waits_at == FREE:
@@ -198,7 +198,7 @@ class Autopilot(Agent):
         return self._stop_at(speed, self._passing.waits_at)
 
     def _leaders(self, objects: Float32Array, around: Surroundings, threats: set[int]) -> Float32Array:
-        """Without those oncoming who will have passed, or not have come, when the ego goes round a blocker."""
+        """Leaves out oncoming traffic that does not meet the ego while it passes a blocker."""
         passed = [one.key for one in around.driving() if one.opposes and one.key not in threats]
         if not (self._passing.active and passed):
             return objects
@@ -210,7 +210,7 @@ class Autopilot(Agent):
         )
 
     def _yield(self, speed: float, junctions: Float32Array) -> float:
-        """Slowly while an emergency vehicle passes, and into no junction from the wrong lane."""
+        """Drives slowly while an emergency vehicle passes, and enters no junction from the wrong lane."""
         if not self._yielding.active:
             return FREE
         wish = self._no_faster(speed, YIELDING_M_S)
@@ -226,7 +226,7 @@ class Autopilot(Agent):
         return 0.0 < distance < 1000.0 and speed**2 < 2 * 3.0 * distance
 
     def _follow(self, speed: float, gap: float, leader_speed: float) -> float:
-        """IDM's interaction with a leader; beyond what IDM asks, whatever still avoids the impact."""
+        """IDM's interaction with a leader, or harder braking where that is needed to avoid the impact."""
         s = self.style
         if gap == FREE:
             return FREE
@@ -241,7 +241,7 @@ class Autopilot(Agent):
         return max(idm, -5.0)
 
     def _stop_at(self, speed: float, distance: float) -> float:
-        """Towards standing with the front a little before a line."""
+        """Acceleration to stop with the front a little before a line."""
         return self._follow(speed, max(distance + self.style.gap - self.style.line_gap, 0.05), 0.0)
 
     def _lights(self, speed: float, junctions: Float32Array) -> float:
@@ -262,7 +262,7 @@ class Autopilot(Agent):
         return wish
 
     def _conflicts(self, speed: float, observation: Observation, around: Surroundings) -> float:
-        """Stops before the paths of those it must, or had better, let pass; rather before a junction than inside it."""
+        """Stops before the paths of traffic to yield to; before a junction rather than inside it."""
         wish = FREE
         entry, leave = (float(v) for v in observation["junctions_ahead"][0, :2])
         unforeseen = crossers(around, self._half_length, self._half_width)
@@ -285,7 +285,7 @@ class Autopilot(Agent):
         if other_leave < 0.0:
             return False
         if enter < 0.3:
-            # Already beside it. Who is about to be at the ego's side is let pass, if the ego has hardly moved.
+            # Already beside it. The ego lets others pass that are about to reach its side, if it has hardly moved.
             at_the_edge = speed < 1.5 if on_foot else speed < 2.5 and enter > -1.0 and other_speed > 5.0
             return at_the_edge and 0.0 < other_enter < 3.0 * other_speed
         if speed**2 / (2 * (enter - 0.2)) > 7.0 and not on_foot:
@@ -294,7 +294,7 @@ class Autopilot(Agent):
         if other_speed < 0.3 and on_foot and other_enter > 0.5:
             return False
         if other_speed < 0.3 and other_enter > -2.0 and self._standing > patience:
-            return False  # each waits for the other; whether there is room is for the leader rule to see
+            return False  # each waits for the other; the leader rule decides whether there is room
         arrive, clear = self._window(speed, enter, leave)
         other_clear = _latest(other_leave, other_speed)
         other_arrive = _earliest(other_enter, other_speed, kind, EAGER * (1.0 - 0.9 * self._hurry))
@@ -306,12 +306,12 @@ class Autopilot(Agent):
         # After a long wait a smaller gap between vehicles will do.
         before, after = (1.2, 0.6) if on_foot else (1.5 - self._hurry, 1.0 - 0.5 * self._hurry)
         if leave >= 1000.0:
-            # Whoever follows behind must not have to brake hard.
+            # Followers must not have to brake hard.
             before, clear = 2.0 + max(other_speed - speed - 2.0, 0.0) / 2.0, arrive + 0.5
         return other_arrive < clear + before and arrive < other_clear + after
 
     def _window(self, speed: float, enter: float, leave: float) -> tuple[float, float]:
-        """When the ego's front would enter a stretch and its rear leave it, accelerating gently up to 8 m/s."""
+        """Times when the ego's front enters a stretch and its rear leaves it, accelerating gently up to 8 m/s."""
         leave = min(leave, enter + 12.0 + 2 * self._half_length) + self.style.line_gap
         acceleration = EAGER + self._hurry
         return _travel_time(enter, speed, acceleration, 8.0), _travel_time(leave, speed, acceleration, 8.0)
@@ -327,7 +327,7 @@ def _travel_time(distance: float, speed: float, acceleration: float, top: float)
 
 
 def _earliest(distance: float, speed: float, kind: float, acceleration: float) -> float:
-    """When another may arrive at the earliest, s: vehicles may accelerate, people keep their pace."""
+    """Earliest arrival of another, s: vehicles may accelerate, pedestrians keep their speed."""
     if distance <= 0.0:
         return 0.0
     if kind == PEDESTRIAN:
@@ -336,13 +336,13 @@ def _earliest(distance: float, speed: float, kind: float, acceleration: float) -
 
 
 def _latest(distance: float, speed: float) -> float:
-    """When another has left at the latest, if it keeps its speed, s."""
+    """Time when another has left, if it keeps its speed, s."""
     return distance / max(speed, 0.3)
 
 
 @njit(cache=True)
 def _leader(objects: Float32Array, route: Float32Array, reach: float, half_length: float) -> tuple[float, float]:
-    """The nearest actor in the corridor around the path.
+    """Nearest actor in the corridor around the path.
 
     Args:
         objects: (48, 8), see `sensors.objects`.
@@ -351,7 +351,7 @@ def _leader(objects: Float32Array, route: Float32Array, reach: float, half_lengt
         half_length: Of the ego, m.
 
     Returns:
-        Gap between bumpers [m] (infinite where there is nobody), its speed along the path [m/s].
+        Gap between bumpers [m], infinite without an actor, and its speed along the path [m/s].
     """
     best, best_speed = np.inf, 0.0
     for k in range(objects.shape[0]):

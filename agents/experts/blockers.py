@@ -1,4 +1,4 @@
-"""Blockers: what stands, or crawls, in the ego's lane for good, as opposed to a queue that will move on."""
+"""Blockers: obstacles that stay in the ego's lane, as opposed to a queue that will move on."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ OVERHANG_M = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Blocker:
-    """What the ego has to go round, in the frame of the route, m.
+    """Obstacle that the ego has to pass, in the frame of the route.
 
     Attributes:
-        first: Where it begins.
-        last: Where it ends.
-        d_low: Its right edge.
-        d_high: Its left edge.
+        first: Rear end along the route, m.
+        last: Front end along the route, m.
+        d_low: Right edge, m.
+        d_high: Left edge, m.
         speed: m/s; above 0 for bicycles.
     """
 
@@ -43,27 +43,27 @@ class Blocker:
 
 
 class Patience:
-    """For how long everybody has stood, and who has been seen driving."""
+    """Standing time of every actor, and which actors have been seen driving."""
 
     def __init__(self) -> None:
         self._stood: dict[int, float] = {}
         self._driven: set[int] = set()
 
     def watch(self, neighbours: Sequence[Neighbour], seconds: float = 0.1) -> None:
-        """Goes on for one tick."""
+        """Updates by one tick."""
         self._stood = {one.key: self._stood.get(one.key, 0.0) + seconds for one in neighbours if one.stands}
         self._driven |= {one.key for one in neighbours if one.speed > 1.0}
 
     def parked(self, one: Neighbour) -> bool:
-        """Whether it was never seen driving."""
+        """Whether an actor was never seen driving."""
         return one.key not in self._driven
 
     def stands_for_good(self, one: Neighbour, alone: bool) -> bool:
-        """Whether it has stood too long to be waited for; who stands askew has crashed.
+        """Whether an actor has stood too long to wait for it. One that stands askew has crashed.
 
         Args:
-            one: Who stands.
-            alone: Whether the road before it is open, so that it does not queue.
+            one: The standing actor.
+            alone: Whether the road ahead of it is open, so that it is not in a queue.
         """
         if one.kind == ActorKind.STATIC or (self.parked(one) and abs(one.along) < ASKEW):
             return True
@@ -74,14 +74,14 @@ class Patience:
 def find_blocker(
     around: Surroundings, junctions: Float32Array, patience: Patience, reach: float, behind: float
 ) -> tuple[Blocker | None, bool]:
-    """What blocks the ego's lane ahead, and whether it is to be passed now, or may yet turn out to be a queue.
+    """Blocker in the ego's lane ahead, and whether to pass it now: it may still be a queue.
 
     Args:
-        around: What is there.
+        around: Actors and lanes.
         junctions: (4, 4), see `sensors.junctions_ahead`.
-        patience: With those that stand.
+        patience: Standing times.
         reach: Half the width of the corridor that the ego needs, m.
-        behind: Who ends before this is past, m from the ego's centre.
+        behind: Actors that end before this are past, m from the ego's centre.
     """
     ahead = [one for one in around.driving() if one.within(-reach, reach) and behind < one.s_high and not one.oncoming]
     chain: list[Neighbour] = []
@@ -108,15 +108,15 @@ def find_blocker(
 
 
 def _open_road(ahead: Sequence[Neighbour], junctions: Float32Array, chain: Sequence[Neighbour], last: float) -> bool:
-    """Whether nothing before the last of them, neither a junction nor a vehicle, gives it reason to wait."""
+    """Whether neither a junction nor a vehicle ahead of the last one explains that it waits."""
     queued = any(last < one.s_low < last + CLOSE_M for one in ahead if one not in chain)
     return not queued and not any(entry < last + OPEN_M and leave - entry > 1.0 for entry, leave, _, _ in junctions)
 
 
 def _at_a_junction(blocker: Blocker, junctions: Float32Array, static: bool) -> bool:
-    """Whether a junction lies before its end, or so close behind it that it may queue there."""
+    """Whether a junction lies before its front end, or so close ahead of it that it may queue there."""
     for entry, leave, _, _ in junctions:
-        # Places where one road merely goes on as another are no junctions.
+        # A junction of two roads only is a continuation, no junction.
         if entry >= 1000.0 or leave - entry <= 1.0:
             continue
         if leave > 0.0 and entry < blocker.last + (0.0 if static else QUEUE_M) - OVERHANG_M:

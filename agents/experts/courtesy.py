@@ -1,4 +1,4 @@
-"""Courtesy: room for those who need the ego's lane: emergency vehicles, and who comes over the middle of the road."""
+"""Courtesy: makes room for emergency vehicles, and for oncoming traffic in the ego's lane."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ NOSE_M = 8.0
 
 
 class EmergencyYielding:
-    """Lets an emergency vehicle pass: into the lane beside, slowly, until it is past.
+    """Lets an emergency vehicle pass: moves into the lane beside, slowly, until it is past.
 
     Attributes:
-        active: Whether one is near.
+        active: Whether an emergency vehicle is near.
     """
 
     def __init__(self, half_length: float) -> None:
@@ -46,7 +46,7 @@ class EmergencyYielding:
         aside: Sidestep,
         room: Passing,
     ) -> None:
-        """Goes on for one tick; leads the sidestep."""
+        """Updates by one tick, and sets the sidestep."""
         coming = any(self._needs_way(one) for one in around.neighbours)
         if self.active and not coming and (aside.offset == 0.0 or room.may_return(around, speed)):
             aside.back(progress)
@@ -74,7 +74,7 @@ class EmergencyYielding:
 
 
 def keep_right(around: Surroundings, half_width: float, speed: float) -> float:
-    """How far to the right of the middle of its lane the ego should be for those who come over the middle, m."""
+    """Offset to the right that gives room to oncoming traffic in the ego's lane, m."""
     most = max(0.5 * around.lane_width - half_width - KERB_M, 0.0)
     wanted = 0.0
     for one in around.driving():
@@ -85,9 +85,9 @@ def keep_right(around: Surroundings, half_width: float, speed: float) -> float:
 
 
 def squeeze_past(around: Surroundings, half_length: float, half_width: float) -> float:
-    """How far to the right it gets past whoever stands before it, heads the other way and waits for the ego too, m.
+    """Offset to the right that passes an oncoming vehicle that stands and waits for the ego too, m.
 
-    Those who turn left across a junction may stand with their nose in the ego's path, and neither would ever go on.
+    A vehicle that turns left may stand with its front in the ego's path; both would then wait for ever.
     """
     wanted = 0.0
     for one in around.driving():
@@ -105,11 +105,11 @@ def stand_before_oncoming(
     aside: Callable[[float], float],
     speed: float,
 ) -> float:
-    """Acceleration with which the ego stands before it meets somebody who comes towards it on its own path, m/s^2.
+    """Acceleration that stops the ego before it meets oncoming traffic on its own path, m/s^2.
 
     Args:
-        around: Who is there.
-        threats: Keys of those who count.
+        around: Actors and lanes.
+        threats: Keys of the actors that count.
         half_length: Of the ego, m.
         half_width: Of the ego, m.
         aside: How far to the left of the route it will be [m], by metres ahead.
@@ -120,11 +120,11 @@ def stand_before_oncoming(
         if one.key not in threats or one.s_low < half_length:
             continue
         gap = one.s_low - half_length
-        # Where they meet the ego may be back in its lane.
+        # At the place of meeting, the ego may be back in its lane.
         offset = aside(half_length + gap * speed / max(speed + one.speed, 0.1))
         if not one.within(offset - half_width - ONCOMING_CLEARANCE_M, offset + half_width + ONCOMING_CLEARANCE_M):
             continue
-        # Until the ego stands, the other one comes on; standing, the ego wants 3 m left.
+        # The other one approaches until the ego stands; then 3 m should be left.
         needed = speed * (0.5 * speed + one.speed) / max(gap - 3.0 - 0.3 * (speed + one.speed), 0.1)
         if needed > 1.0 or gap < 2.0 * (speed + one.speed):
             wish = min(wish, -max(1.2 * needed, 2.0))

@@ -1,4 +1,4 @@
-"""Crossing: bicycles that cross the ego's path off any lane, which the sensor of conflicts does not foresee."""
+"""Crossing: bicycles that cross the ego's path outside lanes, which the sensor `conflicts` does not predict."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ MARGIN_M = 0.5
 
 
 def crossers(around: Surroundings, half_length: float, half_width: float) -> Float32Array:
-    """(N, 8) rows as of `sensors.conflicts`, for bicycles that keep their way and pace; they are taken as on foot."""
+    """(N, 8) rows as of `sensors.conflicts`, for bicycles at constant velocity, with the kind of pedestrians."""
     rows = []
     reach = half_width + MARGIN_M
     for one in around.driving():
         if one.kind != ActorKind.BICYCLE or abs(one.across) < ACROSS or one.s_high < -half_length:
             continue
-        # How far it has to go sideways until it enters and has left the strip that the ego needs.
+        # Lateral distances until it enters, and has left, the strip that the ego needs.
         if one.across > 0.0:
             first, last = -reach - one.d_high, reach - one.d_low
         else:

@@ -1,4 +1,4 @@
-"""Gaps: whether somebody who comes leaves the ego the time to go round a blocker through his lane."""
+"""Gaps: whether oncoming traffic leaves enough time to pass a blocker through the oncoming lane."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ DISTANCE_M = 6.5
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Where the ego is in the way of those who come, m from where its centre is now.
+    """Stretch in which the ego is in the way of oncoming traffic, m from its present centre.
 
     Attributes:
-        enter: From here on.
-        leave: Until here.
-        top: How fast it drives there at most, m/s.
+        enter: Begin of the stretch.
+        leave: End of the stretch.
+        top: Highest speed of the ego there, m/s.
     """
 
     enter: float
@@ -47,22 +47,22 @@ def leaves_room(
     margin: float,
     blocker_speed: float,
 ) -> bool:
-    """Whether somebody who comes has passed before the ego is in his way, or does not meet it there.
+    """Whether an oncoming vehicle has passed before the ego is in its way, or does not meet it there.
 
-    He keeps his pace until the ego is in his lane, and from then on drives so that he could still stop before it after
-    a second, as drivers do (Krauss 1998), if he is relied on to brake at all.
+    It keeps its speed until the ego is in its lane, and from then on drives so that it could still stop before it after
+    a second, as drivers do (Krauss 1998), if it is expected to brake at all.
 
     Args:
         front: Of the other, m along the route from the ego's centre.
-        rear: Of the other, m; beyond his front.
-        pace: His speed, m/s.
-        enter: Where the ego begins to be in his way, m.
+        rear: Of the other, m; beyond its front.
+        pace: Speed of the other, m/s.
+        enter: Where the ego begins to be in its way, m.
         leave: Where it no longer is, m; moves with the blocker.
         top: The ego's highest speed, m/s.
-        speed: The ego's now, m/s.
+        speed: The ego's present speed, m/s.
         half_length: Of the ego, m.
-        braking: That he is relied on for, m/s^2; 0 for none.
-        margin: Between those who meet, m, beyond what is needed.
+        braking: Deceleration expected of the other, m/s^2; 0 for none.
+        margin: Additional distance between the two, m.
         blocker_speed: m/s.
     """
     s, in_his_way = 0.0, enter <= 0.0
@@ -93,5 +93,5 @@ def leaves_room(
 
 
 def warm_up() -> None:
-    """Compiles the kernel, which takes seconds the first time: not while driving."""
+    """Compiles the kernel, so that no decision waits for it."""
     leaves_room(20.0, 25.0, 10.0, 5.0, 20.0, 10.0, 0.0, 2.0, 0.0, 1.0, 0.0)

@@ -1,4 +1,4 @@
-"""IDM: follows its route and the leader in its path, and knows nothing else. The weakest planner worth a comparison.
+"""IDM: follows its route and the leader in its path. The weakest planner in the comparisons.
 
 Source: Treiber, Hennecke, Helbing 2000; as a planner, nuPlan's baseline of that name. Slowing down for curves and
 stopping at closed lines are ours: it has no other way to survive a turn or a light.
@@ -24,7 +24,7 @@ ABOVE_TARGET_S = 1.0
 
 
 class IdmPlanner(Agent):
-    """Pure pursuit of the route, IDM's acceleration behind whoever stands or drives on it."""
+    """Pure pursuit of the route, and IDM's acceleration behind the nearest actor on it."""
 
     spec = AgentSpec(name="idm", track="privileged", sensors=SENSORS, control="acceleration_steering")
 
@@ -36,7 +36,7 @@ class IdmPlanner(Agent):
         self.act(empty_road(self.spec.sensors))
 
     def reset(self, mission: Mission, seed: int) -> None:
-        """Forgets the last episode."""
+        """Clears the state of the last episode."""
         self._builder.reset()
         self._why = {}
 
@@ -52,7 +52,7 @@ class IdmPlanner(Agent):
         return np.array([self._acceleration(road, speed), wheel / self._vehicle.max_steering])
 
     def explain(self) -> Explanation | None:
-        """The leader it follows, and the acceleration that makes."""
+        """Leader, and the acceleration that follows from it."""
         return self._why
 
     def _acceleration(self, road: Situation, speed: float) -> float:

@@ -1,4 +1,4 @@
-"""Impact: the last moment in which braking hard still prevents a collision, whatever the other rules think of it."""
+"""Impact: full braking at the last moment that still prevents a collision, independent of the other rules."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NEVER = -1.0
 
 
 class Impact:
-    """Foresees the next two seconds: the ego on its path, the others keeping their speed and turn."""
+    """Predicts two seconds: the ego on its path, the others at constant speed and turn rate."""
 
     def __init__(self, half_length: float, half_width: float) -> None:
         self._half = half_length + MARGIN_M, half_width + MARGIN_M
@@ -34,7 +34,7 @@ class Impact:
         self._direction = 0.0
 
     def acceleration(self, objects: Float32Array, route: Float32Array, speed: float, wish: float) -> float:
-        """Full braking where the next moment would be too late for it, else infinite.
+        """Full braking where a later moment would be too late, else infinite.
 
         Args:
             objects: (48, 8), see `sensors.objects`.
@@ -52,7 +52,7 @@ class Impact:
         return -8.0 if impact_speed(boxes, path, speed, -HARD_BRAKING, 0, *self._half) < on else SAFE_ACCELERATION
 
     def _moving(self, objects: Float32Array, route: Float32Array, speed: float) -> FloatArray:
-        """(N, 7) x, y, heading, speed, rate of turn [rad/s], length, width of those who are near and not behind."""
+        """(N, 7) x, y, heading, speed, turn rate [rad/s], length, width of actors near and not behind."""
         turned = speed * float(route[0, 3]) * TICK_S - wrap(float(route[0, 2]) - self._direction)
         self._direction = float(route[0, 2])
         rows, seen = [], {}
@@ -73,7 +73,7 @@ class Impact:
 
 
 def warm_up() -> None:
-    """Compiles the kernel, which takes seconds the first time: not while driving."""
+    """Compiles the kernel, so that no decision waits for it."""
     impact_speed(np.zeros((0, 7)), np.zeros((2, 3)), 1.0, 0.0, 0, 1.0, 1.0)
 
 
@@ -87,7 +87,7 @@ def impact_speed(
     half_length: float,
     half_width: float,
 ) -> float:
-    """How fast the ego is when it first touches somebody, m/s; -1 where it touches nobody while it moves.
+    """Speed of the ego at its first contact, m/s; -1 without a contact while it moves.
 
     Args:
         boxes: (N, 7) x, y [m], heading [rad], speed [m/s], rate of turn [rad/s], length, width [m], ego frame.

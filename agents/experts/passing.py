@@ -1,4 +1,4 @@
-"""Passing: goes round what blocks the ego's lane, through the lane beside it, or the oncoming one, in a gap."""
+"""Passing: passes what blocks the ego's lane, through the lane beside it or a gap in the oncoming one."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ FOLLOWER_BRAKING = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """A way round a blocker.
+    """Way to pass a blocker.
 
     Attributes:
         offset: m to the left of the route.
@@ -53,10 +53,10 @@ class Way:
 
 
 class Passing:
-    """Decides when to leave the middle of the lane for a blocker, and when to go back.
+    """Decides when to leave the middle of the lane for a blocker, and when to return.
 
     Attributes:
-        waits_at: Where the ego has to wait for a gap, m from its front; infinite where it need not.
+        waits_at: Place at which to wait for a gap, m from the ego's front; infinite without need.
         active: Whether it is passing.
     """
 
@@ -77,7 +77,7 @@ class Passing:
         progress: float,
         aside: Sidestep,
     ) -> None:
-        """Goes on for one tick; leads the sidestep."""
+        """Updates by one tick, and sets the sidestep."""
         self._patience.watch(around.neighbours)
         self.waits_at, self._top = FREE, min(PASSING_M_S, limit)
         reach = self._half_width + LEAST_CLEARANCE_M
@@ -92,7 +92,7 @@ class Passing:
         gap = blocker.first - self._half_length
         run_up = LONG_RUN_UP_M if blocker.last - blocker.first > LONG_M else RUN_UP_M
         if not decided:
-            # Whoever may be parked is kept room from; who was just driving is followed.
+            # Room is kept from actors that may be parked; one that was just driving is followed.
             self.waits_at = gap - run_up
             return
         if gap < 0.5:
@@ -113,9 +113,9 @@ class Passing:
             self.waits_at = self._wait(gap, run_up, speed)
 
     def _wait(self, gap: float, run_up: float, speed: float) -> float:
-        """Where to stand, m from the front: with room to turn out, and from time to time a little further on.
+        """Stopping place, m from the front: with room to turn out, and moved forward from time to time.
 
-        That is a sign to those who come.
+        This shows the ego's intention to oncoming traffic.
         """
         self._waited += 0.1
         if speed < 0.1 and math.isinf(self._room):
@@ -126,7 +126,7 @@ class Passing:
         self._waited, self._room = 0.0, math.inf
 
     def _past(self, blocker: Blocker) -> float:
-        """Where the ego may turn back, m from its centre: at once where others come, since it swings in only later."""
+        """Place to turn back, m from the centre: at once with oncoming traffic, since the ramp takes effect later."""
         return blocker.last + (EARLY_M if self._way.oncoming else self._half_length)
 
     @staticmethod
@@ -136,7 +136,7 @@ class Passing:
         return None if 0.9 * gentle > gap else min(max(gentle, LEAST_RAMP_M), max(gap - 1.0, LEAST_RAMP_M))
 
     def _way_back(self, way: Way, speed: float) -> float:
-        """Length of the turn back, m; brisk where others come."""
+        """Length of the turn back, m; shorter with oncoming traffic."""
         least, lateral = (LEAST_RAMP_M, BRISK_LATERAL_M_S2) if way.oncoming else (RAMP_M, LATERAL_M_S2)
         return max(least, speed * math.sqrt(6.0 * abs(way.offset) / lateral))
 
@@ -156,7 +156,7 @@ class Passing:
             self._forget_wait()
 
     def threats(self, around: Surroundings, speed: float, progress: float) -> set[int]:
-        """Keys of the oncoming vehicles that the ego would meet if it went on passing."""
+        """Keys of oncoming vehicles that the ego would meet if it continued to pass."""
         if not (self.active and self._way.oncoming):
             return {one.key for one in around.driving() if one.oncoming}
         stretch = self._stretch(self._way, self._out - progress, self._end - progress, speed)
@@ -178,7 +178,7 @@ class Passing:
         return one.within(way.offset - self._half_width - 0.3, way.offset + self._half_width + 0.3)
 
     def _reliance(self) -> float:
-        """On how hard others will brake the ego relies, m/s^2: on nothing at first, more the longer it has waited."""
+        """Braking expected of others, m/s^2: none at first, more with the waiting time."""
         return BRAKING * min(max(self._waited - RELIES_AFTER_S, 0.0) / (RELIES_WHOLLY_S - RELIES_AFTER_S), 1.0)
 
     def _leaves_room(
@@ -192,13 +192,13 @@ class Passing:
         )
 
     def may_return(self, around: Surroundings, speed: float) -> bool:
-        """Whether nobody is in the ego's own lane beside it, or about to be."""
+        """Whether the ego's own lane beside it is free, and stays free."""
         past = -self._half_length if not self._way.oncoming else EARLY_M
         beside = (one for one in around.driving() if one.along > 0.0 and not (one.stands and one.s_high <= past))
         return not any(self.in_the_way(one, 0.0, speed) for one in beside)
 
     def _ways(self, around: Surroundings, blocker: Blocker) -> list[Way]:
-        """Ways round a blocker, the least disturbing first."""
+        """Ways to pass a blocker, the least disturbing first."""
         left = blocker.d_high + self._half_width + CLEARANCE_M
         right = blocker.d_low - self._half_width - CLEARANCE_M
         half = 0.5 * around.lane_width - self._half_width + 0.1
@@ -216,14 +216,14 @@ class Passing:
         return any(abs(way.offset - lane.d) < 0.5 * lane.width + 0.3 for lane in lanes) or way.oncoming
 
     def has_room(self, around: Surroundings, way: Way, blocker: Blocker, speed: float, enter: float) -> bool:
-        """Whether nobody is, or will be, where the ego wants to go; the longer it has waited, the less it asks.
+        """Whether a way is free and stays free; requirements fall with the waiting time.
 
         Args:
-            around: Who is there.
-            way: Where it wants to go.
-            blocker: What it goes round.
+            around: Actors and lanes.
+            way: The way to judge.
+            blocker: The blocker to pass.
             speed: Of the ego, m/s.
-            enter: From where on it is in the way of those who come, m from its centre.
+            enter: Where the ego begins to be in the way of oncoming traffic, m from its centre.
         """
         hurry = min(self._waited / HURRY_S, 1.0)
         stretch = self._stretch(way, enter, blocker.last + EARLY_M, speed)
@@ -241,7 +241,7 @@ class Passing:
     def in_the_way(
         self, one: Neighbour, offset: float, speed: float, hurry: float = 0.0, until: float = RAMP_M
     ) -> bool:
-        """Whether somebody of the same direction is beside the ego, too slow ahead, or would have to brake hard."""
+        """Whether traffic in the same direction is beside the ego, too slow ahead, or would have to brake hard."""
         if not one.within(offset - self._half_width - 0.3, offset + self._half_width + 0.3):
             return False
         if one.s_low > self._half_length + 1.0:

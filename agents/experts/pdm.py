@@ -1,9 +1,8 @@
-"""PDM-Closed: simulates fifteen ways to follow the route, scores them, and begins the best.
+"""PDM-Closed: simulates fifteen proposals along the route, scores them, and executes the best.
 
 Source: Dauner, Hallgarten, Geiger, Chitta, "Parting with Misconceptions about Learning-based Vehicle Motion Planning",
-2023. Its description, not its code, which had leaders at zero in the first step, state shared between proposals, and
-speeds below zero; here every proposal has a state of its own, the leader is known from the first step, and nobody
-drives backwards.
+2023. Written from its description. Unlike its public code, every proposal has a state of its own, the leader is known
+from the first step, and speeds stay at 0 or above.
 """
 
 from __future__ import annotations
@@ -51,7 +50,7 @@ EMERGENCY_S, EMERGENCY_BRAKING = 2.0, 8.0
 PUBLISHED_SPEED, PUBLISHED_BRAKING = 5.0, 4.05
 MOVING = 1.0
 MOST_CHANGE, EASED_TICKS = 3.7, 10
-"""Within a second the demanded acceleration changes by no more than that, m/s^2: comfort's 4.13 m/s^3, filtered."""
+"""Largest change of the demanded acceleration within a second, m/s^2: comfort's 4.13 m/s^3, filtered."""
 Variant = Literal["careful", "published"]
 
 
@@ -59,10 +58,10 @@ class PdmClosed(Agent):
     """The planner. Steering is pure pursuit instead of LQR, actuator lags are those of the ego here (ours).
 
     Args:
-        variant: "published" brakes at 3 m/s^2 at most, and in an emergency at 4.05 m/s^2, but up to 5 m/s only: who
-            steps out or brakes hard in front of a faster ego is hit. "careful" (ours) has an emergency brake of 8 m/s^2
-            at any speed, also where the best proposal leaves the road; waits for people on foot who are about to cross;
-            and eases into brakes, out of them and to a stop.
+        variant: "published" brakes at 3 m/s^2 at most, in an emergency at 4.05 m/s^2, but up to 5 m/s only: a
+            faster ego hits pedestrians that step out and leaders that brake hard. "careful" (ours) has an emergency
+            brake of 8 m/s^2 at any speed, also where the best proposal leaves the road; waits for pedestrians about to
+            cross; and changes its braking gradually.
     """
 
     spec = AgentSpec(name="pdm-closed", track="privileged", sensors=SENSORS, control="acceleration_steering")
@@ -81,13 +80,13 @@ class PdmClosed(Agent):
         self.act(empty_road(self.spec.sensors))
 
     def reset(self, mission: Mission, seed: int) -> None:
-        """Forgets the last episode."""
+        """Clears the state of the last episode."""
         self._builder.reset()
         self._chosen, self._braking = -1, False
         self._asked.clear()
 
     def act(self, observation: Observation) -> np.ndarray:
-        """The first step of the best proposal, or an emergency brake."""
+        """First step of the best proposal, or an emergency brake."""
         scene = self._builder.update(observation)
         road = situation(
             scene, constant_velocity(scene), max_speed=MAX_SPEED, curve=CURVE_LATERAL, braking=CURVE_BRAKING
@@ -108,7 +107,7 @@ class PdmClosed(Agent):
         return np.array([demand, wheel / self._vehicle.max_steering])
 
     def _eased(self, demand: float, speed: float) -> float:
-        """A demanded acceleration that changes by no more than comfort allows within a second."""
+        """Demanded acceleration, changed by no more than comfort allows within a second."""
         if speed < STANDING:
             self._asked.clear()
         if self._asked:
@@ -117,7 +116,7 @@ class PdmClosed(Agent):
         return demand
 
     def _in_danger(self, best: int, speed: float) -> bool:
-        """Whether even the best proposal meets somebody, or leaves the road, too soon."""
+        """Whether even the best proposal collides, or leaves the road, too soon."""
         meets = bool(self._scores[best, MET_AT] <= EMERGENCY_S)
         if not self._careful:
             return meets and speed <= PUBLISHED_SPEED

@@ -47,9 +47,9 @@ SCORES = 9
 """Multipliers NC, DAC, DDC; shares EP, TTC, C; the score; when it meets somebody, and when it leaves the road, s
 (infinite: never)."""
 STOPPING_S, HALTING = 0.8, 0.5
-"""The last metres are braked by the speed over that time, at least so much, m/s^2: no jolt (ours)."""
+"""Braking of the last metres: speed over that time, at least so much, m/s^2, without a jolt (ours)."""
 YIELD_S, PERSON_GAP_M = 4.0, 1.0
-"""Who is on foot and will step into the ego's way within that time is waited for, that far away (ours)."""
+"""Time and distance for pedestrians about to step into the ego's way, for whom it waits (ours)."""
 STANDING = 0.05
 BEHIND_COS = -math.sqrt(3.0) / 2.0
 TTC_AHEAD_S = (0.0, 0.3, 0.6, 0.9)
@@ -69,8 +69,8 @@ def roll_out(
         car: The vehicle.
         idm: Of all proposals.
         line_gap: Between the front and a closed line, m.
-        margin: Beside the ego, within which somebody ahead is a leader, m.
-        start: (11,) the ego now; every proposal begins with a copy of its own.
+        margin: Width added on each side of the ego; an actor ahead within it is a leader, m.
+        start: (11,) present state of the ego; every proposal begins with a copy.
         states: (15, 41, 11) where the states are written.
         careful: Whether to stop gently and to wait for people about to cross (ours).
     """
@@ -112,7 +112,7 @@ def roll_out(
 
 @njit(cache=True, error_model="numpy")
 def _crossing(road: Situation, car: Body, margin: float, speed: float, braking: float) -> float:
-    """Arc length [m] before which to wait for somebody on foot who is about to step into the ego's way."""
+    """Arc length [m] before which to wait for a pedestrian who is about to step into the ego's way."""
     nearest, half = NO_LINE, 0.5 * car.width + margin
     enough = 0.5 * car.length + speed * speed / (2.0 * braking)
     for n in range(road.along.shape[1]):
@@ -149,7 +149,7 @@ def score(road: Situation, car: Body, states: FloatArray, scores: FloatArray) ->
             farthest = max(farthest, terms[EP])
     for number in range(states.shape[0]):
         terms = scores[number]
-        # Where nobody gets anywhere, standing is no fault.
+        # If no proposal makes progress, standing is no fault.
         terms[EP] = min(terms[EP] / farthest, 1.0) if farthest > 0.5 else 1.0
         weighted = (5.0 * terms[EP] + 5.0 * terms[TTC] + 2.0 * terms[COMFORT]) / 12.0
         terms[TOTAL] = terms[NC] * terms[DAC] * terms[DDC] * weighted

@@ -1,4 +1,4 @@
-"""Random: the floor of every table."""
+"""Random: the lower bound of every table."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from dohyo.sumo_networks.ego.control import PedalsSteering
 
 
 class Random(Agent):
-    """Uniform pedals and steering, the same again for a second."""
+    """Uniform pedals and steering, held for a second."""
 
     spec = AgentSpec(name="random", track="sensors", sensors=("speedometer",), control="pedals_steering")
 
     def reset(self, mission: Mission, seed: int) -> None:
-        """Seeds the dice."""
+        """Seeds the random generator."""
         self._rng = np.random.default_rng(seed)
         self._ticks = 0
         self._action = np.zeros(3)

@@ -1,4 +1,4 @@
-"""Reckless: full concern for the lane, none for anybody in it. The benchmark's honesty check: it must fail."""
+"""Reckless: follows its lane and ignores all traffic. A check of the benchmark: it must fail."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sidestep: the path beside the route that the ego follows while it does not keep to its middle."""
+"""Sidestep: the path that the ego follows while it is off the middle of its lane."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Sidestep:
     """An offset to the left of the route as a function of progress: a smooth ramp from the last one to the next.
 
     Attributes:
-        offset: Where it leads to, m to the left; 0 while it leads back or there is none.
+        offset: Target, m to the left; 0 while it leads back or there is none.
     """
 
     def __init__(self) -> None:
@@ -27,12 +27,12 @@ class Sidestep:
         return d + (offset - d) * share * share * (3.0 - 2.0 * share)
 
     def lead(self, offset: float, progress: float, ramp: float = RAMP_M) -> None:
-        """From here on to another offset, within a ramp [m]."""
+        """Begins a ramp [m] to another offset here."""
         self._from, self._to = (progress, self.at(progress)), (progress + ramp, offset)
         self.offset = offset
 
     def back(self, progress: float, ramp: float = RAMP_M) -> None:
-        """Back to the middle of the lane from here on."""
+        """Begins the way back to the middle of the lane here."""
         self.lead(0.0, progress, ramp)
 
     def aside(self, progress: float) -> bool:
@@ -40,7 +40,7 @@ class Sidestep:
         return self.offset != 0.0 or abs(self.at(progress)) > 0.05
 
     def applied(self, route: Float32Array, progress: float) -> Float32Array:
-        """The `route` observation with its points moved aside; the headings follow."""
+        """`route` observation with its points and headings moved aside."""
         if not self.aside(progress):
             return route
         offsets = np.array([self.at(progress + ahead) for ahead in range(len(route))])

@@ -24,16 +24,16 @@ STANDS = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Neighbour:
-    """An actor in the frame of the route: s along it from the ego's centre, d to the left of it, both of its box, m.
+    """Actor in the frame of the route: s along it from the ego's centre, d to the left of it, m.
 
     Attributes:
         kind: `ActorKind`.
         key: Stable while the actor exists.
         s_low: Rear end along the route, m.
         s_high: Front end along the route, m.
-        d_low: Its right edge, m.
-        d_high: Its left edge, m.
-        speed: However it moves, m/s.
+        d_low: Right edge, m.
+        d_high: Left edge, m.
+        speed: In any direction, m/s.
         along: Share of its heading along the route: 1 the ego's direction, -1 oncoming.
         across: Share of its heading to the left of the route.
     """
@@ -55,7 +55,7 @@ class Neighbour:
 
     @property
     def opposes(self) -> bool:
-        """Whether it heads against the route, within 30 degrees, be it standing."""
+        """Whether it heads against the route, within 30 degrees, moving or standing."""
         return self.along < -ALIGNED
 
     @property
@@ -64,7 +64,7 @@ class Neighbour:
         return self.speed < STANDS
 
     def within(self, low: float, high: float) -> bool:
-        """Whether it reaches into a strip beside the route, m."""
+        """Whether its box reaches into a strip beside the route, m."""
         return self.d_high > low and self.d_low < high
 
 
@@ -73,9 +73,9 @@ class LaneBeside:
     """A lane beside the route's.
 
     Attributes:
-        d: Its middle to the left of the route, m.
+        d: Middle of the lane, m to the left of the route.
         width: m.
-        oncoming: Whether it leads the other way.
+        oncoming: Whether its direction is opposite.
     """
 
     d: float
@@ -84,10 +84,10 @@ class LaneBeside:
 
 
 class Surroundings:
-    """One observation, seen along the route.
+    """One observation in the frame of the route.
 
     Attributes:
-        neighbours: All actors seen, nearest first; people on foot too.
+        neighbours: All actors in sight, nearest first, including pedestrians.
         lane_width: Of the ego's lane, m.
     """
 
@@ -102,11 +102,11 @@ class Surroundings:
         )
 
     def driving(self) -> Iterator[Neighbour]:
-        """All but people on foot."""
+        """All actors except pedestrians."""
         return (one for one in self.neighbours if one.kind != ActorKind.PEDESTRIAN)
 
     def lanes_beside(self, first: float, last: float) -> list[LaneBeside]:
-        """The lanes next to the route's that go with it all along a stretch [m from the ego's centre]."""
+        """Lanes next to the route's that run beside it over a whole stretch [m from the ego's centre]."""
         rows = self._lanes[(self._lanes[:, 0] >= 0) & (self._lanes[:, 2] == ROAD)]
         points = rows[:, ATTRIBUTES:].reshape(len(rows), POINTS, 2).astype(np.float64)
         found = _points_on_path(points, self._path)
@@ -125,7 +125,7 @@ class Surroundings:
 
 
 def warm_up() -> None:
-    """Compiles the kernels, which takes seconds the first time: not while driving."""
+    """Compiles the kernels, so that no decision waits for them."""
     nothing = {
         "path": np.zeros((paths.POINTS, 6), dtype=np.float32),
         "lanes": np.zeros((ROWS, COLUMNS), dtype=np.float32),
@@ -136,7 +136,7 @@ def warm_up() -> None:
 
 @njit(cache=True)
 def ran_into_from_behind(x: float, y: float, heading: float, length: float, half_length: float) -> bool:
-    """Whether somebody touches the ego's back, his pose in the ego's frame: waiting for him, both would for ever."""
+    """Whether an actor (pose in the ego's frame) touches the ego's rear. Waiting for it would never end."""
     return -half_length - 0.5 * length < x < 0.0 and abs(y) < 1.0 and abs(heading) < 0.5
 
 

@@ -1,1 +1,1 @@
-"""What planners share: the scene they plan in, the predictors' interface, and the path and box kernels."""
+"""Shared by planners: the scene, the predictors' interface, and the path and box kernels."""

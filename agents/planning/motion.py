@@ -1,4 +1,4 @@
-"""Numba kernels every planner shares: the inner vehicle model, the path, boxes, and IDM. Scalars in, scalars out."""
+"""Numba kernels shared by planners: inner vehicle model, path, boxes, and IDM. Scalars in, scalars out."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Body(NamedTuple):
         keep_steering: Share of a steering error left after 0.1 s.
         keep_drive: Share of an acceleration error left after 0.1 s.
         mean_drive: Mean share of an acceleration error during 0.1 s.
-        lateral_limit: Lateral acceleration that steering never demands more than, m/s^2.
+        lateral_limit: Highest lateral acceleration that steering demands, m/s^2.
     """
 
     length: float
@@ -60,7 +60,7 @@ def body(vehicle: VehicleParameters, lateral_limit: float) -> Body:
 
 @njit(cache=True, error_model="numpy")
 def limited_steering(car: Body, speed: float, steering: float) -> float:
-    """A demanded front wheel angle within full lock and the lateral acceleration allowed, rad."""
+    """Demanded front wheel angle, bounded by full lock and the lateral limit, rad."""
     most = min(car.max_steering, math.atan(car.wheelbase * car.lateral_limit / max(speed * speed, 0.01)))
     return min(max(steering, -most), most)
 
@@ -223,13 +223,13 @@ class Idm(NamedTuple):
     """The Intelligent Driver Model's parameters.
 
     Attributes:
-        gap: To a standing leader, m.
-        headway: s.
+        gap: Distance to a standing leader, m.
+        headway: Time gap, s.
         acceleration: m/s^2.
         braking: Comfortable, m/s^2.
         exponent: Of the free road.
-        least_gap: Gaps count as at least this, m.
-        hardest: Deceleration it never exceeds, m/s^2.
+        least_gap: Lower bound of a gap, m.
+        hardest: Upper bound of the deceleration, m/s^2.
 
     Source: Treiber, Hennecke, Helbing 2000.
     """

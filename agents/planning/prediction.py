@@ -1,4 +1,4 @@
-"""Predictor: where everybody will be in the next eight seconds."""
+"""Predictor: forecast of all actors for the next eight seconds."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ HORIZON_S = 8.0
 STEP_S = 0.1
 STEPS = 81
 NEAREST = 30
-"""How many actors a predictor has to look at; those beyond may be extrapolated."""
+"""Number of nearest actors to predict; those beyond may be extrapolated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,8 +22,8 @@ class Forecast:
     """Poses at 0, 0.1, ..., 8 s in the ego's frame of the scene.
 
     Attributes:
-        actors: (N, 81, 3) x, y [m], heading [rad] of every actor of the scene, in its order; at 0 where it is.
-        ego: (81, 3) what the predictor takes the ego to do; None where it has no opinion.
+        actors: (N, 81, 3) x, y [m], heading [rad] of every actor of the scene, in its order; row 0 is the present.
+        ego: (81, 3) predicted motion of the ego; None without a prediction.
     """
 
     actors: FloatArray
@@ -31,15 +31,15 @@ class Forecast:
 
 
 class Predictor(Protocol):
-    """Says where everybody goes. The same scene gives the same forecast, whatever came before."""
+    """Predicts all actors. The same scene gives the same forecast, independent of earlier calls."""
 
     def predict(self, scene: Scene) -> Forecast:
-        """The next eight seconds of one scene."""
+        """Forecast of one scene."""
         ...
 
 
 def constant_velocity(scene: Scene) -> FloatArray:
-    """(N, 81, 3) every actor straight on at its speed."""
+    """(N, 81, 3) poses of actors at constant velocity."""
     actors, ahead = scene.actors, np.arange(STEPS) * STEP_S
     out = np.empty((len(actors), STEPS, 3))
     travelled = actors.speed[:, None] * ahead

@@ -1,7 +1,7 @@
-"""Scene: what planners and predictors know, as plain arrays built from observations alone.
+"""Scene: input of planners and predictors, as arrays built from observations alone.
 
 Everything is in the ego's frame of the present tick: origin at the centre of its box, x forward, y left. A
-`SceneBuilder` keeps what a single observation cannot hold: where everybody was in the last 1.5 s, and whether the ego
+`SceneBuilder` keeps what a single observation cannot hold: the poses of the last 1.5 s, and whether the ego
 has stood at a stop sign.
 """
 
@@ -23,7 +23,7 @@ from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import LightState
 
 SENSORS = ("ego_state", "objects", "lanes", "path", "junctions_ahead")
-"""What a scene is built from."""
+"""Sensors that a scene is built from."""
 
 HISTORY = 4
 HISTORY_STEP_S = 0.5
@@ -63,7 +63,7 @@ class TrackedActors(ObjectStates):
     """The others, N of them, nearest first, in the ego's frame.
 
     Attributes:
-        history: (N, 4, 3) x, y [m], heading [rad] 1.5, 1.0, 0.5 and 0 s ago, in the ego's frame of now.
+        history: (N, 4, 3) x, y [m], heading [rad] 1.5, 1.0, 0.5 and 0 s ago, in the present ego frame.
         history_valid: (N, 4) which of them were seen; the others are extrapolated at constant velocity.
     """
 
@@ -141,12 +141,12 @@ class Scene:
 
     Attributes:
         time: Since the episode began, s.
-        pose: (3,) x, y [m], heading [rad] of the ego in a frame that stays for the whole episode.
+        pose: (3,) x, y [m], heading [rad] of the ego in a frame that is fixed for the episode.
         ego: The driven vehicle.
         actors: The others.
-        lanes: The map around.
+        lanes: The map around the ego.
         path: The route.
-        stop_lines: Where it may have to stop.
+        stop_lines: Lines at which the ego may have to stop.
     """
 
     time: float
@@ -159,13 +159,13 @@ class Scene:
 
 
 class SceneBuilder:
-    """Makes a scene of every tick's observation; one per episode, or `reset` between episodes."""
+    """Builds a scene from every tick's observation; needs `reset` between episodes."""
 
     def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets the last episode."""
+        """Clears the state of the last episode."""
         self._tick = 0
         self._poses: deque[FloatArray] = deque(maxlen=_MEMORY)
         self._seen: deque[dict[int, FloatArray]] = deque(maxlen=_MEMORY)
@@ -246,7 +246,7 @@ _AGO = tuple((HISTORY - 1 - i) * _TICKS_PER_STEP for i in range(HISTORY))
 
 
 def _constant_velocity(position: FloatArray, heading: float, speed: float) -> FloatArray:
-    """(4, 3) where somebody came from, if it has kept its velocity."""
+    """(4, 3) past poses of an actor at constant velocity."""
     back = speed * TICK_S * np.array(_AGO, dtype=np.float64)
     out = np.empty((HISTORY, 3))
     out[:, 0] = position[0] - back * math.cos(heading)
@@ -256,13 +256,13 @@ def _constant_velocity(position: FloatArray, heading: float, speed: float) -> Fl
 
 
 def _to_fixed(pose: FloatArray, points: FloatArray) -> FloatArray:
-    """(N, 2) points of the ego's frame in the frame that stays."""
+    """(N, 2) points of the ego frame in the fixed frame."""
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     return np.asarray(points @ np.array([[cos, sin], [-sin, cos]]) + pose[:2])
 
 
 def _to_ego(pose: FloatArray, place: FloatArray) -> FloatArray:
-    """(3,) a pose of the frame that stays in the ego's frame."""
+    """(3,) pose of the fixed frame in the ego frame."""
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     dx, dy = place[0] - pose[0], place[1] - pose[1]
     turn = (place[2] - pose[2] + math.pi) % (2 * math.pi) - math.pi
@@ -274,7 +274,7 @@ def _path(table: Float32Array) -> ReferencePath:
     rows = table.astype(np.float64)
     steps = np.hypot(*np.diff(rows[:, :2], axis=0).T)
     rows = rows[np.concatenate([steps > 1e-3, [False]]) | np.concatenate([[False], steps > 1e-3])]
-    if len(rows) < 2:  # a route that is all behind: its last point, and straight on
+    if len(rows) < 2:  # the whole route is behind: its last point, extended straight on
         rows = np.repeat(table[-1:].astype(np.float64), 2, axis=0)
         rows[1, :2] += math.cos(rows[0, 2]), math.sin(rows[0, 2])
     position = np.ascontiguousarray(rows[:, :2])

@@ -31,7 +31,7 @@ _PEOPLE = (int(ActorKind.PEDESTRIAN), int(ActorKind.BICYCLE))
 
 
 class Situation(NamedTuple):
-    """What the kernels read. Everything in the ego's frame of now.
+    """Input of the kernels, in the present ego frame.
 
     Attributes:
         path: (R, 4) x, y [m], cosine and sine of the heading, equally spaced, straight on past the goal.
@@ -43,8 +43,8 @@ class Situation(NamedTuple):
         spacing: m.
         line: Arc length of the first closed line, m.
         grid: Flags of road and route by cell, see `on_grid`.
-        boxes: (81, N, 6) centre x, y [m], cosine, sine, half length, half width [m] of everybody every 0.1 s, but of
-            those who follow in the ego's lane.
+        boxes: (81, N, 6) centre x, y [m], cosine, sine, half length, half width [m] every 0.1 s of all actors except
+            followers in the ego's lane.
         speed: (N,), m/s.
         kind: (N,) 0 pedestrian or cyclist, 1 vehicle, 2 object.
         along: (17, N, 4) arc length on the path, lateral distance to it, half extents across and along it [m], every
@@ -76,7 +76,7 @@ def situation(scene: Scene, forecast: FloatArray, *, max_speed: float, curve: fl
     Args:
         scene: The scene.
         forecast: (N, 81, 3) poses of its actors.
-        max_speed: However high the limit, m/s.
+        max_speed: Upper bound under any speed limit, m/s.
         curve: Lateral acceleration in curves, m/s^2.
         braking: Deceleration before them, m/s^2.
     """
@@ -123,7 +123,7 @@ def situation(scene: Scene, forecast: FloatArray, *, max_speed: float, curve: fl
 
 
 def _minded(actors: TrackedActors, ego: Ego, forecast: FloatArray) -> tuple[TrackedActors, FloatArray]:
-    """All but those who follow in the ego's lane: it is for them to keep their distance."""
+    """All actors except followers in the ego's lane, which have to keep their own distance."""
     behind = actors.position[:, 0] + actors.length / 2 < -ego.length / 2
     beside = np.abs(actors.position[:, 1]) < (ego.width + actors.width) / 2
     keep = ~(behind & beside & (np.cos(actors.heading) > FOLLOWS_COS))
@@ -151,7 +151,7 @@ def _extended(scene: Scene) -> tuple[FloatArray, FloatArray, FloatArray, FloatAr
 def _allowed_speed(
     limit: FloatArray, curvature: FloatArray, lateral: float, braking: float, spacing: float
 ) -> FloatArray:
-    """(R,) what limits and curves allow, slowing down in time for those ahead, m/s."""
+    """(R,) speed that limits and curves allow, with braking in time for those ahead, m/s."""
     out = np.empty(limit.shape[0])
     ahead = math.inf
     for i in range(limit.shape[0] - 1, -1, -1):
@@ -239,7 +239,7 @@ def box_on_grid(
 def _along_path(
     path: FloatArray, first_s: float, spacing: float, boxes: FloatArray, along: FloatArray, along_speed: FloatArray
 ) -> None:
-    """Where every actor is on the path every half second, and how fast it goes along it."""
+    """Position and speed of every actor along the path, every half second."""
     for n in range(boxes.shape[1]):
         near, reach = first_s + 0.5 * path.shape[0] * spacing, 1e6
         for k in range(along.shape[0]):
@@ -261,18 +261,18 @@ def _along_path(
 
 @njit(cache=True, error_model="numpy")
 def leader(road: Situation, half_length: float, half_width: float, s: float, time: float, offset: float):  # type: ignore[no-untyped-def]
-    """The nearest actor ahead in the corridor along the path at a time to come.
+    """Nearest actor ahead in the corridor along the path at a future time.
 
     Args:
         road: The situation.
         half_length: Of the ego, m.
         half_width: Of the corridor, m.
         s: Arc length of the ego's centre, m.
-        time: From now, s.
+        time: From the present, s.
         offset: Of the corridor, to the left of the path, m.
 
     Returns:
-        Gap between the bumpers [m], infinite where there is nobody, and its speed along the path [m/s].
+        Gap between the bumpers [m], infinite without an actor, and its speed along the path [m/s].
     """
     k = min(int(time / COARSE_S + 0.5), road.along.shape[0] - 1)
     best, speed = math.inf, 0.0

@@ -1,4 +1,4 @@
-"""An observation of an empty road. Planners decide on it when they are made, so that no decision waits for numba."""
+"""Observation of an empty road. Planners decide on it when they are created, so that numba is compiled by then."""
 
 from __future__ import annotations
 
