@@ -1,1 +1,1 @@
-"""MBAPPE: Monte-Carlo tree search with a prior over an explicit inner simulator, and its nearest rivals."""
+"""MBAPPE: Monte-Carlo tree search with a prior over an explicit inner simulator, and its baselines."""

@@ -1,9 +1,9 @@
-"""Caution: whoever is ahead in the ego's lane is not believed to clear it sooner than it has to, whatever is predicted.
+"""Caution: forecasts are changed so that actors ahead in the ego's lane do not clear it early.
 
-A leader that has just braked is predicted to speed up again, as drivers on the whole do; the one that does not is hit.
-So leaders keep their speed at most, and who brakes goes on braking for a second. People on foot walk straight on at
-their speed, whatever is predicted, and may stop in the lane: they are believed to go on a second later. A vehicle's
-forecast keeps its shape: it is only driven more slowly. Ours; the thesis takes predictions for facts.
+A leader that has just braked is predicted to speed up again, as most drivers do; the ego would hit one that does not.
+So leaders keep their speed at most, and those that brake go on for a second. Pedestrians walk straight on at their
+speed, and leave the lane a second later, since they may stop in it. A vehicle's forecast keeps its shape, and is only
+driven more slowly. Ours; the thesis uses predictions as they are.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 from dohyo.sumo_networks.world import ActorKind
 
 LANE_SHARE = 0.5
-"""Share of a lane's width from its middle within which somebody is ahead in it."""
+"""Share of a lane's width from its middle within which an actor counts as ahead in it."""
 SAME_WAY = 0.7
 BRAKING_S, HARDEST, HESITATION_S = 1.0, 8.0, 1.0
 
 
 def cautious(scene: Scene, forecast: FloatArray) -> FloatArray:
-    """A forecast with people on foot at constant velocity, and its leaders held back.
+    """Forecast with pedestrians at constant velocity, and leaders held back.
 
     Args:
-        scene: Of which it is.
+        scene: Of the forecast.
         forecast: (N, 81, 3) x, y [m], heading [rad] of its actors.
 
     Returns:
-        The same for everybody else; a copy where there is a leader or somebody on foot.
+        The changed forecast: a copy if there is a leader or a pedestrian, else the same array.
     """
     actors, p = scene.actors, scene.path
     path = np.column_stack([p.position, np.cos(p.heading), np.sin(p.heading)])
@@ -43,7 +43,7 @@ def cautious(scene: Scene, forecast: FloatArray) -> FloatArray:
     if on_foot.any():
         out = forecast.copy()
         out[on_foot, 1:] = _walking_on(scene, on_foot)
-    # Half a second is the history's step: what it lost since the middle of that tells how it brakes.
+    # The history has steps of half a second: the loss of speed since the middle of the last one gives the braking.
     back = actors.history[:, -1, :2] - actors.history[:, -2, :2]
     earlier = np.hypot(back[:, 0], back[:, 1]) / HISTORY_STEP_S
     braking = np.clip((actors.speed - earlier) / (0.5 * HISTORY_STEP_S), -HARDEST, 0.0)
@@ -60,14 +60,14 @@ def cautious(scene: Scene, forecast: FloatArray) -> FloatArray:
 
 
 def _walking_on(scene: Scene, on_foot: BoolArray) -> FloatArray:
-    """(M, 80, 3) those on foot straight on at their speed, from 0.1 s on, as the constant-velocity predictor has it."""
+    """(M, 80, 3) pedestrians at constant velocity, from 0.1 s on."""
     still = np.zeros(np.count_nonzero(on_foot))
     return roll(scene.actors.history[on_foot, -1], scene.actors.speed[on_foot], still, still)[:, 1:]
 
 
 @njit(cache=True, error_model="numpy")
 def _hold_back(poses: FloatArray, speed: float, braking: float, wait: float) -> None:
-    """Takes (81, 3) poses no faster than a speed [m/s], braked [m/s^2, negative] for a second, after a wait [s]."""
+    """Slows (81, 3) poses down: speed limit [m/s], braking [m/s^2, negative] for a second, after a wait [s]."""
     before = poses.copy()
     travelled, allowed, k, passed = 0.0, 0.0, 0, 0.0
     length = math.hypot(before[1, 0] - before[0, 0], before[1, 1] - before[0, 1])

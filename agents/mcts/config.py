@@ -1,4 +1,4 @@
-"""Every number of the planner, with where it comes from."""
+"""Every number of the planner, with its source."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DT = 0.1
 
 
 class Settings(Config):
-    """What may be set from outside: the arms of the ablations.
+    """Settings of the planner: the arms of the ablations.
 
     Attributes:
         predictor: Name of the predictor, see `dohyo.agents.mcts.predictors`.
@@ -48,9 +48,9 @@ class Settings(Config):
         early_stop: End the search if the very first rollout is perfect (the thesis's code).
         reuse: Search first along the plan of the tick before (ours).
         emergency: Brake hard where the plan fails soon (ours; PDM's idea).
-        caution: Who is ahead in the lane is not believed to clear it sooner than it has to, see `caution` (ours).
-        value: "network" ends walks early, and asks the value network what comes after (ours).
-        value_depth_s: Where it is asked, s.
+        caution: Actors ahead in the lane are not expected to clear it early, see `caution` (ours).
+        value: "network" ends walks early, and adds the value network's estimate (ours).
+        value_depth_s: Depth at which walks then end, s.
     """
 
     predictor: str = "learned"
@@ -74,12 +74,12 @@ class Settings(Config):
 
 
 class Rules(NamedTuple):
-    """The inner simulator's and the search's numbers, as the kernels take them.
+    """Numbers of the inner simulator and of the search, as the kernels take them.
 
     Attributes:
         hold_steps: Steps of 0.1 s an action is held.
         depth: Actions to the horizon.
-        bootstrap: Actions after which a walk ends and the value network is asked; 0: never.
+        bootstrap: Actions after which a walk ends and the value network is evaluated; 0: never.
         acceleration_step: Between two accelerations, m/s^2 (thesis: -3 to 3 in steps of 0.5).
         steering_step: Between two wheel angles, rad (thesis: pi/24); with `lane_steering`, between two lines, m (ours).
         lane_steering: 1 where steering values are lines beside the route.
@@ -94,7 +94,7 @@ class Rules(NamedTuple):
         penalty_pedestrian: Collision with a pedestrian or cyclist (thesis's text; its code: -3).
         penalty_vehicle: With a vehicle (thesis).
         penalty_object: With an object (thesis).
-        penalty_margin: Somebody within the margins (the thesis's code).
+        penalty_margin: An actor within the margins (the thesis's code).
         penalty_gap: Per second, times the share of the safe distance to the leader that is missing (ours).
         forfeit: Per second left to the horizon after a failure (ours: the thesis goes on, and charges every second).
         penalty_route: Not on the route's roads (thesis).
@@ -104,18 +104,18 @@ class Rules(NamedTuple):
         bonus_return: Per second on the road, for an ego that began off it (the thesis's code: "a small bonus").
         heading: Weight of |sin| of the heading error (thesis: 1/2, without the absolute value).
         centring: Weight of the distance to the centreline, 1/m (thesis: 1/2).
-        heading_most: Beyond this heading error no progress counts, rad (the thesis's code: 0.20).
+        heading_most: Heading error beyond which no progress counts, rad (the thesis's code: 0.20).
         comfort: Weight of |acceleration| in m/s^2 and of its change between actions (ours; the thesis's code subtracts
             |a|/10 and |change|/5 in the selection).
         margin_along: Beyond the ends of the ego's box, m (the thesis's code: 0.7).
         margin_across: Beside it, m (the thesis's code: 0.3).
         margin_people: Beside it to people on foot or bicycle, m (ours).
         headway: The margin ahead grows by this times the speed, s (the thesis's code: 1/2 on the length, so 1/4).
-        time_gap: Part of the safe distance that is driven in that time, s (the thesis's code: v/2 on the length).
-        braking: The rest of it: what the ego needs more than its leader to stop, both braking so, m/s^2 (ours, after
-            RSS; the hardest braking that comfort allows).
-        skin: What counts as a collision beyond the boxes themselves, m (ours: forecasts are not exact).
-        line_gap: The front stops this far before a closed line, m (ours).
+        time_gap: Time gap in the safe distance, s (the thesis's code: v/2 on the length).
+        braking: Deceleration of ego and leader in the rest of the safe distance, m/s^2 (ours, after RSS; the hardest
+            braking that comfort allows).
+        skin: Distance between boxes that counts as a collision, m (ours: forecasts are not exact).
+        line_gap: Distance of the front to a closed line at a stop, m (ours).
     """
 
     hold_steps: int
@@ -163,22 +163,22 @@ CURVE_LATERAL = 2.5
 CURVE_BRAKING = 2.0
 """Deceleration with which it slows down for them, m/s^2 (ours)."""
 LATERAL_LIMIT = 4.4
-"""Lateral acceleration beyond which the inner vehicle runs wide, m/s^2 (the thesis's code masks above 10; tyres end at
-8.8 here, comfort at 4.89)."""
+"""Lateral acceleration beyond which the inner vehicle runs wide, m/s^2 (the thesis's code masks above 10; the tyres'
+limit is 8.8 here, comfort's 4.89)."""
 EMERGENCY_S, EMERGENCY_BRAKING = 2.0, 8.0
-"""A plan that fails within that time is answered by that deceleration, m/s^2 (ours; the time is PDM's)."""
+"""If a plan fails within that time, s, the ego brakes with that deceleration, m/s^2 (ours; the time is PDM's)."""
 HARDEST, LET_GO = 3.0, 0.65
 """The hardest action's deceleration, m/s^2, and by how much more than the bounded jerk an emergency's brakes are let go
 in a tick until they are down to it, m/s^2 (ours)."""
 PERFECT_BONUS = 10
-"""Visits a perfect rollout is worth in the final choice (the thesis's code)."""
+"""Visits that a perfect rollout counts for in the final choice (the thesis's code)."""
 
 FREE = 2 * ACTIONS
 _CRAFTED = {"limit": 1, "idm": 2}
 
 
 def rules(settings: Settings) -> Rules:
-    """The kernels' numbers under some settings."""
+    """Numbers of the kernels for given settings."""
     lane = settings.steering == "lane"
     crafted = _CRAFTED[settings.crafted] if settings.prior in ("crafted", "both") else 0
     return Rules(

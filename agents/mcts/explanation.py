@@ -1,4 +1,4 @@
-"""The tree as JSON: what was tried, what it was worth, and why."""
+"""The tree as JSON: tried actions, their values, and the reasons."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ MOST_NODES = 600
 
 
 def explain_search(tree: Tree, road: Situation, car: Body, rules: Rules) -> dict[str, Any]:
-    """The most visited nodes, each with its parent before it.
+    """Most visited nodes, each after its parent.
 
     Returns:
-        frame: In which frame trajectories are.
+        frame: Frame of the trajectories.
         root: N and Q.
         nodes: Of each the number, its parent's, depth, action (acceleration [m/s^2] and steering), N, Q, P, the best
             return of a rollout through it, rollouts through it that reached the horizon, whether it failed, speed
@@ -85,7 +85,7 @@ def _rounded(value: float, digits: int = 3) -> float:
 def _trace(
     road: Situation, car: Body, rules: Rules, state: FloatArray, target: float, lateral: float, points: FloatArray
 ) -> None:
-    """Where the box centre goes while an action is held; as `simulator.advance`, without the judgement."""
+    """Path of the box centre while an action is held; as `simulator.advance`, without rewards."""
     for step in range(points.shape[0]):
         cos, sin = math.cos(state[HEADING]), math.sin(state[HEADING])
         points[step, 0], points[step, 1] = state[X] + car.axle * cos, state[Y] + car.axle * sin

@@ -1,4 +1,4 @@
-"""The search as a picture: what was tried, over the map, and the tree of decisions; both coloured by Q."""
+"""Picture of a search: trajectories over the map, and the tree of decisions; both coloured by Q."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def draw_search(
     """Draws one explanation of `mbappe` or `random-shooting`.
 
     Args:
-        why: What `explain` gave.
+        why: Result of `explain`.
         pose: x, y [m], heading [rad] of the ego, network frame.
         lanes: Centrelines (P, 2) [m] and widths [m], network frame.
         boxes: (N, 5) x, y, heading, length, width of everybody at that moment, the ego first, network frame.
-        title: What it is of.
+        title: Of the picture.
     """
     nodes: list[dict[str, Any]] = why["nodes"]
     figure = make_subplots(
@@ -69,7 +69,7 @@ def _into_ego_frame(points: FloatArray, pose: Sequence[float]) -> FloatArray:
 
 
 def _joined(lines: Iterable[FloatArray]) -> tuple[list[float | None], list[float | None]]:
-    """Many polylines as one trace, with gaps."""
+    """Polylines as one trace, with gaps."""
     x: list[float | None] = []
     y: list[float | None] = []
     for line in lines:
@@ -100,7 +100,7 @@ def _draw_boxes(figure: go.Figure, pose: Sequence[float], boxes: FloatArray) -> 
 
 
 def _draw_trajectories(figure: go.Figure, nodes: list[dict[str, Any]], low: float, high: float) -> None:
-    """One trace per band of Q, the best on top."""
+    """Traces by band of Q, the best on top."""
     from plotly.colors import sample_colorscale
 
     drawn = sorted(nodes, key=lambda node: -int(node["n"]))[:MOST_DRAWN]
@@ -153,7 +153,7 @@ def _draw_tree(figure: go.Figure, why: dict[str, Any], low: float, high: float) 
 
 
 def _layout(nodes: list[dict[str, Any]]) -> dict[int, float]:
-    """Height of every node: leaves evenly apart, everybody else in the middle of its children."""
+    """Height of every node: leaves evenly spaced, the others in the middle of their children."""
     children: dict[int, list[dict[str, Any]]] = {}
     for node in nodes:
         children.setdefault(node["parent"], []).append(node)

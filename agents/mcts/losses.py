@@ -1,4 +1,4 @@
-"""What a drive lost of its closed-loop score, by cause."""
+"""Points of the closed-loop score that a drive lost, by cause."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def losses(terms: ClosedLoop, ego: EgoRecord) -> dict[str, float]:
 
     Args:
         terms: Of the drive.
-        ego: Its record, which knows who was hit.
+        ego: Record of the drive, with the collisions.
     """
     out = dict.fromkeys(CAUSES, 0.0)
     for term in _MULTIPLYING:

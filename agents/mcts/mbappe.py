@@ -52,9 +52,9 @@ _CHUNK = 16
 
 
 class Mbappe(Agent):
-    """The planner; its settings are the fields of `config.Settings`.
+    """Planner; its settings are the fields of `config.Settings`.
 
-    The same settings, seed and observations give the same actions, but under `budget_ms`.
+    The same settings, seed and observations give the same actions, except with `budget_ms`.
     """
 
     spec = AgentSpec(name="mbappe", track="privileged", sensors=SENSORS, control="acceleration_steering")
@@ -80,12 +80,12 @@ class Mbappe(Agent):
         self._forget(seed=0)
 
     def reset(self, mission: Mission, seed: int) -> None:
-        """Forgets the last episode."""
+        """Clears the state of the last episode."""
         self.builder.reset()
         self._forget(seed)
 
     def close(self) -> None:
-        """Holds nothing."""
+        """Clears the plan."""
 
     def _forget(self, seed: int) -> None:
         order = np.random.default_rng(seed).permutation(PAIRS)
@@ -98,16 +98,16 @@ class Mbappe(Agent):
         self.road: Situation | None = None
 
     def act(self, observation: Observation) -> np.ndarray:
-        """The first 0.1 s of the best plan: acceleration, and steering as a share of full lock."""
+        """First 0.1 s of the best plan: acceleration, and steering as a share of full lock."""
         road, state, forecast = self.look(self.builder.update(observation))
         decision = self.decide(road, state, forecast)
         demand, wheel = self._command(road, state, decision)
-        # An emergency's brakes are let go faster than comfort allows, down to the hardest action's.
+        # An emergency's brakes are released faster than comfort allows, down to the hardest action's.
         self._demand = demand if demand >= -HARDEST else min(demand + LET_GO, -HARDEST)
         return np.array([demand, wheel / self._vehicle.max_steering])
 
     def look(self, scene: Scene) -> tuple[Situation, FloatArray, Forecast]:
-        """What a scene means: the situation, the ego's state in it, and the forecast."""
+        """Situation of a scene, the ego's state in it, and the forecast."""
         forecast = self.predictor.predict(scene)
         others = cautious(scene, forecast.actors) if self.settings.caution else forecast.actors
         road = situation(scene, others, max_speed=MAX_SPEED, curve=CURVE_LATERAL, braking=CURVE_BRAKING)
@@ -122,7 +122,7 @@ class Mbappe(Agent):
         return {"agent": self.spec.name, **self._why, **search}
 
     def decide(self, road: Situation, state: FloatArray, forecast: Forecast) -> tuple[int, int] | None:
-        """The action to begin with, as indices; None where no plan is safe, and the ego had better stop."""
+        """First action, as indices; None if no plan is safe, so that the ego should stop."""
         s = self.settings
         trajectory = forecast.ego if s.prior in ("learned", "both") else None
         beliefs = Beliefs(
@@ -137,7 +137,7 @@ class Mbappe(Agent):
         until = math.inf if s.budget_ms is None else time.perf_counter() + s.budget_ms / 1000.0
         ran, chain = self._plan_from(road, beliefs, state, until)
         if self._danger(chain) and s.constraints in ("tree", "both"):
-            # Continuity leaves nothing safe: once more, as if the ego had been braking.
+            # Continuity leaves no safe plan: search again as if the ego had been braking.
             self._last[0], self._plan[:] = 0, -1
             more, chain = self._plan_from(road, beliefs, state, until)
             ran += more
@@ -155,7 +155,7 @@ class Mbappe(Agent):
         return int(self._last[0]), int(self._last[1])
 
     def _plan_from(self, road: Situation, beliefs: Beliefs, state: FloatArray, until: float) -> tuple[int, list[int]]:
-        """Searches from a state until a time: how many simulations ran, and the nodes of the plan."""
+        """Searches from a state until a time; number of simulations, and nodes of the plan."""
         start(self.tree, road, self.car, self.rules, CRAFTED_IDM, beliefs, state)
         ran = self._search(road, beliefs, until)
         return ran, self._chain()
@@ -175,7 +175,7 @@ class Mbappe(Agent):
         return ran
 
     def _chain(self) -> list[int]:
-        """The nodes of the plan, from the first action on."""
+        """Nodes of the plan, from the first action on."""
         choice, chain, node = _CHOICES[self.settings.choice], [], 0
         if choice == 2:
             node = int(self.tree.numbers[BEST_LEAF])
@@ -188,7 +188,7 @@ class Mbappe(Agent):
         return chain
 
     def _danger(self, chain: list[int]) -> bool:
-        """Whether the plan fails, by whatever, too soon to hope for better."""
+        """Whether the plan fails too soon to wait for a better one."""
         last = chain[-1]
         within = int(self.tree.depth[last]) * self.settings.hold_s <= max(EMERGENCY_S, self.settings.hold_s)
         return bool(self.tree.outcome[last] == FAILED and within)

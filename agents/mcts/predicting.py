@@ -1,4 +1,4 @@
-"""Predictors by name, loaded when asked for."""
+"""Predictors by name, loaded on demand."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def make_predictor(name: str) -> Predictor:
     """A predictor by name.
 
     Raises:
-        UnknownNameError: There is none of that name.
+        UnknownNameError: There is no such predictor.
     """
     if name not in PREDICTORS:
         raise UnknownNameError("predictor", name, PREDICTORS)

@@ -1,4 +1,4 @@
-"""A predictor alone as planner: drives what it predicts the ego to do."""
+"""A predictor alone as planner: follows the predicted ego trajectory."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class PredictorOnly(Agent):
         self._builder = SceneBuilder()
 
     def reset(self, mission: Mission, seed: int) -> None:
-        """Forgets the last episode."""
+        """Clears the state of the last episode."""
         self._builder.reset()
 
     def act(self, observation: Observation) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The learned prior: the actions by which the predictor's ego trajectory would be driven."""
+"""Learned prior: the actions that follow the predictor's ego trajectory."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from dohyo.sumo_networks.arrays import FloatArray, IntArray
 
 
 def kernel(variance: float) -> FloatArray:
-    """(13,) the Gaussian of the priors by index distance."""
+    """(13,) Gaussian of the priors by index distance."""
     return np.asarray(np.exp(-(np.arange(ACTIONS) ** 2) / (2.0 * variance)))
 
 
 def learned_actions(
     trajectory: FloatArray | None, road: Situation, car: Body, rules: Rules, seconds: float
 ) -> IntArray:
-    """The nearest action to each stretch of a trajectory.
+    """Nearest action to each stretch of a trajectory.
 
     Args:
-        trajectory: (81, 3) the predictor's ego poses; None where it has none.
+        trajectory: (81, 3) the predictor's ego poses; None without one.
         road: The situation.
         car: The vehicle.
         rules: The numbers.
-        seconds: For how long the prior holds.
+        seconds: Duration of the prior.
 
     Returns:
         (D, 2) indices of acceleration and steering; -1 where the prior does not hold.

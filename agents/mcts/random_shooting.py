@@ -1,4 +1,4 @@
-"""Random shooting: MBAPPE without its tree. The same actions, constraints, prior and reward, drawn blindly."""
+"""Random shooting: MBAPPE without its tree. The same actions, constraints, prior and reward, sampled independently."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 
 class RandomShooting(Mbappe):
-    """Draws as many rollouts from the prior as MBAPPE simulates, and begins the best one.
+    """Draws as many rollouts from the prior as MBAPPE simulates, and executes the best one.
 
     Its settings are MBAPPE's; the final choice is always the best rollout.
     """
@@ -27,7 +27,7 @@ class RandomShooting(Mbappe):
         super().__init__(**settings)
 
     def reset(self, mission: Mission, seed: int) -> None:
-        """Seeds the dice."""
+        """Seeds the random generator."""
         super().reset(mission, seed)
         self._rng = np.random.default_rng(seed)
 

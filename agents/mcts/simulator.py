@@ -1,4 +1,4 @@
-"""The inner simulator: what one held action leads to, and what it is worth. Numba, no allocation."""
+"""Inner simulator: the result of one held action, and its reward. Numba, no allocation."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ REACH_M = 4.0
 def controls(
     road: Situation, car: Body, rules: Rules, state: FloatArray, target: float, lateral: float
 ) -> tuple[float, float]:
-    """What is asked of the vehicle in the next 0.1 s by a held action.
+    """Demand of a held action on the vehicle in the next 0.1 s.
 
     Args:
         road: The situation.
@@ -65,12 +65,12 @@ def controls(
     """
     speed, most = state[SPEED], rules.jerk * DT
     row = at_row(road, state[S])
-    # Never beyond the limit; what is above it already is given back gently.
+    # Never beyond the limit; a speed above it is reduced gently.
     target = min(target, max((road.limit[row] - speed) / 0.5, -1.5))
-    # The last metres gently: a stop at full braking is a jolt.
+    # The last metres are braked gently, since a stop at full braking is a jolt.
     target = max(target, -max(speed / STOPPING_S, -HALTING))
     demand = min(max(target, state[DEMAND] - most), state[DEMAND] + most)
-    if speed < STANDING and target <= 0.0:  # no creeping: what hardly moves, and is not to, comes to rest
+    if speed < STANDING and target <= 0.0:  # no creeping: a vehicle that hardly moves, and should not, comes to rest
         demand = min(demand, target, HALTING if speed > 0.0 else 0.0)
     if rules.lane_steering:
         x, y = state[X], state[Y]
@@ -99,7 +99,7 @@ def advance(
         terms: (10,) where the terms of the reward are written.
 
     Returns:
-        FAILED where it ends in a collision, off the road or beyond a closed line; else ALIVE.
+        FAILED after a collision, off the road or beyond a closed line; else ALIVE.
     """
     for i in range(terms.shape[0]):
         terms[i] = 0.0
@@ -162,10 +162,10 @@ def _settle(
     accelerate: int,
     before: int,
 ) -> None:
-    """The terms of an action that ended well."""
+    """Reward terms of an action that did not fail."""
     error = wrap(state[HEADING] - math.atan2(road.path[row, 3], road.path[row, 2]))
     on_route = on_grid(road.grid, x, y) & ROUTE_BIT
-    # Standing costs nothing, however it stands: else a quick failure would end a lasting cost.
+    # Standing costs nothing: otherwise a quick failure would end a lasting cost.
     moving = min(max((state[S] - began) / (MOVING * hold), 0.0), 1.0)
     if near and state[SPEED] > STANDING:
         terms[MARGIN] = rules.penalty_margin * hold
@@ -186,7 +186,7 @@ def _settle(
 
 @njit(cache=True, error_model="numpy")
 def _gap_missing(road: Situation, car: Body, rules: Rules, state: FloatArray, time: float) -> float:
-    """Share of the safe distance that is missing: the leader may brake at any moment, whatever is predicted of it.
+    """Share of the safe distance that is missing: the leader may brake at any moment, independent of its forecast.
 
     Source: after Shalev-Shwartz et al. 2017, Responsibility-Sensitive Safety.
     """
@@ -211,7 +211,7 @@ def _touched(
 ) -> int:
     """Index of the actor the ego touches, -2 where one is within the margins only, -1 for none.
 
-    Whoever is behind the ego's rear is left out: it is for that one to keep its distance.
+    Actors behind the ego's rear are left out: they have to keep their own distance.
     """
     half_length, half_width = 0.5 * car.length, 0.5 * car.width
     ahead = rules.margin_along + rules.headway * speed

@@ -1,7 +1,7 @@
-"""How long a decision takes, as a picture: python -m dohyo.agents.mcts.speed [FILE.json].
+"""Time of a decision, as a picture: python -m dohyo.agents.mcts.speed [FILE.json].
 
 The numbers are those of `python tests/performance/planners.py agents/mcts/results/speed.json`. Writes a page that needs
-no network, and a picture beside it where there is a chromium.
+no network, and a picture beside it if chromium is installed.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def draw(document: Mapping[str, Any]) -> go.Figure:
     """Time on the processor against simulations and against actors: the median, and up to the 99th percentile.
 
     Raises:
-        InvalidInputError: It is no result of the bench.
+        InvalidInputError: The file is no result of the bench.
     """
     try:
         panels = [document["by_simulations"], document["by_actors"]]
@@ -81,7 +81,7 @@ def _add(drawn: go.Figure, column: int, row: Mapping[str, Mapping[str, float]], 
 
 
 def main() -> None:
-    """The command."""
+    """Command-line entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path, nargs="?", default=RESULTS)
     parser.add_argument("--out", type=Path, default=Path("out/mcts/speed.html"), help="the page")

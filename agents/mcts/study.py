@@ -1,12 +1,14 @@
-"""Ablations and rivals on a benchmark, paired: `python -m dohyo.agents.mcts.study --benchmark val14 --out out/mbappe`.
+"""Ablations and baselines on a benchmark, paired.
 
-Every arm drives the same scenarios and seeds, the autopilot first; run again, it goes on where it stopped, drive by
-drive. Excerpts are measured by the closed-loop score, whole routes by what the leaderboard and NoCrash count. Results
-go to OUT/study.json, and with --results into the tables of RESULTS.md.
+    python -m dohyo.agents.mcts.study --benchmark val14 --out out/mbappe
 
-A benchmark of excerpts is split in two by the number of a mission: who mends the planner looks at the drives of the odd
-ones (`--part look`), and the tables are made of the even ones (`--part held-out`). `--per-type` takes only so many of
-each type, by the hash of their names.
+Every arm drives the same scenarios and seeds, the autopilot first. The same command resumes, drive by drive. Excerpts
+are measured by the closed-loop score, whole routes by what the leaderboard and NoCrash count. Results go to
+OUT/study.json, and with --results into the tables of RESULTS.md.
+
+A benchmark of excerpts is split by the number of a mission: the planner is developed on the odd ones (`--part look`),
+and the tables show the even ones (`--part held-out`). `--per-type` limits the scenarios of each type, by the hash of
+their names.
 """
 
 from __future__ import annotations
@@ -55,7 +57,7 @@ class Arm:
     Attributes:
         agent: Registered name.
         settings: Of its constructor.
-        thesis: The thesis's score, % (Val14 of nuPlan, not comparable in height); None where it has none.
+        thesis: The thesis's score, % (Val14 of nuPlan, not comparable in height); None without one.
     """
 
     agent: str
@@ -130,7 +132,7 @@ CLAIMS: tuple[tuple[str, str, str], ...] = (
     ("pdm-closed", "mbappe", "score"),
     ("pdm-closed", "pdm-published", "score"),
 )
-"""Whose metric the thesis, or the reason for an arm, expects to be above whose, on excerpts."""
+"""Claims on excerpts: (arm with the higher metric, arm with the lower one, metric)."""
 
 ROUTE_CLAIMS: tuple[tuple[str, str, str], ...] = (
     ("mbappe", "autopilot", "nocrash_success"),
@@ -139,19 +141,19 @@ ROUTE_CLAIMS: tuple[tuple[str, str, str], ...] = (
     ("pdm-closed", "autopilot", "driving_score"),
     ("mbappe", "pdm-closed", "driving_score"),
 )
-"""The same on whole routes."""
+"""Claims on whole routes."""
 
 
 def part_of(benchmark: Benchmark, part: Part, per_type: int | None = None) -> Benchmark:
     """One half of a benchmark's missions: "look" has the odd ones of every set, "held-out" the even ones.
 
     Args:
-        benchmark: Whole.
+        benchmark: The whole benchmark.
         part: Which half, or both.
-        per_type: At most so many of each type of scenario, those whose names have the smallest hashes.
+        per_type: Upper bound of scenarios per type: those whose names have the smallest hashes.
 
     Raises:
-        InvalidInputError: It is no benchmark of excerpts, whose missions alone are many and numbered.
+        InvalidInputError: The benchmark has no numbered missions, which only excerpts have.
     """
     if part == "all" and per_type is None:
         return benchmark
@@ -175,10 +177,10 @@ def part_of(benchmark: Benchmark, part: Part, per_type: int | None = None) -> Be
 
 
 def cells_of(benchmark: Benchmark, prefix: str) -> Benchmark:
-    """The cells of a benchmark whose names begin so.
+    """Cells of a benchmark whose names have a prefix.
 
     Raises:
-        InvalidInputError: No cell does.
+        InvalidInputError: There is no such cell.
     """
     cells = tuple(cell for cell in benchmark.cells if cell.name.startswith(prefix))
     if not cells:
@@ -194,7 +196,7 @@ def _hash(name: str) -> bytes:
 
 
 def measure(result: Result) -> Drives:
-    """The metrics of every drive that was not lost: those of excerpts where the scenario has a reference, or of routes.
+    """Metrics of every drive that was not lost: of excerpts, if the scenario has a reference, else of routes.
 
     Args:
         result: Of one arm.
@@ -238,7 +240,7 @@ def _of_route(ego: EgoRecord) -> dict[str, float]:
 
 
 def estimates(drives: Drives) -> dict[str, Estimate]:
-    """The mean of every metric over drives, with its interval."""
+    """Mean of every metric over drives, with its interval."""
     measured = [metric for metric in METRICS if all(metric in drive for drive in drives.values())]
     found = {metric: [drive[metric] for drive in drives.values()] for metric in measured}
     return {
@@ -248,7 +250,7 @@ def estimates(drives: Drives) -> dict[str, Estimate]:
 
 
 def lost(drives: Drives) -> dict[str, tuple[float, int]]:
-    """What the mean of a score lost by each cause: points, and in how many drives."""
+    """Loss of the mean score by each cause: points, and number of drives."""
     out = {}
     for cause in CAUSES:
         points = [drive[f"lost_{cause}"] for drive in drives.values() if drive.get(f"lost_{cause}", 0.0) > 0.0]
@@ -258,7 +260,7 @@ def lost(drives: Drives) -> dict[str, tuple[float, int]]:
 
 
 def verdict(above: Drives, below: Drives, metric: str) -> tuple[str, Comparison | None]:
-    """What became of a claim: reproduced, not resolved, or contradicted; on the drives of both arms."""
+    """Verdict on a claim: reproduced, not resolved, or contradicted; on the drives of both arms."""
     keys = sorted(above.keys() & below.keys())
     if not keys:
         return "no drives in common", None
@@ -276,7 +278,7 @@ def run(
     per_type: int | None = None,
     cells: str = "",
 ) -> dict[str, Any]:
-    """Drives the arms and writes OUT/study.json, anew after each arm.
+    """Drives the arms, and writes OUT/study.json after each arm.
 
     Raises:
         InvalidInputError: An arm is unknown, or the benchmark, its part or OUT cannot be used.
@@ -327,7 +329,7 @@ def as_document(
 
 
 def main() -> None:
-    """The command."""
+    """Command-line entry point."""
     parser = argparse.ArgumentParser(prog="python -m dohyo.agents.mcts.study", description=__doc__)
     parser.add_argument("--benchmark", default="val14")
     parser.add_argument("--arms", nargs="*", default=list(ARMS), choices=list(ARMS), metavar="ARM")
@@ -335,8 +337,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--part", choices=get_args(Part), default="all", help="of a benchmark of excerpts")
-    parser.add_argument("--per-type", type=int, help="at most so many scenarios of each type")
-    parser.add_argument("--cells", default="", help="only those whose names begin so")
+    parser.add_argument("--per-type", type=int, help="upper bound of scenarios of each type")
+    parser.add_argument("--cells", default="", help="prefix of their names")
     parser.add_argument("--results", action="store_true", help="write the tables into RESULTS.md")
     given = parser.parse_args()
     document = run(

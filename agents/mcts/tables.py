@@ -13,7 +13,7 @@ from dohyo.evaluation.statistics import Estimate
 EXCERPTS: Mapping[str, str] = MappingProxyType(
     {"score": "score", "collisions": "CR, %", "off_road": "DA, %", "progress": "EP, %"}
 )
-"""Columns where drives end after a time: metrics, and what stands over them."""
+"""Columns of drives that end after a time: metric and head."""
 
 ROUTES: Mapping[str, str] = MappingProxyType(
     {
@@ -26,7 +26,7 @@ ROUTES: Mapping[str, str] = MappingProxyType(
         "out_of_time": "out of time, %",
     }
 )
-"""Columns where they end at the goal."""
+"""Columns of drives that end at the goal."""
 
 PLANNERS = ("autopilot", "mbappe", "pdm-closed")
 """Planners whose lost points are listed by cause."""
@@ -51,7 +51,7 @@ def tables(document: Mapping[str, Any]) -> str:
 
 
 def _lost(arms: Mapping[str, Any]) -> list[str]:
-    """What the planners' scores lost, cause by cause."""
+    """Points that the planners lost, by cause."""
     planners = [name for name in PLANNERS if name in arms]
     causes = [cause for cause in CAUSES if any(cause in arms[name]["lost"] for name in planners)]
     if not causes:
@@ -82,7 +82,7 @@ def section(document: Mapping[str, Any]) -> str:
 
 
 def shown(estimate: Estimate) -> str:
-    """A mean with its interval, as far as there is one."""
+    """Mean with its interval, if there is one."""
     if estimate.mean is None:
         return ""
     if estimate.low is None or estimate.high is None or not math.isfinite(estimate.mean):

@@ -1,8 +1,8 @@
 """The tree: PUCT over flat preallocated arrays, in numba.
 
-A simulation walks from the root to the horizon, or to a failure, and makes every node on its way that is not there yet:
-without a value network to ask at a leaf, each walk ends where its return is known. Selection, expansion,
-evaluation and back-up are the thesis's; see README.md for what is ours.
+A simulation walks from the root to the horizon, or to a failure, and creates every missing node on its way: without a
+value network at the leaves, each walk ends where its return is known. Selection, expansion, evaluation and back-up are
+the thesis's; CHOICES.md lists what is ours.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Tree(NamedTuple):
         state: (M, 10) see `simulator.STATE`.
         terms: (M, 10) terms of the reward of the action that led here.
         reward: (M,) their sum.
-        beyond: (M,) what the value network says comes after a walk that ends here, else 0.
+        beyond: (M,) value network's estimate after a walk that ends here, else 0.
         outcome: (M,) `simulator.ALIVE` or FAILED.
         visits: (M,) N.
         value: (M,) Q, the mean return of the action that led here.
@@ -94,16 +94,16 @@ def make_tree(simulations: int, depth: int) -> Tree:
 
 
 class Beliefs(NamedTuple):
-    """What the search begins with.
+    """Inputs of a search.
 
     Attributes:
         kernel: (13,) the priors' Gaussian by index distance.
-        learned: (D, 2) indices of the learned prior's action at each depth; -1 where it says nothing.
-        order: (169,) rank of every action, so that equals are not all decided towards one side.
+        learned: (D, 2) indices of the learned prior's action at each depth; -1 where it does not hold.
+        order: (169,) rank of every action, which decides between equal values without a bias to one side.
         plan: (D,) actions to try first, -1 for none.
         last: (2,) indices of the action executed before.
         draws: (K,) uniform in [0, 1), one per step of a random walk; empty for a search.
-        value: The value network; it is asked only where the rules say so.
+        value: The value network; used only with `Rules.bootstrap`.
     """
 
     kernel: FloatArray
@@ -144,7 +144,7 @@ def search(
     tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, beliefs: Beliefs, simulations: int,
     early_stop: bool,
 ) -> int:  # fmt: skip
-    """Runs simulations on a started tree; call it again to go on.
+    """Runs simulations on a started tree; another call continues.
 
     Args:
         tree: The tree.
@@ -153,11 +153,11 @@ def search(
         rules: The numbers.
         idm: Of the crafted prior.
         beliefs: The priors.
-        simulations: How many.
+        simulations: Their number.
         early_stop: Stop if the rollout that follows the prior alone is perfect.
 
     Returns:
-        How many simulations ran.
+        Number of simulations.
     """
     by_prior, end = 1 if beliefs.plan[0] >= 0 else 0, walk_end(rules)
     for simulation in range(simulations):
@@ -196,7 +196,7 @@ def walk_end(rules: Rules) -> int:
 
 @njit(cache=True, error_model="numpy")
 def _planned(tree: Tree, beliefs: Beliefs, node: int) -> int:
-    """The action of the plan of the tick before, where the constraints still allow it."""
+    """Action of the previous tick's plan, if the constraints still allow it."""
     action = beliefs.plan[tree.depth[node]]
     if action < 0:
         return -1
@@ -234,11 +234,11 @@ def select(tree: Tree, rules: Rules, beliefs: Beliefs, node: int, prior_only: bo
         tree: The tree.
         rules: The numbers.
         beliefs: The priors.
-        node: Where.
+        node: The node.
         prior_only: Follow the prior alone, as the first rollout does (the thesis's code).
     """
     w, children = tree.window[node], tree.child[node]
-    # Every walk through a node goes on to a child, so its visits are the sum of theirs.
+    # Every walk through a node continues to a child, so its visits are the sum of its children's.
     root = rules.exploration * math.sqrt(tree.visits[node])
     untried = tree.value[node] - tree.reward[node] if rules.parent_first else 0.0
     crafted, centre, mass = rules.crafted > 0, int(tree.centre[node, 0]), tree.centre[node, 1]
@@ -270,7 +270,7 @@ def select(tree: Tree, rules: Rules, beliefs: Beliefs, node: int, prior_only: bo
 
 @njit(cache=True, error_model="numpy")
 def draw(tree: Tree, rules: Rules, beliefs: Beliefs, node: int) -> int:
-    """An action drawn from the prior, whatever came of the others: random shooting."""
+    """Action drawn from the prior, independent of earlier results: random shooting."""
     w, left = tree.window[node], beliefs.draws[tree.numbers[DRAWN] % len(beliefs.draws)]
     tree.numbers[DRAWN] += 1
     action = w[0] * ACTIONS + w[2]
@@ -364,7 +364,7 @@ def back_up(tree: Tree, steps: int) -> None:
 
 @njit(cache=True, error_model="numpy")
 def best_child(tree: Tree, node: int, choice: int, bonus: int) -> int:
-    """The child to go on with: most visits and bonuses (0), highest Q (1), or on the best rollout (2); -1 for none."""
+    """Child to continue with: most visits and bonuses (0), highest Q (1), or on the best rollout (2); -1 for none."""
     best, chosen = -math.inf, -1
     for pair in range(PAIRS):
         child = tree.child[node, pair]

@@ -1,4 +1,4 @@
-"""Constant velocity: everybody straight on at its speed; or CTRA, with its turn rate and acceleration."""
+"""Constant velocity; or CTRA: constant turn rate and acceleration."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ MOST_ACCELERATION, MOST_TURN_RATE = 3.0, 0.8
 
 
 class ConstantVelocity:
-    """The weakest predictor, and the hardest to explain away.
+    """Constant velocity or CTRA: the simplest predictor.
 
     Attributes:
-        model: "velocity": heading and speed stay. "ctra": turn rate and acceleration stay as they were in the last
-            second; nobody drives backwards.
+        model: "velocity": heading and speed stay. "ctra": turn rate and acceleration of the last second stay, down to a
+            standstill.
 
     Source: CTRA after Schubert, Richter, Wanielik 2008.
     """
@@ -32,7 +32,7 @@ class ConstantVelocity:
         self.model = model
 
     def predict(self, scene: Scene) -> Forecast:
-        """See the class; the ego is treated like everybody else."""
+        """See the class; the ego is predicted like any other."""
         ego, actors = scene.ego, scene.actors
         history = np.concatenate([ego.history[None], actors.history])
         speed = np.concatenate([[ego.speed], actors.speed])
@@ -61,7 +61,7 @@ def roll(pose: FloatArray, speed: FloatArray, acceleration: FloatArray, rate: Fl
     ahead = np.arange(STEPS) * STEP_S
     fast = np.maximum(speed[:, None] + acceleration[:, None] * ahead, 0.0)
     moved = 0.5 * (fast[:, 1:] + fast[:, :-1]) * STEP_S
-    # Whoever stands does not turn on the spot.
+    # Actors that stand do not turn on the spot.
     turned = rate[:, None] * STEP_S * (moved > 0.0)
     heading = pose[:, 2:] + np.concatenate([np.zeros((len(pose), 1)), np.cumsum(turned, axis=1)], axis=1)
     middle = 0.5 * (heading[:, 1:] + heading[:, :-1])
@@ -74,7 +74,7 @@ def roll(pose: FloatArray, speed: FloatArray, acceleration: FloatArray, rate: Fl
 
 
 def _motion(history: FloatArray, valid: BoolArray, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Turn rate [rad/s] and acceleration [m/s^2] over the last second; 0 where it was not seen for as long."""
+    """Turn rate [rad/s] and acceleration [m/s^2] over the last second; 0 without so long a history."""
     whole = valid[:, 1:].all(axis=1)
     rate = wrap_angle(history[:, -1, 2] - history[:, -3, 2]) / (2 * HISTORY_STEP_S)
     mean = np.hypot(*(history[:, -1, :2] - history[:, -3, :2]).T) / (2 * HISTORY_STEP_S)

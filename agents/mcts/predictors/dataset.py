@@ -1,9 +1,9 @@
-"""The motion dataset: scenes and what came of them, in shards of one episode each.
+"""Motion dataset: scenes and their futures, in shards of one episode each.
 
 A shard is a compressed .npz file of the arrays in `SCHEMA`: float32, integers as int32, flags as bool. Everything is
 in the ego's frame at the sample's tick: origin at the centre of its box, x forward, y left; m, rad, m/s. Rows of
-actors, lanes, path points and stop lines of all samples stand one after another; `*_count` tells how many each has.
-Nothing but the arrays whose names end in `future` or `future_valid` knows what came after the sample's tick.
+actors, lanes, path points and stop lines of all samples are concatenated; `*_count` has the number of each sample.
+Only arrays whose names end in `future` or `future_valid` hold data from after the sample's tick.
 """
 
 from __future__ import annotations
@@ -55,19 +55,19 @@ SCHEMA = MappingProxyType(
         "stop_lines_state": ("stop_lines", (3,), "float32"),  # s, closed, signal
     }
 )
-"""Every array: the table its rows belong to, the shape of a row, its dtype."""
+"""Every array: its table, the shape of a row, and the dtype."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A scene and what came of it.
+    """Scene with its future.
 
     Attributes:
-        scene: What was known.
+        scene: The input.
         ego_future: (16, 3) x, y [m], heading [rad] of the ego in 0.5, 1.0, ..., 8 s, in the frame of the scene.
-        ego_future_valid: (16,) which of them happened.
+        ego_future_valid: (16,) poses before the end of the episode.
         actors_future: (N, 16, 3) the same of the scene's actors.
-        actors_future_valid: (N, 16) which of them were seen.
+        actors_future_valid: (N, 16) poses that were seen.
     """
 
     scene: Scene
@@ -117,7 +117,7 @@ class Shard:
         return cls(arrays)
 
     def to_bytes(self) -> bytes:
-        """The file; the same samples give the same bytes."""
+        """Bytes of the file; the same samples give the same bytes."""
         return pack_shard(SCHEMA_VERSION, self.arrays)
 
 
@@ -125,7 +125,7 @@ def load_shard(path: Path) -> Shard:
     """Reads a shard.
 
     Raises:
-        InvalidInputError: It is missing, damaged, or not of this schema.
+        InvalidInputError: The file is missing, damaged, or of another schema.
     """
     arrays = read_shard(path, "motion", SCHEMA_VERSION, set(SCHEMA))
     _check(path, arrays)
@@ -142,7 +142,7 @@ def shards_of(folder: Path, split: str) -> list[Path]:
 
 
 def _check(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
-    """Raises InvalidInputError where arrays do not fit together, or hold no numbers."""
+    """Raises InvalidInputError if arrays do not fit together, or contain NaN or infinity."""
     for table in TABLES:
         if arrays[f"{table}_count"].ndim != 1 or (arrays[f"{table}_count"] < 0).any():
             raise InvalidInputError(f"motion shard '{path}': expected counts in {table}_count")

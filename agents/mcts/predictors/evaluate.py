@@ -1,8 +1,8 @@
-"""Evaluation of the predictors on networks none of them has seen.
+"""Evaluation of the predictors on held-out networks.
 
     python -m dohyo.agents.mcts.predictors.evaluate --data FOLDER [--split test] [--out results.json]
 
-Judged are the ego and its nearest 30 actors, where they were seen for the whole 8 s. Scenes of one episode resemble
+It covers the ego and its nearest 30 actors, if they were seen for the whole 8 s. Scenes of one episode resemble
 each other, so the unit of every mean, interval and comparison is the episode: its mean is one value.
 """
 
@@ -35,7 +35,7 @@ from dohyo.sumo_networks.world import ActorKind
 
 HORIZONS_S = (1.0, 3.0, 8.0)
 MISS_M = 4.0
-"""Farther off than this after 8 s is a miss."""
+"""Displacement after 8 s above which a prediction is a miss, m."""
 STOOD_MPS, STOOD_M, TURNED = 0.5, 2.0, 0.5
 """Standing now; standing for 8 s; turning within them, rad."""
 PREDICTORS: Mapping[str, Callable[[Path], Predictor]] = MappingProxyType(
@@ -52,16 +52,16 @@ _PEOPLE = (int(ActorKind.PEDESTRIAN), int(ActorKind.BICYCLE))
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """What one predictor got wrong, a row per agent and scene, R in all.
+    """Errors of one predictor, a row per agent and scene, R in all.
 
     Attributes:
-        distance: (R, 16), m, off in 0.5, 1.0, ..., 8 s.
-        episode: (R,) which shard the row comes from.
+        distance: (R, 16), m, displacement in 0.5, 1.0, ..., 8 s.
+        episode: (R,) index of the shard.
         kind: (R,) `world.ActorKind`; EGO for the driven vehicle.
-        speed: (R,), m/s, now.
-        moved: (R,), m, how far it is after 8 s.
-        turned: (R,), rad, how much its heading has changed by then.
-        milliseconds: (C,) of every call, on the processor.
+        speed: (R,), m/s, at present.
+        moved: (R,), m, distance moved after 8 s.
+        turned: (R,), rad, change of heading by then.
+        milliseconds: (C,) processor time of every call.
     """
 
     distance: FloatArray
@@ -99,7 +99,7 @@ def errors_of(predictor: Predictor, shards: list[Path], stride: int = 1) -> Erro
 
 
 def _compared(sample: Sample, forecast: Forecast) -> list[FloatArray]:
-    """Distance, kind, speed, way and turn of the agents of one scene that are judged; the ego first, if it is."""
+    """Distance, kind, speed, way and turn of the agents of one scene; the ego first, if it counts."""
     actors, near = sample.scene.actors, min(len(sample.scene.actors), NEAREST)
     now = np.column_stack([actors.position, actors.heading])[:near]
     future, told = sample.actors_future[:near].astype(np.float64), forecast.actors[:near]
@@ -140,7 +140,7 @@ def measures(errors: Errors) -> dict[str, list[float]]:
 
 
 def miss_cases(errors: Errors) -> dict[str, tuple[int, float]]:
-    """What motorised neighbours did, how often, and the share of it missed after 8 s, %."""
+    """Behaviour of motorised neighbours: number, and share missed after 8 s, %."""
     drives = (errors.kind != ActorKind.EGO) & ~np.isin(errors.kind, _PEOPLE)
     stood, stands = errors.speed < STOOD_MPS, errors.moved < STOOD_M
     turns = errors.turned > TURNED
@@ -210,7 +210,7 @@ def _by_episode(errors: Errors, value: NDArray[np.floating[Any]], rows: BoolArra
 
 
 def main() -> None:
-    """The command."""
+    """Command-line entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True, help="folder of the motion dataset")
     parser.add_argument("--split", default="test")

@@ -1,4 +1,4 @@
-"""What the network sees of a scene: fixed-size arrays in the ego's frame, padded with zeros."""
+"""Inputs of the network: fixed-size arrays in the ego's frame, padded with zeros."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def features(scene: Scene) -> dict[str, Float32Array]:
     table[rows, 1] = actors.length[:seen] / LENGTH_UNIT
     table[rows, 2] = actors.width[:seen] / WIDTH_UNIT
     table[0, 3 + ActorKind.EGO] = 1.0
-    # Another ego is a car to this one: who drives it must not be told.
+    # Another ego is a car: the network must not know which agent drives it.
     kind = np.where(actors.kind[:seen] == ActorKind.EGO, int(ActorKind.CAR), actors.kind[:seen])
     table[np.arange(1, seen + 1), 3 + kind] = 1.0
     out["agents_valid"][: seen + 1] = 1.0

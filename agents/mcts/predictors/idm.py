@@ -1,8 +1,8 @@
-"""IDM roll-out: everybody keeps to its lane, and to the Intelligent Driver Model behind leaders and before red lights.
+"""IDM roll-out: every vehicle keeps its lane, and follows the Intelligent Driver Model to leaders and red lights.
 
-All are rolled out together, so that leaders brake for their own leaders. Nobody changes lanes; where a lane forks, the
-straightest branch is taken, but by the ego, which keeps to its route. People on foot, objects, and whoever is on no
-lane go on at constant velocity; who has stood beside the middle of its lane is parked, and stays.
+All are simulated together, so that leaders brake for their own leaders. There are no lane changes. At a fork a vehicle
+takes the straightest branch, and the ego its route. Pedestrians, objects and actors off the lanes keep their velocity.
+A vehicle that has stood beside the middle of its lane is parked, and stays.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from dohyo.sumo_networks.sensors.lanes import CROSSING
 from dohyo.sumo_networks.world import ActorKind
 
 MODEL = Idm(gap=2.0, headway=1.0, acceleration=2.0, braking=2.5, exponent=4.0, least_gap=0.1, hardest=6.0)
-"""SUMO's cars keep 2.5 m and 1 s; the rest is that of an ordinary driver."""
+"""SUMO's cars keep 2.5 m and 1 s; the other values are usual ones."""
 SPACING_M, PATH_POINTS = 2.0, 90
 LATERAL_ACCELERATION, CURVE_BRAKING = 2.5, 2.0
 ASIDE_M, MOST_TURN = 1.0, math.pi / 3
 HEADING_COST_M = 3.0
-"""Metres beside a lane that one radian across it counts for."""
+"""Lateral distance, m, that one radian of heading error counts for."""
 CENTRING_S = 2.0
 LEADER_TICKS = 5
 BESIDE_M = 0.3
@@ -37,20 +37,20 @@ BICYCLE_SPEED = 5.0
 FAR = 1e9
 ROUTE_BONUS = 10.0
 PARKED_ASIDE_M, PARKED_MOVED_M = 0.9, 0.2
-"""Who stands so far beside the middle of its lane, and has moved less in the last 1.5 s, is parked."""
+"""Parked: lateral distance to the middle of the lane above, and movement in the last 1.5 s below, these, m."""
 _ON_FOOT = (int(ActorKind.PEDESTRIAN), int(ActorKind.STATIC))
 
 
 class Agents(NamedTuple):
-    """The ego and the others, N of them.
+    """Ego and others, N agents.
 
     Attributes:
         pose: (N, 3) x, y [m], heading [rad].
         speed: (N,), m/s.
         length: (N,), m.
         width: (N,), m.
-        fastest: (N,), m/s, whatever the limit.
-        drives: (N,) whether it keeps to lanes.
+        fastest: (N,), m/s, upper bound under any limit.
+        drives: (N,) whether the agent follows lanes.
     """
 
     pose: FloatArray
@@ -62,7 +62,7 @@ class Agents(NamedTuple):
 
 
 class Paths(NamedTuple):
-    """Where each will drive, N paths of 90 points, 2 m apart, from the foot point on its lane; straight on at the end.
+    """N paths of 90 points, 2 m apart, from the foot point on each agent's lane; straight on at the end.
 
     Attributes:
         points: (N, 90, 4) x, y [m], cosine, sine.
@@ -70,7 +70,7 @@ class Paths(NamedTuple):
         allowed: (N, 90), m/s: limit and curves, braking in time.
         line: (N,) arc length of the first red light's line, m.
         lateral: (N,), m, distance of the agent to the left of its path.
-        found: (N,) False: it is on no lane.
+        found: (N,) whether the agent is on a lane.
     """
 
     points: FloatArray
@@ -82,7 +82,7 @@ class Paths(NamedTuple):
 
 
 class IdmRollout:
-    """The predictor; see the module.
+    """IDM predictor; see the module.
 
     Source: Treiber, Hennecke, Helbing 2000.
     """
@@ -115,7 +115,7 @@ def paths(scene: Scene, agents: Agents) -> Paths:
     if len(lanes):
         drivable = lanes.kind != CROSSING
         length = np.hypot(*np.diff(lanes.points, axis=1).transpose(2, 0, 1)).sum(axis=1)
-        reach = length + 0.5 * lanes.width + ASIDE_M  # of its middle, with some to spare
+        reach = length + 0.5 * lanes.width + ASIDE_M  # to its middle, with a margin
         _find(
             agents, lanes.points, lanes.width, lanes.limit, reach, drivable, lanes.on_route, lanes.red, lanes.following,
             out,
@@ -156,7 +156,7 @@ def _foot(points: FloatArray, x: float, y: float) -> tuple[int, float, float, fl
 
 @njit(cache=True, error_model="numpy")
 def _onward(now: int, points: FloatArray, following: IntArray, on_route: IntArray, ego: bool) -> int:
-    """The piece taken after one: the straightest, for the ego its route's; -1 at the end of the known map."""
+    """Piece after another one: the straightest, for the ego its route's; -1 at the end of the known map."""
     last = points[now, -1] - points[now, -2]
     before = math.atan2(last[1], last[0])
     best, chosen = math.inf, -1
@@ -222,7 +222,7 @@ def _lay(
     fastest: float,
     out: Paths,
 ) -> None:
-    """Lays a path's points along pieces, and its speeds."""
+    """Writes points and speeds of a path along pieces."""
     start = points[piece, segment] + share * (points[piece, segment + 1] - points[piece, segment])
     x, y = start[0], start[1]
     row, left, travelled, filled = segment + 1, 0.0, 0.0, 0
@@ -324,14 +324,14 @@ def _bounds(way: Paths) -> FloatArray:
 def _leaders(
     agents: Agents, way: Paths, bounds: FloatArray, now: FloatArray, s: FloatArray, leader: IntArray, gap: FloatArray
 ) -> None:
-    """Who is next ahead on each path, and how far, m."""
+    """Leader on each path, and the gap, m."""
     count = agents.speed.shape[0]
     for n in range(count):
         last = leader[n]
         leader[n], gap[n] = -1, math.inf
         if not way.found[n]:
             continue
-        # Who led before most likely still does: then nobody farther off has to be looked for.
+        # The previous leader is most likely still the leader, which bounds the search.
         if last >= 0:
             _follow(agents, way, now, s[n], n, last, leader, gap)
         for m in range(count):

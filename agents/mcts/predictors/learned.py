@@ -19,7 +19,7 @@ _TICKS = 5
 
 
 class Learned:
-    """Poses from the network every 0.5 s, linear in between; actors beyond the nearest 30 go on at constant velocity.
+    """Poses from the network every 0.5 s, linear in between; actors beyond the nearest 30 keep their velocity.
 
     Attributes:
         session: The network.
@@ -50,14 +50,14 @@ class Learned:
         return Forecast(actors=actors, ego=ego)
 
     def poses(self, scene: Scene) -> Float32Array:
-        """(31, 16, 3) what the network says, every 0.5 s from 0.5 s on; row 0 is the ego."""
+        """(31, 16, 3) output of the network, every 0.5 s from 0.5 s on; row 0 is the ego."""
         inputs = {name: array[None] for name, array in features(scene).items()}
         out: Float32Array = self.session.run(None, inputs)[0][0]
         return out
 
 
 def dense(start: FloatArray, poses: FloatArray) -> FloatArray:
-    """(N, 81, 3) poses every 0.1 s from those now, (N, 3), and those every 0.5 s, (N, 16, 3)."""
+    """(N, 81, 3) poses every 0.1 s from the present ones, (N, 3), and those every 0.5 s, (N, 16, 3)."""
     knots = np.concatenate([start[:, None], poses], axis=1)
     step = np.diff(knots, axis=1)
     step[:, :, 2] = wrap_angle(step[:, :, 2])

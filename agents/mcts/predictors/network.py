@@ -1,8 +1,8 @@
-"""The network: local encoders of histories and lanes, then attention over where they lie relative to each other.
+"""The network: local encoders of histories and lanes, then attention with their relative poses.
 
-Every polyline is encoded in a frame of its own (PointNet: a shared layer per point, then the maximum), and what passes
-between two of them is told where the one lies in the frame of the other. Outputs are in the frame of the agent they
-belong to. So a scene seen from elsewhere gives the same futures, and the order of rows does not matter.
+Every polyline is encoded in a frame of its own (PointNet: a shared layer per point, then the maximum). Attention
+between two of them gets their relative pose. Outputs are in the frame of their agent. So the futures do not depend on
+the frame of the scene, nor on the order of rows.
 
 Source: after Gao et al., VectorNet, 2020 (subgraphs of polylines, global attention), and Scheel et al., Urban Driver,
 2021; relative poses after Cui et al., GoRela, 2022.
@@ -35,7 +35,7 @@ class MotionNetwork(nn.Module):
         self.to_agent, self.to_lane = _mlp(PAIR_FEATURES, PAIR_WIDTH), _mlp(PAIR_FEATURES, PAIR_WIDTH)
         self.layers = nn.ModuleList(RelativeAttention(width) for _ in range(layers))
         last = nn.Linear(2 * width, STEPS * 3)
-        nn.init.normal_(last.weight, std=0.01)  # it begins with the roll-out as it is
+        nn.init.normal_(last.weight, std=0.01)  # the untrained network returns the roll-out
         nn.init.zeros_(last.bias)
         self.head = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, 2 * width), nn.ReLU(), last)
         self._which: Tensor
@@ -59,7 +59,7 @@ class MotionNetwork(nn.Module):
             history_valid: (B, A, 4).
             agents: (B, A, 12).
             agents_valid: (B, A).
-            rolled: (B, A, 16, 3) what the IDM roll-out says.
+            rolled: (B, A, 16, 3) the IDM roll-out.
             points: (B, L, 20, 2), m.
             lanes: (B, L, 8).
             lanes_valid: (B, L).
@@ -86,7 +86,7 @@ class MotionNetwork(nn.Module):
         return _corrected(rolled, self.head(who))
 
     def _past(self, history: Tensor, valid: Tensor, agents: Tensor, place: Tensor, ahead: Tensor) -> Tensor:
-        """(B, A, 4, F) the history in the agent's own frame, with what is known of it."""
+        """(B, A, 4, F) history in the agent's own frame, with its attributes."""
         moved = _turned(history[..., :2] - place[:, :, None], ahead[:, :, None]) / REACH_M
         turn = history[..., 2] - history[:, :, -1:, 2]
         b, a, h, _ = history.shape
@@ -113,7 +113,7 @@ class PointNet(nn.Module):
 
 
 class RelativeAttention(nn.Module):
-    """Agents attend to agents and lanes, knowing where each lies in their own frame."""
+    """Attention of agents to agents and lanes, with relative poses."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -130,8 +130,8 @@ class RelativeAttention(nn.Module):
         Args:
             who: (B, A, width).
             where: (B, L, width).
-            pairs: (B, A, A + L, 32) what lies where.
-            mask: (B, 1, A + L, 1), a large negative number where there is nothing.
+            pairs: (B, A, A + L, 32) encoded relative poses.
+            mask: (B, 1, A + L, 1), a large negative number for padding.
         """
         b, a, width = who.shape
         own = self.before(who)
@@ -163,7 +163,7 @@ def _unit(vectors: Tensor) -> Tensor:
 
 
 def _shape(points: Tensor, lanes: Tensor) -> Tensor:
-    """(B, L, 19, F) a lane's segments in its own frame (first point, towards the last), with what is known of it."""
+    """(B, L, 19, F) a lane's segments in its own frame (first point, towards the last), with its attributes."""
     ahead = _unit(points[:, :, -1] - points[:, :, 0])[:, :, None]
     local = _turned(points - points[:, :, :1], ahead) / REACH_M
     step = (local[:, :, 1:] - local[:, :, :-1]) * 10.0
@@ -181,7 +181,7 @@ def _plan(rolled: Tensor, place: Tensor, heading: Tensor, ahead: Tensor) -> Tens
 
 
 def _corrected(rolled: Tensor, out: Tensor) -> Tensor:
-    """A roll-out with its headings, and its speeds along and across them, changed as the network says."""
+    """A roll-out with its headings, and its speeds along and across them, corrected by the network."""
     change = out.reshape(rolled.shape)
     moved = torch.cumsum(change[..., :2], dim=2) * STEP_S
     cos, sin = torch.cos(rolled[..., 2]), torch.sin(rolled[..., 2])
@@ -191,7 +191,7 @@ def _corrected(rolled: Tensor, out: Tensor) -> Tensor:
 
 
 def _between_agents(place: Tensor, ahead: Tensor, speed: Tensor) -> Tensor:
-    """(B, A, A, F) where agents lie in each other's frame, and how they move."""
+    """(B, A, A, F) relative poses and velocities of agents."""
     apart = _turned(place[:, None] - place[:, :, None], ahead[:, :, None])
     turn = _turned(ahead[:, None], ahead[:, :, None])
     far = (apart * apart).sum(dim=-1, keepdim=True).clamp_min(TINY_M**2).sqrt()

@@ -1,7 +1,7 @@
-"""Recording: the autopilot drives among traffic, and all that an ego's scene holds becomes samples.
+"""Recording: the autopilot drives among traffic; the egos' scenes become samples.
 
 Episodes are numbered; network, missions, traffic and seed follow from the number and the dataset's seed alone, so a
-recording that was interrupted goes on where it stopped, and the same order gives the same bytes.
+interrupted recording resumes, and the same order gives the same bytes.
 """
 
 from __future__ import annotations
@@ -51,15 +51,15 @@ _LAST = _FUTURE_TICKS[FUTURE_STEPS - 1]
 
 @dataclass(frozen=True, slots=True)
 class MotionRequest:
-    """What to record.
+    """Order of a recording.
 
     Attributes:
-        networks: In turn, one episode each.
-        hours: Of driving, all egos together.
-        seed: Decides everything random.
-        every_s: Between two samples of one ego.
-        egos: In every episode.
-        episode_s: How long it lasts.
+        networks: Used in turn, one episode each.
+        hours: Driving time of all egos together.
+        seed: Of all randomness.
+        every_s: Time between two samples of one ego.
+        egos: Number per episode.
+        episode_s: Duration of an episode.
     """
 
     networks: tuple[str, ...] = TRAINING
@@ -71,7 +71,7 @@ class MotionRequest:
 
 
 def record_motion(order: MotionRequest, out: Path, progress: Callable[[float], None] = lambda hours: None) -> int:
-    """Records until there are enough hours; what is already there is kept.
+    """Records until there are enough hours; existing episodes are kept.
 
     Args:
         order: What to record.
@@ -79,10 +79,10 @@ def record_motion(order: MotionRequest, out: Path, progress: Callable[[float], N
         progress: Called with the hours recorded so far after every episode.
 
     Returns:
-        How many samples there are.
+        Number of samples.
 
     Raises:
-        InvalidInputError: Unknown networks, or the folder holds a dataset made otherwise.
+        InvalidInputError: Unknown networks, or the folder holds a dataset of another order.
     """
     _claim(order, out)
     hours, samples = order.egos * order.episode_s / 3600.0, 0
@@ -98,7 +98,7 @@ def record_motion(order: MotionRequest, out: Path, progress: Callable[[float], N
 
 
 def split_of(network: str, number: int) -> str:
-    """Held-out networks are for tests; of the others every fifth episode is for validation."""
+    """Split of an episode: held-out networks test, of the others every fifth validates."""
     if network in HELD_OUT:
         return "test"
     return "validation" if number % VALIDATION_EVERY == VALIDATION_EVERY - 1 else "train"
@@ -157,7 +157,7 @@ def record_episode(scenario: Scenario, order: MotionRequest) -> Shard:
 
 
 class _Tracks:
-    """Who was where in an episode."""
+    """Poses of all actors in an episode."""
 
     def __init__(self, worlds: list[World]) -> None:
         self._ticks = len(worlds)
@@ -175,11 +175,11 @@ class _Tracks:
         self._poses[key][tick] = *position, heading
 
     def whole(self, tick: int, ego: int) -> bool:
-        """Whether the ego drove on for the whole future."""
+        """Whether the ego drives for the whole future."""
         return bool(np.isfinite(self._poses[-1 - ego][tick + _LAST, 0]))
 
     def sample(self, tick: int, ego: int, scene: Scene) -> Sample:
-        """A scene with what came of it."""
+        """Scene with its future."""
         now = self._poses[-1 - ego][tick]
         rows = tick + np.array(list(_FUTURE_TICKS.values()))
         keys = scene.actors.key.tolist()
@@ -226,7 +226,7 @@ def _missions(network: RoadNetwork, count: int, rng: np.random.Generator) -> Ite
 
 
 def _claim(order: MotionRequest, out: Path) -> None:
-    """Writes dataset.json, or checks that the one there says the same."""
+    """Writes dataset.json, or checks that the existing one is equal."""
     if not order.networks or order.hours <= 0 or order.every_s < TICK_S or order.egos < 1:
         raise InvalidInputError(f"expected networks, hours > 0 and a sample at most every {TICK_S} s, got {order}")
     if order.episode_s < _LAST * TICK_S + order.every_s:

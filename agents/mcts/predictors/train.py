@@ -3,7 +3,7 @@
     dohyo train predictor --config agents/mcts/predictors/checkpoints/motion.toml [--resume]
 
 The order of the samples follows from the seed and the epoch, the learning rate from the step, and a checkpoint holds
-the network and the optimiser: a training that was killed and resumed ends with the weights it would have had.
+the network and the optimiser: a training that was killed and resumed ends with the same weights.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ COLUMNS = ("step", "epoch", "loss", "learning_rate", "validation_ade_m", "valida
 
 
 class TrainConfig(Config):
-    """How to train.
+    """Settings of the training.
 
     Attributes:
         data: Folder of the motion dataset.
@@ -47,15 +47,15 @@ class TrainConfig(Config):
         steps: Updates.
         batch: Samples per update.
         learning_rate: Highest, after the warm-up.
-        warm_up_steps: Over which it rises.
-        decay_steps: The last so many, over which it falls to zero along a cosine; None: all after the warm-up. A
+        warm_up_steps: Steps over which it rises.
+        decay_steps: Last steps, over which it falls to zero along a cosine; None: all after the warm-up. A
             training that has not come so far may be resumed with another number of `steps`.
         weight_decay: Of AdamW.
-        gradient_norm: At most.
-        ego_weight: How many neighbours the ego counts for.
+        gradient_norm: Upper bound.
+        ego_weight: Weight of the ego, relative to a neighbour.
         heading_m: Metres that an error of one radian counts for.
         validate_every: Steps.
-        validation_samples: How many of the validation split are looked at in training, evenly spread.
+        validation_samples: Samples of the validation split used during training, evenly spread.
         checkpoint_s: Wall-clock time between two checkpoints, s.
         device: Of torch.
         tensorboard: Write the log there, too; needs the tensorboard package.
@@ -104,7 +104,7 @@ class Batch:
     Attributes:
         inputs: See `features.SHAPES`, with B in front.
         future: (B, 31, 16, 3) x, y [m], heading [rad]; row 0 is the ego.
-        valid: (B, 31, 16) which of it happened and was seen.
+        valid: (B, 31, 16) poses that happened and were seen.
     """
 
     inputs: dict[str, Tensor]
@@ -115,7 +115,7 @@ class Batch:
         return len(self.future)
 
     def rows(self, index: Tensor) -> Batch:
-        """Some of the samples, without padding that none of them needs."""
+        """Selected samples, without padding that none of them needs."""
         inputs = {name: tensor[index] for name, tensor in self.inputs.items()}
         agents = int(inputs["agents_valid"].sum(dim=1).max())
         lanes = max(int(inputs["lanes_valid"].sum(dim=1).max()), 1)
@@ -124,7 +124,7 @@ class Batch:
         return Batch(inputs, self.future[index, :agents], self.valid[index, :agents])
 
     def to(self, device: str) -> Batch:
-        """The same on a device."""
+        """Copy on a device."""
         return Batch({k: v.to(device) for k, v in self.inputs.items()}, self.future.to(device), self.valid.to(device))
 
 
@@ -147,7 +147,7 @@ def load_split(folder: Path, split: str) -> Batch:
 
 
 def targets(sample: Sample) -> tuple[np.ndarray, np.ndarray]:
-    """(31, 16, 3) what came, and (31, 16) where it was seen, in the rows of `features`."""
+    """(31, 16, 3) futures, and (31, 16) whether they were seen, in the rows of `features`."""
     future, valid = np.zeros((AGENTS, FUTURE_STEPS, 3), np.float32), np.zeros((AGENTS, FUTURE_STEPS), np.bool_)
     future[0], valid[0] = sample.ego_future, sample.ego_future_valid
     seen = min(len(sample.actors_future), AGENTS - 1)
@@ -160,7 +160,7 @@ def loss_of(poses: Tensor, batch: Batch, config: TrainConfig) -> Tensor:
 
     Args:
         poses: (B, A, 16, 3) predicted.
-        batch: What came.
+        batch: The true futures.
         config: Gives the weights.
     """
     place = smooth_l1_loss(poses[..., :2], batch.future[..., :2], reduction="none").sum(dim=-1)
@@ -172,7 +172,7 @@ def loss_of(poses: Tensor, batch: Batch, config: TrainConfig) -> Tensor:
 
 
 def displacement(poses: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
-    """Mean displacement over the poses seen, and at 8 s, of every agent seen for all of it, m."""
+    """Mean displacement over the poses seen, and at 8 s, of every agent seen for 8 s, m."""
     error = torch.linalg.vector_norm(poses[..., :2] - batch.future[..., :2], dim=-1)
     whole = batch.valid.all(dim=-1)
     return error[whole].mean(dim=-1), error[whole][:, -1]
@@ -185,14 +185,14 @@ def train(
 
     Args:
         config: How.
-        resume: Go on from the checkpoint in the output folder.
+        resume: Continue from the checkpoint in the output folder.
         progress: Called with every step and its loss.
 
     Returns:
         The predictor's file.
 
     Raises:
-        InvalidInputError: No data, or no checkpoint of the same configuration to go on from.
+        InvalidInputError: There are no data, or no checkpoint of the same configuration.
     """
     checkpoint = config.out / "checkpoint.safetensors"
     if checkpoint.exists() and not resume:
@@ -231,7 +231,7 @@ def train(
 
 
 def learning_rate(step: int, config: TrainConfig) -> float:
-    """Rises, stays, then falls to zero along a cosine."""
+    """Learning rate: rises, stays, then falls to zero along a cosine."""
     if step < config.warm_up_steps:
         return config.learning_rate * (step + 1) / config.warm_up_steps
     first = _decays_from(config)
@@ -245,7 +245,7 @@ def _decays_from(config: TrainConfig) -> int:
 
 
 def batch_indices(step: int, size: int, config: TrainConfig) -> Tensor:
-    """Which samples a step sees: every epoch shuffles them anew, and leaves out what fills no batch."""
+    """Samples of a step: every epoch shuffles them, and leaves out an incomplete batch."""
     batch = min(config.batch, size)
     epoch, place = divmod(step, size // batch)
     order = np.random.default_rng([config.seed, epoch]).permutation(size)
@@ -267,7 +267,7 @@ def validate(network: MotionNetwork, data: Batch, config: TrainConfig) -> tuple[
 def save_checkpoint(
     path: Path, network: MotionNetwork, optimiser: torch.optim.Optimizer, config: TrainConfig, step: int
 ) -> None:
-    """Writes all that the rest of the training follows from, or nothing."""
+    """Writes a checkpoint atomically."""
     tensors = {f"network.{name}": tensor for name, tensor in network.state_dict().items()}
     for number, state in optimiser.state_dict()["state"].items():
         tensors |= {f"optimiser.{number}.{name}": torch.as_tensor(value) for name, value in state.items()}
@@ -279,7 +279,7 @@ def load_checkpoint(path: Path, network: MotionNetwork, optimiser: torch.optim.O
     """Puts a checkpoint into network and optimiser, and returns its step.
 
     Raises:
-        InvalidInputError: It is missing, damaged, or of another configuration.
+        InvalidInputError: The checkpoint is missing, damaged, or of another configuration.
     """
     try:
         with safe_open(path, "pt", device=config.device) as file:
@@ -305,7 +305,7 @@ def load_checkpoint(path: Path, network: MotionNetwork, optimiser: torch.optim.O
 
 
 class Log:
-    """log.csv, and TensorBoard where wanted."""
+    """log.csv, and optionally TensorBoard."""
 
     def __init__(self, config: TrainConfig, keep: int) -> None:
         self._path = config.out / "log.csv"
@@ -318,7 +318,7 @@ class Log:
     def add(
         self, step: int, epoch: float, loss: float, rate: float, measured: tuple[float, float] | None, wall_s: float
     ) -> None:
-        """Keeps one row."""
+        """Adds one row."""
         ade, fde = (f"{value:.4f}" for value in measured) if measured else ("", "")
         self._rows.append([str(step), f"{epoch:.3f}", f"{loss:.6f}", f"{rate:.3e}", ade, fde, f"{wall_s:.1f}"])
         if self._board is not None:
@@ -342,7 +342,7 @@ def _board(config: TrainConfig) -> Any:
 
 
 def _fingerprint(config: TrainConfig, step: int) -> str:
-    """What of a configuration decides the weights after some steps."""
+    """Part of a configuration that decides the weights after some steps."""
     out = {"out", "checkpoint_s", "tensorboard", "validate_every", "validation_samples"}
     if step <= _decays_from(config):
         out |= {"steps", "decay_steps"}

@@ -1,1 +1,1 @@
-"""Value bootstrapping: a small network that says what a state is worth beyond the end of a walk."""
+"""Value bootstrapping: a small network that estimates the return beyond the end of a walk."""

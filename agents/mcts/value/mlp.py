@@ -1,4 +1,4 @@
-"""The value network: what is known of a state, and three layers that make one number of it. Numba, no allocation."""
+"""Value network: features of a state, and three layers that give its value. Numba, no allocation."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FEATURES, WIDTH = 24, 32
 NEAR_M = 10.0
 """A distance d enters as d / (d + 10 m)."""
 FREE_MPS = 13.9
-"""Speed of a leader that is not there."""
+"""Speed used without a leader."""
 AHEAD_M = (0.0, 10.0, 25.0, 50.0)
 LATER_S = (0.0, 2.0, 4.0)
 
@@ -64,7 +64,7 @@ SHAPES = {
 
 
 def no_value() -> Mlp:
-    """A network that says 0 of everything."""
+    """Network whose output is always 0."""
     return _with_memory({name: np.zeros(shape) for name, shape in SHAPES.items()})
 
 
@@ -99,7 +99,7 @@ def _with_memory(weights: dict[str, FloatArray]) -> Mlp:
 
 @njit(cache=True, error_model="numpy")
 def evaluate(mlp: Mlp) -> float:
-    """What the network makes of the features in its memory."""
+    """Output of the network for the features in its memory."""
     _layer(mlp.first, mlp.first_bias, mlp.features, mlp.hidden[0])
     _layer(mlp.second, mlp.second_bias, mlp.hidden[0], mlp.hidden[1])
     out = mlp.last_bias[0]
@@ -119,7 +119,7 @@ def _layer(weights: FloatArray, bias: FloatArray, values: FloatArray, out: Float
 
 @njit(cache=True, error_model="numpy")
 def value_of(mlp: Mlp, road: Situation, car: Body, rules: Rules, state: FloatArray, time: float) -> float:
-    """Return from a state to the horizon; a second is worth 1 at most, whatever the network says.
+    """Return from a state to the horizon; bounded by 1 per second.
 
     Args:
         mlp: The network.
@@ -135,7 +135,7 @@ def value_of(mlp: Mlp, road: Situation, car: Body, rules: Rules, state: FloatArr
 
 @njit(cache=True, error_model="numpy")
 def describe(road: Situation, car: Body, rules: Rules, state: FloatArray, time: float, out: FloatArray) -> None:
-    """Writes what the network sees of a state.
+    """Writes the features of a state.
 
     Time left; speed, accelerations, wheel; place on the path; limit, and the speed that is allowed here and farther on;
     the closed line; the leader now and later, if the ego stayed where it is; what stopping needs of the way there.

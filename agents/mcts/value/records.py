@@ -1,4 +1,4 @@
-"""Records: states that a search came through, and the best return to the horizon that it found from each."""
+"""Records: states visited by a search, and the best return to the horizon found from each."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.scenario import Place
 
 LEAST_VISITS = 12
-"""A state tried less often has not shown what it is worth."""
+"""Fewest visits of a state whose return is used."""
 FIRST_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Records:
-    """R states.
+    """R states with their returns.
 
     Attributes:
         features: (R, 24) see `mlp.describe`.
-        returns: (R,) the best found from there to the horizon.
+        returns: (R,) best return found from the state to the horizon.
     """
 
     features: FloatArray
@@ -42,18 +42,18 @@ class Records:
 
     @classmethod
     def of(cls, some: Iterable[Records]) -> Records:
-        """All of several."""
+        """Concatenates several."""
         listed = [cls(np.zeros((0, FEATURES)), np.zeros(0)), *some]
         return cls(np.concatenate([r.features for r in listed]), np.concatenate([r.returns for r in listed]))
 
 
 def records_of(scenes: Iterable[Scene], simulations: int, predictor: str = "learned") -> Iterator[Records]:
-    """The records of one search per scene, each begun without a plan.
+    """Records of one search per scene, each begun without a plan.
 
     Args:
-        scenes: From which to search.
-        simulations: Of each.
-        predictor: Whose forecasts.
+        scenes: Starts of the searches.
+        simulations: Per search.
+        predictor: Makes the forecasts.
     """
     agent = Mbappe(predictor=predictor, simulations=simulations, emergency=False)
     nobody = Mission(start=Place(lane=""), goal=Place(lane=""))
@@ -65,7 +65,7 @@ def records_of(scenes: Iterable[Scene], simulations: int, predictor: str = "lear
 
 
 def found_in(tree: Tree, road: Situation, car: Body, rules: Rules) -> Records:
-    """The records of a finished search: states from 2 s on that were tried often enough, short of the horizon."""
+    """Records of a finished search: states from 2 s on, before the horizon, with enough visits."""
     nodes = int(tree.numbers[NODES])
     features, returns = np.zeros((nodes, FEATURES)), np.zeros(nodes)
     count = _collect(tree, road, car, rules, features, returns)

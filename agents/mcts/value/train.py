@@ -2,8 +2,8 @@
 
     dohyo train value --config agents/mcts/checkpoints/value.toml
 
-Every so many scenes of a motion dataset are searched once, to the horizon; the network learns the best return found
-from each state that the search came through often. The records are kept beside the result, and are not made again.
+Every n-th scene of a motion dataset is searched once, to the horizon. The network learns the best return found from
+each state with enough visits. The records are stored beside the result, and made only once.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from dohyo.sumo_networks.files import staged, write_atomically
 
 
 class ValueConfig(Config):
-    """How to train.
+    """Settings of the training.
 
     Attributes:
         data: Folder of a motion dataset.
         out: Folder that gets the records, value.safetensors and value.json.
         seed: Decides the first weights and the order of the records.
-        every: Every so many scenes are searched.
-        simulations: Of each search.
+        every: Every n-th scene is searched.
+        simulations: Per search.
         steps: Updates.
         batch: Records per update.
         learning_rate: At the start; it falls to zero along a cosine.
@@ -63,14 +63,14 @@ def train(
 
     Args:
         config: How.
-        resume: Use the records that are there.
+        resume: Use the stored records.
         progress: Called with every hundredth step and its loss.
 
     Returns:
         The network's file.
 
     Raises:
-        InvalidInputError: No data, or results are there already.
+        InvalidInputError: There are no data, or there are results already.
     """
     out = config.out / "value.safetensors"
     if out.exists() and not resume:
@@ -103,7 +103,7 @@ def train(
 
 
 def searched(config: ValueConfig, split: str) -> Records:
-    """The records of one split, from their file if it is there."""
+    """Records of one split, from their file if it exists."""
     path = config.out / f"records-{split}.npz"
     if not path.exists():
         config.out.mkdir(parents=True, exist_ok=True)
