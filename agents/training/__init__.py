@@ -1,1 +1,1 @@
-"""The training ground: what every learner here shares, and PPO on it."""
+"""Training: the loop that learners share, and PPO."""

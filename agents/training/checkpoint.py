@@ -1,4 +1,4 @@
-"""Checkpoints: all that the rest of a run follows from, whole or not at all."""
+"""Checkpoints: the complete state of a run, written atomically."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ _NAME = re.compile(r"checkpoint-(\d{12})\.pt")
 
 
 def save_checkpoint(folder: Path, steps: int, state: dict[str, Any]) -> Path:
-    """Writes a checkpoint, and removes all but the newest two.
+    """Writes a checkpoint, and keeps the newest two.
 
     Args:
         folder: Of the run.
         steps: Environment steps so far.
-        state: Tensors and plain values, nested as one likes.
+        state: Tensors and plain values, nested.
 
     Raises:
-        OSError: The disk refuses; the checkpoints before are untouched then.
+        OSError: The disk refuses; earlier checkpoints are untouched.
     """
     buffer = io.BytesIO()
     torch.save(state, buffer)
@@ -41,7 +41,7 @@ def save_checkpoint(folder: Path, steps: int, state: dict[str, Any]) -> Path:
 
 
 def load_checkpoint(folder: Path) -> dict[str, Any] | None:
-    """The newest whole checkpoint of a run; None where there is none yet.
+    """Newest complete checkpoint of a run; None without any.
 
     Raises:
         InvalidInputError: There are checkpoints, and all are damaged.
@@ -51,7 +51,7 @@ def load_checkpoint(folder: Path) -> dict[str, Any] | None:
         try:
             # weights_only: a checkpoint is data, and must not be able to run code.
             state = torch.load(path, map_location="cpu", weights_only=True)
-        except Exception as error:  # whatever a damaged archive makes of itself
+        except Exception as error:  # a damaged archive may raise anything
             logger.warning("checkpoint '%s' is damaged (%s); going back to the one before", path, type(error).__name__)
         else:
             return dict(state)
@@ -61,7 +61,7 @@ def load_checkpoint(folder: Path) -> dict[str, Any] | None:
 
 
 def random_state() -> dict[str, Any]:
-    """State of torch's generators; numpy's global one is used by nothing here."""
+    """State of torch's generators; numpy's global one is not used."""
     state: dict[str, Any] = {"torch": torch.get_rng_state()}
     if torch.cuda.is_available():
         state["cuda"] = torch.cuda.get_rng_state_all()
@@ -69,24 +69,24 @@ def random_state() -> dict[str, Any]:
 
 
 def restore_random_state(state: dict[str, Any]) -> None:
-    """Goes on with torch's generators where they were."""
+    """Restores torch's generators."""
     torch.set_rng_state(state["torch"])
     if torch.cuda.is_available() and "cuda" in state:
         torch.cuda.set_rng_state_all(state["cuda"])
 
 
 def generator_state(generator: np.random.Generator) -> dict[str, Any]:
-    """State of a numpy generator, for learners that use one."""
+    """State of a numpy generator."""
     return dict(generator.bit_generator.state)
 
 
 def generator_of(state: dict[str, Any]) -> np.random.Generator:
-    """A numpy generator that goes on where another one was."""
+    """Numpy generator restored from a state."""
     generator = np.random.default_rng()
     generator.bit_generator.state = state
     return generator
 
 
 def _checkpoints(folder: Path) -> list[Path]:
-    """Newest first."""
+    """Checkpoints of a folder, newest first."""
     return sorted((path for path in folder.iterdir() if _NAME.fullmatch(path.name)), reverse=True)

@@ -1,4 +1,4 @@
-"""Every setting of a training run, with its unit and where its default comes from."""
+"""Every setting of a training run, with its unit and the source of its default."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class RunConfig(Config):
-    """What every training run has.
+    """Settings of every training run.
 
     Attributes:
-        seed: Decides weights, exploration, batches and the training episodes.
+        seed: Of weights, exploration, batches and training episodes.
         steps: Environment steps; the run ends with the round that reaches them.
-        processes: Environments, one process each; 0: one environment in this process, which spares all waiting.
+        processes: Environments, one process each; 0: one environment in this process, without communication.
         evaluate_every: Environment steps between two evaluations on the held-out episodes.
         checkpoint_s: Wall-clock time between two checkpoints, s.
-        device: Of torch, such as "cpu" or "cuda"; "auto" takes cuda where there is one.
+        device: Of torch, such as "cpu" or "cuda"; "auto" takes cuda if available.
         tier: Scale of the result: 1 as large as its source's, 2 reduced, 3 a trial.
         tensorboard: Write TensorBoard events beside metrics.csv.
     """
@@ -37,25 +37,25 @@ class RunConfig(Config):
 
 
 class PpoConfig(Config):
-    """Proximal policy optimisation, and the share of it that an expert drives.
+    """Proximal policy optimisation, and the share of episodes that an expert drives.
 
-    The defaults are those of Albilani 2023, table 6.1; where it says nothing, ours are marked.
+    The defaults are those of Albilani 2023, table 6.1; those marked as ours are not in it.
 
     Attributes:
         horizon: Steps of every environment between two updates: a round.
         learning_rate: Of Adam, at the start.
-        learning_rate_decay: Its factor per round.
+        learning_rate_decay: Factor of the learning rate per round.
         epochs: Passes over a round.
         batch: Transitions per gradient step.
-        clip: Of the probability ratio.
+        clip: Bound of the probability ratio.
         gamma: Discount per step.
-        gae_lambda: Of the generalised advantage.
+        gae_lambda: Lambda of the generalised advantage.
         entropy: Weight of the entropy bonus.
         value_scale: Weight of the critic's loss.
         initial_std: Standard deviation of the actions at the start, where the action space is [-1, 1].
-        gradient_norm: At most (ours).
-        reward_scale: What the critic learns is the rewards times this (ours); returns are told without it.
-        normalised: Whether actor and critic see observations less their mean so far, in standard deviations (ours).
+        gradient_norm: Upper bound (ours).
+        reward_scale: Factor of the rewards that the critic learns (ours); reported returns are without it.
+        normalised: Whether observations are normalised by their mean and deviation so far (ours).
         hidden: Width of each hidden layer of actor and critic (ours).
         guided_share: p, the probability that an episode is driven by the task's expert, and stored as if on-policy
             (GPPO; the thesis tries up to 0.2).
@@ -83,12 +83,12 @@ class PpoConfig(Config):
     guided_decay: Annotated[float, Field(gt=0, le=1)] = 0.9995
 
     def guided_share_at(self, round_: int) -> float:
-        """The guided share p in one round, counted from 0."""
+        """Guided share p in one round, counted from 0."""
         return self.guided_share * self.guided_decay**round_
 
 
 class PpoRunConfig(RunConfig):
-    """A run of PPO; a trainer derives from it and adds what its task can be told.
+    """A run of PPO; a trainer derives from it and adds the settings of its task.
 
     Attributes:
         ppo: The algorithm's settings, the table [ppo].

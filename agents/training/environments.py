@@ -1,4 +1,4 @@
-"""Environments: the training episodes of a run, which can be put back to where they were."""
+"""Environments: the training episodes of a run, which can be restored exactly."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from dohyo.sumo_networks.errors import SimulationError
 logger = logging.getLogger(__name__)
 
 MAX_LOST = 5
-"""So many lost episodes, and none that ends in between, are no accident."""
-_GUIDED = 1  # keeps this stream of random numbers apart from that of the seeds
+"""Number of consecutive lost episodes that ends a run."""
+_GUIDED = 1  # separates this random stream from that of the seeds
 
 
 @dataclass(slots=True)
@@ -28,7 +28,7 @@ class Episode:
     """An episode that is being driven.
 
     Attributes:
-        number: Counted over all environments of the run.
+        number: Index over all environments of the run.
         seed: Of its reset.
         guided: Whether the expert drives it.
         total: Rewards so far.
@@ -49,8 +49,8 @@ class Finished(NamedTuple):
         guided: Whether the expert drove it.
         total: Sum of its rewards.
         length: Its steps.
-        success: Whether it was one.
-        measures: The task's.
+        success: Whether it succeeded.
+        measures: The task's measures.
     """
 
     guided: bool
@@ -64,11 +64,11 @@ class Transition(NamedTuple):
     """One step of all N environments.
 
     Attributes:
-        observation: (N, ...) what came of it; the next episode's first is in `Environments.observation`.
+        observation: (N, ...) after the step; a new episode's first one is in `Environments.observation`.
         reward: (N,).
         terminated: (N,).
         truncated: (N,).
-        finished: The episodes that ended with it.
+        finished: The episodes that ended in this step.
     """
 
     observation: Array
@@ -79,25 +79,25 @@ class Transition(NamedTuple):
 
 
 class Environments:
-    """N environments that step together; who ends an episode begins the run's next one.
+    """N environments that step together. One whose episode ends begins the run's next episode.
 
     SUMO's state cannot be saved exactly, but it follows from the episode's seed and actions: those are kept, and
     replayed to go on.
 
     Attributes:
-        guided_share: Probability that an episode that begins is driven by the expert.
+        guided_share: Probability that the expert drives a new episode.
         observation: (N, ...) to act on now.
-        expert: What the expert would do now, or None, for each environment.
+        expert: The expert's action, or None, for each environment.
         steps: Taken so far, of all environments together.
         finished_count: Episodes that have ended.
         lost_count: Episodes whose simulation failed.
     """
 
     def __init__(self, task: Task, seats: Sequence[Seat], seed: int) -> None:
-        """Begins nothing yet: that does `begin` or `restore`.
+        """Prepares; episodes start in `begin` or `restore`.
 
         Args:
-            task: What the seats hold.
+            task: Of the workers.
             seats: One per environment.
             seed: Of the run.
         """
@@ -117,7 +117,7 @@ class Environments:
         self._reset(range(len(self)))
 
     def step(self, actions: Array) -> Transition:
-        """Takes one step everywhere.
+        """Takes one step in all environments.
 
         Args:
             actions: (N, ...) in the action space.
@@ -151,7 +151,7 @@ class Environments:
         return transition
 
     def state(self) -> dict[str, Any]:
-        """All that `restore` needs, as tensors and plain values."""
+        """State for `restore`, as tensors and plain values."""
         return {
             "next": self._next,
             "steps": self.steps,
@@ -171,10 +171,10 @@ class Environments:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Puts every episode back to where it was, by driving it again.
+        """Restores every episode by driving it again.
 
         Raises:
-            SimulationError: An episode came out otherwise: the task is not deterministic, or its code has changed.
+            SimulationError: An episode differs: the task is not deterministic, or its code has changed.
         """
         self._next, self.steps = state["next"], state["steps"]
         self.finished_count, self.lost_count = state["finished"], state.get("lost", 0)
@@ -196,7 +196,7 @@ class Environments:
                 )
 
     def _driven(self, actions: Array) -> list[View]:
-        """One step everywhere; an episode whose simulation fails is cut off where it was, without measures."""
+        """One step in all environments; an episode whose simulation fails is truncated, without measures."""
         failed: dict[int, SimulationError] = {}
         for rank, (seat, episode, action) in enumerate(zip(self._seats, self._episodes, actions, strict=True)):
             episode.actions.append(np.array(action))
@@ -216,7 +216,7 @@ class Environments:
         return views
 
     def _reset(self, ranks: Iterable[int]) -> None:
-        """Begins the episodes of some environments; where a simulation fails at once, the next one instead."""
+        """Begins the episodes of some environments; after a failed simulation the next episode."""
         ranks = list(ranks)
         while ranks:
             for rank in ranks:
@@ -232,7 +232,7 @@ class Environments:
             ranks = again
 
     def _lose(self, rank: int, error: SimulationError) -> None:
-        """A failure of the infrastructure: it counts for nothing, and alone is no reason to end a run of days."""
+        """Counts a failure of the infrastructure; a single one does not end the run."""
         episode = self._episodes[rank]
         where = f"after {len(episode.actions)} steps" if episode.actions else "at its reset"
         logger.warning("episode %d (seed %d) is lost %s: %s", episode.number, episode.seed, where, error)

@@ -21,7 +21,7 @@ COLUMNS = ("updates", "episodes", "return", "return_low", "return_high", "succes
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """What a policy did on the held-out episodes.
+    """Results of a policy on the held-out episodes.
 
     Attributes:
         returns: One per episode.
@@ -37,21 +37,21 @@ class Evaluation:
 
     @property
     def mean_return(self) -> Estimate:
-        """Of an episode, without discount; 95 % interval."""
+        """Mean undiscounted return of an episode, with a 95 % interval."""
         return mean_estimate(self.returns)
 
     @property
     def success(self) -> Estimate:
-        """Share of successes, in %; 95 % interval."""
+        """Share of successes, %, with a 95 % interval."""
         return share_estimate(self.successes)
 
     def higher_than(self, other: Mapping[str, Number]) -> bool:
-        """Whether its mean return is above that of a row of evaluations.csv."""
+        """Whether the mean return is above that of a row of evaluations.csv."""
         mean, before = self.mean_return.mean, other["return"]
         return mean is not None and (before is None or mean > before)
 
     def values(self) -> dict[str, Number]:
-        """For evaluations.csv."""
+        """Row of evaluations.csv."""
         value, success = self.mean_return, self.success
         return {
             "episodes": len(self.returns),
@@ -73,13 +73,13 @@ def evaluate(
 
     Args:
         task: Gives the seeds.
-        seat: Of the environment for it.
-        act: From one observation to an action in the action space, without exploration.
-        stopping: Asked at every step.
+        seat: Worker of the evaluation's environment.
+        act: Maps one observation to an action in the action space, without exploration.
+        stopping: Called at every step.
 
     Raises:
-        RunStoppedError: `stopping` said so.
-        SimulationError: Every episode's simulation failed; those of some are left out.
+        RunStoppedError: `stopping` returned True.
+        SimulationError: Every episode's simulation failed; single failures are left out.
     """
     returns, successes, lengths = [], [], []
     measures: dict[str, list[float]] = {name: [] for name in task.measures}

@@ -1,4 +1,4 @@
-"""Export of what acts: weights as safetensors, and the same as an ONNX model, each with the facts of its training."""
+"""Export of actors: weights as safetensors and an ONNX model, each with the facts of its training."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ OPSET = 17
 
 
 class Exportable(Protocol):
-    """A torch module that acts: (B, ...) observations -> (B, ...) actions, in the action space."""
+    """Torch module: (B, ...) observations -> (B, ...) actions, in the action space."""
 
     def __call__(self, observation: Tensor) -> Tensor:
-        """Acts."""
+        """Actions for a batch."""
 
     def facts(self) -> Mapping[str, str]:
-        """What is needed to build it again, beside its weights."""
+        """Constructor's arguments, needed beside the weights to load it."""
 
 
 def export(actor: Exportable, observation: Sequence[int], path: Path, facts: Mapping[str, str]) -> None:
@@ -36,14 +36,14 @@ def export(actor: Exportable, observation: Sequence[int], path: Path, facts: Map
 
     Args:
         actor: A torch module.
-        observation: Shape of one.
+        observation: Shape of one observation.
         path: Without suffix.
         facts: Of the training, for both files' metadata.
     """
     module = copy.deepcopy(cast(nn.Module, actor)).cpu().eval()
     facts = {**actor.facts(), **facts}
     weights = {name: tensor.detach().contiguous() for name, tensor in module.state_dict().items()}
-    # The model first: where both are there, they are of the same actor or the weights are the older ones.
+    # The model first: if both files exist, they are of the same actor, or the weights are older.
     write_atomically(path.with_name(f"{path.name}.onnx"), _onnx(module, observation, facts))
     write_atomically(path.with_name(f"{path.name}.safetensors"), save(weights, facts))
 

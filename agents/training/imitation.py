@@ -1,6 +1,6 @@
-"""Imitation: what the policy and the critic know before the first round of PPO, learned from the task's expert.
+"""Imitation of the task's expert by policy and critic, before the first round of PPO.
 
-It is watched on its own states first, and asked on those of the policy after that (DAgger, Ross et al. 2011).
+DAgger (Ross et al. 2011): expert rollouts first, then expert labels on policy rollouts.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ PARTS = 6
 PASSES, LAST_PASSES = 10, 30
 BATCH, LEARNING_RATE, LAST_LEARNING_RATE = 128, 1e-3, 2e-4
 WEIGHT_DECAY = 0.3
-"""Ticks are many and episodes few: what is fitted to them must not be fitted too well."""
+"""Weight decay against overfitting: there are many ticks, but few episodes."""
 
 
 @dataclass(slots=True)
 class Lessons:
-    """What was seen and answered so far, one row per step and environment.
+    """Demonstrations so far, one row per step and environment.
 
     Attributes:
-        seen: (O,) each.
-        answers: (A,) each, in [-1, 1]: what the expert would have done.
-        returns: Discounted rewards from there to the end of the episode, or to that of the part.
+        seen: (O,) observation of each.
+        answers: (A,) expert's action of each, in [-1, 1].
+        returns: Discounted rewards to the end of the episode or of the part.
     """
 
     seen: list[Array] = field(default_factory=list)
@@ -42,12 +42,12 @@ class Imitation:
     """Fits an actor and a critic to an expert."""
 
     def __init__(self, actor: Actor, critic: nn.Module, environments: Environments, gamma: float, scale: float) -> None:
-        """Prepares.
+        """Prepares the imitation.
 
         Args:
-            actor: Its mean is fitted.
+            actor: Its mean is fitted to the expert.
             critic: (B, O) -> (B, 1), fitted to the discounted returns.
-            environments: Of the training; all of their episodes are to be the expert's while this runs.
+            environments: Of the training; all of their episodes must be guided while this runs.
             gamma: Discount per step.
             scale: Of the rewards.
         """
@@ -57,11 +57,11 @@ class Imitation:
         self._optimizer = torch.optim.AdamW([*actor.body.parameters(), *critic.parameters()], weight_decay=WEIGHT_DECAY)
 
     def learn(self, steps: int, look: Callable[[Tensor], None]) -> None:
-        """Watches and asks.
+        """Collects demonstrations and learns from them.
 
         Args:
             steps: Of all environments together.
-            look: Is shown (B, O), all that was seen of each part, before it is learned from.
+            look: Called with the (B, O) observations of each part, before they are learned.
         """
         ticks = max(steps // (PARTS * len(self._environments)), 1)
         for part in range(PARTS):
@@ -74,7 +74,7 @@ class Imitation:
             self._fit(LAST_PASSES, LAST_LEARNING_RATE)
 
     def _collect(self, ticks: int, follow: bool) -> None:
-        """Drives: as the expert does, or as the actor does; either way with the actor's noise."""
+        """Drives as the expert or as the actor does, in both cases with the actor's noise."""
         environments, count = self._environments, len(self._environments)
         rewards, ends, asked = np.zeros((ticks, count)), np.zeros((ticks, count), np.bool_), []
         for tick in range(ticks):
@@ -96,7 +96,7 @@ class Imitation:
             self._lessons.returns.append(float(returns[tick, rank]))
 
     def _returns(self, rewards: Array, ends: Array) -> Array:
-        """(T, N) discounted rewards to come; what comes after the last tick is what the critic says."""
+        """(T, N) discounted future rewards; the critic gives the value after the last tick."""
         with torch.no_grad():
             after = self._critic(self._tensor(self._environments.observation))[:, 0].cpu().numpy().astype(np.float64)
         returns = np.zeros_like(rewards)

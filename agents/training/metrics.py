@@ -1,4 +1,4 @@
-"""Metrics: rows in a CSV file and events for TensorBoard, which go on where a checkpoint was."""
+"""Metrics: rows in a CSV file and events for TensorBoard, which continue at a checkpoint."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Table:
         Args:
             path: Where.
             columns: Beside "steps".
-            keep: Rows of at most so many steps stay, later ones are dropped: they come again. None: none stays.
+            keep: Rows up to these steps stay, later ones are dropped and come again. None: no row stays.
         """
         self._path, self.columns = path, ("steps", *columns)
         rows = self._kept(keep) if keep is not None and path.exists() else []
@@ -33,7 +33,7 @@ class Table:
         self._writer = csv.writer(self._file, lineterminator="\n")
 
     def add(self, steps: int, values: Mapping[str, Number]) -> None:
-        """Writes one row; what has no value stays empty."""
+        """Writes one row; missing values stay empty."""
         if unknown := values.keys() - set(self.columns):
             raise KeyError(f"{self._path.name} has no column {', '.join(sorted(unknown))}")
         shown = ["" if (value := values.get(name)) is None else repr(value) for name in self.columns[1:]]
@@ -41,7 +41,7 @@ class Table:
         self._file.flush()
 
     def sync(self) -> None:
-        """Makes sure that the rows so far are on the disk."""
+        """Writes the rows so far to the disk."""
         os.fsync(self._file.fileno())
 
     def close(self) -> None:
@@ -49,7 +49,7 @@ class Table:
         self._file.close()
 
     def _kept(self, keep: int) -> list[list[str]]:
-        """Whole rows up to `keep` steps; a torn last row is none."""
+        """Complete rows up to `keep` steps; a torn last row is dropped."""
         text = self._path.read_text()
         header, *rows = csv.reader(text[: text.rfind("\n") + 1].splitlines()) or [[]]
         if tuple(header) != self.columns:
@@ -60,14 +60,14 @@ class Table:
 
 
 class Board:
-    """TensorBoard's events; nothing where they are not wanted."""
+    """TensorBoard's events; does nothing if they are switched off."""
 
     def __init__(self, folder: Path | None, steps: int) -> None:
         """Opens a file of events.
 
         Args:
             folder: Where; None: no events.
-            steps: Events beyond are those of a run that was cut off, and are hidden.
+            steps: Later events belong to an interrupted run, and are hidden.
         """
         self._writer: Any = None
         if folder is not None:
@@ -76,7 +76,7 @@ class Board:
             self._writer = SummaryWriter(str(folder), purge_step=steps + 1)
 
     def add(self, group: str, steps: int, values: Mapping[str, Number]) -> None:
-        """Adds one event per value that there is."""
+        """Adds one event per value."""
         if self._writer is not None:
             for name, value in values.items():
                 if value is not None:

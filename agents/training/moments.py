@@ -1,4 +1,4 @@
-"""Moments: running mean and spread of what policies see, by which their observations are brought to unit scale."""
+"""Moments: running mean and deviation of observations, for their normalisation."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 LEAST_SCALE = 0.05
-"""What hardly ever changes is not blown up when it does."""
+"""Lower bound of the deviation, against large values of features that hardly change."""
 
 
 class Moments:
@@ -21,7 +21,7 @@ class Moments:
     """
 
     def __init__(self, size: int) -> None:
-        """Begins with none.
+        """Begins without rows.
 
         Args:
             size: Numbers in a row, O.
@@ -38,7 +38,7 @@ class Moments:
         return (self._squares / self.count).sqrt().clamp_min(LEAST_SCALE)
 
     def add(self, rows: Tensor) -> None:
-        """Takes in (B, O)."""
+        """Adds (B, O) rows."""
         rows = rows.detach().cpu().double()
         count, mean = len(rows), rows.mean(dim=0)
         total, away = self.count + count, mean - self.mean
@@ -47,9 +47,9 @@ class Moments:
         self.count = total
 
     def state(self) -> dict[str, Any]:
-        """All that `restore` needs."""
+        """State for `restore`."""
         return {"count": self.count, "mean": self.mean, "squares": self._squares}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Goes on from there."""
+        """Restores a state."""
         self.count, self.mean, self._squares = state["count"], state["mean"].clone(), state["squares"].clone()

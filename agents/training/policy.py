@@ -1,4 +1,4 @@
-"""Policies of continuous actions: a Gaussian actor, which is also what is shipped."""
+"""Policies of continuous actions: a Gaussian actor, whose mean is shipped."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 SIZES = "sizes"
 FARTHEST = 10.0
-"""What is farther than this from the mean, in standard deviations, is an oddity."""
+"""Bound of normalised observations, in standard deviations."""
 
 
 class Actor(nn.Module):
-    """Observation -> action. It acts in [-1, 1]^A, and what leaves it is scaled to the action space.
+    """Observation -> action in [-1, 1]^A, scaled to the action space.
 
     Attributes:
-        body: To the mean of the Gaussian, in [-1, 1]^A and beyond.
-        log_std: (A,) of its standard deviation, whatever the observation.
-        low: (A,) of the action space.
-        high: (A,) of the action space.
-        shift: (O,) taken from an observation before it is divided by `scale`, so that rare and small numbers count too.
-        scale: (O,).
+        body: Network of the Gaussian's mean, in [-1, 1]^A and beyond.
+        log_std: (A,) logarithm of the standard deviation, independent of the observation.
+        low: (A,) lower bound of the action space.
+        high: (A,) upper bound of the action space.
+        shift: (O,) subtracted from an observation before it is divided by `scale`.
+        scale: (O,) divisor of observations.
     """
 
     low: Tensor
@@ -68,16 +68,16 @@ class Actor(nn.Module):
         return mean, self.log_std.exp().expand_as(mean)
 
     def normalise(self, shift: Tensor, scale: Tensor) -> None:
-        """From now on, takes (O,) from every observation, and divides by (O,)."""
+        """Sets the normalisation: (O,) shift and (O,) scale."""
         self.shift.copy_(shift)
         self.scale.copy_(scale)
 
     def scaled(self, unit: Tensor) -> Tensor:
-        """(..., A) from [-1, 1]^A to the action space; what is beyond is cut off."""
+        """(..., A) from [-1, 1]^A to the action space, clipped."""
         return self.low + (unit.clamp(-1.0, 1.0) + 1.0) / 2.0 * (self.high - self.low)
 
     def unscaled(self, action: Tensor) -> Tensor:
-        """(..., A) from the action space to [-1, 1]^A; what is beyond is cut off."""
+        """(..., A) from the action space to [-1, 1]^A, clipped."""
         return ((action - self.low) / (self.high - self.low) * 2.0 - 1.0).clamp(-1.0, 1.0)
 
     def act(self, observation: Array) -> Array:
@@ -91,7 +91,7 @@ class Actor(nn.Module):
         """Reads an actor from safetensors, onto the CPU.
 
         Raises:
-            InvalidInputError: There is no such file, or it holds something else.
+            InvalidInputError: The file is missing, or holds no actor.
         """
         try:
             with safe_open(path, framework="pt") as file:
@@ -106,7 +106,7 @@ class Actor(nn.Module):
         return actor.eval()
 
     def facts(self) -> Mapping[str, str]:
-        """What `load` needs beside the weights."""
+        """Arguments that `load` needs beside the weights."""
         return {SIZES: json.dumps(self.sizes)}
 
 
@@ -114,7 +114,7 @@ def actor_for(observations: Box, actions: Box, hidden: Sequence[int], std: float
     """An untrained actor for two spaces.
 
     Raises:
-        InvalidInputError: One of them is no vector of floats.
+        InvalidInputError: One of them is not a vector of floats.
     """
     for what, space in (("observations", observations), ("actions", actions)):
         if len(space.shape) != 1 or space.dtype != np.float32:
@@ -124,7 +124,7 @@ def actor_for(observations: Box, actions: Box, hidden: Sequence[int], std: float
 
 
 def normalised(observation: Tensor, shift: Tensor, scale: Tensor) -> Tensor:
-    """(..., O) -> (..., O) what layers see: less (O,), divided by (O,), and never far beyond unit scale."""
+    """(..., O) normalised and bounded observations."""
     return ((observation - shift) / scale).clamp(-FARTHEST, FARTHEST)
 
 

@@ -1,7 +1,7 @@
 """Proximal policy optimisation (Schulman et al. 2017) with TorchRL, and its guided variant GPPO (Albilani 2023).
 
-GPPO: with probability p an episode is driven by an expert, and stored as if the policy had driven it: the probability
-of an expert's action, from which the ratio is taken, is the one that the current policy would choose it with.
+GPPO: with probability p an expert drives an episode, which is stored as if the policy had driven it: the ratio uses the
+probability of the expert's action under the current policy.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def ppo_trainer(summary: str, config: type[C], task_of: Callable[[C], Task]) -> 
     """A trainer that learns a task by PPO.
 
     Args:
-        summary: What it learns, in a few words.
+        summary: Subject, in a few words.
         config: Its settings.
         task_of: The task of some settings.
     """
@@ -59,7 +59,7 @@ def ppo_trainer(summary: str, config: type[C], task_of: Callable[[C], Task]) -> 
 
 
 class _Gaussian(nn.Module):
-    """An actor as TorchRL wants it: observation -> loc, scale."""
+    """Actor in TorchRL's form: observation -> loc, scale."""
 
     def __init__(self, actor: Actor) -> None:
         super().__init__()
@@ -70,7 +70,7 @@ class _Gaussian(nn.Module):
 
 
 class _Value(nn.Module):
-    """A critic that sees what the actor's layers see: the two share shift and scale."""
+    """Critic with the actor's normalisation: the two share shift and scale."""
 
     shift: torch.Tensor
     scale: torch.Tensor
@@ -90,7 +90,7 @@ class Ppo:
     """PPO on a task's environments.
 
     Attributes:
-        actor: What is learned.
+        actor: The policy.
         updates: Gradient steps so far.
         rounds: Rounds so far.
     """
@@ -105,12 +105,12 @@ class Ppo:
 
         Args:
             task: What is learned.
-            environments: Its.
+            environments: Of the task.
             config: Settings.
-            device: Of nets and batches.
+            device: Of networks and batches.
 
         Raises:
-            InvalidInputError: The task's observations or actions are no vectors.
+            InvalidInputError: The task's observations or actions are not vectors.
         """
         self._environments, self._config, self._device = environments, config, device
         self.actor = actor_for(task.observation_space, task.action_space, config.hidden, config.initial_std).to(device)
@@ -157,7 +157,7 @@ class Ppo:
         return row | {"std": std, "updates": self.updates, "episodes": self._environments.finished_count}
 
     def begin(self) -> None:
-        """Begins the first episodes; before those of the first round, imitates the expert's."""
+        """Begins the first episodes, after the imitation of the expert if that is set."""
         if self._config.imitated_steps:
             self._environments.guided_share = 1.0
             self._environments.begin()
@@ -171,7 +171,7 @@ class Ppo:
         imitation.learn(config.imitated_steps, self._look_back)
 
     def _look_back(self, seen: torch.Tensor) -> None:
-        """Takes (B, O) observations into what observations are normalised by."""
+        """Updates the normalisation with (B, O) observations."""
         if self._config.normalised:
             self._moments.add(seen)
             self.actor.normalise(self._moments.mean, self._moments.scale)
@@ -181,7 +181,7 @@ class Ppo:
         return self.actor.act(observation)
 
     def state(self) -> dict[str, Any]:
-        """All that learning goes on from."""
+        """State for a checkpoint."""
         return {
             "actor": self.actor.state_dict(),
             "critic": self._critic.state_dict(),
@@ -193,7 +193,7 @@ class Ppo:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Goes on from there."""
+        """Restores a state."""
         self.actor.load_state_dict(state["actor"])
         self._critic.load_state_dict(state["critic"])
         self._optimizer.load_state_dict(state["optimizer"])
@@ -202,7 +202,7 @@ class Ppo:
         self._moments.restore(state["moments"])
 
     def _collect(self) -> tuple[TensorDict, list[Finished], int]:
-        """A round: (N, T) transitions with advantages, the episodes that ended, and how many steps experts drove."""
+        """A round: (N, T) transitions with advantages, finished episodes, and the number of the expert's steps."""
         observations, units, transitions, guided = [], [], [], 0
         for _ in range(self._config.horizon):
             observations.append(self._tensor(self._environments.observation.copy()))
@@ -226,13 +226,13 @@ class Ppo:
             device=self._device,
         )
         with torch.no_grad():
-            # The density at the action driven, whoever chose it: GPPO's "as if on-policy".
+            # Density of the executed action, chosen by policy or expert: GPPO's "as if on-policy".
             batch["action_log_prob"] = self._policy.get_dist(batch).log_prob(batch["action"])
             self._advantage(batch)
         return batch, [episode for transition in transitions for episode in transition.finished], guided
 
     def _after(self, transitions: Sequence[Transition], size: list[int]) -> TensorDict:
-        """What TorchRL has under "next"."""
+        """TorchRL's entries under "next"."""
 
         def stacked(rows: Iterable[Array]) -> torch.Tensor:
             return torch.from_numpy(np.stack(list(rows), axis=1)).to(self._device)
@@ -251,10 +251,10 @@ class Ppo:
         )
 
     def _learn(self, batch: TensorDict) -> dict[str, Number]:
-        """Some passes over a round; means of the losses, and how much of the returns the critic explained."""
+        """Several epochs over a round; means of the losses, and the variance that the critic explained."""
         data, sums = batch.reshape(-1), defaultdict[str, float](float)
-        # Few rows hold what a rare infraction taught; within a batch that has none, noise would count as much.
-        if len(data) > 1:  # one alone has no variance to be normalised by
+        # Rare infractions are in few rows; in a batch without one, normalised noise would count as much.
+        if len(data) > 1:  # a single one has no variance
             advantage = data["advantage"]
             data["advantage"] = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
         row: dict[str, Number] = {"explained_variance": _explained(data["state_value"], data["value_target"])}
@@ -277,7 +277,7 @@ class Ppo:
 
 
 def _outcome(finished: Sequence[Finished]) -> dict[str, Number]:
-    """What the episodes of a round came to, those of policy and experts apart."""
+    """Results of the episodes of a round, separately for policy and expert."""
     own = [episode for episode in finished if not episode.guided]
     guided = [episode for episode in finished if episode.guided]
     return {

@@ -1,4 +1,4 @@
-"""The motion predictor as a trainer: it learns from a data set, by a loop of its own."""
+"""Trainer of the motion predictor, which learns from a data set in its own loop."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dohyo.agents.training.report import Report
 
 
 def train_predictor(config: TrainConfig, order: TrainRequest) -> Path:
-    """Trains the motion predictor, and exports it to ONNX beside."""
+    """Trains the motion predictor, and exports it to ONNX, too."""
     config = config.model_copy(update={"out": order.out})
     trained = train.train(
         config, order.resume, lambda step, loss: order.report(Report(step, config.steps, loss, "loss [m]"))

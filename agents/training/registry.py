@@ -1,4 +1,4 @@
-"""Trainers by name: what `dohyo train` can train."""
+"""Trainers of `dohyo train`, by name."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ C = TypeVar("C", bound=Config)
 
 @dataclass(frozen=True, slots=True)
 class TrainRequest:
-    """What somebody wants trained.
+    """Request for a training.
 
     Attributes:
         name: Of the trainer.
         out: Folder of the run.
-        resume: Go on with the run that is there.
-        report: Told how far it is.
+        resume: Continue the existing run.
+        report: Called with the progress.
     """
 
     name: str
@@ -34,12 +34,12 @@ class TrainRequest:
 
 @dataclass(frozen=True, slots=True)
 class Trainer(Generic[C]):
-    """Something that can be trained.
+    """Trainer of one system.
 
     Attributes:
-        summary: What it is, in a few words.
+        summary: Subject, in a few words.
         config: Its settings; those with an `out` choose the folder, unless the command does.
-        train: Trains, and returns the file that is the outcome.
+        train: Trains, and returns the resulting file.
     """
 
     summary: str
@@ -47,7 +47,7 @@ class Trainer(Generic[C]):
     train: Callable[[C, TrainRequest], Path]
 
 
-# As "module:attribute", since what trains takes seconds to import.
+# As "module:attribute", since trainers take seconds to import.
 TRAINERS: dict[str, str] = {
     "predictor": "dohyo.agents.training.predictor:PREDICTOR",
     "value": "dohyo.agents.training.value:VALUE",
@@ -69,7 +69,7 @@ def trainer_named(name: str) -> Trainer[Any]:
     """The trainer of that name, or of that "module:attribute".
 
     Raises:
-        UnknownNameError: There is none of that name.
+        UnknownNameError: There is no such trainer.
         InvalidInputError: There is no such module, or no trainer in it.
     """
     entry = TRAINERS.get(name, name)

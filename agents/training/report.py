@@ -1,4 +1,4 @@
-"""Reports: how far a training is, for whoever wants to know."""
+"""Reports: progress of a training."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 
 class Report(NamedTuple):
-    """How far a run is.
+    """Progress of a run.
 
     Attributes:
         steps: Environment steps so far.
-        total: Of them.
-        value: What learning is about, such as the mean return of the last round; None: not known yet.
-        unit: What that value is.
+        total: Environment steps in all.
+        value: Measure of success, such as the mean return of the last round; None: not known yet.
+        unit: Meaning of the value.
     """
 
     steps: int
@@ -26,4 +26,4 @@ Reporter = Callable[[Report], None]
 
 
 def no_report(report: Report) -> None:
-    """Tells nobody."""
+    """Reports nothing."""

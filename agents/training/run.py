@@ -2,11 +2,11 @@
 
 config.toml        the resolved configuration
 run.json           every session: commit, versions, host, device
-metrics.csv        one row per round; evaluations.csv: one per evaluation; timing.csv: what depends on the clock
+metrics.csv        one row per round; evaluations.csv: one per evaluation; timing.csv: wall-clock times
 tensorboard/       the same as events
 checkpoint-*.pt    the newest two
 best.*, policy.*   the actor of the best and of the last evaluation: .safetensors and .onnx
-result.json        what came out
+result.json        the outcome
 """
 
 from __future__ import annotations
@@ -36,25 +36,25 @@ from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
 FREE = frozenset({"steps", "checkpoint_s", "tensorboard"})
-"""What may change when a run goes on: nothing of it decides what the steps so far were."""
+"""Settings that may change when a run is resumed, since no step so far depends on them."""
 PACKAGES = ("dohyo", "torch", "torchrl", "tensordict", "numpy", "gymnasium", "libsumo")
 
 
 class RunStoppedError(DohyoError):
-    """A run was told to stop, and has written its checkpoint."""
+    """A run was stopped, and has written its checkpoint."""
 
 
 class Run:
     """A run's folder, held by one process at a time."""
 
     def __init__(self, trainer: str, folder: Path, config: RunConfig, resume: bool = False) -> None:
-        """Makes the folder, or takes it up again.
+        """Makes the folder, or resumes it.
 
         Args:
             trainer: Name in the registry.
-            folder: Its own.
+            folder: Of the run.
             config: Resolved.
-            resume: Go on from the newest checkpoint, or from the beginning where there is none yet.
+            resume: Continue from the newest checkpoint, or from the beginning without one.
 
         Raises:
             InvalidInputError: The folder holds a run and `resume` is False; or it holds none, or one of another
@@ -64,7 +64,7 @@ class Run:
         self._check(resume)
         self._held = ExitStack()
         self._held.enter_context(held(folder))
-        for scrap in folder.glob(".*.tmp"):  # of a session that was killed while it wrote
+        for scrap in folder.glob(".*.tmp"):  # left by a session that was killed during a write
             scrap.unlink()
         self.state = load_checkpoint(folder) if resume else None
         self.steps_before: int = self.state["environments"]["steps"] if self.state else 0
@@ -88,7 +88,7 @@ class Run:
         Args:
             name: Of the table.
             columns: Beside "steps".
-            known: In a run that is resumed, steps of the last row that its checkpoint knows of; None: the checkpoint's.
+            known: In a resumed run, steps of the last row before its checkpoint; None: the checkpoint's.
         """
         keep = None
         if self.state is not None:
@@ -96,7 +96,7 @@ class Run:
         self._tables[name] = Table(self.folder / f"{name}.csv", columns, keep)
 
     def log(self, name: str, steps: int, values: Mapping[str, Number]) -> None:
-        """Adds a row to a table, and events of the same."""
+        """Adds a row to a table, and the same values as events."""
         self._tables[name].add(steps, values)
         self._board.add(name, steps, values)
 
@@ -113,11 +113,11 @@ class Run:
         self._saved = time.monotonic()
 
     def write_json(self, name: str, document: object) -> None:
-        """Writes a JSON file, whole or not at all."""
+        """Writes a JSON file atomically."""
         write_atomically(self.folder / name, (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
 
     def close(self) -> None:
-        """Lets the folder go."""
+        """Releases the folder."""
         for table in self._tables.values():
             table.close()
         self._board.close()
@@ -134,10 +134,10 @@ class Run:
 
 
 def stored_config(folder: Path, trainer: str) -> Path | None:
-    """The configuration of the run in a folder; None where there is none.
+    """Configuration of the run in a folder; None without a run.
 
     Raises:
-        InvalidInputError: It is a run of another trainer.
+        InvalidInputError: The run is of another trainer.
     """
     stored = folder / "config.toml"
     if not stored.exists():
@@ -148,7 +148,7 @@ def stored_config(folder: Path, trainer: str) -> Path | None:
 
 
 class Stop:
-    """Whether somebody asked the process to end.
+    """Whether the process was asked to end.
 
     Attributes:
         requested: Set by the first SIGINT or SIGTERM; the second one ends the process at once.
@@ -159,7 +159,7 @@ class Stop:
 
     @contextmanager
     def listening(self) -> Iterator[Stop]:
-        """Listens, where this is the main thread; elsewhere nobody can."""
+        """Installs signal handlers, which is possible only in the main thread."""
         try:
             before = {name: signal.signal(name, self._hear) for name in (signal.SIGINT, signal.SIGTERM)}
         except ValueError:
@@ -178,10 +178,10 @@ class Stop:
 
 
 def device_of(name: str) -> torch.device:
-    """A device that is there.
+    """Available device.
 
     Raises:
-        InvalidInputError: It is not.
+        InvalidInputError: The device is not available.
     """
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
@@ -194,7 +194,7 @@ def device_of(name: str) -> torch.device:
 
 
 def surroundings() -> dict[str, Any]:
-    """Where and with what a session runs: commit, versions, host."""
+    """Facts of a session: commit, versions, host."""
     return {
         "command": sys.argv,
         "commit": _git("rev-parse", "HEAD"),
@@ -209,7 +209,7 @@ def surroundings() -> dict[str, Any]:
 
 
 def _git(*arguments: str) -> str | None:
-    """What git says about the folder this code is in; None without git or repository."""
+    """Commit of the folder that this code is in; None without git or repository."""
     try:
         command = ["git", "-C", str(Path(__file__).parent), *arguments]
         done = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)

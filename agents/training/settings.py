@@ -22,9 +22,9 @@ def read_settings(kind: type[C], path: Path | None, overrides: Sequence[str] = (
     """A configuration from a file, changed by "key=value" (such as "ppo.learning_rate=3e-4").
 
     Args:
-        kind: What is configured.
+        kind: Class of the configuration.
         path: A TOML file; None: the defaults.
-        overrides: Values are TOML, or else plain words.
+        overrides: Values are TOML, or plain words.
 
     Raises:
         InvalidInputError: The file is missing or no TOML, or a key is unknown, missing or has a wrong value.
@@ -42,7 +42,7 @@ def read_settings(kind: type[C], path: Path | None, overrides: Sequence[str] = (
 
 
 def as_toml(config: Config) -> str:
-    """A configuration as TOML; what is None is left out."""
+    """Configuration as TOML, without fields that are None."""
     document = config.model_dump(mode="json", exclude_none=True)
     plain = [f"{key} = {_toml(value)}" for key, value in document.items() if not isinstance(value, dict)]
     tables = [_table([key], value) for key, value in document.items() if isinstance(value, dict)]
@@ -50,7 +50,7 @@ def as_toml(config: Config) -> str:
 
 
 def differences(old: Config, new: Config, free: frozenset[str]) -> list[str]:
-    """What differs between two configurations, as "key = old, not new"; keys in `free` may differ."""
+    """Differences of two configurations, as "key = old, not new"; keys in `free` may differ."""
     before, after = flat(old.model_dump(mode="json")), flat(new.model_dump(mode="json"))
     return [
         f"{key} = {_shown(before.get(key))}, not {_shown(after.get(key))}"
@@ -77,7 +77,7 @@ def _document(path: Path) -> dict[str, Any]:
 
 
 def _completed(kind: type[BaseModel], document: Mapping[str, Any]) -> dict[str, Any]:
-    """A document whose tables have what they leave out from the defaults of the very table."""
+    """Document in which each table is completed with its defaults."""
     completed = dict(document)
     for name, field in kind.model_fields.items():
         default, given = field.get_default(call_default_factory=True), document.get(name)
@@ -127,7 +127,7 @@ def _toml(value: Any) -> str:
         return f"[{', '.join(map(_toml, value))}]"
     if isinstance(value, dict):
         return "{" + ", ".join(f"{json.dumps(key)} = {_toml(inner)}" for key, inner in value.items()) + "}"
-    return json.dumps(value, ensure_ascii=False)  # strings, numbers and truths are written alike in both
+    return json.dumps(value, ensure_ascii=False)  # strings, numbers and booleans are equal in both
 
 
 def _shown(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""Task: what there is to learn. A learner sees no more of a problem than this."""
+"""Task: the interface of a learning problem. A learner sees nothing else of it."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ Array = NDArray[Any]
 Env = gymnasium.Env[Array, Array]
 
 HELD_OUT_FROM = 2**30
-"""Episodes whose seed is below are for training; seeds from here to 2^31 are held out, and never trained on."""
+"""Seeds below are for training; seeds from here to 2^31 are held out, and never trained on."""
 
 
 class Task(Protocol):
-    """What there is to learn; derive from it, as a frozen dataclass: it travels to other processes.
+    """Learning problem. Derive from it as a frozen dataclass, since it is sent to other processes.
 
     Two obligations follow from exact resumption. An episode follows from the seed given to `reset` and the actions
-    given to `step`, and from nothing else: no wall clock, nothing left over from the episode before. And `expert` is a
+    given to `step`, and from nothing else: no wall clock, no state of an earlier episode. And `expert` is a
     function of the episode so far.
 
     At the end of an episode `info` may hold "success" (bool, default False), and must hold each of `measures`.
@@ -30,15 +30,15 @@ class Task(Protocol):
 
     @property
     def name(self) -> str:
-        """What results are filed under."""
+        """Name of the results."""
 
     @property
     def observation_space(self) -> Box:
-        """Of one observation; PPO wants a float32 vector of about unit scale."""
+        """Space of one observation; PPO needs a float32 vector of about unit scale."""
 
     @property
     def action_space(self) -> Box:
-        """Of one action: finite bounds. Learners act in [-1, 1] and are scaled to them, and cut off at them."""
+        """Space of one action, with finite bounds. Actions of learners in [-1, 1] are scaled to them and clipped."""
 
     @property
     def held_out(self) -> Sequence[int]:
@@ -46,12 +46,12 @@ class Task(Protocol):
 
     @property
     def measures(self) -> tuple[str, ...]:
-        """Names of what an episode's last `info` holds besides "success", floats; evaluations tell their means."""
+        """Names of floats in an episode's last `info` besides "success"; evaluations report their means."""
         return ()
 
     @property
     def alone(self) -> bool:
-        """Whether a process can hold only one of its environments, as it is with SUMO."""
+        """Whether a process can hold only one of its environments, as with SUMO."""
         return False
 
     def make_env(self, seed: int, rank: int) -> Env:
@@ -59,11 +59,11 @@ class Task(Protocol):
 
         Args:
             seed: Of the run. An episode must not depend on it.
-            rank: Which environment of the run this is, from 0; the last is the one for held-out episodes.
+            rank: Index of the environment in the run, from 0; the last one is for held-out episodes.
         """
 
     def expert(self, env: Env) -> Array | None:
-        """What an expert would do now, in the action space; None: it has no opinion, and the policy acts.
+        """Expert's action, in the action space; None: it has none, and the policy acts.
 
         Asked once after `reset` and once after every step of an episode that the expert drives, in the environment's
         own process, where `env` may be narrowed to what `make_env` made.
@@ -72,12 +72,12 @@ class Task(Protocol):
 
 
 def held_out_seeds(count: int) -> range:
-    """The first so many held-out seeds."""
+    """First held-out seeds."""
     return range(HELD_OUT_FROM, HELD_OUT_FROM + count)
 
 
 def check_task(task: Task) -> None:
-    """Raises InvalidInputError where a task's spaces or seeds cannot be used."""
+    """Raises InvalidInputError if a task's spaces or seeds cannot be used."""
     low, high = task.action_space.low, task.action_space.high
     if not task.action_space.is_bounded() or not (low < high).all():
         raise InvalidInputError(f"task '{task.name}': expected actions with finite bounds, got {low} to {high}")

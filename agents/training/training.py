@@ -1,4 +1,4 @@
-"""The loop that every learner shares: rounds, evaluations, checkpoints, and what a run leaves behind."""
+"""Training loop shared by all learners: rounds, evaluations, checkpoints, and a run's files."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from dohyo.agents.training.worker import Seat, take_seats
 
 
 class Learner(Protocol):
-    """What learns; all of its randomness comes from torch's generators, or from one that its state holds."""
+    """Learner. Its randomness comes from torch's generators, or from one in its state."""
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Of metrics.csv, beside "steps"."""
+        """Columns of metrics.csv, beside "steps"."""
 
     @property
     def updates(self) -> int:
@@ -31,44 +31,44 @@ class Learner(Protocol):
 
     @property
     def actor(self) -> Exportable:
-        """What is shipped."""
+        """Module that is shipped."""
 
     def begin(self) -> None:
         """Begins the first episodes, in a run that is not resumed."""
 
     def round(self) -> Mapping[str, Number]:
-        """Takes some steps and learns from them; the row of metrics.csv, with "return" where episodes ended."""
+        """Takes some steps and learns from them; row of metrics.csv, with "return" if episodes ended."""
 
     def act(self, observation: Array) -> Array:
         """One observation -> one action, without exploration."""
 
     def state(self) -> dict[str, Any]:
-        """All that it goes on from, as tensors and plain values; the environments keep their own."""
+        """State for a checkpoint, as tensors and plain values; environments have their own."""
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Goes on from there."""
+        """Restores a state."""
 
 
 MakeLearner = Callable[[Environments, torch.device], Learner]
 
 
 def train(make_learner: MakeLearner, task: Task, run: Run, report: Reporter = no_report) -> dict[str, Number]:
-    """Trains until the run's steps are done, and goes on from its checkpoint where there is one.
+    """Trains until the run's steps are done, from its checkpoint if there is one.
 
-    The steps from a checkpoint on are those of a run that was never interrupted, to the bit, on the same machine.
+    A resumed run equals one that was never interrupted, to the bit, on the same machine.
 
     Args:
-        make_learner: From the environments and torch's device.
+        make_learner: Makes the learner from the environments and torch's device.
         task: What is learned.
         run: Its folder and configuration.
-        report: Told after every round.
+        report: Called after every round.
 
     Returns:
         The last row of evaluations.csv.
 
     Raises:
         InvalidInputError: The task cannot be used.
-        RunStoppedError: SIGINT or SIGTERM came; a checkpoint is written.
+        RunStoppedError: After SIGINT or SIGTERM; a checkpoint is written.
         SimulationError: Simulations fail again and again, or an episode of the checkpoint could not be driven again.
     """
     check_task(task)
@@ -86,7 +86,7 @@ def train(make_learner: MakeLearner, task: Task, run: Run, report: Reporter = no
 
 
 class _Session:
-    """A training from where it stands to its end."""
+    """Training from its present state to its end."""
 
     def __init__(self, run: Run, task: Task, learner: Learner, environments: Environments, held_out: Seat) -> None:
         self._run, self._task, self._learner = run, task, learner
@@ -100,7 +100,7 @@ class _Session:
         """See `train` of the module."""
         run, total = self._run, self._run.config.steps
         run.add_table("metrics", self._learner.columns)
-        # An evaluation at the checkpoint's own step may have come after it, and then comes again.
+        # An evaluation at the checkpoint's own step may be later than it, and is then repeated.
         evaluated = int(run.state["last"].get("steps", -1)) if run.state is not None else None
         run.add_table("evaluations", (*COLUMNS, "length", *self._task.measures), evaluated)
         run.add_table("timing", ("wall_s", "steps_per_s"))
@@ -127,7 +127,7 @@ class _Session:
         self._environments.restore(state["environments"])
         self._learner.restore(state["learner"])
         self._last, self._best = state["last"], state["best"]
-        restore_random_state(state["random"])  # at the end: what is above draws from it
+        restore_random_state(state["random"])  # last: the calls above draw from it
 
     def _round(self, report: Reporter) -> None:
         run, began, before = self._run, self._run.wall_s, self._environments.steps
@@ -144,7 +144,7 @@ class _Session:
         return steps // config.evaluate_every > before // config.evaluate_every or before < config.steps <= steps
 
     def _evaluate(self, stop: Stop) -> None:
-        """Drives the held-out episodes; nothing that learning goes on from changes."""
+        """Drives the held-out episodes without any change of the learner's state."""
         steps = self._environments.steps
         try:
             evaluation = evaluate(self._task, self._held_out, self._learner.act, lambda: stop.requested)
@@ -176,7 +176,7 @@ class _Session:
         return RunStoppedError(f"stopped at step {self._environments.steps}; the checkpoint is written")
 
     def _facts(self, evaluation: Mapping[str, Number]) -> dict[str, str]:
-        """What every result says about its training."""
+        """Facts about the training that every result holds."""
         run = self._run
         names = ("steps", "updates", "return", "return_low", "return_high", "success")
         numbers = {name: "" if (value := evaluation[name]) is None else f"{value:.6g}" for name in names}

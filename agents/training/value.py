@@ -1,4 +1,4 @@
-"""MBAPPE's value network as a trainer: it learns from a motion data set, by a loop of its own."""
+"""Trainer of MBAPPE's value network, which learns from a motion data set in its own loop."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dohyo.agents.training.report import Report
 
 
 def train_value(config: ValueConfig, order: TrainRequest) -> Path:
-    """Searches the scenes of the data set, and trains the network on what was found."""
+    """Searches the scenes of the data set, and trains the network on the results."""
     config = config.model_copy(update={"out": order.out})
     return train.train(config, order.resume, lambda step, loss: order.report(Report(step, config.steps, loss, "loss")))
 

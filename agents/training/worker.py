@@ -1,7 +1,7 @@
-"""Seats: where a task's environments are, in a process of their own or in this one.
+"""Environment workers: in-process or subprocess.
 
-gymnasium's and TorchRL's vectors step all of their environments or none, and draw seeds by themselves. Here one can be
-put back to where it was alone, by its seed and its actions, which is what exact resumption needs.
+gymnasium's and TorchRL's vectors step all of their environments or none, and draw their own seeds. Here a single
+environment can be restored from its seed and actions, which exact resumption needs.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, Simulation
 logger = logging.getLogger(__name__)
 
 JOIN_S = 5.0
-# The processes of a run fill the cores already; a second thread in each makes all of them slower.
+# The processes of a run fill the cores already; a second thread in each slows all of them down.
 ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 class TaskError(DohyoError):
-    """A task's own code failed."""
+    """The task's own code failed."""
 
 
 class View(NamedTuple):
-    """What an environment tells after a reset or a step.
+    """Result of a reset or a step.
 
     Attributes:
         observation: Of the task's observation space.
         reward: Of the step; 0 after a reset.
         terminated: The episode ended by itself.
         truncated: It was cut off.
-        expert: What the expert would do now, in the action space; None where nobody asks or it has no opinion.
-        success: At the end of an episode: whether it was one.
+        expert: The expert's action, in the action space; None if it was not asked, or has none.
+        success: At the end of an episode: whether it succeeded.
         measures: At the end of an episode: the task's measures.
     """
 
@@ -56,25 +56,25 @@ class View(NamedTuple):
 
     @property
     def ended(self) -> bool:
-        """Whether this is the last of its episode."""
+        """Whether this is the last step of its episode."""
         return self.terminated or self.truncated
 
 
 class Seat(Protocol):
-    """One environment; one command at a time: what was sent has to be received."""
+    """One environment; takes one command at a time: `receive` must follow every `send`."""
 
     def send(self, command: str, *arguments: Any) -> None:
         """Begins "reset" (seed, guided), "step" (action) or "replay" (seed, guided, actions)."""
 
     def receive(self) -> View:
-        """Waits for its end.
+        """Waits for the end of the command.
 
         Raises:
-            DohyoError: The environment refused; TaskError where its code failed, SimulationError where its process did.
+            DohyoError: The environment refused; TaskError if its code failed, SimulationError if its process did.
         """
 
     def renew(self) -> None:
-        """Puts a new environment in the place of one that failed; it has to be reset."""
+        """Replaces an environment that failed; the new one has to be reset."""
 
     def close(self) -> None:
         """Ends the environment, and its process."""
@@ -82,7 +82,7 @@ class Seat(Protocol):
 
 @dataclass(slots=True)
 class Host:
-    """Holds an environment, and does what it is told.
+    """Holds an environment, and executes commands.
 
     Attributes:
         task: Makes the environment at the first reset.
@@ -97,7 +97,7 @@ class Host:
     _guided: bool = field(default=False, init=False)
 
     def do(self, command: str, arguments: Sequence[Any]) -> View:
-        """Does what `Seat.send` names.
+        """Executes a command of `Seat.send`.
 
         Raises:
             TaskError: The task's code failed; its traceback is in the log.
@@ -113,7 +113,7 @@ class Host:
         return view
 
     def reset(self, seed: int, guided: bool) -> View:
-        """Begins the episode of a seed; `guided`: the expert is asked at every step."""
+        """Begins the episode of a seed; with `guided`, the expert is asked at every step."""
         if self._env is None:
             self._env = self.task.make_env(self.seed, self.rank)
         self._guided = guided
@@ -137,7 +137,7 @@ class Host:
         return View(self._checked(observation), value, bool(terminated), bool(truncated), None, success, measures)
 
     def replay(self, seed: int, guided: bool, actions: Sequence[Array]) -> View:
-        """Puts an episode back to where it was; the reward is the sum of all rewards since its reset."""
+        """Restores an episode; the reward is the sum of all rewards since its reset."""
         view, total = self.reset(seed, guided), 0.0
         for action in actions:
             view = self.step(action)
@@ -165,7 +165,7 @@ class Host:
 
     def _checked(self, observation: Array) -> Array:
         space = self.task.observation_space
-        array = np.array(observation, dtype=space.dtype)  # a copy: the environment may write into its own
+        array = np.array(observation, dtype=space.dtype)  # a copy: the environment may change its own array
         if array.shape != space.shape:
             raise TaskError(f"task '{self.task.name}': expected an observation {space.shape}, got {array.shape}")
         if not np.isfinite(array).all():
@@ -182,7 +182,7 @@ class HereSeat:
         self._pending: tuple[str, tuple[Any, ...]] = ("", ())
 
     def send(self, command: str, *arguments: Any) -> None:
-        """See `Seat`; it is done when it is received."""
+        """See `Seat`; the command runs in `receive`."""
         self._pending = command, arguments
 
     def receive(self) -> View:
@@ -199,7 +199,7 @@ class HereSeat:
 
 
 class ProcessSeat:
-    """An environment in a process of its own; that one ends when this one does, however it does."""
+    """An environment in a process of its own, which ends with this process in any case."""
 
     def __init__(self, task: Task, seed: int, rank: int) -> None:
         self._name, self._rank = task.name, rank
@@ -256,7 +256,7 @@ class ProcessSeat:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Lets processes that are started inherit that they compute with one thread."""
+    """Makes child processes compute with one thread."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     try:
@@ -270,8 +270,8 @@ def _one_thread() -> Iterator[None]:
 
 
 def _serve(pipe: Connection, task: Task, seed: int, rank: int) -> None:
-    """A worker process: does what it is told until its parent closes the pipe or dies."""
-    os.setsid()  # Ctrl-C and signals to the group are the parent's business: it checkpoints, then closes the pipe
+    """Worker process: executes commands until its parent closes the pipe or ends."""
+    os.setsid()  # The parent handles Ctrl-C and signals to the group: it checkpoints, then closes the pipe
     host = Host(task, seed, rank)
     try:
         while True:
@@ -287,16 +287,16 @@ def _serve(pipe: Connection, task: Task, seed: int, rank: int) -> None:
 
 
 def take_seats(task: Task, seed: int, processes: int) -> tuple[list[Seat], Seat]:
-    """The seats of a run: those for training, and the one for held-out episodes.
+    """Environment workers of a run: those for training, and the one for held-out episodes.
 
     Args:
         task: What is learned.
         seed: Of the run.
-        processes: How many train, one process each; 0: one in this process, and the one for held-out episodes too
-            unless the task is `alone`.
+        processes: Number of training workers, one process each; 0: one in this process, and the one for held-out
+            episodes too unless the task is `alone`.
 
     Raises:
-        InvalidInputError: The task cannot travel to another process.
+        InvalidInputError: The task cannot be sent to another process.
     """
     kinds: list[type[HereSeat] | type[ProcessSeat]] = [ProcessSeat] * processes or [HereSeat]
     kinds.append(ProcessSeat if processes or task.alone else HereSeat)
