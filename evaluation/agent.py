@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -11,6 +10,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from pydantic import ValidationError
 
+from dohyo.evaluation.entry import make_entry
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.sources import source_files
 from dohyo.sumo_networks.ego.control import CONTROLS
@@ -75,16 +75,10 @@ def make_agent(entry: str, settings: Mapping[str, Any] | None = None) -> Agent:
     """Makes an agent from "module:Class" and the keyword arguments of its constructor.
 
     Raises:
-        InvalidInputError: The module or class is missing, its constructor fails, or its spec is impossible.
+        InvalidInputError: The module or class is missing, a setting is unknown, its constructor fails, or its spec is
+            impossible.
     """
-    module_name, _, class_name = entry.partition(":")
-    if not class_name:
-        raise InvalidInputError(f"agent '{entry}': expected a registered name or 'module:Class'")
-    try:
-        maker = getattr(importlib.import_module(module_name), class_name)
-        agent: Agent = maker(**(settings or {}))
-    except Exception as error:  # whatever a stranger's module does when it is loaded
-        raise InvalidInputError(f"agent '{entry}' cannot be made: {type(error).__name__}: {error}") from error
+    agent: Agent = make_entry(entry, "agent", settings or {})
     _check(agent, entry)
     return agent
 

@@ -9,7 +9,7 @@ join its path and have the right of way, or do not look like yielding. It passes
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numba import njit
@@ -34,6 +34,7 @@ from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Obser
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.ego.control import pure_pursuit, pursuit_distance
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
+from dohyo.sumo_networks.errors import UnknownNameError
 from dohyo.sumo_networks.world import ActorKind, LightState
 
 RED, YELLOW = int(LightState.RED), int(LightState.YELLOW)
@@ -91,6 +92,10 @@ class Autopilot(Agent):
     )
 
     def __init__(self, **style: float) -> None:
+        known = [field.name for field in fields(Style)]
+        for name in style:
+            if name not in known:
+                raise UnknownNameError("setting of agent 'autopilot'", name, known)
         self.style = Style(**style)
         self._vehicle = VehicleParameters()
         self._half_length, self._half_width = self._vehicle.length / 2, self._vehicle.width / 2

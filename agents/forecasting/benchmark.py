@@ -7,7 +7,6 @@ or "module:Class" of a `Forecaster` that needs no training.
 from __future__ import annotations
 
 import hashlib
-import importlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from dohyo.agents.forecasting.registry import CHECKPOINTS, load_forecaster, make
 from dohyo.agents.forecasting.scores import Errors, errors
 from dohyo.agents.forecasting.simple import Persistence
 from dohyo.agents.forecasting.windows import HORIZON, Windows, make_windows
+from dohyo.evaluation.entry import load_entry
 from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, days_folder
 from dohyo.evaluation.freeway.result import AgentFacts, FreewayResult, Metric, Units, claim, write_result
 from dohyo.evaluation.sources import source_files
@@ -119,10 +119,10 @@ def forecaster_named(name: str, segments: int, settings: Mapping[str, Any]) -> t
 
 
 def _of_class(entry: str, segments: int, settings: Mapping[str, Any]) -> tuple[Forecaster, AgentFacts]:
-    module, _, kind = entry.partition(":")
+    maker = load_entry(entry, "forecaster")
     try:
-        made = getattr(importlib.import_module(module), kind)(segments, MINUTE_S, **settings)
-    except Exception as error:  # whatever a stranger's module does when it is loaded
+        made = maker(segments, MINUTE_S, **settings)
+    except Exception as error:  # whatever a stranger's constructor does
         raise InvalidInputError(f"forecaster '{entry}' cannot be made: {type(error).__name__}: {error}") from error
     if not isinstance(made, Forecaster):
         raise InvalidInputError(

@@ -44,7 +44,7 @@ from dohyo.agents.planning.warm_up import empty_road
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
-from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 CRAFTED_IDM = Idm(gap=2.0, headway=1.2, acceleration=1.5, braking=2.0, exponent=4.0, least_gap=0.1, hardest=3.0)
 _CHOICES = {"visits": 0, "q": 1, "best": 2}
@@ -65,6 +65,8 @@ class Mbappe(Agent):
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(str(part) for part in first["loc"])
+            if first["type"] == "extra_forbidden":
+                raise UnknownNameError(f"setting of agent '{self.spec.name}'", where, Settings.model_fields) from error
             raise InvalidInputError(f"agent '{self.spec.name}', setting '{where}': {first['msg']}") from error
         self.rules = rules(self.settings)
         self.predictor = make_predictor(self.settings.predictor)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from dohyo.agents.training.report import Reporter
+from dohyo.evaluation.entry import load_entry
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
@@ -73,13 +73,9 @@ def trainer_named(name: str) -> Trainer[Any]:
         InvalidInputError: There is no such module, or no trainer in it.
     """
     entry = TRAINERS.get(name, name)
-    module, colon, attribute = entry.partition(":")
-    if not colon:
+    if ":" not in entry:
         raise UnknownNameError("trainer", name, TRAINERS)
-    try:
-        trainer = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise InvalidInputError(f"trainer '{name}': {error}") from error
+    trainer = load_entry(entry, "trainer")
     if not isinstance(trainer, Trainer):
         raise InvalidInputError(f"'{entry}': expected a Trainer, got {type(trainer).__name__}")
     return trainer

@@ -5,12 +5,14 @@ from __future__ import annotations
 import ast
 import os
 import re
+from collections import Counter
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Column
 
 from dohyo.agents.registry import resolve_with
 from dohyo.evaluation.episode.runner import ACT_DEADLINE_S
@@ -27,6 +29,11 @@ from dohyo.service.cli.freeway import evaluate_on_freeway
 from dohyo.service.cli.output import Json, console, print_cells, print_comparison, print_json
 from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.sumo_networks.errors import InvalidInputError
+
+SEEDS_BELOW = 2**31
+NAME_WIDTH, BAR_WIDTH = 24, 8
+OTHER_COLUMNS_WIDTH = 34
+"""Characters that numbers and times take in the progress line, with the spaces between all columns."""
 
 
 class Engine(StrEnum):
@@ -97,6 +104,7 @@ def evaluate(
         closed = {"closed_loop": closed_loop_document(scored, lost)} if scored else {}
         print_json(as_document(summary) | {"cells": cells, "drives": _drives(result)} | closed)
         return
+    _print_failures(result)
     if scored:
         print_closed_loop(by_type(scored), "type")
         whole = summarise_closed_loop(scored, lost)
@@ -105,7 +113,6 @@ def evaluate(
     else:
         print_cells(summarise_cells(result.records, rules=rules))
         print_comparison([summary])
-    _print_failures(result)
     console.print(f"records in {result.paths[0].parent}")
 
 
@@ -118,16 +125,22 @@ def _executor(engine: Engine, workers: int | None, address: str | None) -> Execu
 
 
 def _progress(hidden: bool) -> Progress:
+    left = max(1, console.width - NAME_WIDTH - BAR_WIDTH - OTHER_COLUMNS_WIDTH)
     columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
+        TextColumn("{task.description}", table_column=_clipped(NAME_WIDTH)),
+        BarColumn(BAR_WIDTH),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
-        TextColumn("{task.fields[note]}"),
+        TextColumn("{task.fields[note]}", table_column=_clipped(left)),
     )
     return Progress(*columns, console=console, disable=hidden)
+
+
+def _clipped(width: int) -> Column:
+    """A column of one line; what is longer ends in an ellipsis."""
+    return Column(max_width=width, no_wrap=True, overflow="ellipsis")
 
 
 def _note(record: EpisodeRecord | None) -> str:
@@ -179,10 +192,15 @@ def parse_seeds(text: str) -> list[int]:
         match = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
         if not match:
             raise InvalidInputError(f"--seeds '{text}': expected numbers such as 0,1,2 or 0-4, got '{part}'")
-        first = int(match[1])
-        seeds += range(first, int(match[2] or first) + 1)
-    if not seeds or len(set(seeds)) != len(seeds) or max(seeds) >= 2**31:
-        raise InvalidInputError(f"--seeds '{text}': expected different numbers below 2^31")
+        first, last = int(match[1]), int(match[2] or match[1])
+        if last < first:
+            raise InvalidInputError(f"--seeds '{text}': expected the smaller number first, got '{part.strip()}'")
+        if last >= SEEDS_BELOW:
+            raise InvalidInputError(f"--seeds '{text}': expected numbers below 2^31, got {last}")
+        seeds += range(first, last + 1)
+    repeated = [seed for seed, times in Counter(seeds).items() if times > 1]
+    if repeated:
+        raise InvalidInputError(f"--seeds '{text}': expected every seed once, got {repeated[0]} twice")
     return seeds
 
 

@@ -19,6 +19,8 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 
 console = Console()
 DASH = "—"
+RATES_FROM_KM = 0.1
+"""Route completed by all drives together, km, from which infractions per km are shown."""
 
 SCORES = {
     "success": "success %",
@@ -63,14 +65,20 @@ def print_comparison(summaries: Sequence[Summary]) -> None:
     for key, title in SCORES.items():
         table.add_row(title, *[interval(summary.scores[key]) for summary in summaries])
     table.add_section()
-    table.add_row("[bold]infractions per km[/bold]")
-    for kind in summaries[0].per_km:
-        table.add_row(kind.replace("_", " "), *[interval(summary.per_km[kind]) for summary in summaries])
-    table.add_section()
+    if any(summary.km >= RATES_FROM_KM for summary in summaries):
+        table.add_row("[bold]infractions per km[/bold]")
+        for kind in summaries[0].per_km:
+            table.add_row(kind.replace("_", " "), *[_rate(summary, kind) for summary in summaries])
+        table.add_section()
     table.add_row("episodes", *[str(summary.episodes) for summary in summaries])
     table.add_row("lost to infrastructure", *[str(summary.lost) for summary in summaries])
     console.print(table)
     console.print(f"rules {summaries[0].rules}, IRS over km {summaries[0].irs_length}, 95 % intervals")
+
+
+def _rate(summary: Summary, kind: str) -> str:
+    """Infractions per km; a dash where hardly any road was driven, since an interval would say nothing."""
+    return interval(summary.per_km[kind]) if summary.km >= RATES_FROM_KM else DASH
 
 
 def print_cells(cells: Mapping[str, Summary]) -> None:

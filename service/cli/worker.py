@@ -19,7 +19,9 @@ TOKEN = "DOHYO_TOKEN"
 
 
 def worker(
-    server: Annotated[str, typer.Option(help="Address of the service, such as http://127.0.0.1:8000.")],
+    server: Annotated[
+        str, typer.Option(envvar="DOHYO_SERVER", help="Address of the service, such as http://127.0.0.1:8000.")
+    ],
     agent: Annotated[str, typer.Option(help="Its name at the service.")],
     token: Annotated[str, typer.Option(envvar=TOKEN, help="Of role worker; of role submitter to submit as well.")],
     entry: Annotated[str | None, typer.Option(help="Registered name or module:Class here; default: --agent.")] = None,

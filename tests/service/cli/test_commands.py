@@ -151,6 +151,7 @@ def broken(tmp_path: Path, name: str) -> str:
         (["--agent", "autopilot", "--benchmark", "{unknown_network}"], "did you mean 'ingolstadt'?"),
         (["--agent", "autopilot", "--benchmark", "{broken_net}"], "bad.net.xml.gz"),
         (["--agent", "autopilot", "--benchmark", "quickstart", "--seeds", "0,x"], "--seeds"),
+        (["--agent", "autopilot", "--benchmark", "quickstart", "--set", "foo=1"], "max_speed"),
         (["--agent", "autopilot", "--benchmark", "quickstart", "--set", "patience"], "key=value"),
         (["--agent", "autopilot", "--benchmark", "quickstart", "--set", "colour=1"], "colour"),
         (["--agent", "no.such:Agent", "--benchmark", "quickstart"], "No module named"),

@@ -1,0 +1,70 @@
+"""Entry: an object of anybody's module, by "module:name"; whatever is wrong with it is one line."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any
+
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, UnknownNameError
+
+
+def load_entry(entry: str, what: str) -> Any:
+    """What "module:name" names.
+
+    Args:
+        entry: The module and the name in it.
+        what: Word for it in messages, such as "agent".
+
+    Raises:
+        InvalidInputError: No such form, a module that cannot be imported, or no such name in it.
+    """
+    module_name, _, name = entry.partition(":")
+    if not module_name or not name:
+        raise InvalidInputError(f"{what} '{entry}': expected a registered name or 'module:{what.title()}'")
+    try:
+        module = import_module(module_name)
+    except Exception as error:  # whatever a stranger's module does when it is loaded
+        raise InvalidInputError(
+            f"{what} '{entry}' cannot be made: module '{module_name}' cannot be imported: {_cause(error)}"
+        ) from error
+    if not hasattr(module, name):
+        raise InvalidInputError(f"{what} '{entry}' cannot be made: module '{module_name}' has no '{name}'")
+    return getattr(module, name)
+
+
+def make_entry(entry: str, what: str, settings: Mapping[str, Any]) -> Any:
+    """Calls what "module:name" names with settings as keyword arguments.
+
+    Raises:
+        InvalidInputError: As for `load_entry`; an unknown setting; or the call fails.
+    """
+    maker = load_entry(entry, what)
+    _check_settings(maker, entry, what, settings)
+    try:
+        return maker(**settings)
+    except DohyoError as error:
+        raise InvalidInputError(f"{what} '{entry}' cannot be made: {error}") from error
+    except Exception as error:
+        raise InvalidInputError(f"{what} '{entry}' cannot be made: {_cause(error)}") from error
+
+
+def _check_settings(maker: Any, entry: str, what: str, settings: Mapping[str, Any]) -> None:
+    """Refuses a setting that the maker does not know, with the names that it does know."""
+    try:
+        parameters = inspect.signature(maker).parameters.values()
+    except (TypeError, ValueError):
+        return  # nothing is known of it; the call decides
+    if any(one.kind is one.VAR_KEYWORD for one in parameters):
+        return
+    known = [one.name for one in parameters if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)]
+    for name in settings:
+        if name not in known:
+            raise UnknownNameError(f"setting of {what} '{entry}'", name, known)
+
+
+def _cause(error: Exception) -> str:
+    """Type and first line of an error."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return ": ".join([type(error).__name__, *lines[:1]])
