@@ -12,8 +12,8 @@ from typing import Annotated
 
 from pydantic import Field
 
+from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import UnknownNameError
-from dohyo.sumo_networks.scenario import Config
 
 Share = Annotated[float, Field(ge=0, le=1)]
 

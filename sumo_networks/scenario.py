@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from dohyo.sumo_networks.config import Config, Name, Place
+from dohyo.sumo_networks.config import OPTIONAL, Config, Mission, Name, Place
 from dohyo.sumo_networks.events import Event
 
 __all__ = [
@@ -23,29 +23,6 @@ __all__ = [
     "TrafficFlow",
     "content_hash",
 ]
-
-
-_OPTIONAL = Field(default=None, exclude_if=lambda value: value is None)
-
-
-class Mission(Config):
-    """What one ego has to do: drive from start to goal.
-
-    Attributes:
-        name: The ego's name, unique in its scenario.
-        start: Where the ego's box centre is at the first tick.
-        goal: Where the route ends.
-        via: Edges the route must pass, in order.
-        start_speed_mps: None: it starts at rest, and whoever is within 20 m makes room. A speed: it starts in the
-            midst of the traffic, which has warmed up without it, and takes the place of whom it would touch.
-    """
-
-    name: Name = "ego"
-    start: Place
-    goal: Place
-    via: tuple[str, ...] = ()
-    # What most scenarios have not is left out, so that they keep their hashes.
-    start_speed_mps: Annotated[float, Field(ge=0, le=60)] | None = _OPTIONAL
 
 
 class TrafficFlow(Config):
@@ -164,9 +141,9 @@ class Scenario(Config):
     time_limit_s: Annotated[float, Field(gt=0)] | None = None
     stop_on_collision: bool = False
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
-    duration_s: Annotated[float, Field(gt=0)] | None = _OPTIONAL
-    reference_m: Annotated[float, Field(ge=0)] | None = _OPTIONAL
-    log: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] | None = _OPTIONAL
+    duration_s: Annotated[float, Field(gt=0)] | None = OPTIONAL
+    reference_m: Annotated[float, Field(ge=0)] | None = OPTIONAL
+    log: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] | None = OPTIONAL
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> Scenario:

@@ -1,4 +1,4 @@
-"""Units of time and speed that every layer shares; everything else is in SI units."""
+"""Units of time and speed, and the range of sight, that every layer shares; everything else is in SI units."""
 
 from __future__ import annotations
 
@@ -10,3 +10,5 @@ SUBSTEP_S: Final = 0.01
 """Integration step of the ego's dynamics, s."""
 KMH_PER_MPS: Final = 3.6
 """Kilometres per hour in one metre per second."""
+SIGHT_M: Final = 100.0
+"""How far around an ego the world is known, m."""

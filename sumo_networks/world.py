@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     from dohyo.sumo_networks.networks.network import RoadNetwork
     from dohyo.sumo_networks.routes.route import Route
 
-SIGHT_M = 100.0
-"""How far around an ego the world is known, m."""
-
 
 class ActorKind(IntEnum):
     """What an actor is."""

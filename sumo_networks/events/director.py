@@ -37,7 +37,8 @@ from dohyo.sumo_networks.events.stage import Stage
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.scenario import Scenario
-from dohyo.sumo_networks.world import SIGHT_M, Egos, EventPhase, EventState, World
+from dohyo.sumo_networks.units import SIGHT_M
+from dohyo.sumo_networks.world import Egos, EventPhase, EventState, World
 
 TRIGGER_M = 2.0
 LINGER_S = 20.0

@@ -9,7 +9,7 @@ import numpy as np
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.conditions import Conditions
 from dohyo.sumo_networks.rendering.surfaces import Surface
-from dohyo.sumo_networks.world import SIGHT_M
+from dohyo.sumo_networks.units import SIGHT_M
 
 _GROUND = {
     Surface.TERRAIN: (141, 154, 108),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray, IntArray
 from dohyo.sumo_networks.conditions import Conditions
 from dohyo.sumo_networks.rendering.atmosphere import Atmosphere
-from dohyo.sumo_networks.world import SIGHT_M
+from dohyo.sumo_networks.units import SIGHT_M
 
 FINEST_M = 0.05
 FINEST_REACH_M = 32.0

@@ -11,7 +11,7 @@ import numpy as np
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.network import RoadNetwork
-from dohyo.sumo_networks.world import SIGHT_M
+from dohyo.sumo_networks.units import SIGHT_M
 
 ATTEMPTS = 30
 

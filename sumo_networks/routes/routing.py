@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 
+from dohyo.sumo_networks.config import Mission, Place
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route, build_route
-from dohyo.sumo_networks.scenario import Mission, Place
 
 MIN_LENGTH_M = 2.0
 LANE_CHANGE_COST_S = 5.0

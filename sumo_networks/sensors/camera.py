@@ -29,7 +29,8 @@ from dohyo.sumo_networks.rendering.scene import draw_bodies, draw_buildings, dra
 from dohyo.sumo_networks.rendering.tiles import Tiles, colour_tiles
 from dohyo.sumo_networks.rendering.view import CameraView, Optics, view_of
 from dohyo.sumo_networks.sensors.base import Sensor, SensorConfig, Track
-from dohyo.sumo_networks.world import SIGHT_M, ActorKind, World
+from dohyo.sumo_networks.units import SIGHT_M
+from dohyo.sumo_networks.world import ActorKind, World
 
 FAR_M = 1000.0
 GRAIN = 1 << 16

@@ -17,8 +17,8 @@ from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.rules.contacts import contacts
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.simulation.traffic_log import Log, logs_folder, read_log
-from dohyo.sumo_networks.units import TICK_S
-from dohyo.sumo_networks.world import SIGHT_M, Actors, Egos, World
+from dohyo.sumo_networks.units import SIGHT_M, TICK_S
+from dohyo.sumo_networks.world import Actors, Egos, World
 
 
 class Replay:

@@ -13,7 +13,8 @@ from dohyo.sumo_networks.events.puppet import Puppet
 from dohyo.sumo_networks.events.stage import Entry
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.simulation.registry import Registry
-from dohyo.sumo_networks.world import SIGHT_M, ActorKind, Actors, Egos
+from dohyo.sumo_networks.units import SIGHT_M
+from dohyo.sumo_networks.world import ActorKind, Actors, Egos
 
 ALIGNED_RAD = 0.6
 GRAZED_M = 0.3

@@ -9,8 +9,7 @@ from typing import Any, Final
 import libsumo
 
 from dohyo.sumo_networks.scenario import Traffic
-from dohyo.sumo_networks.units import TICK_S
-from dohyo.sumo_networks.world import SIGHT_M
+from dohyo.sumo_networks.units import SIGHT_M, TICK_S
 
 Reading = tuple[str, float, float, float, float, str, int]
 """Name, x, y [m, SUMO's point of reference], angle [degrees clockwise from north], speed [m/s], lane id, signals."""

@@ -13,7 +13,8 @@ from dohyo.sumo_networks.events.puppet import Puppet
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.simulation.registry import INDICATOR, KINDS
-from dohyo.sumo_networks.world import SIGHT_M, ActorKind, Actors
+from dohyo.sumo_networks.units import SIGHT_M
+from dohyo.sumo_networks.world import ActorKind, Actors
 
 SPACING_M = 40
 _SLACK_M = 30.0

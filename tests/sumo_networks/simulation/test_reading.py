@@ -15,8 +15,8 @@ from dohyo.sumo_networks.routes.edge_graph import draw
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
 from dohyo.sumo_networks.simulation import surroundings
 from dohyo.sumo_networks.simulation.signals import _LIGHTS
-from dohyo.sumo_networks.units import TICK_S
-from dohyo.sumo_networks.world import SIGHT_M, LightState, World
+from dohyo.sumo_networks.units import SIGHT_M, TICK_S
+from dohyo.sumo_networks.world import LightState, World
 from tests.conftest import Start
 
 MISSIONS = {

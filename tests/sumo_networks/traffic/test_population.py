@@ -10,7 +10,7 @@ from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.scenario import Traffic
 from dohyo.sumo_networks.traffic.population import VEHICLE_SHARES, VEHICLE_TYPES, Population, Trip, Walk
-from dohyo.sumo_networks.world import SIGHT_M
+from dohyo.sumo_networks.units import SIGHT_M
 from tests.worlds import _build, _road, lit_crossing
 
 CITIES = ("ingolstadt", "adlershof")
