@@ -25,13 +25,13 @@ SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
 class OnnxPolicy(Agent):
-    """Drives as the model says; every episode in a fresh sandboxed process.
+    """Drives with the model's actions; every episode runs in a new sandboxed process.
 
     A record must not depend on where files lie: an evaluation names the model by its hash alone, and it is found as
     $DOHYO_POLICIES/HASH.onnx, where only files that passed `check_policy` are kept.
 
     Attributes:
-        sha256: Of the model.
+        sha256: Hash of the model.
         settings: The constructor's arguments for the same agent anywhere, for records.
     """
 
@@ -48,21 +48,21 @@ class OnnxPolicy(Agent):
         content: bytes | None = None,
         limits: PolicyLimits | None = None,
     ) -> None:
-        """Reads the model; without a process so far.
+        """Reads the model; the process starts at `reset`.
 
         Args:
-            sha256: The model's; may be left out where `path` or `content` is given.
-            name: The agent's.
-            track: The agent's.
-            sensors: The model's inputs.
-            control: What its output means.
+            sha256: Hash of the model; optional where `path` or `content` is given.
+            name: Name of the agent.
+            track: Track of the agent.
+            sensors: Inputs of the model.
+            control: Control interface of the model's output.
             onnxruntime: The version it was submitted for, on which its last bits depend; "": whichever is here.
-            path: A file of one's own, which is checked first.
-            content: The same, already read.
-            limits: What the model may use.
+            path: A local file, which is checked first.
+            content: Content of such a file.
+            limits: Resources that the model may use.
 
         Raises:
-            InvalidInputError: There is no such model, it is another one, or it may not drive.
+            InvalidInputError: The model is missing, has another hash, or was refused by the checks.
         """
         self.spec = AgentSpec(name=name, track=track, sensors=tuple(sensors), control=control)
         self._limits = limits or PolicyLimits()
@@ -83,7 +83,7 @@ class OnnxPolicy(Agent):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The constructor's arguments for the same agent anywhere."""
+        """Constructor arguments that build the same agent on any machine."""
         spec = self.spec
         return {
             "sha256": self.sha256,
@@ -95,7 +95,7 @@ class OnnxPolicy(Agent):
         }
 
     def reset(self, mission: Mission, seed: int) -> None:
-        """Starts a fresh process: states are zero, random operators draw from the seed."""
+        """Starts a new process: states are zero, random operators draw from the seed."""
         self.close()
         self._sandbox = Sandbox(self._content, self._inputs, self._limits, seed)
 
@@ -118,7 +118,7 @@ class OnnxPolicy(Agent):
 
 
 def _stored(sha256: str) -> Path:
-    """Where a checked model is kept."""
+    """Path of a checked model."""
     if not SHA256.fullmatch(sha256):
         raise InvalidInputError(f"expected the sha256 of a policy, 64 hexadecimal digits, got '{sha256[:80]}'")
     folder = os.environ.get(FOLDER_VARIABLE)

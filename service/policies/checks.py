@@ -1,4 +1,4 @@
-"""Checks: whether an uploaded file is an ONNX policy that may drive.
+"""Checks of an uploaded file: whether it is an ONNX policy that may drive.
 
 Cheap and certain ones first: size, then what the first bytes tell; then what the file says of itself (read in a
 sandboxed process); last, one decision in the sandbox. A refusal is one line that says what was expected and what came.
@@ -27,7 +27,7 @@ _INTEGERS = frozenset(f"{sign}int{bits}" for sign in ("", "u") for bits in (4, 8
 TYPES = _INTEGERS | {"bool", "bfloat16", "float16", "float32", "float64"}
 ADVICE = "export the model with torch.onnx.export, or your framework's exporter, to one .onnx file"
 
-# What people upload instead, by its first bytes.
+# Common wrong uploads by their first bytes.
 _TORCH = "a ZIP archive, as torch.save, TorchScript, Keras and numpy write them"
 _MAGIC = (
     (b"PK\x03\x04", _TORCH),
@@ -50,11 +50,11 @@ _SAFETENSORS = re.compile(rb'.{8}\{\s*"', re.DOTALL)
 
 
 class PolicyRefusedError(InvalidInputError):
-    """An uploaded file that may not drive; the message says what to do instead."""
+    """An uploaded file is refused; the message names a remedy."""
 
 
 class _Value(Config):
-    """One input or output of the graph; None for a dimension that is not fixed, and for what is no tensor."""
+    """One input or output of the graph; None for a dynamic dimension, and for values that are not tensors."""
 
     name: str
     dtype: str
@@ -62,7 +62,7 @@ class _Value(Config):
 
 
 class _Model(Config):
-    """What a file says of itself, see `inspection.inspect_model`."""
+    """Description of a file by itself, see `inspection.inspect_model`."""
 
     ir_version: int
     opsets: dict[str, int]
@@ -76,20 +76,20 @@ class _Model(Config):
 
     @property
     def opset(self) -> int:
-        """Of the standard operators; 0 where the file names none."""
+        """Version of the standard operators; 0 where the file names none."""
         return self.opsets.get("", self.opsets.get("ai.onnx", 0))
 
 
 class PolicyInfo(Config):
-    """What is known of a policy that passed.
+    """Facts of an accepted policy.
 
     Attributes:
-        sha256: Of the file.
-        size_bytes: Of the file.
-        producer: What exported it, as it says itself.
-        ir_version: Of the ONNX format.
-        opset: Of the standard operators.
-        nodes: Operators, those of subgraphs and functions included.
+        sha256: Hash of the file.
+        size_bytes: Size of the file.
+        producer: Exporting program, according to the file.
+        ir_version: Version of the ONNX format.
+        opset: Version of the standard operators.
+        nodes: Number of operators, including subgraphs and functions.
         states: Shapes of the recurrent states by name.
     """
 
@@ -103,10 +103,10 @@ class PolicyInfo(Config):
 
 
 def check_policy(content: bytes, spec: AgentSpec, limits: PolicyLimits | None = None) -> PolicyInfo:
-    """Decides whether a file may drive as an agent of a spec. Nothing is written, and no other file read.
+    """Decides whether a file may drive as an agent of a spec. Writes nothing and reads no other file.
 
     Raises:
-        PolicyRefusedError: It may not.
+        PolicyRefusedError: The file is refused.
         InvalidInputError: The spec names an unknown sensor or control, or a sensor above its track.
         SandboxError: This machine cannot check files safely.
     """
@@ -144,7 +144,7 @@ def _check_size(content: bytes, limits: PolicyLimits) -> None:
 
 
 def _check_format(content: bytes) -> None:
-    """Names what is no ONNX by its first bytes."""
+    """Refuses files of other formats by their first bytes."""
     head = content[:512]
     found = next((what for magic, what in _MAGIC if head.startswith(magic)), None)
     if _BINARY_PICKLE.match(head) or _OLD_PICKLE.match(head):
@@ -170,7 +170,7 @@ def _is_text(head: bytes) -> bool:
 
 
 def _check_contents(model: _Model, limits: PolicyLimits) -> None:
-    """What it is made of: weights inside, known operators, not too many, numbers only."""
+    """Checks the graph: embedded weights, known operators within the limit, numeric tensors only."""
     if model.external is not None:
         raise PolicyRefusedError(
             f"tensor '{model.external}' is kept in another file; save all weights inside (external_data=False)"
@@ -242,7 +242,7 @@ def _checked_states(model: _Model, limits: PolicyLimits) -> dict[str, tuple[int,
 
 
 def _check_extras(model: _Model, inputs: tuple[Tensor, ...], states: Mapping[str, object]) -> None:
-    """Nothing that nobody will feed, and nothing that nobody will read."""
+    """Checks that every input has a source and every output a use."""
     fed = {tensor.name for tensor in inputs} | set(states)
     if extra := [value.name for value in model.inputs if value.name not in fed]:
         names = ", ".join(tensor.name for tensor in inputs)
@@ -253,7 +253,7 @@ def _check_extras(model: _Model, inputs: tuple[Tensor, ...], states: Mapping[str
 
 
 def _try(content: bytes, inputs: tuple[Tensor, ...], action: Tensor, limits: PolicyLimits) -> None:
-    """Two decisions on zeros: it loads, ends, keeps its shapes. NaN is no reason: nobody senses zeros everywhere."""
+    """Runs two decisions on zeros to check loading, time and shapes. NaN is accepted, since zeros are no real input."""
     zeros = {tensor.name: np.zeros(tensor.shape, tensor.dtype) for tensor in inputs}
     try:
         sandbox = Sandbox(content, inputs, limits, seed=0)
@@ -269,7 +269,7 @@ def _try(content: bytes, inputs: tuple[Tensor, ...], action: Tensor, limits: Pol
 
 
 def _text(shape: tuple[int | None, ...] | None) -> str:
-    """A shape for people; "?" for a dimension that is not fixed."""
+    """A shape as text; "?" for a dynamic dimension."""
     if shape is None:
         return "unknown"
     return "(" + ", ".join("?" if length is None else str(length) for length in shape) + ")"

@@ -21,20 +21,20 @@ if TYPE_CHECKING:
 GOOD, BAD = b"+", b"-"
 LENGTH = struct.Struct("<I")
 LARGEST_ACTION = 10_000
-BACKSTOP_S = 2.0  # the parent ends a late decision; this does where there is no parent any more
+BACKSTOP_S = 2.0  # the parent ends a late decision; this limit applies once the parent is gone
 
 Job = dict[str, Any]
 
 
 def main() -> None:
-    """Runs the one job that comes through standard input; returns when the pipe is closed."""
-    # What a library prints must not get among the answers.
+    """Runs the one task that arrives on standard input; returns when the pipe is closed."""
+    # Output of libraries must not mix with the answers.
     answers = os.dup(1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     job: Job = json.loads(_read())
     try:
         task, protections = _prepare(job)
-    except Exception as error:  # told to the parent, which runs nothing then
+    except Exception as error:  # reported to the parent, which then runs nothing
         _write(answers, BAD, str(error))
         return
     _write(answers, GOOD, json.dumps(protections))
@@ -44,15 +44,15 @@ def main() -> None:
         return
     except MemoryError:
         _write(answers, BAD, "it needs more memory than it may have")
-    except Exception as error:  # whatever a stranger's model makes the libraries raise
+    except Exception as error:  # a hostile model may make the libraries raise anything
         _write(answers, BAD, str(error) or type(error).__name__)
 
 
 def _prepare(job: Job) -> tuple[Callable[[Job, int], None], dict[str, Any]]:
-    """Imports what the task needs and gives up everything else; the task, and what protects from it."""
+    """Imports the task's libraries, then confines the process; returns the task and the protections."""
     from dohyo.service.policies.confinement import confine, leave_network
 
-    own_network = leave_network()  # first, while there is one thread
+    own_network = leave_network()  # first, while the process has one thread
     if job["task"] != "probe":
         __import__("onnx" if job["task"] == "inspect" else "onnxruntime")
     if job["task"] == "inspect":
@@ -68,7 +68,7 @@ def _inspect(job: Job, answers: int) -> None:
 
 
 def _drive(job: Job, answers: int) -> None:
-    """Loads the model, says so, then answers observations with actions until the pipe is closed."""
+    """Loads the model, reports it, then answers observations with actions until the pipe is closed."""
     import numpy as np
 
     content = bytes(_read())
@@ -100,21 +100,21 @@ def _drive(job: Job, answers: int) -> None:
 
 
 def _session(content: bytes, seed: int) -> onnxruntime.InferenceSession:
-    """One thread, nothing but the ONNX format, random operators from the seed."""
+    """Session with one thread, the ONNX format only, and seeded random operators."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.use_deterministic_compute = True
     options.log_severity_level = 4
-    # Without it bytes that also are onnxruntime's own format would be read as such, past all checks.
+    # Otherwise bytes in onnxruntime's own format would bypass all checks.
     options.add_session_config_entry("session.load_model_format", "ONNX")
     onnxruntime.set_seed(seed)
     return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
 
 
 def _packed(action: Any) -> bytes:
-    """An action as the number of its dimensions, the dimensions and float32 numbers."""
+    """Packs an action: the number of dimensions, the dimensions, then float32 values."""
     if getattr(action, "dtype", None) != "float32":
         raise ValueError(f"output 'action' is {getattr(action, 'dtype', 'no tensor')}, expected float32")
     if action.size > LARGEST_ACTION or action.ndim > 8:
@@ -123,7 +123,7 @@ def _packed(action: Any) -> bytes:
 
 
 def _probe(job: Job, answers: int) -> None:
-    """Tries what a policy must not do; tells what each attempt came to."""
+    """Attempts forbidden actions and returns the result of each attempt."""
     attempts: dict[str, Callable[[], object]] = {
         "open a socket": socket.socket,
         "open a pair of sockets": socket.socketpair,
@@ -151,7 +151,7 @@ TASKS: dict[str, Callable[[Job, int], None]] = {"inspect": _inspect, "drive": _d
 
 
 def _deadline(seconds: float) -> None:
-    """The kernel ends this process after that time; 0: never."""
+    """Lets the kernel end this process after that time; 0: never."""
     signal.setitimer(signal.ITIMER_REAL, seconds + BACKSTOP_S if seconds else 0.0)
 
 
@@ -172,7 +172,7 @@ def _read() -> bytearray:
 
 
 def _read_into(buffer: bytearray) -> None:
-    """Fills a buffer from standard input.
+    """Reads bytes from standard input until a buffer is full.
 
     Raises:
         EOFError: The pipe was closed.
@@ -186,7 +186,7 @@ def _read_into(buffer: bytearray) -> None:
 
 
 def _write(pipe: int, kind: bytes, content: str | bytes) -> None:
-    """Sends a frame; messages are cut, and never longer than the parent takes."""
+    """Sends a frame; long messages are cut to the parent's limit."""
     if isinstance(content, str):
         content = content.encode(errors="replace")
     if kind == BAD:

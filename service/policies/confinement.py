@@ -1,4 +1,4 @@
-"""Confinement: what the sandboxed process takes away from itself before it sees a byte of a policy.
+"""Confinement: rights that the sandboxed process gives up before it reads a byte of a policy.
 
 Always, or the process refuses to go on:
 * limits of address space and processor time; nothing written to files; no new files, processes, threads or core dumps;
@@ -31,24 +31,24 @@ _CAPABILITY_VERSION = 0x20080522
 
 
 def leave_network() -> bool:
-    """Moves this process, which must have one thread, to a network of its own; whether that was allowed."""
+    """Moves this single-threaded process to an empty network namespace; returns whether that was allowed."""
     libc = ctypes.CDLL(None, use_errno=True)
     flags = _CLONE_NEWNET if os.geteuid() == 0 else _CLONE_NEWNET | _CLONE_NEWUSER
     return bool(libc.unshare(flags) == 0)
 
 
 def confine(memory_mb: int, cpu_s: int) -> dict[str, Any]:
-    """Takes away everything but computing; nothing can be imported or opened afterwards.
+    """Gives up every right except computing; nothing can be imported or opened afterwards.
 
     Args:
         memory_mb: Address space, in megabytes.
         cpu_s: Processor time, in seconds.
 
     Returns:
-        What holds: user id, whether the root directory is empty, whether system calls are filtered.
+        Protections: user id, whether the root directory is empty, whether system calls are filtered.
 
     Raises:
-        OSError: This machine does not let the process give up what it must.
+        OSError: This machine does not allow a required restriction.
     """
     with suppress(OSError), open("/proc/self/oom_score_adj", "w") as file:
         file.write("1000")
@@ -73,14 +73,14 @@ def _become(user: pwd.struct_passwd) -> None:
 
 
 def _drop_capabilities() -> None:
-    """Those that came with a user namespace; `nobody` has none."""
+    """Drops capabilities that came with a user namespace; `nobody` has none."""
     version_and_self = struct.pack("<Ii", _CAPABILITY_VERSION, 0)
     if ctypes.CDLL(None, use_errno=True).capset(version_and_self, bytes(24)):
         raise OSError(ctypes.get_errno(), f"capset: {os.strerror(ctypes.get_errno())}")
 
 
 def _enter_empty_directory() -> bool:
-    """Works in a directory that is already deleted, so that it stays empty; whether it became the root as well."""
+    """Changes to a deleted directory, which stays empty; returns whether it became the root directory."""
     directory = tempfile.mkdtemp(prefix="dohyo-policy-")
     os.chdir(directory)
     os.rmdir(directory)
@@ -105,5 +105,5 @@ def _limit(memory_mb: int, cpu_s: int) -> None:
         hard = resource.getrlimit(which)[1]
         least = most if hard == resource.RLIM_INFINITY else min(most, hard)
         resource.setrlimit(which, (least, least))
-    # At the soft limit comes SIGXCPU, which tells why; at the hard one SIGKILL.
+    # The soft limit sends SIGXCPU, which names the reason; the hard one sends SIGKILL.
     resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s + 1))

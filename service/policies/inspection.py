@@ -1,4 +1,4 @@
-"""Inspection: what an ONNX file says of itself, as plain data. Runs in the sandboxed process, on hostile bytes.
+"""Inspection: description of an ONNX file as plain data. Runs in the sandboxed process, on hostile bytes.
 
 The file is parsed as the protocol buffer it is: onnx's own loader, which follows references to files, is not used.
 """
@@ -16,10 +16,10 @@ LONGEST_NAME = 100
 
 
 def inspect_model(content: bytes) -> dict[str, Any]:
-    """Counts and lists what the checks are about; see `checks` for what is made of it.
+    """Counts and lists the facts that `checks` judges.
 
     Raises:
-        ValueError: The bytes are no ONNX model.
+        ValueError: The bytes are not an ONNX model.
     """
     model = onnx.ModelProto()
     try:
@@ -66,7 +66,7 @@ def _messages(root: Message) -> Iterator[Message]:
 
 
 def _value(value: onnx.ValueInfoProto) -> dict[str, Any]:
-    """Name, element type and shape; None for a dimension that is not fixed, and for what is no tensor."""
+    """Name, element type and shape; None for a dynamic dimension, and for values that are not tensors."""
     if value.type.WhichOneof("value") != "tensor_type":
         return {"name": value.name[:LONGEST_NAME], "dtype": "no tensor", "shape": None}
     tensor = value.type.tensor_type
@@ -79,7 +79,7 @@ def _value(value: onnx.ValueInfoProto) -> dict[str, Any]:
 
 
 def _type_name(number: int) -> str:
-    """The name of an element type, as numpy has it."""
+    """numpy's name of an element type."""
     if number not in onnx.TensorProto.DataType.values():
         return f"type {number}"
     name: str = onnx.TensorProto.DataType.Name(number)

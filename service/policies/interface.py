@@ -1,4 +1,4 @@
-"""Interface: what a policy's inputs and outputs must be, for the checks, the sandbox and the published document."""
+"""Interface: required inputs and outputs of a policy, for the checks, the sandbox and the published document."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class Tensor:
     """One input or output.
 
     Attributes:
-        name: In the ONNX graph.
-        shape: Without a leading batch dimension.
+        name: Name in the ONNX graph.
+        shape: Shape without a leading batch dimension.
         dtype: "float32" or "uint8".
     """
 
@@ -43,27 +43,27 @@ class Tensor:
 
 
 def expected_inputs(spec: AgentSpec) -> tuple[Tensor, ...]:
-    """One per sensor, in the spec's order.
+    """One input per sensor, in the spec's order.
 
     Raises:
-        UnknownNameError: There is no such sensor.
-        InvalidInputError: The track may not use one of them.
+        UnknownNameError: A sensor is unknown.
+        InvalidInputError: The track does not permit a sensor.
     """
     sensors = make_sensors(spec.sensors, Track[spec.track.upper()])
     return tuple(Tensor(sensor.name, tuple(sensor.space.shape), _dtype(sensor.space)) for sensor in sensors)
 
 
 def expected_action(spec: AgentSpec) -> Tensor:
-    """The output that acts.
+    """The output that holds the action.
 
     Raises:
-        UnknownNameError: There is no such control.
+        UnknownNameError: The control is unknown.
     """
     return Tensor(ACTION, tuple(_control(spec.control)[0].shape), "float32")
 
 
 def observation_spec(spec: AgentSpec) -> dict[str, Any]:
-    """What a policy of a spec gets and must answer, as plain JSON.
+    """Inputs and output of a policy of a spec, as plain JSON.
 
     Raises:
         InvalidInputError: An unknown name, or a sensor above the track.
@@ -119,7 +119,7 @@ def _space_document(space: Box) -> dict[str, Any]:
 
 
 def _bound(values: np.ndarray) -> Any:
-    """One number where all are the same, nested lists otherwise; None stands for no bound."""
+    """One number where all are equal, nested lists otherwise; None for an unbounded value."""
     if values.size and (values == values.flat[0]).all():
         values = values.flat[0]
     return np.where(np.isfinite(values), values, np.array(None)).tolist()

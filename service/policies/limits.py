@@ -1,4 +1,4 @@
-"""PolicyLimits: how much one uploaded policy may be and use."""
+"""PolicyLimits: size and resources of one uploaded policy."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ MEGABYTE = 1_000_000
 
 
 class PolicyLimits(Config):
-    """What one policy may be and use; the defaults are the service's.
+    """Size and resources of one policy; the defaults are the service's.
 
     Attributes:
         file_mb: Size of the .onnx file.
-        nodes: Operators, those of subgraphs and functions included.
-        state_values: Numbers in all recurrent states together.
+        nodes: Number of operators, including subgraphs and functions.
+        state_values: Number of values in all recurrent states.
         memory_mb: Address space of its process, about 250 MB of which are Python, numpy and onnxruntime.
         cpu_s: Processor time of its process; a process serves one episode.
-        load_s: Wall-clock time to load the model.
-        decision_s: Wall-clock time of one decision.
+        load_s: Wall-clock limit for loading the model, s.
+        decision_s: Wall-clock limit of one decision, s.
     """
 
     file_mb: Annotated[float, Field(gt=0, le=1000)] = 50.0

@@ -1,4 +1,4 @@
-"""Sandbox: an ONNX model in a process of its own that can do nothing but compute.
+"""Sandbox: an ONNX model in a separate process that can only compute.
 
 The model's bytes, the observations and the actions go over pipes, in frames whose length is bounded at both ends.
 `confinement` says what the process gives up; this end bounds time, and ends the process when it is over.
@@ -39,23 +39,23 @@ ROOT = Path(__file__).parents[2]
 START = "import sys; sys.path.append(sys.argv[1]); from dohyo.service.policies.child import main; main()"
 OUT_OF_MEMORY = re.compile("Failed to allocate memory|bad_alloc|more memory than")
 SOURCE_LINE = re.compile(r"/onnxruntime_src/\S+ .*?\) (?=[A-Z\[])|\[ONNXRuntimeError\] : \d+ : [A-Z_]+ : ")
-# Nothing of ours. One thread in numpy's libraries; and onnxruntime's wheels report to their maker unless told not to.
+# None of our environment. One thread in numpy's libraries; onnxruntime's wheels send telemetry unless disabled.
 ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "ORT_DISABLE_TELEMETRY": "1"}
 
 
 class SandboxError(SimulationError):
-    """This machine cannot run policies safely, or not now. Says nothing about the policy."""
+    """This machine cannot run policies safely at the moment. Says nothing about the policy."""
 
 
 def inspect_safely(content: bytes, limits: PolicyLimits) -> bytes:
-    """What a file says of itself, see `inspection.inspect_model`; parsed in a sandboxed process.
+    """Description of a file by itself, see `inspection.inspect_model`; parsed in a sandboxed process.
 
     Returns:
         JSON from a process that has read hostile bytes: not to be trusted.
 
     Raises:
-        AgentError: It is no ONNX model, or parsing it needs too much.
-        SandboxError: There is no sandbox to be had.
+        AgentError: The file is not an ONNX model, or parsing it exceeds a limit.
+        SandboxError: The sandbox cannot be started.
     """
     child = _Child({"task": "inspect"}, limits)
     try:
@@ -66,10 +66,10 @@ def inspect_safely(content: bytes, limits: PolicyLimits) -> bytes:
 
 
 def probe(limits: PolicyLimits | None = None) -> dict[str, Any]:
-    """What holds on this machine: what the sandboxed process gave up, and what its attempts to break out came to.
+    """Protections on this machine: rights that the sandboxed process gave up, and results of its attempts to escape.
 
     Raises:
-        SandboxError: There is no sandbox to be had.
+        SandboxError: The sandbox cannot be started.
     """
     limits = limits or PolicyLimits()
     child = _Child({"task": "probe", "parent": os.getpid()}, limits)
@@ -83,23 +83,23 @@ class Sandbox:
     """A loaded model; one process, for one episode.
 
     Attributes:
-        pid: Of the process.
-        protections: What the process gave up, see `confinement.confine`.
+        pid: Identifier of the process.
+        protections: Rights that the process gave up, see `confinement.confine`.
     """
 
     def __init__(self, content: bytes, inputs: tuple[Tensor, ...], limits: PolicyLimits, seed: int) -> None:
         """Starts the process and loads the model.
 
         Args:
-            content: The .onnx file.
-            inputs: What an observation holds.
-            limits: What the model may use.
-            seed: Of its random operators.
+            content: Content of the .onnx file.
+            inputs: Inputs that an observation holds.
+            limits: Resources that the model may use.
+            seed: Seed of its random operators.
 
         Raises:
             AgentError: The model cannot be loaded.
-            AgentTimeoutError: It cannot be loaded in time.
-            SandboxError: There is no sandbox to be had.
+            AgentTimeoutError: The model does not load in time.
+            SandboxError: The sandbox cannot be started.
         """
         self._inputs, self._limits = inputs, limits
         job = {
@@ -119,31 +119,31 @@ class Sandbox:
             raise
 
     def decide(self, observation: Observation) -> Float32Array:
-        """The model's output `action`, of whatever shape it is.
+        """The model's output `action`, of any shape.
 
         Args:
             observation: One array per input.
 
         Raises:
-            AgentError: The model failed, or its process is no more.
-            AgentTimeoutError: It did not answer in time; its process was ended.
+            AgentError: The model failed, or its process has ended.
+            AgentTimeoutError: The model did not answer in time; its process was ended.
         """
         request = b"".join(_raw(tensor, observation) for tensor in self._inputs)
         seconds = self._limits.decision_s
         try:
             self._child.send_raw(request, seconds, "a decision")
             return _action(self._child.receive(seconds, "a decision"))
-        except BaseException:  # also a deadline further up: what comes next through the pipe would be an old answer
+        except BaseException:  # after an outer deadline the next answer in the pipe would be an old one
             self.close()
             raise
 
     def close(self) -> None:
-        """Ends the process; a second time does nothing."""
+        """Ends the process; a second call has no effect."""
         self._child.end()
 
 
 class _Child:
-    """The process and its pipes, as its parent sees them."""
+    """The parent's handle of the process and its pipes."""
 
     def __init__(self, job: Mapping[str, Any], limits: PolicyLimits) -> None:
         self._limits = limits
@@ -163,7 +163,7 @@ class _Child:
         assert process.stdout is not None
         self.pid, self._process = process.pid, process
         self._in, self._out = process.stdin.fileno(), process.stdout.fileno()
-        # Also where nobody closes it, and at exit: no process is left behind.
+        # Runs without a call of `close` and at exit too, so that no process is left behind.
         self.end = weakref.finalize(self, _end, process)
         os.set_blocking(self._in, False)
         os.set_blocking(self._out, False)
@@ -190,11 +190,11 @@ class _Child:
         self.send_raw(LENGTH.pack(len(content)) + content, seconds, what)
 
     def send_raw(self, content: bytes, seconds: float, what: str) -> None:
-        """Sends bytes whose number the process knows.
+        """Sends bytes of a length that the process knows.
 
         Raises:
             AgentError: The process has ended.
-            AgentTimeoutError: It does not read in time; it was ended.
+            AgentTimeoutError: The process does not read in time and was ended.
         """
         if not self.end.alive:
             raise AgentError("the policy's process has ended")
@@ -205,7 +205,7 @@ class _Child:
             except BlockingIOError:
                 self._wait(self._writable, until, seconds, what)
             except BrokenPipeError:
-                # It may have said why before it ended.
+                # The process may have sent its reason before it ended.
                 self.receive(seconds, what)
                 raise self._died(what) from None
 
@@ -239,7 +239,7 @@ class _Child:
             raise AgentTimeoutError(f"the policy's process was ended: {what} took longer than {seconds:g} s")
 
     def _died(self, what: str) -> AgentError:
-        """Why there is no answer; the process is ended, if it is not yet."""
+        """Reason of a missing answer; ends the process if it still runs."""
         try:
             code = self._process.wait(timeout=1.0)
         except subprocess.TimeoutExpired:
@@ -259,13 +259,13 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     for pipe in (process.stdin, process.stdout):
         if pipe is not None:
             pipe.close()
-    with suppress(PermissionError):  # it ends itself then, since its pipe is closed
+    with suppress(PermissionError):  # the process ends itself, since its pipe is closed
         process.kill()
     process.wait()
 
 
 def _widen(pipe: int) -> None:
-    """A camera's image then goes through in one piece; where that is not allowed it goes in several."""
+    """Enlarges the pipe, so that a camera image passes in one piece where the system allows it."""
     try:
         fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
     except OSError:
@@ -292,7 +292,7 @@ def _action(answer: bytes) -> Float32Array:
 
 
 def _reason(message: bytes, limits: PolicyLimits) -> str:
-    """The process's message as one line, without onnxruntime's source lines and C++ signatures."""
+    """The message of the process in one line, without onnxruntime's source lines and C++ signatures."""
     text = message.decode(errors="replace")
     if OUT_OF_MEMORY.search(text):
         return f"it needs more than the {limits.memory_mb} MB of memory it may have"

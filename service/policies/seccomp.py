@@ -1,4 +1,4 @@
-"""A system call filter for the sandboxed process: what is not on the list fails with EPERM.
+"""System call filter of the sandboxed process: calls that are not on the list fail with EPERM.
 
 Source: the kernel's documentation of seccomp filters; numbers from its unistd headers.
 """
@@ -10,7 +10,7 @@ import errno
 import os
 import platform
 
-# Computing needs memory, time, and the pipes that are already open. x86-64 and aarch64 numbers.
+# Calls for memory, time, and open pipes. Numbers on x86-64 and aarch64.
 ALLOWED = {
     "read": (0, 63),
     "readv": (19, 65),
@@ -67,7 +67,7 @@ class _Program(ctypes.Structure):
 
 
 def install_filter() -> None:
-    """Filters the system calls of every thread of this process, for good.
+    """Filters the system calls of every thread of this process for ever.
 
     Raises:
         OSError: The machine is unknown, or the kernel has no seccomp filters.
