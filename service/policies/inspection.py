@@ -79,7 +79,7 @@ def _value(value: onnx.ValueInfoProto) -> dict[str, Any]:
 
 
 def _type_name(number: int) -> str:
-    """numpy's name of an element type."""
+    """Name of an element type in numpy."""
     if number not in onnx.TensorProto.DataType.values():
         return f"type {number}"
     name: str = onnx.TensorProto.DataType.Name(number)
