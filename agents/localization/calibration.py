@@ -17,7 +17,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 LEVEL_AND_AT_REST = np.array([0.0, 0.0, GRAVITY, 0.0, 0.0, 0.0])
 MIN_SAMPLES = 20
 MAX_RATE_SPREAD, MAX_FORCE_SPREAD = math.radians(2.0), 1.0
-"""Above these standard deviations of a sample, rad/s and m/s^2, a vehicle does not stand. Ours."""
+"""Standard deviations of a sample, rad/s and m/s^2, above which a vehicle does not stand. Ours."""
 
 
 @dataclass(frozen=True)
@@ -38,13 +38,13 @@ class Calibration:
 
 
 NONE = Calibration(np.zeros(6), np.zeros(6))
-"""Takes the IMU at its word."""
+"""No correction of the IMU."""
 
 
 def calibrate(samples: FloatArray) -> Calibration:
     """The offsets of an IMU on a vehicle that stands level.
 
-    What tilt there is counts as an offset of the accelerometer.
+    A tilt counts as an offset of the accelerometer.
 
     Args:
         samples: (N, 6) specific force [m/s^2] and angular rate [rad/s], body frame (x forward, y left, z up).
@@ -55,7 +55,7 @@ def calibrate(samples: FloatArray) -> Calibration:
     if len(samples) < MIN_SAMPLES:
         raise InvalidInputError(f"calibration: expected at least {MIN_SAMPLES} samples at rest, got {len(samples)}")
     spread = samples.std(axis=0, ddof=1)
-    # A slow, steady motion shows in the means of the two halves rather than in the spread.
+    # A slow, steady motion changes the means of the two halves rather than the spread.
     half = len(samples) // 2
     drift = np.abs(samples[:half].mean(axis=0) - samples[-half:].mean(axis=0))
     if spread[:3].max() > MAX_FORCE_SPREAD or spread[3:].max() > MAX_RATE_SPREAD or drift[3:].max() > MAX_RATE_SPREAD:

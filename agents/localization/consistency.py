@@ -1,4 +1,4 @@
-"""Consistency: whether a filter is as wrong as it says. NEES against the truth, NIS against the fixes.
+"""Consistency: whether a filter's covariance fits its errors. NEES against the truth, NIS against the fixes.
 
 Source: Bar-Shalom, Li and Kirubarajan 2001, 5.4.
 """
@@ -16,20 +16,20 @@ def nees(error: FloatArray, covariance: FloatArray) -> float:
 
     Args:
         error: (d,).
-        covariance: (d, d) as the filter sees it.
+        covariance: (d, d) of the filter.
 
     Returns:
-        Chi-square of d degrees of freedom if the filter is right; above d where it is too sure of itself.
+        Chi-square of d degrees of freedom if the filter is right; above d where it is overconfident.
     """
     return float(error @ np.linalg.solve(covariance, error))
 
 
 def mean_bounds(dimension: int, runs: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Within which the mean of so many independent NEES or NIS of one dimension lies, if the filter is right."""
+    """Interval of the mean of independent NEES or NIS of one dimension, if the filter is right."""
     degrees, tail = dimension * runs, 0.5 * (1.0 - confidence)
     return float(chdtri(degrees, 1.0 - tail)) / runs, float(chdtri(degrees, tail)) / runs
 
 
 def quantile(dimension: int, probability: float) -> float:
-    """Below which one NEES or NIS lies with a probability, if the filter is right."""
+    """Quantile of one NEES or NIS, if the filter is right."""
     return float(chdtri(dimension, 1.0 - probability))

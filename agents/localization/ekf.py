@@ -1,7 +1,7 @@
 """EKF: the baseline. The same model, noise and start as the ES-EKF, but it estimates the full state of 19 components.
 
-The quaternion is estimated like any four numbers and brought back to length 1 after each correction. filterpy does the
-filtering; here is the model.
+The quaternion is estimated as four numbers and normalised after each correction. filterpy is the filter; this file has
+the model.
 """
 
 from __future__ import annotations
@@ -103,12 +103,12 @@ class Ekf:
 
 @njit(cache=True)
 def _half_turns(q: FloatArray) -> FloatArray:
-    """(4, 3) what a small rotation in the body frame adds to a quaternion."""
+    """(4, 3) derivative of a quaternion by a small rotation in the body frame."""
     return 0.5 * np.array([[-q[1], -q[2], -q[3]], [q[0], -q[3], q[2]], [q[3], q[0], -q[1]], [-q[2], q[1], q[0]]])
 
 
 def _from_error_state(q: FloatArray) -> FloatArray:
-    """(19, 18) what an error of the ES-EKF's kind is in the full state."""
+    """(19, 18) derivative of the full state by the ES-EKF's error state."""
     out = np.zeros((19, 18))
     out[:6, :6], out[6:10, 6:9], out[10:, 9:] = np.eye(6), _half_turns(q), np.eye(9)
     return out

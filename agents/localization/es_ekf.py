@@ -100,13 +100,13 @@ class EsEkf:
         diagonal[8] += heading_std**2
 
     def error(self, position: FloatArray, velocity: FloatArray, quaternion: FloatArray) -> FloatArray:
-        """(9,) the true error of position [m], velocity [m/s] and attitude [rad], as the error state counts it."""
+        """(9,) the true error of position [m], velocity [m/s] and attitude [rad], in the sense of the error state."""
         return _error(self.nominal, position, velocity, quaternion)
 
 
 @njit(cache=True)
 def integrate(nominal: FloatArray, specific_force: FloatArray, rate: FloatArray, dt: float) -> None:
-    """Moves (19,) nominal state on in place, by an IMU sample that held for dt [s]."""
+    """Integrates the (19,) nominal state in place, with an IMU sample that holds for dt [s]."""
     turn = (rate - nominal[GYROSCOPE]) * dt
     middle = matrix(product(nominal[QUATERNION], exponential(0.5 * turn)))
     acceleration = nominal[GRAVITY].copy()
@@ -121,7 +121,7 @@ def integrate(nominal: FloatArray, specific_force: FloatArray, rate: FloatArray,
 
 @njit(cache=True)
 def transition(nominal: FloatArray, specific_force: FloatArray, rate: FloatArray, dt: float) -> FloatArray:
-    """(18, 18) how an error of the nominal state grows over a step: F_x, exact to first order in dt."""
+    """(18, 18) F_x: growth of an error of the nominal state over a step, exact to first order in dt."""
     F = np.eye(18)
     R = matrix(nominal[QUATERNION])
     F[DP, DV] = dt * np.eye(3)
@@ -135,7 +135,7 @@ def transition(nominal: FloatArray, specific_force: FloatArray, rate: FloatArray
 
 @njit(cache=True)
 def reset_jacobian(correction: FloatArray) -> FloatArray:
-    """(3, 3) how the attitude error's frame turns when (3,) a correction [rad] is put into the nominal state.
+    """(3, 3) rotation of the attitude error's frame by a (3,) correction [rad] of the nominal state.
 
     The block of the reset's Jacobian G that is not the identity.
     """
@@ -219,7 +219,7 @@ def _times(a: FloatArray, b: FloatArray) -> FloatArray:
 
 @njit(cache=True)
 def _inverse(m: FloatArray) -> FloatArray:
-    """Of a (3, 3) matrix, by cofactors."""
+    """Inverse of a (3, 3) matrix, by cofactors."""
     out = np.empty((3, 3))
     for i in range(3):
         for j in range(3):

@@ -20,7 +20,7 @@ SYMBOLS = ("circle", "square", "diamond", "triangle-up")
 
 
 def track_figure(track: EstimatedTrack, gnss: PositionLog, truth: FloatArray | None) -> go.Figure:
-    """Where the vehicle went: fixes, estimate, and the truth where it is known.
+    """Track on the plane: fixes, estimate, and the truth if known.
 
     Args:
         track: The estimate.
@@ -53,14 +53,14 @@ def track_figure(track: EstimatedTrack, gnss: PositionLog, truth: FloatArray | N
 
 
 def error_figure(track: EstimatedTrack, truth: FloatArray) -> go.Figure:
-    """How far the estimate is from the truth, and how far it thinks it may be.
+    """Error of the estimate, and its own bound.
 
     Args:
         track: The estimate.
         truth: (K, 2) true positions at the track's times, m.
     """
     error = np.hypot(*(track.position - truth).T)
-    # Twice the root of the larger half-axis squared would be the ellipse's; the trace is simpler, and above it.
+    # The ellipse would need the larger half-axis; the trace is simpler, and an upper bound.
     bound = 2.0 * np.sqrt(np.trace(track.covariance, axis1=1, axis2=2))
     every = max(1, len(error) // 4000)
     figure = go.Figure()
@@ -82,11 +82,11 @@ def error_figure(track: EstimatedTrack, truth: FloatArray) -> go.Figure:
 
 
 def nis_figure(track: EstimatedTrack, bound: float) -> go.Figure:
-    """How surprising each fix was to the filter.
+    """NIS of each fix.
 
     Args:
         track: The estimate.
-        bound: Below which 95 % of them lie if the filter is right.
+        bound: 95 % quantile for a correct filter.
     """
     nis = np.array([one.nis for one in track.innovations])
     figure = go.Figure()

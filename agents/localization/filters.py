@@ -1,4 +1,4 @@
-"""What the filters share: where they start, what noise they assume, and the interface the localizer drives."""
+"""Shared by the filters: initial state, assumed noise, and the interface that the localizer uses."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class FilterNoise:
     Attributes:
         accelerometer: White noise, m/s^2 per root Hz.
         gyroscope: White noise, rad/s per root Hz.
-        accelerometer_walk: Of its bias, m/s^2 per root second.
-        gyroscope_walk: Of its bias, rad/s per root second.
+        accelerometer_walk: Random walk of its bias, m/s^2 per root second.
+        gyroscope_walk: Random walk of its bias, rad/s per root second.
     """
 
     accelerometer: float = ICM_20600.accelerometer_density
@@ -35,7 +35,7 @@ class FilterNoise:
 
     @classmethod
     def of(cls, imu: ImuNoise, rate_hz: float = 100.0) -> FilterNoise:
-        """What describes an IMU, its vibration counted as white noise."""
+        """Noise of an IMU, with its vibration as white noise."""
         shaken = imu.vibration / math.sqrt(rate_hz)
         return cls(
             accelerometer=math.hypot(imu.accelerometer_density, shaken),
@@ -47,7 +47,7 @@ class FilterNoise:
 
 @dataclass(frozen=True)
 class InitialState:
-    """Where a filter starts, and how well that is known (standard deviations of each axis).
+    """Initial state of a filter, with standard deviations of each axis.
 
     Attributes:
         position: (3,), m, navigation frame: east, north, up.
@@ -56,7 +56,7 @@ class InitialState:
         position_std: m.
         velocity_std: m/s.
         heading_std: rad.
-        tilt_std: Of roll and pitch, rad.
+        tilt_std: Roll and pitch, rad.
         accelerometer_bias_std: m/s^2; the bias itself starts at 0.
         gyroscope_bias_std: rad/s; likewise.
         gravity_std: m/s^2.
@@ -89,11 +89,11 @@ class InitialState:
 
 @dataclass(frozen=True, slots=True)
 class Innovation:
-    """How far a fix lay from where the filter expected it.
+    """Difference of a fix to the filter's expectation.
 
     Attributes:
         residual: (3,), m.
-        covariance: (3, 3), m^2, of the residual as the filter sees it.
+        covariance: (3, 3), m^2, of the residual, by the filter.
         nis: The residual's square in units of that covariance; chi-square of 3 degrees if the filter is right.
     """
 
@@ -125,25 +125,25 @@ class Filter(Protocol):
     def position_covariance(self) -> FloatArray: ...  # noqa: D102
 
     def predict(self, specific_force: FloatArray, rate: FloatArray, dt: float) -> None:
-        """Moves on by dt [s], over which (3,) m/s^2 and (3,) rad/s held in the body frame."""
+        """Predicts over dt [s], with constant (3,) m/s^2 and (3,) rad/s in the body frame."""
 
     def expect(self, position: FloatArray, sigma_m: float) -> Innovation:
-        """What a fix (3,) [m] of so many metres would say, without using it."""
+        """Innovation of a fix (3,) [m] with a standard deviation [m], without using it."""
         ...
 
     def correct(self, position: FloatArray, sigma_m: float) -> None:
         """Uses a fix."""
 
     def loosen(self, position_std: float, velocity_std: float, heading_std: float) -> None:
-        """Forgets: adds so much to what it is unsure of [m, m/s, rad]."""
+        """Raises the uncertainty of position, velocity and attitude [m, m/s, rad]."""
 
 
 def gnss_covariance(sigma_m: float) -> FloatArray:
-    """(3, 3), m^2: of a fix with so much standard deviation in east and in north, and 1.5 times as much in height."""
+    """(3, 3), m^2: of a fix with a standard deviation in east and north, and 1.5 times as much in height."""
     return np.diag(np.array([1.0, 1.0, VERTICAL**2])) * sigma_m**2
 
 
 def innovation(position: FloatArray, covariance: FloatArray, fix: FloatArray, sigma_m: float) -> Innovation:
-    """The innovation of a fix, for any filter whose state holds the position itself."""
+    """Innovation of a fix, for filters with the position in their state."""
     residual, spread = fix - position, covariance + gnss_covariance(sigma_m)
     return Innovation(residual, spread, float(residual @ np.linalg.solve(spread, residual)))

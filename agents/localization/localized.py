@@ -1,8 +1,8 @@
-"""Localized: any agent, made to drive by the pose that a filter estimates instead of the true one.
+"""Localized: any agent, driving by a filter's estimated pose instead of the true one.
 
     dohyo evaluate --agent autopilot --benchmark quickstart --set localization=es-ekf --set gnss=gnss_rtk
 
-What the agent's map says of its place is worked out anew, see `view`; what it sees of others stays.
+Map data at the ego are recomputed, see `view`; observations of others stay.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ STAND: Mapping[str, np.ndarray] = MappingProxyType(
         "lane_command": np.zeros(2),
     }
 )
-"""What keeps a vehicle standing, by control."""
+"""Action that keeps a vehicle standing, by control."""
 
 
 class Localized(Agent):
@@ -50,7 +50,7 @@ class Localized(Agent):
             settings: Of the inner agent.
 
         Raises:
-            InvalidInputError: A name is unknown, or the agent sees nothing that depends on its pose.
+            InvalidInputError: A name is unknown, or no sensor of the agent depends on its pose.
         """
         self._believes = localization, gnss
         self._view = LocalizedView(*self._believes)
@@ -71,23 +71,23 @@ class Localized(Agent):
 
     @property
     def localizer(self) -> Localizer:
-        """Of the current episode."""
+        """Localizer of the current episode."""
         return self._view.localizer
 
     def reset(self, mission: Mission, seed: int) -> None:
-        """Forgets the last episode."""
+        """Clears the state of the last episode."""
         self.inner.reset(mission, seed)
         self._view = LocalizedView(*self._believes)
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Stands while the IMU is calibrated; then what the inner agent does in the estimated place."""
+        """Stands while the IMU is calibrated; then the inner agent's action at the estimated pose."""
         seen = {**observation, **self._view.seen(observation)}
         if self._view.pose is None:
             return STAND[self.spec.control].copy()
         return self.inner.act({name: seen[name] for name in self.inner.spec.sensors})
 
     def explain(self) -> Explanation | None:
-        """What the inner agent says, and where the vehicle is believed to be."""
+        """Explanation of the inner agent, and the estimated pose."""
         pose = self._view.pose
         if pose is None or self.localizer.filter is None:
             return {"localization": "standing still to calibrate"}

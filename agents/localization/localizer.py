@@ -1,9 +1,8 @@
 """Localizer: from the raw samples of an IMU and a GNSS receiver to a pose. Calibrate, align, low-pass, filter.
 
-It goes through three phases. *Standing*: the IMU is calibrated and the fixes are averaged. *Aligning*: the vehicle sets
-off, and the track that the IMU draws from there is turned until it points to where the fixes are, which gives the
-heading. *Running*: the filter, from the moment at which the vehicle set off. A heading known otherwise (from a map)
-makes the second phase unnecessary.
+There are three phases. *Standing*: the IMU is calibrated and the fixes are averaged. *Aligning*: the vehicle sets off,
+and the IMU's track is turned until it fits the fixes, which gives the heading. *Running*: the filter, from the moment
+at which the vehicle set off. With a heading from a map, the second phase is left out.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 
 def _ekf(start: InitialState, noise: FilterNoise) -> Filter:
-    from dohyo.agents.localization.ekf import Ekf  # filterpy takes a second to import; most need only the ES-EKF
+    from dohyo.agents.localization.ekf import Ekf  # filterpy takes a second to import; most uses need only the ES-EKF
 
     return Ekf(start, noise)
 
@@ -39,31 +38,31 @@ def _ukf(start: InitialState, noise: FilterNoise) -> Filter:
 FILTERS: Mapping[str, Callable[[InitialState, FilterNoise], Filter]] = MappingProxyType(
     {"es-ekf": EsEkf, "ekf": _ekf, "ukf": _ukf, "imu": EsEkf}
 )
-"""Filters by name; "imu" is dead reckoning: it never looks at a fix once it runs."""
+"""Filters by name; "imu" is dead reckoning, which uses no fix once it runs."""
 
 GATE = 21.1
-"""A fix above this NIS is an outlier: one in 10 000 of a filter that is right (chi-square, 3 degrees)."""
+"""NIS above which a fix is an outlier: one in 10 000 for a correct filter (chi-square, 3 degrees)."""
 PATIENCE = 5
-"""So many outliers in a row are no outliers: the filter is wrong."""
+"""Number of consecutive outliers after which the fixes are believed."""
 MAX_STEP_S = 0.1
-"""A gap in the IMU longer than this is driven through blindly."""
+"""Length of a gap in the IMU's samples above which the uncertainty is raised, s."""
 BLIND_ACCELERATION, BLIND_YAW_RATE = 3.0, 0.3
-"""What a car may do meanwhile, standard deviations, m/s^2 and rad/s."""
+"""Motion of a car during a gap, standard deviations, m/s^2 and rad/s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How a localizer works.
+    """Settings of a localizer.
 
     Attributes:
         filter: A name of `FILTERS`.
-        calibrate: Whether to measure the IMU's offsets at rest, before setting off; else it is taken at its word.
+        calibrate: Whether to measure the IMU's offsets at rest; otherwise none are subtracted.
         alpha: Of the low-pass filter; 0: none.
-        standing_s: How long the vehicle stands at first.
-        gnss_sigma_m: What the receiver's errors are taken for.
-        noise: What the IMU's errors are taken for.
-        align_m: How far the vehicle must have come before it knows its heading; at least 4 sigma are waited for.
-        gate: Whether outliers among the fixes are left out.
+        standing_s: Standing time at the start.
+        gnss_sigma_m: Assumed error of the receiver.
+        noise: Assumed noise of the IMU.
+        align_m: Distance that gives the heading; at least 4 sigma.
+        gate: Whether to leave out outliers among the fixes.
     """
 
     filter: str = "es-ekf"
@@ -78,7 +77,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Fix:
-    """What the GNSS receiver said.
+    """Fix of the GNSS receiver.
 
     Attributes:
         time: s.
@@ -90,23 +89,23 @@ class Fix:
 
 
 class Localizer:
-    """Estimates the pose of one vehicle on one journey, that begins at rest on level ground.
+    """Estimates the pose of one vehicle on one journey that begins at rest on level ground.
 
     Attributes:
-        settings: How it works.
-        calibration: What was found at rest; before that, nothing.
+        settings: Of the localizer.
+        calibration: Offsets measured at rest; none before.
         filter: The running filter; None while standing or aligning.
-        aligned_at: When it began to run, s; NaN before.
-        innovations: Of every fix that the running filter met, outliers included.
-        rejected: How many of those were outliers.
+        aligned_at: Start of the filter, s; NaN before.
+        innovations: Of every fix since the filter runs, outliers included.
+        rejected: Number of outliers among them.
     """
 
     def __init__(self, settings: Settings | None = None, heading: tuple[float, float] | None = None) -> None:
-        """Before a journey.
+        """Prepares for a journey.
 
         Args:
-            settings: How to work.
-            heading: If known otherwise, with its standard deviation, rad.
+            settings: Of the localizer.
+            heading: Heading with its standard deviation, rad, if known.
 
         Raises:
             InvalidInputError: A setting is impossible.
@@ -133,14 +132,14 @@ class Localizer:
         self._outliers = 0
 
     def imu(self, time: float, sample: FloatArray) -> None:
-        """Takes a sample that held for the time since the last one.
+        """Uses a sample that holds for the time since the last one.
 
         Args:
-            time: s; a sample not younger than the last one is ignored.
+            time: s; a sample that is not later than the last one is ignored.
             sample: (6,) specific force [m/s^2] and angular rate [rad/s], body frame (x forward, y left, z up).
 
         Raises:
-            InvalidInputError: The vehicle did not stand still at first, where it is to be calibrated.
+            InvalidInputError: The vehicle did not stand still during the calibration.
         """
         if self._time is None:
             self._began = self._time = time
@@ -160,7 +159,7 @@ class Localizer:
             integrate(self._track, sample[:3], sample[3:], dt)
 
     def gnss(self, time: float, position: FloatArray) -> None:
-        """Takes a fix; it counts at the time of the last IMU sample.
+        """Uses a fix, at the time of the last IMU sample.
 
         Args:
             time: s.
@@ -193,10 +192,10 @@ class Localizer:
             self._start(*self._heading)
 
     def _try_to_align(self, position: FloatArray, time: float) -> None:
-        """Starts the filter where both the fixes and the IMU's track have come far enough."""
+        """Starts the filter once fixes and IMU's track have moved far enough."""
         sigma = self.settings.gnss_sigma_m
         if not self._fixes_at_rest:
-            self._fixes_at_rest.append(position)  # the first fix came late: take it for the start
+            self._fixes_at_rest.append(position)  # the first fix came late: use it as the start
             return
         if self._heading is not None:
             self._start(*self._heading)
@@ -209,13 +208,13 @@ class Localizer:
         self._start(math.remainder(heading, 2.0 * math.pi), math.atan2(math.sqrt(2.0) * sigma, distance))
 
     def _start(self, heading: float, heading_std: float) -> None:
-        """Starts the filter at rest, and takes it along the way since then."""
+        """Starts the filter at rest, and repeats the samples since then."""
         settings, calibration = self.settings, self.calibration
         start = InitialState(
             position=np.mean(self._fixes_at_rest, axis=0),
             velocity=np.zeros(3),
             heading=heading,
-            # Averaging helps against the white part of the errors only, so not at all is counted on.
+            # Averaging reduces only the white part of the errors, so that no reduction is assumed.
             position_std=settings.gnss_sigma_m,
             velocity_std=0.05,
             heading_std=max(heading_std, 1e-3),
@@ -251,7 +250,7 @@ class Localizer:
             self._outliers += 1
             if self._outliers < PATIENCE:
                 return
-            # The filter was sure, and wrong: let this fix move it.
+            # The filter was overconfident: raise its uncertainty, so that this fix moves it.
             off = float(np.linalg.norm(innovation.residual))
             filter_.loosen(off, min(off, 5.0), 0.2)
         self._outliers = 0

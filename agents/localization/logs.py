@@ -1,4 +1,4 @@
-"""Logs: real recordings as CSV files, checked before they mislead a filter.
+"""Logs: real recordings as CSV files, with checks of columns and units.
 
 IMU: t, ax, ay, az, gx, gy, gz (s, m/s^2, rad/s; x forward, y left, z up). GNSS and truth: t, lat, lon, alt (degrees, m)
 or t, x, y, z (m, east, north, up); the height may be missing.
@@ -26,7 +26,7 @@ MAX_IMU_GAP_S = 1.0
 MAX_MISSING = 0.05
 """Share of the IMU's samples that may be unreadable or repeated."""
 STANDING_RATE = 0.5
-"""No gyroscope's offset is larger, rad/s."""
+"""Upper bound of a gyroscope's offset, rad/s."""
 
 log = logging.getLogger(__name__)
 Origin = tuple[float, float, float]
@@ -52,7 +52,7 @@ class PositionLog:
     Attributes:
         time: (M,), s, increasing.
         position: (M, 3), m: east, north, up of the origin.
-        origin: Latitude, longitude [degrees] and height [m] where the file has them; None where it is in metres.
+        origin: Latitude, longitude [degrees] and height [m] if the file has them; None if it is in metres.
     """
 
     time: FloatArray
@@ -70,7 +70,7 @@ def read_imu(path: Path) -> ImuLog:
     Repeated time stamps and rows with missing numbers are left out, up to one in twenty.
 
     Raises:
-        InvalidInputError: A column is missing or no number, time runs backwards or stops, or the units are others.
+        InvalidInputError: A column is missing or no number, time runs backwards or stops, or the units are wrong.
     """
     table, rows = _read(path, IMU_COLUMNS), 0
     rows, table = len(table), _usable(path, table)
@@ -140,7 +140,7 @@ def check_together(imu: ImuLog, gnss: PositionLog) -> None:
         )
     turned, course = _turns(imu, gnss)
     if np.abs(course).sum() < 1.0:
-        return  # too straight a journey to tell
+        return  # the journey is too straight for a check
     slope = float(turned @ course / (course @ course))
     if slope > 10.0:
         raise InvalidInputError(
@@ -154,7 +154,7 @@ def check_together(imu: ImuLog, gnss: PositionLog) -> None:
 
 
 def _turns(imu: ImuLog, gnss: PositionLog) -> tuple[FloatArray, FloatArray]:
-    """By how much the IMU and the course of the fixes turn between legs of at least 10 m, rad."""
+    """Turns of the IMU and of the course of the fixes between legs of at least 10 m, rad."""
     offset = np.median(imu.samples[: max(10, len(imu.samples) // 50), 5])
     heading = np.concatenate([[0.0], np.cumsum((imu.samples[1:, 5] - offset) * np.diff(imu.time))])
     rows = [0]
@@ -178,7 +178,7 @@ def _header(path: Path) -> set[str]:
 
 
 def _read(path: Path, names: tuple[str, ...]) -> FloatArray:
-    """(N, len(names)) columns of a CSV file; NaN where a row has nothing."""
+    """(N, len(names)) columns of a CSV file; NaN for empty cells."""
     header = _header(path)
     if missing := [name for name in names if name not in header]:
         raise InvalidInputError(f"'{path}': no column {', '.join(missing)}; expected {', '.join(names)}")
@@ -194,7 +194,7 @@ def _read(path: Path, names: tuple[str, ...]) -> FloatArray:
 
 
 def _usable(path: Path, table: FloatArray) -> FloatArray:
-    """The rows that are whole, each time stamp once."""
+    """Complete rows, each time stamp once."""
     whole = table[np.isfinite(table).all(axis=1)]
     if len(whole) < 2:
         raise InvalidInputError(f"'{path}': expected at least 2 rows without missing numbers, got {len(whole)}")
@@ -213,7 +213,7 @@ def _usable(path: Path, table: FloatArray) -> FloatArray:
 
 
 def _check_units(path: Path, samples: FloatArray) -> None:
-    """Looks at the first samples, in which the vehicle should stand, and at all of them."""
+    """Checks the first samples, in which the vehicle should stand, and all of them."""
     first = np.median(samples[: max(10, min(100, len(samples) // 10))], axis=0)
     force, rate = float(np.linalg.norm(first[:3])), float(np.linalg.norm(first[3:]))
     if 0.8 < force < 1.2:

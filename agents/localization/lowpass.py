@@ -1,4 +1,4 @@
-"""Low-pass filter of first order, for each axis of the IMU.
+"""First-order low-pass filter for each axis of the IMU.
 
 Source: Albilani's thesis, 4.2.2: y[n] = alpha y[n-1] + (1 - alpha) x[n], alpha = t / (t + dt), cut-off 1 / (2 pi t).
 """
@@ -31,7 +31,7 @@ class LowPass:
             raise InvalidInputError(f"low-pass: expected alpha from 0 to below 1, got {self.alpha}")
 
     def step(self, sample: FloatArray) -> FloatArray:
-        """The filtered sample; the first one passes as it is."""
+        """Filtered sample; the first one passes unchanged."""
         previous = sample if self._last is None else self._last
         self._last = self.alpha * previous + (1.0 - self.alpha) * sample
         return self._last
@@ -43,5 +43,5 @@ def cut_off_hz(alpha: float, dt: float) -> float:
 
 
 def delay_s(alpha: float, dt: float) -> float:
-    """How much later a slow signal comes out, s: the filter's mean age, alpha / (1 - alpha) samples."""
+    """Delay of a slow signal, s: alpha / (1 - alpha) samples."""
     return alpha / (1.0 - alpha) * dt

@@ -1,8 +1,8 @@
-"""Study: filters against each other over GNSS rate and error, with and without calibration and low-pass filter.
+"""Study: filters by GNSS rate and error, with and without calibration and low-pass filter.
 
     python -m dohyo.agents.localization.study --seeds 10 --out agents/localization/results/study.json
 
-Each seed draws the errors of IMU and receiver anew, on three routes; all arms of a seed see the same errors. After
+Each seed draws the errors of IMU and receiver, on three routes; all arms of a seed see the same errors. After
 20 s under open sky (10 fixes a second; 5 s of them at rest) the rate of the cell holds to the end, and the scores count
 from when the filter runs. The first 120 s of a journey are driven.
 """
@@ -41,7 +41,7 @@ SIGMAS_M = (0.1, 0.3, 0.5, 1.0, 2.5)
 FILTERS = ("es-ekf", "ekf", "ukf")
 ARMS = {"none": (False, 0.0), "calibrated": (True, 0.0), "calibrated + low-pass": (True, ALPHA)}
 SLOW = {"ukf": 2}
-"""Filters that run last, and on the first seeds only: one of its runs costs as much as ten of the others'."""
+"""Filters that run last, on the first seeds only: a run costs as much as ten of another filter."""
 SAVED_EVERY = 20  # cells
 METRICS = ("accuracy", "rmse", "p95", "max_drift", "nees", "nis", "step_us")
 
@@ -83,7 +83,7 @@ def cells(filters: tuple[str, ...] = FILTERS) -> Iterator[Cell]:
 
 
 def grid(filters: Sequence[str]) -> Iterator[Cell]:
-    """What the benchmark `localization` runs: every arm, filter, rate and error; the IMU alone once for all rates."""
+    """Cells of the benchmark `localization`: every arm, filter, rate and error; the IMU alone once for all rates."""
     for arm, name, rate, sigma in product(ARMS, filters, RATES_HZ, SIGMAS_M):
         yield Cell(arm, name, rate, sigma)
     for arm in ARMS:
@@ -96,10 +96,10 @@ def _journey(route: str) -> Journey:
 
 
 def run_cell(cell: Cell, route: str, seed: int) -> dict[str, float]:
-    """The scores of one journey; a filter that never got to run, or came to nothing, has an accuracy of 0 and no error.
+    """The scores of one journey; a filter that never ran, or diverged, has an accuracy of 0 and no error.
 
     Args:
-        cell: What to run.
+        cell: The combination.
         route: A name of `synthetic.ROUTES`.
         seed: Of all errors.
     """
@@ -152,7 +152,7 @@ def study(seeds: range, todo: Sequence[Cell]) -> Iterator[dict[str, Any]]:
 
     Args:
         seeds: Of the errors; each on all routes.
-        todo: What to run: `cells` or `grid`.
+        todo: Combinations: `cells` or `grid`.
 
     Yields:
         The results so far, after every cell.
@@ -182,13 +182,13 @@ def _estimate(values: list[float]) -> dict[str, float | int | None]:
 
 
 def _comparisons(values: dict[Cell, dict[str, list[float]]]) -> list[dict[str, Any]]:
-    """RMSE of the ES-EKF minus that of another filter, journey by journey."""
+    """RMSE of the ES-EKF minus that of another filter, paired by journey."""
     out = []
     for cell, theirs in values.items():
         ours = values.get(replace(cell, filter="es-ekf"))
         if ours is None or cell.filter not in ("ekf", "ukf"):
             continue
-        # Seed by seed and route by route; one that ran on fewer seeds ran on the first ones.
+        # In order of seed and route; a filter with fewer seeds ran on the first ones.
         both = [(a, b) for a, b in zip(ours["rmse"], theirs["rmse"], strict=False) if math.isfinite(a + b)]
         if both:
             result = paired([a for a, _ in both], [b for _, b in both])
@@ -212,7 +212,7 @@ def main() -> None:
 
 
 def write_results(path: Path, result: dict[str, Any]) -> None:
-    """Writes the results, one cell a line."""
+    """Writes the results, one cell per line."""
     lines = {
         key: value for key, value in result.items() if not isinstance(value, list) or key in ("seeds", "routes", "done")
     }

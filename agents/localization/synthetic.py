@@ -1,7 +1,7 @@
-"""Synthetic journeys: a smooth truth at 100 Hz along a real route, and what an IMU and a receiver make of it.
+"""Synthetic journeys: a smooth truth at 100 Hz along a real route, with simulated IMU and GNSS.
 
-The vehicle is the ego's single-track model, steered by pure pursuit along the route's path; SUMO's own vehicles jump in
-heading from one piece of a lane to the next, and cannot be differentiated.
+The vehicle is the ego's single-track model, steered by pure pursuit along the route's path; the headings of
+SUMO's own vehicles jump from one piece of a lane to the next, and cannot be differentiated.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ LATERAL, BRAKING = 2.0, 2.0  # m/s^2, of a calm driver
 
 @dataclass(frozen=True)
 class Journey:
-    """What is true, 100 times a second.
+    """True motion at 100 Hz.
 
     Attributes:
         name: Of the route.
@@ -55,13 +55,13 @@ class Journey:
 def drive_route(
     name: str, route: Route, standing_s: float = 5.0, stops_m: tuple[float, ...] = (), seconds: float = 1e9
 ) -> Journey:
-    """Drives a route calmly from standstill to its end.
+    """Drives a route gently from standstill to its end.
 
     Args:
         name: Of the journey.
-        route: What to follow.
-        standing_s: How long the vehicle stands before it sets off.
-        stops_m: Where along the route it stops for 5 s.
+        route: To follow.
+        standing_s: Standing time before the start.
+        stops_m: Places along the route of stops of 5 s.
         seconds: Ends the journey earlier.
     """
     car = VehicleParameters()
@@ -92,7 +92,7 @@ def drive_route(
 
 
 def _speeds(route: Route) -> FloatArray:
-    """(N,) how fast a calm driver goes at each point of a route, m/s."""
+    """(N,) speed of a calm driver at each point of a route, m/s."""
     curve = np.sqrt(LATERAL / np.maximum(np.abs(route.curvature), 1e-3))
     allowed = np.minimum(route.speed_limit, curve)
     for i in range(len(allowed) - 2, -1, -1):
@@ -120,11 +120,11 @@ def _journey(name: str, states: FloatArray, car: VehicleParameters) -> Journey:
 
 @dataclass(frozen=True)
 class Recording:
-    """What the sensors made of a journey.
+    """Sensor data of a journey.
 
     Attributes:
         imu: (N, 6), at the journey's times.
-        fix_rows: (M,) row of the journey at which each fix came.
+        fix_rows: (M,) row of the journey of each fix.
         fixes: (M, 3), m.
     """
 
@@ -136,21 +136,21 @@ class Recording:
 def record(
     journey: Journey, imu: ImuNoise, gnss: GnssNoise, rng: np.random.Generator, open_sky_s: float = 0.0
 ) -> Recording:
-    """Lets an IMU and a receiver go along.
+    """Simulates an IMU and a receiver on a journey.
 
     Args:
-        journey: What is true.
+        journey: The true motion.
         imu: Errors of the IMU.
         gnss: Errors of the receiver; its rate and dropout hold after the open sky.
         rng: Of all errors.
-        open_sky_s: For how long, from the start, there are ten fixes a second.
+        open_sky_s: Time from the start with ten fixes a second.
     """
     imu_rng, gnss_rng, drop_rng = rng.spawn(3)
     samples = ImuErrors(imu, imu_rng).corrupt(journey.imu, journey.moving, DT)
     errors, rows, fixes = GnssErrors(gnss, gnss_rng), [], []
     every = round(1.0 / (gnss.rate_hz * DT))
     for row in range(TICK - 1, len(journey.time), TICK):
-        # Drawn whether the fix is used or not, so that all rates see the same errors.
+        # Drawn for unused fixes too, so that all rates see the same errors.
         fix, dropped = errors.corrupt(np.append(journey.position[row], 0.0), DT * TICK), drop_rng.random()
         under_open_sky = journey.time[row] <= open_sky_s
         if under_open_sky or ((row + 1) % every == 0 and dropped >= gnss.dropout):
@@ -166,14 +166,14 @@ ROUTES: Mapping[str, tuple[str, str, tuple[str, ...], tuple[float, ...]]] = Mapp
         "junction": ("hill_road_2_1", "hill_street_3_1", ("lime_street_3", "lime_row_5"), (430.0, 675.0, 1190.0)),
     }
 )
-"""The study's routes on the network "district": start lane, goal lane, edges between, and where the vehicle stops."""
+"""The study's routes on the network "district": start lane, goal lane, edges between, and stops."""
 
 
 def journey_named(name: str, standing_s: float = 5.0, seconds: float = 1e9) -> Journey:
     """Drives one of `ROUTES`.
 
     Raises:
-        UnknownNameError: There is none of that name.
+        UnknownNameError: There is no such route.
     """
     if name not in ROUTES:
         raise UnknownNameError("route", name, ROUTES)

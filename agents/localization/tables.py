@@ -113,7 +113,7 @@ def white(cells: Cells) -> str:
 
 
 def vibration(cells: Cells) -> str:
-    """What the low-pass filter does on a vehicle that shakes."""
+    """Effect of the low-pass filter with vibration."""
     rates, rows = _values(cells, "rate_hz"), []
     for shaken in (0.0, 0.5):
         for arm in ARMS[1:]:
@@ -140,7 +140,7 @@ def against(comparisons: Cells) -> str:
 
 
 def _one(cells: Cells, **wanted: Any) -> Mapping[str, Any]:
-    """The cell that is asked for; calibrated, with half the fixes' variance correlated, unless said otherwise."""
+    """Cell with the wanted values; by default calibrated, with half of the fixes' variance correlated."""
     asked = {"arm": "calibrated", "correlated_share": 0.5, "vibration": 0.0} | wanted
     return next(cell for cell in cells if all(cell[key] == value for key, value in asked.items()))
 

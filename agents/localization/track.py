@@ -1,4 +1,4 @@
-"""Track: a localizer led over a whole recording, and what came of it."""
+"""Track: result of a localizer on a whole recording."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 @dataclass(frozen=True)
 class EstimatedTrack:
-    """Where a localizer thought the vehicle was, after every IMU sample since it began to run.
+    """Estimated poses after every IMU sample since the filter runs.
 
     Attributes:
         row: (K,) rows of the IMU's samples.
@@ -24,8 +24,8 @@ class EstimatedTrack:
         position: (K, 2) east, north, m.
         heading: (K,), rad.
         covariance: (K, 2, 2), m^2, of east and north.
-        innovations: Of every fix met.
-        rejected: How many fixes were left out as outliers.
+        innovations: Of every fix.
+        rejected: Number of fixes left out as outliers.
         step_us: Wall-clock time per IMU sample, fixes included, microseconds.
     """
 
@@ -40,7 +40,7 @@ class EstimatedTrack:
 
 
 def follow(localizer: Localizer, times: FloatArray, samples: FloatArray, fixes: Sequence[Fix]) -> EstimatedTrack:
-    """Leads a localizer over a recording, in order of time.
+    """Runs a localizer on a recording, in order of time.
 
     Args:
         localizer: A fresh one.
@@ -49,7 +49,7 @@ def follow(localizer: Localizer, times: FloatArray, samples: FloatArray, fixes: 
         fixes: In order of time.
 
     Raises:
-        InvalidInputError: The vehicle did not stand still at first, or never came far enough to know its heading.
+        InvalidInputError: The vehicle did not stand still at first, or never moved far enough to give its heading.
     """
     poses, covariances, first, next_fix = [], [], len(times), 0
     began = time.perf_counter()

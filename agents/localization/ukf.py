@@ -1,7 +1,7 @@
 """UKF: the second baseline. The same model, noise and start, by sigma points; its attitude is roll, pitch and yaw.
 
-A road vehicle never comes near the angles' singularity, and yaw is not wrapped, so that the points can simply be
-averaged. filterpy does the filtering; here is the model.
+A road vehicle is never near the angles' singularity, and yaw is not wrapped, so that the points can be averaged.
+filterpy is the filter; this file has the model.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ALPHA, BETA, KAPPA = 0.1, 2.0, 0.0
 
 
 class _Points(MerweScaledSigmaPoints):  # type: ignore[misc]
-    """filterpy's points, all 37 by one addition instead of one each."""
+    """filterpy's points, all 37 by one addition."""
 
     def sigma_points(self, x: FloatArray, P: FloatArray) -> FloatArray:
         scale = self.alpha**2 * (self.n + self.kappa)
@@ -36,7 +36,7 @@ class _Points(MerweScaledSigmaPoints):  # type: ignore[misc]
 
 
 class _Model(UnscentedKalmanFilter):  # type: ignore[misc]
-    """filterpy's filter, which moves all points by one call."""
+    """filterpy's filter, with one call for all points."""
 
     def compute_process_sigmas(self, dt: float, fx: object = None, **sample: FloatArray) -> None:
         points = self.points_fn.sigma_points(self.x, self.P)

@@ -1,7 +1,7 @@
-"""View: an observation as it looks from where a filter believes the ego to be.
+"""View: an observation as it looks from a filter's estimated pose.
 
-The filter is given the IMU and the GNSS receiver, and nothing else. What the map says of the ego's place (`route`,
-`lane`, `navigation`) is worked out anew from the estimated pose; what is seen of others, relative to the ego, stays.
+The filter uses the IMU and the GNSS receiver alone. Map data at the ego (`route`, `lane`, `navigation`) are recomputed
+from the estimated pose; observations of others, relative to the ego, stay.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from dohyo.sumo_networks.units import SUBSTEP_S, TICK_S
 
 STANDING_S = 3.0
 HEADING_STD = math.radians(3.0)
-"""How well a parked car's heading is known from that of its lane; ours."""
+"""Standard deviation of a parked car's heading, taken from its lane; ours."""
 BEHIND_M, AHEAD_M = 15.0, 30.0
 RECEIVERS: Mapping[str, GnssNoise] = MappingProxyType({"gnss": L80, "gnss_rtk": RTK})
 FROM_POSE = frozenset({"route", "lane", "navigation"})
@@ -33,13 +33,13 @@ class LocalizedView:
     """Follows one ego through one episode, which begins at rest.
 
     Attributes:
-        localizer: The filter with its calibration; from the first observation on.
+        localizer: Filter with its calibration; from the first observation on.
     """
 
     localizer: Localizer
 
     def __init__(self, localization: str = "es-ekf", gnss: str = "gnss") -> None:
-        """Before an episode.
+        """Prepares for an episode.
 
         Args:
             localization: A name of `localizer.FILTERS`.
@@ -60,7 +60,7 @@ class LocalizedView:
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """What an observation must hold, besides what is to be seen anew."""
+        """Sensors that an observation must hold, besides those that are recomputed."""
         return "imu", self._gnss, "route_map"
 
     @property
@@ -69,13 +69,13 @@ class LocalizedView:
         return self.localizer.pose if self._tick else None
 
     def seen(self, observation: Observation) -> Observation:
-        """The next observation from the estimated place: those of `FROM_POSE` that it holds.
+        """Recomputed sensors at the estimated pose: those of `FROM_POSE` in the observation.
 
         Args:
             observation: Of the next tick, with `sensors`.
 
         Returns:
-            As they are, while there is no estimate.
+            The recomputed sensors; unchanged ones while there is no estimate.
         """
         if self._tick == 0:
             self.localizer = Localizer(self._settings, (float(observation["route_map"][0, 2]), HEADING_STD))
@@ -85,7 +85,7 @@ class LocalizedView:
         return held if self.pose is None else self._seen_from(self.pose, held, observation["route_map"])
 
     def _sense(self, observation: Observation) -> None:
-        """Gives the filter what the IMU and the receiver say, and nothing else."""
+        """Passes IMU and receiver to the filter."""
         now = self._tick * TICK_S
         samples = observation["imu"].astype(np.float64)
         for i, sample in enumerate(samples):
@@ -95,7 +95,7 @@ class LocalizedView:
             self.localizer.gnss(now, fix[1:4])
 
     def _seen_from(self, pose: tuple[float, float, float], seen: Observation, route_map: Float32Array) -> Observation:
-        """What depends on the pose, as the estimated one would have it."""
+        """Sensors that depend on the pose, at the estimated one."""
         x, y, heading = pose
         page = route_map.astype(np.float64)
         page = page[: 1 + int(np.argmax(page[:, 7]))]  # past the goal the last point repeats
@@ -118,13 +118,13 @@ class LocalizedView:
         if "navigation" in seen:
             _, left, driven = seen["navigation"].tolist()
             if math.isnan(self._route_length):
-                self._route_length = left + driven  # the length of the mission, which is no secret
+                self._route_length = left + driven  # the length of the mission, which is known
             remaining = max(self._route_length - self._progress, 0.0)
             out["navigation"] = np.array([page[row, 6], remaining, self._progress], dtype=np.float32)
         return out
 
 
 def _lane(point: np.ndarray, lateral: float, heading_error: float) -> Float32Array:
-    """(5,) as `sensors.lane.Lane`, of the route's own lane: a map knows no better from a pose that may be wrong."""
+    """(5,) as `sensors.lane.Lane`, of the route's own lane, since the estimated pose may be wrong."""
     width, limit = float(point[5]), float(point[4])
     return np.array([abs(lateral) <= 0.5 * width, lateral, heading_error, width, limit], dtype=np.float32)
