@@ -1,1 +1,1 @@
-"""GHRL: learned sub-policies and a master over them, answer-set rules, and RSS that says when rules alone drive."""
+"""GHRL: learned sub-policies and a master over them, answer-set rules, and RSS, which decides when rules drive."""

@@ -1,4 +1,4 @@
-"""Actuation: what a sub-policy's two numbers in [-1, 1] mean to the car, and which numbers an expert's action is."""
+"""Actuation: maps a sub-policy's two numbers in [-1, 1] to controls, and an expert's controls back."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 
 ACTIONS = 2
 ACCELERATION_M_S2 = 8.0
-"""Full pedals, both ways: what the rules may brake, a policy may; and exploring neither speeds up nor brakes on the
-whole, so that what is learned under noise holds without it."""
+"""Full pedals in both directions, m/s^2: a policy may brake as hard as the rules, and symmetric noise neither speeds up
+nor brakes on average."""
 SIDE_M_S2 = 3.5
-"""What full steering may ask of the tyres: a step of the policy means as much at any speed."""
+"""Lateral acceleration of full steering, m/s^2: a step of the policy has the same effect at any speed."""
 RESIDUAL_SHARE = 0.3
 STANDS_M_S, RELEASE_M_S2, HOLD_M_S2 = 0.1, 1.0, -2.0
-"""A stand is held, as cars do, until the pedal asks for more than that: noise about 0 would creep over every line."""
+"""Pedal above which a standing car starts, m/s^2: otherwise noise around 0 would creep over every line."""
 _CAR = VehicleParameters()
 
 
 class Steering(StrEnum):
-    """Who steers: the policy alone, or pure pursuit of the path with the policy's correction (ours, an option)."""
+    """Steering by the policy alone, or by pure pursuit with the policy's correction (ours)."""
 
     POLICY = "policy"
     RESIDUAL = "residual"
@@ -37,7 +37,7 @@ def command(action: Float32Array, speed: float, route: Float32Array, steering: S
         action: (2,) pedals and steering in [-1, 1], left positive.
         speed: m/s.
         route: (80, 7), the path that is followed; see `sensors.route`.
-        steering: Who steers.
+        steering: Kind of steering.
 
     Returns:
         (2,) acceleration [m/s^2] and steering in [-1, 1] of full lock.
@@ -53,7 +53,7 @@ def command(action: Float32Array, speed: float, route: Float32Array, steering: S
 
 
 def action_of(controls: FloatArray, speed: float, route: Float32Array, steering: Steering) -> Float32Array:
-    """The action in [-1, 1] that comes nearest to given controls; the inverse of `command`."""
+    """Action in [-1, 1] nearest to given controls; the inverse of `command`."""
     angle = float(controls[1]) * _CAR.max_steering
     limit = steering_limit(speed)
     if steering is Steering.RESIDUAL:

@@ -1,7 +1,7 @@
-"""Allowances: how fast each that may hold the ego back lets it go, and how far ahead it must stand.
+"""Allowances: the speed that each kind of obstacle allows, and the distance at which to stop.
 
-Who crosses, and which light is closed, a policy is told row by row already; here is the least of each kind, so that
-what was learned of the one in the first row holds for the one in the second.
+Crossing actors and lights are also in the state row by row. Here is the minimum of each kind, so that a policy treats
+all rows alike.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ ALLOWANCES = 9
 
 
 def allowances(strips: Float32Array, junctions: Float32Array, conflicts: Float32Array) -> Float32Array:
-    """(9,) speeds [15 m/s, at most 1] and roots of distances [50 m, at most 1]; 1 where nothing holds the ego back.
+    """(9,) speeds [15 m/s, at most 1] and roots of distances [50 m, at most 1]; 1 without a restriction.
 
     In this order: speed behind the first body ahead; speed and distance of the first line that is closed; the same of
-    who is about to cross the way first, on foot, with the right of way, and where neither has it.
+    the first crossing pedestrian, of traffic with the right of way, and where neither has it.
 
     Args:
         strips: (3, 5), see `nearby.strips`.
@@ -41,7 +41,7 @@ def allowances(strips: Float32Array, junctions: Float32Array, conflicts: Float32
 
 
 def _stand(distances: Float32Array, gap: float) -> tuple[float, float]:
-    """Speed and distance of the nearest place to stand before."""
+    """Speed and distance of the nearest stopping place."""
     nearest = float(distances.min()) if len(distances) else EVENT_M
     if nearest >= EVENT_M:
         return 1.0, 1.0

@@ -1,4 +1,4 @@
-"""Arms: what is trained for each curve and each driver of the study, and with which settings."""
+"""Arms: trainings of each curve and each driver of the study, with their settings."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ CONFIGS = Path(__file__).with_name("configs")
 SUB_POLICIES = tuple(manoeuvre.value for manoeuvre in Manoeuvre)
 POLICIES = (*SUB_POLICIES, MASTER, FLAT)
 PPO_ALONE = ("ppo.imitated_steps=0", "ppo.learning_rate=3e-4", "ppo.epochs=10")
-"""It has farther to go than what begins by imitating."""
+"""PPO without imitation starts farther from a good policy."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainedArm:
-    """What is trained for an arm.
+    """Trainings of an arm.
 
     Attributes:
-        told: What is particular to it, in a legend.
+        told: Description in a legend.
         policies: Of `POLICIES`.
-        settings: Of all of them but the master, on top of their file in `CONFIGS`.
-        master: The master's.
+        settings: Of all policies except the master, on top of their file in `CONFIGS`.
+        master: Settings of the master.
         options: The arm whose sub-policies its master chooses among; None: its own.
     """
 
@@ -61,21 +61,21 @@ ARMS: Mapping[str, TrainedArm] = MappingProxyType(
         "ghrl-pictures": TrainedArm("as ghrl, from pictures", (*SUB_POLICIES, MASTER), ("state.vision=semantic",)),
     }
 )
-"""In the order in which they are told. `flat` has as many steps as HRL's five sub-policies and master together."""
+"""In the order of tables and legends. `flat` has as many steps as HRL's five sub-policies and master together."""
 
 
 def run_folder(runs: Path, arm: str, seed: int, policy: str) -> Path:
-    """Where a training of an arm is: RUNS/ARM/seed-N/POLICY."""
+    """Folder of a training: RUNS/ARM/seed-N/POLICY."""
     return runs / arm / f"seed-{seed}" / policy
 
 
 def trainer_of(policy: str) -> Trainer[Any]:
-    """What trains a policy."""
+    """Trainer of a policy."""
     return trainer_named(f"hierarchical-{policy}")
 
 
 def config_of(runs: Path, arm: str, seed: int, policy: str, more: tuple[str, ...] = ()) -> Config:
-    """The whole configuration of a training.
+    """Complete configuration of a training.
 
     Args:
         runs: Folder of all; a master's sub-policies are there.

@@ -1,4 +1,4 @@
-"""Conductor: which option runs, tick by tick: it lasts until it is done, no longer possible, or no longer worth it."""
+"""Option executor: runs the chosen option until it is done, no longer possible, or terminated."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _CHANGES = tuple(OPTIONS.index(change) for change in CHANGES)
 
 
 class Tempo(Config):
-    """How long options last, in ticks of 0.1 s (ours).
+    """Duration of options, in ticks of 0.1 s (ours).
 
     Attributes:
-        least_ticks: Before that, beta is not asked.
+        least_ticks: Before that, beta is not evaluated.
         most_ticks: After that, the master chooses again.
     """
 
@@ -32,13 +32,13 @@ class Tempo(Config):
 
 @dataclass(frozen=True, slots=True)
 class Prospect:
-    """What the master is told in one tick.
+    """Outputs of the master in one tick.
 
     Attributes:
         q: (options,) Q_Omega.
         beta: (options,) terminations.
-        available: (options,) which may begin.
-        finished: Whether the one that runs has done what it is for.
+        available: (options,) options that may begin.
+        finished: Whether the running option has reached its goal.
         critical: Whether the rules drive.
     """
 
@@ -50,31 +50,31 @@ class Prospect:
 
 
 class Conductor:
-    """Keeps the option that runs.
+    """Executes options.
 
     Attributes:
-        option: Its number; None before the first one.
-        ticks: For how long it has run.
+        option: Number of the running one; None before the first.
+        ticks: Duration of the running one so far.
     """
 
     def __init__(self, tempo: Tempo) -> None:
-        """Begins with none."""
+        """Begins without an option."""
         self._tempo = tempo
         self.reset()
 
     def reset(self) -> None:
-        """Forgets the last episode."""
+        """Clears the state of the last episode."""
         self.option: int | None = None
         self.ticks = 0
         self._interrupted = False
 
     def ends(self, prospect: Prospect, draw: float) -> bool:
-        """Whether the option that runs is over now; True too where there is none.
+        """Whether the running option is over; True also without one.
 
-        While the rules drive nothing ends; after them the master chooses anew.
+        While the rules drive, nothing ends; after that, the master chooses again.
 
         Args:
-            prospect: Of now.
+            prospect: Present outputs.
             draw: In [0, 1), uniformly, for a termination of probability beta; or 0.5, to end where it is likelier.
         """
         if self.option is None:
@@ -82,27 +82,27 @@ class Conductor:
         if prospect.critical:
             self._interrupted = True
             return False
-        # A change that has begun is carried out, whoever comes; the others end where they may not begin.
+        # A lane change that has begun is completed; other options end where they may not begin.
         impossible = self.option not in _CHANGES and not prospect.available[self.option]
         if self._interrupted or prospect.finished or impossible or self.ticks >= self._tempo.most_ticks:
             return True
         return self.ticks >= self._tempo.least_ticks and draw < float(prospect.beta[self.option])
 
     def begin(self, prospect: Prospect, epsilon: float = 0.0, rng: np.random.Generator | None = None) -> int:
-        """Chooses the next option, by chance with probability epsilon; its number."""
+        """Chooses the next option, at random with probability epsilon; its number."""
         self.option = choose(prospect.q, prospect.available, epsilon, rng or np.random.default_rng(0))
         self.ticks, self._interrupted = 0, False
         return self.option
 
     def tick(self) -> None:
-        """One tick has been driven."""
+        """Counts one tick."""
         self.ticks += 1
 
     def state(self) -> tuple[int, int, bool]:
-        """What `restore` needs."""
+        """State for `restore`."""
         return -1 if self.option is None else self.option, self.ticks, self._interrupted
 
     def restore(self, state: tuple[int, int, bool]) -> None:
-        """Goes on from there."""
+        """Restores a state."""
         option, self.ticks, self._interrupted = state
         self.option = None if option < 0 else option

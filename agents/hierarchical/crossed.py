@@ -1,9 +1,9 @@
-"""Crossed: means over scenarios and trainings, where each training drove each scenario.
+"""Crossed bootstrap: means over scenarios and trainings, where each training drove each scenario.
 
 An interval is over both: a crossed bootstrap, in which the scenarios and the seeds of the training are both drawn with
 replacement, each value counting as often as its scenario times its training was drawn (the pigeonhole bootstrap; Owen
-2007). Of one training it is that of independent values. Where all are alike, resampling is blind, and it is that of
-independent values, one per scenario. With three trainings it tells of their spread what three values can.
+2007). With one training, the values count as independent. If all values are equal, resampling gives no interval, and
+the values count as independent, one per scenario. Three trainings say little about the spread of trainings.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from dohyo.evaluation.statistics import N_RESAMPLES, SEED, Estimate, paired
 from dohyo.sumo_networks.arrays import FloatArray
 
 Matched = Mapping[tuple[Any, ...], Mapping[int | None, float]]
-"""Values by scenario, by seed of the training; None where nothing was learned."""
+"""Values by scenario, by seed of the training; None without a training."""
 _TAILS: Final = (0.025, 0.975)
 
 
 def estimate(matched: Matched, alone: Callable[[Sequence[float]], Estimate]) -> Estimate:
-    """The mean over all drives, with an interval over scenarios and trainings; see the module.
+    """Mean over all drives, with an interval over scenarios and trainings; see the module.
 
     Args:
         matched: Values.
-        alone: Makes the estimate of independent values: of one training, or one per scenario where all are alike.
+        alone: Estimate of independent values: of one training, or one per scenario if all are equal.
     """
     trainings = _trainings(matched)
     table = np.array([[row.get(seed, math.nan) for seed in trainings] for _, row in sorted(matched.items())])
@@ -42,7 +42,7 @@ def estimate(matched: Matched, alone: Callable[[Sequence[float]], Estimate]) -> 
 
 
 def _crossed(table: FloatArray) -> FloatArray:
-    """(R,) means of (N, K) values, NaN where there is none, with rows and columns drawn with replacement."""
+    """(R,) means of (N, K) values, NaN for missing ones, with rows and columns drawn with replacement."""
     generator = np.random.default_rng(SEED)
     rows, columns = (generator.multinomial(n, np.full(n, 1 / n), N_RESAMPLES) for n in table.shape)
     there = np.isfinite(table)
@@ -58,9 +58,9 @@ def of_pairs(values: Sequence[float]) -> Estimate:
 
 
 def difference(mine: Matched, other: Matched) -> Matched:
-    """One's values less another's where both have some, by trainings with the same seed.
+    """Differences of values that both have, by trainings with the same seed.
 
-    Who did not learn, or drove as what ships, is held against every training of the other.
+    An arm without training, or the shipped one, is compared with every training of the other.
     """
     found: dict[tuple[Any, ...], dict[int | None, float]] = {}
     for key in mine.keys() & other.keys():
@@ -73,7 +73,7 @@ def difference(mine: Matched, other: Matched) -> Matched:
 
 
 def by_training(matched: Matched) -> dict[int | None, float]:
-    """The mean of each training."""
+    """Mean of each training."""
     found = {seed: [row[seed] for row in matched.values() if seed in row] for seed in _trainings(matched)}
     return {seed: math.fsum(values) / len(values) for seed, values in found.items()}
 
@@ -83,7 +83,7 @@ def _trainings(matched: Matched) -> list[int | None]:
 
 
 def verdict(found: Estimate) -> str:
-    """Whether an interval of a difference leaves out 0, and on which side."""
+    """Side of 0 on which the interval of a difference lies; "no" if it contains 0."""
     if found.low is None or found.high is None or found.low <= 0.0 <= found.high:
         return "no"
     return "above" if found.low > 0.0 else "below"

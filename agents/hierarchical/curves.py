@@ -43,7 +43,7 @@ COLOURS = (*OKABE_ITO[:6], OKABE_ITO[7], OKABE_ITO[6])
 DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "pentagon", "hexagon", "star")
 ROUNDS = 8
-"""That a point of the curve of a training is a mean over."""
+"""Rounds that a point of a training's curve averages."""
 _BAND = {"fill": "toself", "line_width": 0, "hoverinfo": "skip", "mode": "lines", "opacity": 0.16}
 
 
@@ -51,7 +51,7 @@ def draw(results: Results, measure: str = "return", training: bool = False) -> g
     """A panel per policy.
 
     Args:
-        results: What was trained.
+        results: The trainings.
         measure: Of `MEASURES`.
         training: Also the returns, or successes, of each seed's episodes of training, as thin lines.
 
@@ -71,7 +71,7 @@ def draw(results: Results, measure: str = "return", training: bool = False) -> g
             traces = [*(_trained(runs, measure, looks) if training else ()), *_arm(runs, measure, looks)]
             drawn.add_traces(traces, rows=panel["row"], cols=panel["col"])
         if imitated := max(run.imitated for runs in trained.values() for run in runs):
-            # At the end: plotly leaves out what is put into an empty panel.
+            # At the end: plotly ignores shapes in an empty panel.
             grey = {"fillcolor": PALETTES["light"].line, "line_width": 0, "opacity": 0.6, "layer": "below"}
             drawn.add_vrect(x0=0, x1=imitated / 1e3, **panel, **grey)
     for key in _legend(results, arms):
@@ -91,7 +91,7 @@ def draw(results: Results, measure: str = "return", training: bool = False) -> g
 
 
 def finding(results: Results, measure: str) -> str:
-    """Who ends highest in how many policies, and in how many of these its interval is above the next one's."""
+    """Arms with the highest end, by number of policies, and how often its interval is above the next one's."""
     ends = {
         policy: sorted(
             ((found[-1], arm) for arm, runs in arms.items() if (found := course(runs, measure)[1])),
@@ -116,7 +116,7 @@ def _above(one: Estimate, other: Estimate) -> bool:
 
 
 def _arm(runs: Sequence[TrainingRun], measure: str, place: int) -> list[go.Scatter]:
-    """Means over seeds with a band; whiskers where there is one seed, or one point."""
+    """Means over seeds with a band; whiskers for one seed or one point."""
     steps, found = course(runs, measure)
     middle = np.array([one.mean for one in found], dtype=float)
     low = np.array([one.mean if one.low is None else one.low for one in found], dtype=float)
@@ -156,7 +156,7 @@ def _look(place: int) -> dict[str, Any]:
 
 
 def _legend(results: Results, arms: Sequence[str]) -> list[go.Scatter]:
-    """A key per arm that is there, with how many seeds it has."""
+    """A legend entry per arm, with its number of seeds."""
     keys = []
     for place, arm in enumerate(arms):
         counts = [len(trained[arm]) for trained in results.values() if arm in trained]
@@ -178,7 +178,7 @@ def _caption(results: Results, training: bool) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """The command."""
+    """Command-line entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", type=Path, nargs="?", default=RESULTS)
     parser.add_argument("--measure", choices=[*MEASURES], default="return")

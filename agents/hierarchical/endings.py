@@ -1,7 +1,7 @@
-"""Endings: what ends an episode of a sub-policy, and whether that was its fault.
+"""Endings: conditions that end an episode of a sub-policy, and whether it failed.
 
 The thesis ends training episodes after 5 s below 1 km/h and 2.5 m from the path's middle, and names no collision, on
-which NoCrash fails; ours end on that too. A lawful stop, such as before a red light, is none of the 5 s.
+which NoCrash fails; ours end on that too. A lawful stop, such as before a red light, does not count as standing.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class End(StrEnum):
 
 
 def criteria_of(what: str) -> tuple[Criterion, ...]:
-    """Whose infractions cost -10: collisions always, lights only where they are the task."""
+    """Infractions that cost -10: collisions always, lights only if they are the task."""
     if what in (Manoeuvre.LIGHTS, DRIVE):
         return (Collision(), RedLight(), StopSign())
     return (Collision(),)
@@ -40,17 +40,17 @@ class Endings:
     """Watches one episode.
 
     Attributes:
-        end: Why it ended; None while it goes on.
-        finished: Whether the manoeuvre is carried out.
+        end: Cause of the end; None before.
+        finished: Whether the manoeuvre is complete.
     """
 
     def __init__(self, what: str, world: World, ego: int = 0) -> None:
-        """Begins.
+        """Begins an episode.
 
         Args:
             what: A `Manoeuvre`, or "drive".
             world: At the first tick.
-            ego: Who drives.
+            ego: Index of the ego.
         """
         self.end: End | None = None
         self.finished = False
@@ -61,7 +61,7 @@ class Endings:
             criterion.start(world, ego)
 
     def update(self, before: World, after: World, lateral: float, held: bool, arrived: bool, out: bool) -> End | None:
-        """Goes on for one tick.
+        """Updates by one tick.
 
         Args:
             before: The world before the tick.
@@ -89,7 +89,7 @@ class Endings:
     def _is_finished(self, world: World) -> bool:
         progress = float(world.egos.progress[self._ego])
         if self._what in CHANGES:
-            # Into the lane, and a while along it: what comes after the change counts too.
+            # Into the lane, and some way along it, since driving after the change counts too.
             return self._held_s > HOLD_S - TICK_S / 2
         if self._what == Manoeuvre.LIGHTS:
             lit = next(one for one in world.routes[self._ego].passages if one.signal >= 0)
@@ -101,5 +101,5 @@ class Endings:
 
 
 def over(world: World) -> bool:
-    """Whether all that was to happen has happened."""
+    """Whether all events of the scenario have happened."""
     return all(event.phase in (EventPhase.DONE, EventPhase.TIMED_OUT) for event in world.events)

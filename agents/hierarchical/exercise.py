@@ -1,4 +1,4 @@
-"""Exercise: one ego on the scenarios of one manoeuvre, as an environment; 10 decisions per second."""
+"""Exercise: environment with one ego on the scenarios of one manoeuvre; 10 decisions per second."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ if TYPE_CHECKING:
 
 EGO = "ego"
 CUT_SHORT = (Manoeuvre.LANE, Manoeuvre.BRAKING)
-"""Whose exercises end where another sub-policy is to go on; changes are too short for that."""
+"""Manoeuvres whose exercises end where another sub-policy takes over; lane changes are too short for that."""
 JUDGED_BY: Form = "product"
-"""The reward of held-out episodes, whatever a policy learns from: so returns of all arms can be compared."""
+"""Reward of held-out episodes for every arm, so that their returns can be compared."""
 MEASURES = ("distance_m", "deviation_m", "angle_rad", "speed_m_s", "infraction", "standing")
-"""Of an episode: the thesis's five but the reward, and how it ended."""
+"""Measures of an episode: the thesis's five except the reward, and its ending."""
 
 
 class Ride(gymnasium.Env[Array, Array]):
-    """What an exercise and a journey have in common: a scenario that is driven, judged, and measured.
+    """Base of exercise and journey: a scenario that is driven, judged and measured.
 
     Attributes:
         what: A `Manoeuvre`, or "drive".
@@ -94,7 +94,7 @@ class Ride(gymnasium.Env[Array, Array]):
         lateral, angle = deviation(self.seen["path"])
         speed = float(after.egos.speed[0])
         lawful, own = pace_of(self.seen, around, self._all), pace_of(self.seen, around, self._restraints)
-        if self.what in CUT_SHORT:  # who has come to what is another's business has done its part
+        if self.what in CUT_SHORT:  # at a task of another sub-policy, the exercise is complete
             self._reached |= self.what not in learned(self.seen, around)
         out = self._reached or self._late
         end = self._endings.update(self._before, after, lateral, lawful.held, arrived, out)
@@ -106,23 +106,23 @@ class Ride(gymnasium.Env[Array, Array]):
         return value, terminated, not terminated, self._tally.info(end, self._succeeded(end))
 
     def _succeeded(self, end: End) -> bool:
-        """Carried out; or, where there is nothing to carry out but driving, driven to the end."""
+        """Whether the manoeuvre is complete; for plain driving, whether the end is reached."""
         if end is End.TIME:
             return self.what == Manoeuvre.LANE or (self._reached and self.what in (Manoeuvre.BRAKING, DRIVE))
         return end is End.DONE
 
 
 class Exercise(Ride):
-    """An environment for one sub-policy; the rules can be asked what they would do."""
+    """Environment of one sub-policy, with the rules as expert."""
 
     def __init__(self, task: ManoeuvreTask) -> None:
-        """Makes it.
+        """Makes the environment.
 
         Args:
-            task: What is learned.
+            task: Learning problem.
 
         Raises:
-            InvalidInputError: It wants a filter's pose: filters are calibrated standing, and exercises start rolling.
+            InvalidInputError: The state uses a filter's pose: filters are calibrated standing, exercises start rolling.
         """
         if task.state.localization != "truth":
             raise InvalidInputError(
@@ -156,7 +156,7 @@ class Exercise(Ride):
         return state, *self._judge(self._around, self._arrived)
 
     def advice(self) -> Float32Array:
-        """What the rules would do now; to be asked in every tick of an episode, or in none."""
+        """Action of the rules; must be called in every tick of an episode, or in none."""
         if not self._advised:
             self._rules, scenario = self._rules or RulesOnly(), self.driving.scenario
             self._rules.reset(scenario.missions[0], scenario.seed)
@@ -166,7 +166,7 @@ class Exercise(Ride):
         return action_of(controls, float(self.seen["speedometer"][0]), self.seen["route"], self._steering)
 
     def _look(self, observation: Observation) -> Float32Array:
-        """The state, after the path has been led where the manoeuvre wants it."""
+        """State, after the path has been set by the manoeuvre."""
         around = Surroundings(observation)
         if self.what in CHANGES and not self._begun:
             speed, progress = float(observation["speedometer"][0]), float(observation["navigation"][2])
@@ -181,7 +181,7 @@ class Exercise(Ride):
 
 
 class _Tally:
-    """Adds up what an episode is measured by."""
+    """Accumulates the measures of an episode."""
 
     def __init__(self) -> None:
         self._ticks, self._distance = 0, 0.0

@@ -1,4 +1,4 @@
-"""Facts: what an observation says, as atoms that rules can reason about.
+"""Facts: an observation as atoms for the rules.
 
 All numbers are whole: distances in dm, speeds in dm/s, accelerations in dm/s^2, times in tenths of a second. What each
 fact means stands beside its declaration in `rules/vocabulary.lp`.
@@ -26,7 +26,7 @@ from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind, LightState
 
 SENSORS = ("speedometer", "route", "objects", "junctions_ahead", "conflicts", "navigation", "path", "lanes")
-"""What facts are made of."""
+"""Sensors that facts are made of."""
 FAR_M = 1000.0
 NEAREST_AHEAD, NEAREST_CROSSING, NEAREST_IN_LANE = 4, 8, 3
 SIGHT_M = float(POINTS - BEHIND - 1)
@@ -54,13 +54,13 @@ def tenths(value: float) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """One observation as rules and the control below them see it.
+    """One observation in the form that rules and control use.
 
     Attributes:
         facts: For the rules.
-        ahead: Gap [m] and speed along the path [m/s] of everybody in, or about to be in, the ego's way, by key.
+        ahead: Gap [m] and speed along the path [m/s] of all actors in, or about to enter, the ego's way, by key.
         lanes: Middle of the lane on each side, m to the left of the route.
-        squeeze: Offset at which whoever comes over the middle can pass, m to the left.
+        squeeze: Offset that lets oncoming traffic in the ego's lane pass, m to the left.
     """
 
     facts: tuple[Fact, ...]
@@ -71,15 +71,15 @@ class Moment:
 
 @dataclass(slots=True)
 class Memory:
-    """What one observation does not show.
+    """Memory of earlier observations.
 
     Attributes:
-        standing: How long the ego has stood, or crept, s.
-        refused: How long it has been kept waiting by those who cross, s.
+        standing: Time for which the ego has stood or crept, s.
+        refused: Time for which it has waited for crossing traffic, s.
         stood_at_line: Whether it has stood at the next stop sign.
-        stood: How long each actor has stood, s.
-        driven: Who has been seen driving.
-        raced: For how long each one who was seen racing is still not trusted, s.
+        stood: Standing time of each actor, s.
+        driven: Actors that have been seen driving.
+        raced: Remaining time of mistrust of each actor that was seen racing, s.
     """
 
     standing: float = 0.0
@@ -90,9 +90,9 @@ class Memory:
     raced: dict[int, float] = field(default_factory=dict)
 
     def watch(self, observation: Observation, neighbours: Sequence[Neighbour]) -> None:
-        """Goes on for one tick."""
+        """Updates by one tick."""
         speed, junctions = float(observation["speedometer"][0]), observation["junctions_ahead"]
-        # Creeping up to a line is waiting too; driving wears it off.
+        # Creeping up to a line counts as waiting; driving reduces the waiting time.
         self.standing = self.standing + TICK_S if speed < WAITS_M_S else max(self.standing - 5 * TICK_S, 0.0)
         self.stood = {one.key: self.stood.get(one.key, 0.0) + TICK_S for one in neighbours if one.stands}
         self.driven |= {one.key for one in neighbours if one.speed > DROVE_M_S}
@@ -104,13 +104,13 @@ class Memory:
         self.stood_at_line = at_sign and (self.stood_at_line or (speed < 0.05 and distance < 2.5))
 
     def wait(self, speed: float, waiting: bool) -> None:
-        """Counts the time for which the ego has been kept waiting."""
+        """Updates the waiting time of the ego."""
         kept = waiting and speed < WAITS_M_S
         self.refused = self.refused + TICK_S if kept else max(self.refused - 5 * TICK_S, 0.0)
 
 
 class FactsBuilder:
-    """Makes the facts of one observation after the other."""
+    """Makes the facts of successive observations."""
 
     def __init__(self) -> None:
         vehicle = VehicleParameters()
@@ -125,14 +125,14 @@ class FactsBuilder:
         dangers: Sequence[Danger],
         advised: float,
     ) -> Moment:
-        """The facts of now.
+        """Facts of the present observation.
 
         Args:
             observation: With `SENSORS`.
-            around: Made of it.
-            memory: Already told of it.
+            around: Made of the observation.
+            memory: Already updated.
             aside: Where the ego's path leaves the route's.
-            dangers: What RSS says.
+            dangers: Found by RSS.
             advised: Speed that limits and curves allow, m/s.
         """
         speed, progress = float(observation["speedometer"][0]), float(observation["navigation"][2])
@@ -179,7 +179,7 @@ class FactsBuilder:
     def _ahead(
         self, neighbours: Sequence[Neighbour], speed: float, aside: Sidestep, progress: float
     ) -> list[tuple[Neighbour, float, float]]:
-        """Who is in the strip that the ego is going to need, with the gap [m] and the speed along the path [m/s]."""
+        """Actors in the strip that the ego will need, with gap [m] and speed along the path [m/s]."""
         reach = self._half_width + CORRIDOR_MARGIN_M
         found = []
         for one in neighbours:
@@ -187,7 +187,7 @@ class FactsBuilder:
             if one.s_high < self._half_length or gap > SIGHT_M:
                 continue
             offset = aside.at(progress + max(one.s_low, 0.0))
-            # Beside it already: only who overlaps the ego's own width can still be hit by its front.
+            # Beside it already: the ego's front can only hit an actor that overlaps its own width.
             if one.within(offset - reach, offset + reach) and gap > -1.0:
                 found.append((one, max(gap, 0.0), one.speed * one.along))
         return sorted(found, key=lambda row: row[1])[:NEAREST_AHEAD]
@@ -208,7 +208,7 @@ class FactsBuilder:
             yield fact("askew", one.key)
 
     def _entering(self, around: Surroundings, speed: float) -> dict[int, tuple[float, float]]:
-        """Who drives beside the ego's strip, ahead of its middle, and keeps coming into it."""
+        """Actors beside the ego's strip, ahead of its middle, that move into it."""
         reach, out = self._half_width + CORRIDOR_MARGIN_M, {}
         for one in around.driving():
             sideways = one.speed * one.across
@@ -221,7 +221,7 @@ class FactsBuilder:
         return out
 
     def _crossings(self, observation: Observation, around: Surroundings, speed: float) -> Iterator[Fact]:
-        """When the ego and another would each be where their paths meet."""
+        """Times at which the ego and another reach the meeting of their paths."""
         unforeseen = crossers(around, self._half_length, self._half_width)
         headings = {one.key: one.across for one in around.neighbours}
         known: set[int] = set()
@@ -247,12 +247,12 @@ class FactsBuilder:
             yield fact("other_at", key, tenths(first), tenths(max(last, 0.0)))
             if priority != 0.0:
                 yield fact("right_of_way", key, holds=priority > 0.0)
-            # Who comes from the right drives to the left.
+            # An actor from the right drives to the left.
             if headings.get(key, 0.0) > 0.5:
                 yield fact("from_right", key)
 
     def _on_foot(self, around: Surroundings, aside: Sidestep, progress: float) -> Iterator[Fact]:
-        """Who stands or walks at the edge of the ego's strip."""
+        """Pedestrians at the edge of the ego's strip."""
         reach = self._half_width + CORRIDOR_MARGIN_M
         for one in around.neighbours:
             gap = one.s_low - self._half_length
@@ -266,7 +266,7 @@ class FactsBuilder:
                 yield fact("crosses", one.key, holds=False)
 
     def _lanes(self, around: Surroundings, ahead: Sequence[tuple[Neighbour, float, float]]) -> dict[str, LaneBeside]:
-        """The lanes beside what may have to be passed: of the same direction before those of the other one."""
+        """Lanes beside a possible blocker: same direction first, then opposite."""
         slow = [one for one, _, pace in ahead if one.speed < STANDS_M_S or one.kind == ActorKind.BICYCLE]
         if not slow:
             return {}
@@ -285,7 +285,7 @@ class FactsBuilder:
             yield fact("in_lane", side, one.key, tenths(low), tenths(high), tenths(one.speed * one.along))
 
     def _squeeze(self, around: Surroundings, speed: float) -> float:
-        """How far beside the middle of its lane the ego lets those pass who come over the middle of the road, m."""
+        """Offset from the middle of the lane that gives room to oncoming traffic, m."""
         most = max(0.5 * around.lane_width - self._half_width - 0.1, 0.0)
         wanted = 0.0
         for one in around.driving():
@@ -305,13 +305,13 @@ def travel_time(distance: float, speed: float, acceleration: float, top: float) 
 
 
 def _passing_seconds(distance: float, speed: float, pace: float) -> float:
-    """Until the ego is past somebody who ends so far ahead [m] and moves on at a pace [m/s], s."""
+    """Time until the ego is past an actor whose front is so far ahead [m] and that moves at a speed [m/s], s."""
     top = max(PASSING_M_S - pace, 2.0)
     return 0.5 + travel_time(distance, max(speed - pace, 0.0), 0.85 * PASSING_ACCELERATION, top)
 
 
 def _earliest(distance: float, speed: float, kind: ActorKind) -> float:
-    """When another may arrive at the earliest, s: vehicles may accelerate, people keep their pace."""
+    """Earliest arrival of another, s: vehicles may accelerate, pedestrians keep their speed."""
     if distance <= 0.0:
         return 0.0
     if kind == PEDESTRIAN:
@@ -320,12 +320,12 @@ def _earliest(distance: float, speed: float, kind: ActorKind) -> float:
 
 
 def _coming(around: Surroundings) -> list[int]:
-    """Who is near, not behind, and on another way than the ego's."""
+    """Actors that are near, not behind, and on a way other than the ego's."""
     near = (one for one in around.driving() if one.s_high > 0.0 and one.s_low < RACING_AHEAD_M)
     return [one.key for one in near if one.along < 0.5]
 
 
 def _sight(objects: Float32Array) -> float:
-    """How far everybody is known, m: a full table says nothing of those beyond its last row."""
+    """Range in which all actors are known, m: a full table ends at its last row."""
     last = objects[-1]
     return SIGHT_M if last[0] < 0 else min(float(math.hypot(last[1], last[2])), SIGHT_M)

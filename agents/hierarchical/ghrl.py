@@ -1,10 +1,10 @@
-"""GHRL: a master chooses among learned sub-policies; where RSS says that it is critical, answer-set rules drive alone.
+"""GHRL: a master chooses among learned sub-policies; in critical situations (RSS), answer-set rules drive alone.
 
     dohyo evaluate --agent ghrl --set arm=ghrl-r --set checkpoint=runs/ghrl --benchmark nocrash
 
 Arms, and the part of the checkpoint that each reads: `flat` the flat policy's run, all others the master's. HRL's
-sub-policies are trained without rules, which is a matter of the checkpoint; only in GHRL-R rules drive. In `ghrl-s`
-(ours) they are a shield that is always on: the policies drive, and may brake more than the rules would, never less.
+sub-policies come from a checkpoint trained without rules; only in GHRL-R rules drive. In `ghrl-s` (ours) they are a
+shield at all times: the policies drive, and may brake harder than the rules would, never less.
 Source: Albilani 2023, chapter 6.
 """
 
@@ -33,7 +33,7 @@ class Ghrl(Agent):
     """See the module.
 
     Attributes:
-        files: That decide what it does, beside its code.
+        files: Files that decide its actions, beside its code.
     """
 
     def __init__(self, arm: str = "ghrl-r", checkpoint: str | Path | None = None) -> None:
@@ -41,11 +41,11 @@ class Ghrl(Agent):
 
         Args:
             arm: Of `ARMS`.
-            checkpoint: Folder of the runs; None: what ships.
+            checkpoint: Folder of the runs; None: the shipped ones.
 
         Raises:
             UnknownNameError: There is no such arm.
-            InvalidInputError: A part is missing or damaged; the message says how it is trained.
+            InvalidInputError: A part is missing or damaged; the message has the command that trains it.
         """
         if arm not in ARMS:
             raise UnknownNameError("arm", arm, ARMS)
@@ -79,7 +79,7 @@ class Ghrl(Agent):
         self._forget()
 
     def reset(self, mission: Mission, seed: int) -> None:
-        """Forgets the last episode."""
+        """Clears the state of the last episode."""
         torch.set_num_threads(1)
         self._outlook.reset(mission, seed)
         if self._guard is not None:
@@ -92,7 +92,7 @@ class Ghrl(Agent):
         self._ruled = self._braked = False
 
     def act(self, observation: Observation) -> np.ndarray:
-        """What the option wants that runs; or the rules, or the flat policy."""
+        """Action of the running option, of the rules, or of the flat policy."""
         outlook = self._outlook
         outlook.update(observation)
         action = self._flat.act(outlook.state) if self._flat is not None else self._chosen()
@@ -105,7 +105,7 @@ class Ghrl(Agent):
         return controls if self._guard is None else self._guarded(self._guard, controls)
 
     def _guarded(self, guard: RulesOnly, controls: np.ndarray) -> np.ndarray:
-        """The controls with no more acceleration than the rules would have."""
+        """Controls with the acceleration bounded by the rules' one."""
         most = float(guard.act(self._outlook.seen)[0])
         self._braked = bool(most < controls[0])
         return np.array([min(float(controls[0]), most), controls[1]])
@@ -117,7 +117,7 @@ class Ghrl(Agent):
         return OPTIONS[self._conductor.option]
 
     def _chosen(self) -> Float32Array:
-        """(2,) what the option wants that runs after the master has been asked."""
+        """(2,) action of the running option, after a step of the master."""
         outlook, conductor = self._outlook, self._conductor
         assert conductor is not None
         assert self._master is not None
@@ -133,7 +133,7 @@ class Ghrl(Agent):
         return action
 
     def explain(self) -> Explanation | None:
-        """The option, what the master thinks of each, and the rules where they drive."""
+        """Running option, values of all options, and the rules if they drive."""
         if self._outlook.seen == {}:
             return None
         out: Explanation = {"agent": self.spec.name, "arm": self._arm, "path_offset_m": round(self._outlook.offset, 2)}
@@ -160,10 +160,10 @@ class Ghrl(Agent):
 
 
 def _shipped(arm: str) -> Path:
-    """The folder of what ships for an arm.
+    """Shipped folder of an arm.
 
     Raises:
-        InvalidInputError: Nothing does.
+        InvalidInputError: None is shipped.
     """
     name = arm.removesuffix("-r").removesuffix("-s")
     folder, trainer = CHECKPOINT / name, FLAT if arm == FLAT else MASTER

@@ -1,11 +1,11 @@
-"""Held out: trained sub-policies on many held-out exercises, all arms on the same ones; run again, it goes on.
+"""Held-out exercises: evaluation of trained sub-policies, all arms on the same ones. The same command resumes.
 
     python -m dohyo.agents.hierarchical.held_out --runs runs/study --policies lights --arms hrl p-10 p-20 --workers 2 \
         --out out/held_out
     python -m dohyo.agents.hierarchical.held_out --table --out agents/hierarchical/results/held_out
 
-A training judges itself by thirty exercises, too few to tell arms apart, and keeps its best policy by them. Here that
-policy drives others, which chose none. A line per exercise goes to OUT/POLICY.jsonl; intervals are those of `crossed`.
+A training chooses its best policy by thirty exercises, too few to compare arms. Here that policy drives others. A line
+per exercise goes to OUT/POLICY.jsonl; intervals are those of `crossed`.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ logger = logging.getLogger(__name__)
 
 Line = dict[str, Any]
 FIRST = HELD_OUT_FROM + 1000
-"""A training has at most the thousand seeds before for its own evaluations."""
+"""First seed: a training uses at most the thousand seeds before for its own evaluations."""
 MEASURES: Final[Mapping[str, str]] = {"return": "return", "success": "success, %", "infraction": "infractions, %"}
 PAIRS: Final = (
     ("p-5", "hrl"), ("p-10", "hrl"), ("p-20", "hrl"), ("p-20", "p-5"), ("p-10", "p-10-sum"), ("ghrl", "p-10"),
     ("ghrl", "ghrl-pictures"),
 )  # fmt: skip
-"""Who is held against whom."""
+"""Compared arms."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class Candidate:
     """A trained sub-policy.
 
     Attributes:
-        policy: Of which manoeuvre.
+        policy: Of the manoeuvre.
         arm: Of `ARMS`.
         seed: Of its training.
         folder: Its run.
@@ -71,11 +71,11 @@ def examine(candidate: Candidate, episodes: Sequence[int]) -> list[Line]:
     """Drives exercises without exploration; a line for each that the simulation did not lose.
 
     Args:
-        candidate: Who drives.
+        candidate: The driving policy.
         episodes: Numbers of exercises, from 0.
 
     Raises:
-        InvalidInputError: It is missing or damaged.
+        InvalidInputError: The candidate is missing or damaged.
     """
     torch.set_num_threads(1)
     trained = read_sub_policies(candidate.folder.parent, (candidate.policy,))
@@ -145,7 +145,7 @@ def _go_on(out: Path, candidates: Sequence[Candidate], episodes: int, workers: i
 
 
 def tables(results: Mapping[str, Sequence[Line]]) -> str:
-    """What each arm came to, and how far arms are apart, as Markdown.
+    """Results of each arm, and differences between arms, as Markdown.
 
     Args:
         results: Lines by policy.
@@ -160,7 +160,7 @@ def tables(results: Mapping[str, Sequence[Line]]) -> str:
 
 
 def values(lines: Iterable[Line], arm: str, measure: str) -> Matched:
-    """A measure of every exercise that an arm's trainings drove."""
+    """Measure of every exercise driven by an arm's trainings."""
     found: dict[tuple[Any, ...], dict[int | None, float]] = {}
     for line in lines:
         if line["arm"] == arm:
@@ -190,7 +190,7 @@ def _arms(lines: Iterable[Line]) -> list[str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """The command."""
+    """Command-line entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=Path, help="folder of ARM/seed-N/POLICY")
     parser.add_argument("--policies", nargs="+", choices=SUB_POLICIES, default=SUB_POLICIES)

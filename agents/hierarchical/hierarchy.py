@@ -2,7 +2,7 @@
 
     runs/ghrl/lane/{config.toml,best.safetensors}, runs/ghrl/left/..., runs/ghrl/master/...
 
-Of a run, these two files are all that is read.
+Of a run, only these two files are read.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class SubPolicy:
 
     Attributes:
         actor: Its network.
-        rows: Which numbers of a state it sees.
-        files: That it was read from.
+        rows: Indices of the numbers of a state that it sees.
+        files: Its files.
     """
 
     actor: Actor
@@ -52,11 +52,11 @@ class SubPolicy:
 
 @dataclass(frozen=True, slots=True)
 class SubPolicies:
-    """All that are there, trained on the same kind of state.
+    """Sub-policies trained on the same kind of state.
 
     Attributes:
-        state: What they see.
-        steering: Who steers.
+        state: Configuration of their state.
+        steering: Kind of steering.
         policies: By `Manoeuvre`, or "flat".
     """
 
@@ -66,7 +66,7 @@ class SubPolicies:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """That they were read from."""
+        """Files of the sub-policies."""
         return tuple(file for policy in self.policies.values() for file in policy.files)
 
 
@@ -78,7 +78,7 @@ def read_sub_policies(folder: Path, names: tuple[str, ...] = tuple(Manoeuvre)) -
         names: Of `Manoeuvre`, or "flat".
 
     Raises:
-        InvalidInputError: One is not there, damaged, or made for other states or another steering than the first.
+        InvalidInputError: One is missing, damaged, or made for other states or another steering than the first.
     """
     configs = {name: read_settings(SubPolicyConfig, run_file(folder, name, CONFIG)) for name in names}
     first = configs[names[0]]
@@ -96,7 +96,7 @@ def run_file(folder: Path, name: str, file: str) -> Path:
     """A file of a run.
 
     Raises:
-        InvalidInputError: It is not there; the message says how it is made.
+        InvalidInputError: It is missing; the message has the command that makes it.
     """
     path = folder / name / file
     if not path.exists():

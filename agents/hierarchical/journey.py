@@ -1,7 +1,7 @@
 """Journey: whole missions for the master, as an environment whose actions name the option that runs.
 
-An action is (3,): pedals and steering in [-1, 1], as the option's sub-policy wants them, and the option's number. While
-RSS says that the situation is critical the rules drive instead, where there are rules.
+An action is (3,): pedals and steering of the option's sub-policy in [-1, 1], and the option's number. In critical
+situations (RSS) the rules drive instead, if there are rules.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from dohyo.agents.training.task import Array, Env, Task, held_out_seeds
 
 HELD_OUT = 10
 UNDER_RULES = ("rules_share", "longest_standing_s")
-"""Of the time, and the longest stand within one critical interval [s]: what rules may cause."""
+"""Measures of the rules: share of the time, and longest stand in one critical interval, s."""
 
 
 @dataclass(frozen=True)
 class JourneyTask(Task):
-    """What the master learns.
+    """Learning problem of the master.
 
     Attributes:
-        state: What it sees.
+        state: Configuration of its state.
         steering: Of the sub-policies.
-        form: Of the reward, in training; held-out episodes are judged by the product.
+        form: Form of the training's reward; held-out episodes are judged by the product.
         rules_when_critical: Whether the rules drive in critical intervals (GHRL-R).
         held_out_count: Episodes of an evaluation.
     """
@@ -69,7 +69,7 @@ class JourneyTask(Task):
 
     @property
     def measures(self) -> tuple[str, ...]:
-        """Those of an exercise, and what the rules did."""
+        """Measures of an exercise, and those of the rules."""
         return (*MEASURES, *UNDER_RULES)
 
     @property
@@ -86,10 +86,10 @@ class Journey(Ride):
     """One ego on missions through town."""
 
     def __init__(self, task: JourneyTask) -> None:
-        """Makes it.
+        """Makes the environment.
 
         Args:
-            task: What is learned.
+            task: Learning problem.
         """
         self._outlook = Outlook(task.state, RulesOnly() if task.rules_when_critical else None)
         super().__init__(DRIVE, self._outlook.sensors, task.form)

@@ -27,7 +27,7 @@ _CAR = VehicleParameters()
 
 
 class Manoeuvre(StrEnum):
-    """What a sub-policy is for."""
+    """Purpose of a sub-policy."""
 
     LANE = "lane"
     LEFT = "left"
@@ -48,11 +48,11 @@ RESTRAINTS: Mapping[Manoeuvre, frozenset[Restraint]] = MappingProxyType(
         Manoeuvre.LIGHTS: frozenset({Restraint.LEADER, Restraint.YIELD, Restraint.LINE}),
     }
 )
-"""What each must heed; the rest is another's business, and its reward does not know it."""
+"""Restraints that each manoeuvre must respect; its reward ignores the others."""
 
 
 def restraints_of(what: str) -> frozenset[Restraint]:
-    """What a manoeuvre must heed; for "drive", everything."""
+    """Restraints that a manoeuvre must respect; for "drive", all of them."""
     return frozenset(Restraint) if what == DRIVE else RESTRAINTS[Manoeuvre(what)]
 
 
@@ -66,11 +66,11 @@ class Course:
 
     @property
     def offset(self) -> float:
-        """Where it leads, m to the left of the route."""
+        """Target offset, m to the left of the route."""
         return self._aside.offset
 
     def look(self, around: Surroundings) -> None:
-        """Takes in one tick.
+        """Updates by one tick.
 
         Args:
             around: Along the route, not along this path.
@@ -78,7 +78,7 @@ class Course:
         self._around, self._sides = around, None
 
     def seen(self, observation: Observation) -> Observation:
-        """The observation with this path in the place of the route's."""
+        """Observation with this path instead of the route's."""
         progress = float(observation["navigation"][2])
         if not self._aside.aside(progress):
             return observation
@@ -87,7 +87,7 @@ class Course:
         return {**observation, "route": route, "path": path}
 
     def beside(self, manoeuvre: Manoeuvre) -> float | None:
-        """Offset of the lane that a change leads to, m to the left of the route; None where there is none.
+        """Offset of the lane that a change leads to, m to the left of the route; None without such a lane.
 
         Args:
             manoeuvre: LEFT or RIGHT.
@@ -99,12 +99,12 @@ class Course:
         return lanes[0] if lanes else None
 
     def free(self, manoeuvre: Manoeuvre, speed: float) -> bool:
-        """Whether a change may begin: there is a lane, and nobody in it whom the ego would hinder."""
+        """Whether a change may begin: there is a lane, and no traffic in it that the ego would hinder."""
         offset = self.beside(manoeuvre)
         return offset is not None and self._around is not None and lane_is_free(self._around, offset, speed)
 
     def begin(self, manoeuvre: Manoeuvre, progress: float, speed: float) -> bool:
-        """Leads into the lane beside; False, and no change, where there is none."""
+        """Leads into the lane beside; returns False, without a change, if there is none."""
         offset = self.beside(manoeuvre)
         if offset is None:
             return False
@@ -112,7 +112,7 @@ class Course:
         return True
 
     def keep_to_roads(self, progress: float, speed: float) -> None:
-        """Leads back to the route where the lane beside it ends."""
+        """Leads back to the route if the lane beside it ends."""
         if self.offset == 0.0:
             return
         if not any(abs(lane.d - self.offset) < 0.5 * lane.width for lane in self._lanes_beside()):
@@ -123,7 +123,7 @@ class Course:
         self._aside.lead(offset, progress, max(speed * math.sqrt(6.0 * across / SIDE_M_S2), LEAST_RAMP_M))
 
     def _lanes_beside(self) -> list[LaneBeside]:
-        """Those that go with the route for a while; found once per tick, and only where somebody asks."""
+        """Lanes beside the route for some distance; computed at most once per tick."""
         if self._sides is None:
             self._sides = [] if self._around is None else self._around.lanes_beside(0.0, AHEAD_M)
         return self._sides
@@ -152,7 +152,7 @@ def deviation(path: Float32Array) -> tuple[float, float]:
 
 
 def lane_is_free(around: Surroundings, offset: float, speed: float) -> bool:
-    """Whether nobody in a lane is beside the ego, would have to brake for it, or is so near ahead that it would.
+    """Whether nobody in a lane is beside the ego, would have to brake, or is too near ahead.
 
     Args:
         around: Along the route.
@@ -181,7 +181,7 @@ def light_ahead(junctions: Float32Array) -> bool:
 
 
 def line_near(junctions: Float32Array) -> bool:
-    """Whether a light that is not green is so near that only `LIGHTS` is for it: nobody else has learned any.
+    """Whether a light that is not green is so near that only `LIGHTS` was trained for it.
 
     Args:
         junctions: (4, 4), see `sensors.junctions_ahead`.
@@ -190,7 +190,7 @@ def line_near(junctions: Float32Array) -> bool:
 
 
 def must_yield(conflicts: Float32Array, around: Surroundings) -> bool:
-    """Whether somebody on foot or with the right of way is about to cross the way nearby.
+    """Whether a pedestrian, or traffic with the right of way, is about to cross the way nearby.
 
     Args:
         conflicts: (16, 8), see `sensors.conflicts`.
@@ -200,13 +200,13 @@ def must_yield(conflicts: Float32Array, around: Surroundings) -> bool:
 
 
 def learned(observation: Observation, around: Surroundings) -> frozenset[Manoeuvre]:
-    """The manoeuvres whose exercises hold moments like this one: elsewhere a sub-policy has nothing to say.
+    """Manoeuvres whose exercises contain such situations: the initiation sets.
 
-    Before a line that is closed that is `LIGHTS` alone, and whoever must be given way to is for it or for `BRAKING`.
+    Before a closed line this is `LIGHTS` alone; before traffic to yield to, `LIGHTS` and `BRAKING`.
 
     Args:
         observation: With the sensors "junctions_ahead" and "conflicts".
-        around: Made of it.
+        around: Made of the observation.
     """
     lights = {Manoeuvre.LIGHTS} if light_ahead(observation["junctions_ahead"]) else set()
     if line_near(observation["junctions_ahead"]):

@@ -1,4 +1,4 @@
-"""Master: the network that chooses among the sub-policies, ends them, and holds them."""
+"""Master: network that chooses among the sub-policies and terminates them; it contains them."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ SHAPE, MANNER = "shape", "manner"
 
 
 class Manner(Config):
-    """What a master must be driven with.
+    """Settings that a master must be driven with.
 
     Attributes:
         state: What it sees.
         steering: Of its sub-policies.
-        tempo: How long its options last.
+        tempo: Duration of its options.
     """
 
     state: StateConfig = StateConfig()
@@ -40,7 +40,7 @@ class Manner(Config):
 
 
 class Master(nn.Module):
-    """Outlook -> Q_Omega, beta, and what each option would do.
+    """Outlook -> Q_Omega, beta, and the action of each option.
 
     Attributes:
         values: Q_Omega and beta of the state.
@@ -64,7 +64,7 @@ class Master(nn.Module):
             size: Numbers in a state.
             hidden: Width of each hidden layer.
             actors: By `Manoeuvre`.
-            rows: Which numbers of a state each sees.
+            rows: Indices of the numbers of a state that each sees.
             manner: What it must be driven with.
         """
         super().__init__()
@@ -88,12 +88,12 @@ class Master(nn.Module):
         return actor
 
     def view(self, option: Manoeuvre, state: Tensor) -> Tensor:
-        """(B, size) -> what an option's policy sees of it."""
+        """(B, size) -> the part that an option's policy sees."""
         rows = self.get_buffer(f"rows_{option}")
         return state[:, rows]
 
     def facts(self) -> Mapping[str, str]:
-        """What `read_master` needs beside the weights."""
+        """Arguments that `read_master` needs beside the weights."""
         sizes = {name: self.actor(name).sizes for name in OPTIONS}
         shape = json.dumps({"size": self.size, "hidden": self.hidden, "actors": sizes})
         return {SHAPE: shape, MANNER: self.manner.model_dump_json()}
@@ -112,7 +112,7 @@ def read_master(path: Path) -> Master:
     """A trained master.
 
     Raises:
-        InvalidInputError: The file is missing or damaged, or is no master.
+        InvalidInputError: The file is missing or damaged, or holds no master.
     """
     try:
         with safe_open(path, framework="pt") as file:
@@ -133,18 +133,18 @@ def read_master(path: Path) -> Master:
 
 
 class Told:
-    """One outlook and what the master says of it, taken apart.
+    """Parts of one outlook.
 
     Attributes:
         state: (size,).
-        available: (options,) which may begin.
-        finished: Whether the option that runs has done what it is for.
+        available: (options,) options that may begin.
+        finished: Whether the running option has reached its goal.
         critical: Whether the rules drive.
-        fresh: Whether this is the first of its episode.
+        fresh: Whether this is the first outlook of its episode.
     """
 
     def __init__(self, vector: Float32Array, size: int) -> None:
-        """Takes `Outlook.vector` apart."""
+        """Splits `Outlook.vector`."""
         self.state = vector[:size]
         self.available: BoolArray = vector[size : size + len(OPTIONS)] > 0.5
         flags = vector[size + len(OPTIONS) :] > 0.5
@@ -153,6 +153,6 @@ class Told:
 
 
 def parts(answer: Float32Array) -> tuple[Float32Array, Float32Array, Float32Array]:
-    """Q (options,), beta (options,) and actions (options, 2) of one answer of `Master`."""
+    """Q (options,), beta (options,) and actions (options, 2) of one output of `Master`."""
     count = len(OPTIONS)
     return answer[:count], answer[count : 2 * count], answer[2 * count :].reshape(count, ACTIONS)

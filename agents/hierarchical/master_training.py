@@ -1,11 +1,11 @@
-"""Learning to choose: option-critic over the trained sub-policies, on missions through town.
+"""Training of the master: option-critic over the trained sub-policies, on missions through town.
 
     dohyo train hierarchical-master --config agents/hierarchical/configs/master.toml --set options=runs/ghrl
 
-Per round: some ticks everywhere, epsilon-greedy; then Q-learning on the options that ended so far, from every state on
-their way (SMDP, from a replay, with a target network), and some steps of the termination gradient and one of the
-intra-option gradient on the round's own ticks. Rewards are scaled by 1 - gamma, so that a value is a mean reward per
-tick. Source: Albilani 2023, algorithm 11; Bacon et al. 2017; Harb et al. 2018.
+Per round: some ticks in all environments, epsilon-greedy; then Q-learning on the options that ended so far, from every
+state on their way (SMDP, from a replay, with a target network), and some steps of the termination gradient and one of
+the intra-option gradient on the round's own ticks. Rewards are scaled by 1 - gamma, so that a value is a mean reward
+per tick. Source: Albilani 2023, algorithm 11; Bacon et al. 2017; Harb et al. 2018.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from dohyo.sumo_networks.arrays import BoolArray, Float32Array
 from dohyo.sumo_networks.config import Config
 
 Rate = Annotated[float, Field(ge=0)]
-_CHOICES = 1  # keeps this stream of random numbers apart from the environments'
+_CHOICES = 1  # separates this random stream from the environments'
 
 
 class OptionCriticConfig(Config):
@@ -57,20 +57,20 @@ class OptionCriticConfig(Config):
     Attributes:
         horizon: Ticks of every environment between two updates: a round.
         gamma: Discount per tick.
-        epsilon: Probability of an option by chance, at the start.
+        epsilon: Probability of a random option, at the start.
         epsilon_end: The same at the end of its fall.
-        epsilon_steps: Ticks in which it falls.
+        epsilon_steps: Ticks over which it falls.
         deliberation_cost: eta, in mean rewards per tick.
         learning_rate: Of Q_Omega.
         termination_learning_rate: Of beta.
         termination_updates: Gradient steps of beta per round.
-        intra_option_learning_rate: Of the sub-policies; 0: they stay as they were trained.
+        intra_option_learning_rate: Of the sub-policies; 0, as in all shipped masters: they stay unchanged.
         batch: Options per gradient step of Q_Omega.
         updates: Gradient steps of Q_Omega per round.
-        replay: How many ticks of options that ended are kept.
-        target_share: How far the target network follows at each step.
+        replay: Number of ticks of finished options that are kept.
+        target_share: Rate at which the target network follows in each step.
         hidden: Width of each hidden layer.
-        tempo: How long options last.
+        tempo: Duration of options.
     """
 
     horizon: Positive = 128
@@ -91,7 +91,7 @@ class OptionCriticConfig(Config):
     tempo: Tempo = Tempo()
 
     def epsilon_at(self, step: int) -> float:
-        """Epsilon after so many ticks."""
+        """Epsilon after some ticks."""
         share = min(step / self.epsilon_steps, 1.0)
         return self.epsilon + (self.epsilon_end - self.epsilon) * share
 
@@ -143,7 +143,7 @@ class OptionCritic:
     def __init__(
         self, master: Master, environments: Environments, config: OptionCriticConfig, seed: int, device: torch.device
     ) -> None:
-        """Prepares.
+        """Prepares the learner.
 
         Args:
             master: Untrained, over trained sub-policies.
@@ -182,7 +182,7 @@ class OptionCritic:
         return np.array([*actions[option], option], dtype=np.float32)
 
     def round(self) -> dict[str, Number]:
-        """Drives `horizon` ticks everywhere, and learns from them; a row of metrics.csv."""
+        """Drives `horizon` ticks in all environments, and learns from them; row of metrics.csv."""
         epsilon = self._config.epsilon_at(self._environments.steps)
         ticks, finished, ended, critical = _Ticks(), list[Finished](), list[int](), 0
         for _ in range(self._config.horizon):
@@ -196,7 +196,7 @@ class OptionCritic:
         return row | {"episodes": self._environments.finished_count, "replay": len(self._replay)}
 
     def _tick(self, epsilon: float, ticks: _Ticks, finished: list[Finished], ended: list[int]) -> int:
-        """One tick everywhere; in how many environments the rules drove."""
+        """One tick in all environments; number of those in which the rules drove."""
         vectors = self._environments.observation.copy()
         told = [Told(vector, self.actor.size) for vector in vectors]
         values = self._values(np.stack([one.state for one in told]))
@@ -227,7 +227,7 @@ class OptionCritic:
     def _next(
         self, i: int, told: Told, values: tuple[Float32Array, Float32Array], epsilon: float, ended: list[int]
     ) -> int:
-        """The option that runs in an environment in this tick."""
+        """Running option of an environment in this tick."""
         running, (q, beta) = self._running[i], values
         prospect = Prospect(q[i], beta[i], told.available, told.finished, told.critical)
         if not running.conductor.ends(prospect, float(self._rng.random())):
@@ -238,7 +238,7 @@ class OptionCritic:
         return running.conductor.begin(prospect, epsilon, self._rng)
 
     def _keep(self, running: Trail, after: Told, terminated: bool, ended: list[int]) -> None:
-        """Puts what an option that has ended teaches into the replay."""
+        """Puts the transitions of a finished option into the replay."""
         conductor = running.conductor
         assert conductor.option is not None
         for lesson in running.lessons(self._config.gamma):
@@ -250,7 +250,7 @@ class OptionCritic:
         running.clear()
 
     def _explored(self, option: int, state: Float32Array) -> Tensor:
-        """(2,) an action of an option's policy: by chance where it is to learn, its mean where it is not."""
+        """(2,) action of an option's policy: sampled if the option learns, else its mean."""
         name = OPTIONS[option]
         with torch.no_grad():
             seen = self.actor.view(name, torch.from_numpy(state).to(self._device)[None])
@@ -263,13 +263,13 @@ class OptionCritic:
         return answer
 
     def _values(self, states: Float32Array) -> tuple[Float32Array, Float32Array]:
-        """Q and beta (N, options) each; what the options would do is left out, and saves most of the time."""
+        """Q and beta, (N, options) each, without the options' actions, which would take most of the time."""
         with torch.no_grad():
             q, beta = self.actor.values(torch.from_numpy(states).to(self._device))
         return q.cpu().numpy(), beta.cpu().numpy()
 
     def _learn_values(self) -> dict[str, Number]:
-        """SMDP Q-learning; who is best is told by the network, how good by its target."""
+        """SMDP Q-learning; the network chooses the best option, the target network gives its value."""
         config, losses, q = self._config, list[float](), torch.zeros(1)
         if len(self._replay) < config.batch:
             return {}
@@ -316,7 +316,7 @@ class OptionCritic:
         return row
 
     def _learn_endings(self, after: Tensor, column: Tensor, q_option: Tensor, best: Tensor) -> float:
-        """The gradient of terminations where options could go on; beta must keep up with Q, or they last too long."""
+        """Gradient of terminations where options could continue; with too few steps, options last too long."""
         losses = []
         for _ in range(self._config.termination_updates):
             beta = torch.sigmoid(self.actor.values.endings(after)).gather(1, column)[:, 0]
@@ -325,7 +325,7 @@ class OptionCritic:
         return sum(losses) / len(losses)
 
     def _log_prob(self, states: Tensor, options: Tensor, units: list[Tensor]) -> Tensor:
-        """(N,) of the actions, by the policies of their options, but for a constant."""
+        """(N,) log-probability of the actions under their options' policies, up to a constant."""
         taken, out = torch.stack(units).to(self._device), torch.zeros(len(units), device=self._device)
         for i, name in enumerate(OPTIONS):
             rows = options == i
@@ -344,7 +344,7 @@ class OptionCritic:
         return float(loss.detach())
 
     def state(self) -> dict[str, Any]:
-        """All that learning goes on from."""
+        """State for a checkpoint."""
         return {
             "master": self.actor.state_dict(),
             "target": self._target.state_dict(),
@@ -356,7 +356,7 @@ class OptionCritic:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Goes on from there."""
+        """Restores a state."""
         self.actor.load_state_dict(state["master"])
         self._target.load_state_dict(state["target"])
         for name, optimizer in self._optimizers.items():

@@ -1,7 +1,6 @@
-"""Nearby: what the exact state of the others says, in numbers of about unit scale; and the distances that matter.
+"""Nearby: exact state of the others in numbers of about unit scale, and distances to impact and event.
 
-This is what a policy sees in the place of pictures where it is trained without any, and what the autoencoder of
-`vision` is taught to tell from a picture.
+Policies without pictures see these numbers. The autoencoder of `vision` learns to predict the distances from a picture.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from dohyo.sumo_networks.world import ActorKind, LightState
 
 SENSORS = ("objects", "path", "lanes", "junctions_ahead", "conflicts", "speedometer")
 IMPACT_M, EVENT_M = 50.0, 50.0
-"""Farther than this, a distance is as good as infinite."""
+"""Distance that stands for all greater ones, m."""
 ACTORS, ACTOR_COLUMNS = 8, 9
 ASIDE_M = 8.0
 STRIPS, STRIP_COLUMNS = 3, 5
@@ -42,8 +41,8 @@ _LENGTH_M, _WIDTH_M = VehicleParameters().length, VehicleParameters().width
 def distances(observation: Observation) -> Float32Array:
     """(2,) metres from the ego's front to the first actor in its way, and to the next event, at most 50 each.
 
-    In its way is who reaches into the strip along the path that the ego's body covers, 0.3 m wider on both sides. An
-    event is a junction or a light: its stop line, and 0 while the front is inside.
+    An actor is in its way if it reaches into the strip that the ego's body covers along the path, plus 0.3 m on each
+    side. An event is a junction or a light: its stop line, and 0 while the front is inside.
 
     Args:
         observation: With `objects`, `path` and `junctions_ahead`.
@@ -54,9 +53,9 @@ def distances(observation: Observation) -> Float32Array:
 
 
 def actors_near(observation: Observation) -> Float32Array:
-    """(8, 9) who is nearest along the path, beside the ego's front or ahead of it; zeros where there is nobody.
+    """(8, 9) nearest actors along the path, beside the ego's front or ahead of it; zeros for padding.
 
-    Nobody farther to the side than 8 m counts, nor farther ahead than 50 m. Columns: 1 for somebody, distance from the
+    Actors within 8 m to the side and 50 m ahead count. Columns: 1 for an actor, distance from the
     ego's front (see `root`), right and left side of the body [8 m to the left of the path, from -1 to 1], cosine and
     sine of its heading to the path's, speed [15 m/s], length [10 m], on foot (0 or 1).
 
@@ -80,11 +79,11 @@ def actors_near(observation: Observation) -> Float32Array:
 
 
 def strips(observation: Observation) -> Float32Array:
-    """(3, 5) the strip along the path, the one a lane's width to its left, and the one to its right.
+    """(3, 5) strips along the path, a lane's width to its left, and to its right.
 
-    Columns: 1 where it is a lane of the road's own direction, distance from the ego's front to the first body ahead
+    Columns: 1 for a lane of the road's own direction, distance from the ego's front to the first body ahead
     (see `root`), its speed along the path [15 m/s], distance from the ego's rear to the first body behind, its speed.
-    Who is beside the ego is at distance 0 both ways. Nobody within 50 m: distance 1 and speed 0.
+    An actor beside the ego is at distance 0 in both directions. Without one within 50 m: distance 1 and speed 0.
 
     Args:
         observation: With `objects`, `path` and `lanes`.
@@ -116,9 +115,9 @@ def junctions(observation: Observation) -> Float32Array:
 
 
 def crossings(conflicts: Float32Array) -> Float32Array:
-    """(6, 9) who will cross or join the ego's path, nearest first; zeros where there is nobody.
+    """(6, 9) actors that will cross or join the ego's path, nearest first; zeros for padding.
 
-    Columns: 1 for somebody, distance to where the paths meet and to where the ego's rear has left (see `root`), the
+    Columns: 1 for an actor, distance to where the paths meet and to where the ego's rear has left (see `root`), the
     other's distance to there, the times until it enters and has left [8 s, from -1 to 1], its speed [15 m/s], right of
     way (1 the ego must give way, -1 the other must), on foot (0 or 1).
 
@@ -138,9 +137,9 @@ def crossings(conflicts: Float32Array) -> Float32Array:
 
 
 def root(distance: FloatArray | Float32Array) -> Float32Array:
-    """Root of a distance [50 m], with its sign, from -1 to 1: the speed that can be braked away there goes with it.
+    """Root of a distance [50 m], with its sign, from -1 to 1: proportional to the speed that can be braked away.
 
-    The half metre that matters before a line is then a tenth of the range, not a hundredth.
+    Half a metre before a line is then a tenth of the range, not a hundredth.
     """
     near = np.clip(distance, -1.0, 1.0)
     out: Float32Array = (np.sign(near) * np.sqrt(np.abs(near))).astype(np.float32)
@@ -148,7 +147,7 @@ def root(distance: FloatArray | Float32Array) -> Float32Array:
 
 
 def _start(path: FloatArray) -> float:
-    """Where the ego's centre is along a path whose kernels count from its nearest whole metre, m."""
+    """Position of the ego's centre along a path whose kernels count from the nearest whole metre, m."""
     x, y, heading = path[BEHIND, :3]
     return float(-x * math.cos(heading) - y * math.sin(heading))
 

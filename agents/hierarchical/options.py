@@ -1,8 +1,9 @@
-"""Option-critic over given options: which one to choose, when to end it, and how both are learned.
+"""Option-critic over given options: networks, targets and losses of choice and termination.
 
-Q_Omega is learned by Q-learning on whole options (SMDP), the terminations beta by the gradient of what ending an option
-costs, with a deliberation cost, and the options' own policies by the intra-option gradient. Sources: Bacon et al. 2017;
-Harb et al. 2018 (deliberation cost); Albilani 2023, equations 6.6 to 6.8 and algorithm 11, of which 6.8 is restored.
+Q_Omega is learned by Q-learning on whole options (SMDP), the terminations beta by the gradient of the advantage of
+continuing, with a deliberation cost, and the options' own policies by the intra-option gradient. Sources: Bacon et al.
+2017; Harb et al. 2018 (deliberation cost); Albilani 2023, equations 6.6 to 6.8 and algorithm 11, of which 6.8 is
+restored.
 """
 
 from __future__ import annotations
@@ -62,9 +63,9 @@ def best_value(q: Tensor, available: Tensor) -> Tensor:
 
 
 def smdp_target(rewards: Tensor, ticks: Tensor, after: Tensor, terminated: Tensor, gamma: float) -> Tensor:
-    """(N,) what Q_Omega(s, o) should be: the rewards while o ran, and the best that can be done where it ended.
+    """(N,) target of Q_Omega(s, o): the rewards while o ran, and the best value where it ended.
 
-    R + gamma^k max_o' Q(s', o'); the thesis's 6.8 restored.
+    R + gamma^k max_o' Q(s', o'); the thesis's equation 6.8, corrected.
 
     Args:
         rewards: (N,) sum of gamma^i r_i over the option's k ticks.
@@ -77,7 +78,7 @@ def smdp_target(rewards: Tensor, ticks: Tensor, after: Tensor, terminated: Tenso
 
 
 def arrival_value(q_option: Tensor, beta: Tensor, best: Tensor) -> Tensor:
-    """(N,) U(s', o): the value of arriving somewhere with an option, which goes on or ends there.
+    """(N,) U(s', o): value of arriving in a state with an option, which continues or ends there.
 
     Args:
         q_option: (N,) Q_Omega(s', o).
@@ -88,7 +89,7 @@ def arrival_value(q_option: Tensor, beta: Tensor, best: Tensor) -> Tensor:
 
 
 def termination_loss(beta: Tensor, q_option: Tensor, best: Tensor, cost: float) -> Tensor:
-    """Its gradient ends an option the less, the better it still is than the best; equation 6.7.
+    """Loss of terminations: an option ends the less, the better it is than the best one; equation 6.7.
 
     Args:
         beta: (N,) beta(s', o).
@@ -100,7 +101,7 @@ def termination_loss(beta: Tensor, q_option: Tensor, best: Tensor, cost: float) 
 
 
 def intra_option_loss(log_prob: Tensor, arrived: Tensor, q_option: Tensor) -> Tensor:
-    """Its gradient makes actions likelier that turned out better than their option's value; equation 6.6.
+    """Loss of the options' policies: raises the probability of actions better than their option's value; equation 6.6.
 
     Q_Omega(s, o) is the baseline of Q_U(s, o, a).
 
@@ -116,7 +117,7 @@ def choose(q: Float32Array, available: BoolArray, epsilon: float, rng: np.random
     """Epsilon-greedy among the options that may begin.
 
     Raises:
-        InvalidInputError: None may.
+        InvalidInputError: No option may begin.
     """
     open_ = np.flatnonzero(available)
     if not len(open_):
@@ -128,15 +129,15 @@ def choose(q: Float32Array, available: BoolArray, epsilon: float, rng: np.random
 
 @dataclass(slots=True)
 class Batch:
-    """Options that were carried out, N of them.
+    """N finished options.
 
     Attributes:
-        states: (N, D) where each began.
+        states: (N, D) at the begin.
         options: (N,) int64.
-        rewards: (N,) discounted sum while it ran.
-        ticks: (N,) for how long.
-        after: (N, D) where it ended.
-        available: (N, O) bool, what may begin there.
+        rewards: (N,) discounted sum during the option.
+        ticks: (N,) duration.
+        after: (N, D) states at the end.
+        available: (N, O) bool, options that may begin there.
         terminated: (N,) bool.
     """
 
@@ -150,15 +151,15 @@ class Batch:
 
 
 class Replay:
-    """The last options that were carried out."""
+    """Replay memory of finished options."""
 
     def __init__(self, size: int, state: int, options: int) -> None:
-        """Makes room.
+        """Allocates the memory.
 
         Args:
-            size: How many are kept.
+            size: Capacity.
             state: Numbers in a state.
-            options: How many options there are.
+            options: Number of options.
         """
         self._rows = Batch(
             states=torch.zeros(size, state),
@@ -184,7 +185,7 @@ class Replay:
         available: BoolArray,
         terminated: bool,
     ) -> None:
-        """Keeps one, in the place of the oldest; see `Batch`."""
+        """Adds one in the place of the oldest; see `Batch`."""
         row, rows = self._added % self._size, self._rows
         rows.states[row], rows.after[row] = torch.from_numpy(state), torch.from_numpy(after)
         rows.options[row], rows.rewards[row], rows.ticks[row] = option, reward, ticks
@@ -192,17 +193,17 @@ class Replay:
         self._added += 1
 
     def sample(self, count: int, rng: np.random.Generator) -> Batch:
-        """Some, drawn with replacement."""
+        """Random batch, drawn with replacement."""
         drawn = torch.from_numpy(rng.integers(len(self), size=count))
         return Batch(*(getattr(self._rows, name)[drawn] for name in Batch.__slots__))
 
     def state(self) -> dict[str, Tensor | int]:
-        """What `restore` needs."""
+        """State for `restore`."""
         kept = {name: getattr(self._rows, name)[: len(self)].clone() for name in Batch.__slots__}
         return {**kept, "added": self._added}
 
     def restore(self, state: dict[str, Tensor | int]) -> None:
-        """Puts back what `state` gave."""
+        """Restores a state."""
         self._added = int(state["added"])
         for name in Batch.__slots__:
             getattr(self._rows, name)[: len(self)] = state[name]

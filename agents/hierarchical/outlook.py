@@ -1,4 +1,4 @@
-"""Outlook: one tick as the master sees it: the state, which options may begin, and whether the present one is over."""
+"""Outlook: the master's observation: state, options that may begin, and whether the running one is finished."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ OPTIONS = tuple(Manoeuvre)
 FINISHED, CRITICAL, FRESH = range(3)
 FLAGS = 3
 HOLD: FloatArray = np.array([-2.0, 0.0])
-"""While the filter wants the vehicle to stand."""
+"""Action while the filter needs the vehicle to stand."""
 
 
 class Outlook:
@@ -25,22 +25,22 @@ class Outlook:
 
     Attributes:
         encoder: Makes the states.
-        rules: Those that drive while RSS says that the situation is critical; None: they never do.
-        sensors: What an observation must hold.
+        rules: Rules that drive in critical situations; None: they never drive.
+        sensors: Needed in an observation.
         seen: The last observation, along the path that is followed.
-        believed: The same from where the ego believes to be.
+        believed: The same from the estimated pose.
         around: Made of `seen`.
         state: Of the last observation.
-        available: (options,) which may begin now.
-        finished: Whether the option that runs has done what it is for.
+        available: (options,) options that may begin now.
+        finished: Whether the running option has reached its goal.
     """
 
     def __init__(self, state: StateConfig, rules: RulesOnly | None = None) -> None:
-        """Loads what the states need.
+        """Loads the state's encoder.
 
         Args:
-            state: What a state is made of.
-            rules: To drive in critical intervals.
+            state: Configuration of the state.
+            rules: Drive in critical intervals.
         """
         self.encoder, self.rules = StateEncoder(state), rules
         self.sensors = tuple(dict.fromkeys((*SENSORS, *self.encoder.sensors)))
@@ -70,11 +70,11 @@ class Outlook:
 
     @property
     def offset(self) -> float:
-        """Where the path leads, m to the left of the route."""
+        """Offset of the path, m to the left of the route."""
         return self._course.offset
 
     def update(self, observation: Observation) -> None:
-        """Goes on for one tick.
+        """Updates by one tick.
 
         Args:
             observation: With `sensors`.
@@ -99,31 +99,31 @@ class Outlook:
             self.rules.observe(self.seen)
 
     def follow(self, option: Manoeuvre) -> None:
-        """Leads the path where an option wants it; to be called in every tick that the option drives."""
+        """Sets the path of an option; must be called in every tick that the option drives."""
         if option in CHANGES and (option is not self._followed or self.finished):
             self._course.begin(option, self._progress, self._speed)
         self._followed = option
 
     def controls(self, action: Float32Array, steering: Steering) -> FloatArray:
-        """What an option wants: acceleration [m/s^2] and steering in [-1, 1] of full lock.
+        """Controls of an option: acceleration [m/s^2] and steering in [-1, 1] of full lock.
 
         Args:
             action: (2,) in [-1, 1], see `actuation.command`.
-            steering: Who steers.
+            steering: Kind of steering.
         """
         if self.encoder.calibrating:
             return HOLD
         return command(action, float(self.seen["speedometer"][0]), self.believed["route"], steering)
 
     def obey_rules(self) -> FloatArray:
-        """What the rules do: acceleration [m/s^2] and steering in [-1, 1] of full lock."""
+        """Controls of the rules: acceleration [m/s^2] and steering in [-1, 1] of full lock."""
         assert self.rules is not None
         if not self._was_critical:
             self.rules.take_over()
         return self.rules.decide(self.seen)
 
     def vector(self) -> Float32Array:
-        """(size + options + FLAGS,) all of it as one observation of an environment."""
+        """(size + options + FLAGS,) the outlook as one observation of an environment."""
         flags = (self.finished, self.critical, self._fresh)
         return np.concatenate([self.state, self.available, flags], dtype=np.float32)
 

@@ -1,4 +1,4 @@
-"""Pace: how fast a careful driver would go here, and what holds him back. Sub-policies are rewarded against it."""
+"""Pace: speed of a careful driver, and the reasons that limit it. The reward of sub-policies depends on it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _CAR = VehicleParameters()
 
 
 class Restraint(StrEnum):
-    """What may hold a driver back, besides limits and curves."""
+    """Reasons to slow down, besides limits and curves."""
 
     LEADER = "leader"
     LINE = "line"
@@ -40,14 +40,14 @@ class Restraint(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How fast to go, m/s: v_min, v_target and v_max of the thesis's equation 6.2.
+    """Speeds, m/s: v_min, v_target and v_max of the thesis's equation 6.2.
 
     Attributes:
         least: Slower is too slow: 0.8 of the target.
         target: What a careful driver would hold.
-        most: Where the reward of the speed has fallen to 0: a fifth above the limit, whatever the target, so that
-            braking for it pays from the first.
-        stop_m: Distance from the ego's front to where it must stand, m; infinite where it need not.
+        most: Speed with reward 0: a fifth above the limit for any target, so that braking pays from its first
+            tick.
+        stop_m: Distance from the ego's front to its stopping place, m; infinite without one.
     """
 
     least: float
@@ -67,8 +67,8 @@ def pace_of(observation: Observation, around: Surroundings, restraints: frozense
     Args:
         observation: With the sensors "route", "path", "junctions_ahead" and "conflicts"; the path is the one to
             be followed.
-        around: Made of it.
-        restraints: Which of them count.
+        around: Made of the observation.
+        restraints: Those that count.
     """
     limits = list(_lines(observation["junctions_ahead"])) if Restraint.LINE in restraints else []
     if Restraint.LEADER in restraints:
@@ -85,11 +85,11 @@ def pace_of(observation: Observation, around: Surroundings, restraints: frozense
 
 
 def following_speed(gap: float, pace: float) -> float:
-    """Speed behind somebody, m/s: closes a gap [m] beyond 2.5 m and 1 s, and can always stop gently.
+    """Speed behind a leader, m/s: closes a gap [m] beyond 2.5 m and 1 s, and can always stop gently.
 
     Args:
         gap: Between the bumpers, m.
-        pace: Of the other along the path, m/s.
+        pace: Speed of the leader along the path, m/s.
     """
     pace = max(pace, 0.0)
     closing = pace + FOLLOWING_GAIN * (gap - FOLLOWING_GAP_M - FOLLOWING_S * pace)
@@ -106,14 +106,14 @@ def stopping_speed(distance: float, gap: float) -> float:
 def closed(junctions: Float32Array) -> BoolArray:
     """(N,) whether a line is ahead, and its light red or yellow; `junctions`: (N, 4), see `sensors.junctions_ahead`.
 
-    Who cannot stop gently before a yellow light drives on, and who is past the line is past it.
+    A yellow light does not count if the ego cannot stop gently, nor does a line behind the front.
     """
     stops: BoolArray = (junctions[:, 2] == LightState.RED) | (junctions[:, 2] == LightState.YELLOW)
     return stops & (junctions[:, 0] > 0.0)
 
 
 def coming(conflicts: Float32Array) -> BoolArray:
-    """(N,) whether somebody is about to cross the way within sight; `conflicts`: (N, 8), see `sensors.conflicts`."""
+    """(N,) whether an actor is about to cross the way within sight; `conflicts`: (N, 8), see `sensors.conflicts`."""
     enter, other_enter, speed, kind = conflicts[:, (0, 2, 4, 6)].T
     soon: BoolArray = (other_enter <= 0.0) | (other_enter < YIELD_S * speed)
     here: BoolArray = (kind >= 0) & (enter > 0.0) & (enter < YIELD_SIGHT_M)
@@ -137,7 +137,7 @@ def _lines(junctions: Float32Array) -> Iterator[tuple[float, float]]:
 
 
 def yields(conflicts: Float32Array, around: Surroundings) -> Iterator[tuple[float, float]]:
-    """To people on foot who come, and to vehicles that have the right of way and are near.
+    """Restraints by crossing pedestrians, and by near vehicles with the right of way.
 
     Args:
         conflicts: (16, 8), see `sensors.conflicts`.

@@ -1,8 +1,8 @@
-"""Rewards of the sub-policies: speed, distance and angle to the path, multiplied; an infraction overrides all.
+"""Rewards of the sub-policies: speed, distance and angle to the path, multiplied; an infraction overrides them.
 
-R = f(r_v) f(r_d) f(r_alpha), f(r) = r^2. Source: Albilani 2023, equations 6.1 to 6.4, mended: r_v = -10 on an
-infraction would be +100 once squared, and 0 times r_d = 0, so an infraction is worth -10 whatever else is true; and
-every share is kept in [0, 1] before it is squared.
+R = f(r_v) f(r_d) f(r_alpha), f(r) = r^2. Source: Albilani 2023, equations 6.1 to 6.4, corrected: r_v = -10 on an
+infraction would be +100 once squared, and 0 times r_d = 0. So an infraction is worth -10 in any case, and every share
+is kept in [0, 1] before it is squared.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ WIDEST_RAD = math.radians(90.0)
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """What a reward is made of, each in [0, 1].
+    """Terms of a reward, each in [0, 1].
 
     Attributes:
         speed: r_v.
@@ -71,7 +71,7 @@ def reward(found: Terms, infraction: bool, form: Form = "product") -> float:
     Args:
         found: Of the tick.
         infraction: Whether there was one.
-        form: "sum" is the arm that the thesis found worse: the mean of the three, so that both have the same scale.
+        form: "product", or "sum": the mean of the three, which has the same scale; the thesis found it worse.
     """
     if infraction:
         return INFRACTION

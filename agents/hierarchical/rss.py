@@ -1,8 +1,8 @@
-"""RSS: the distances that keep the ego out of accidents of its own making, and when they are violated.
+"""RSS: safe distances, and their violations.
 
 Everything is in the frame of the ego's path: longitudinal along it, lateral across it. A situation is dangerous where
 the longitudinal *and* the lateral distance to the same actor are too short; longitudinal alone is a neighbour lane,
-lateral alone a leader. Who crosses the path keeps going: the ego must be able to stop before the other is in its way.
+lateral alone a leader. Crossing actors keep their speed: the ego must be able to stop before them.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ CROSSES = math.sin(math.radians(30.0))
 
 
 class RssConstants(Config):
-    """What everybody is assumed to do at worst.
+    """Assumed worst behaviour of all actors.
 
     Attributes:
-        reaction_s: Until a response shows, s.
-        acceleration: Most that a vehicle accelerates during it, m/s^2.
-        braking: Least with which whoever must respond brakes, m/s^2.
-        hardest_braking: Most with which whoever is ahead may brake, m/s^2.
-        side_acceleration: Most towards the side during the reaction, m/s^2.
-        side_braking: Least with which a motion to the side is stopped, m/s^2.
-        side_margin_m: What stays between two vehicles side by side, m.
+        reaction_s: Time until a response, s.
+        acceleration: Highest acceleration during the reaction, m/s^2.
+        braking: Least deceleration of the responding vehicle, m/s^2.
+        hardest_braking: Hardest deceleration of the vehicle ahead, m/s^2.
+        side_acceleration: Highest lateral acceleration during the reaction, m/s^2.
+        side_braking: Least deceleration of a lateral motion, m/s^2.
+        side_margin_m: Remaining distance between two vehicles side by side, m.
     """
 
     reaction_s: Positive
@@ -53,7 +53,7 @@ class RssConstants(Config):
 
     @property
     def numbers(self) -> Numbers:
-        """The same for the kernels."""
+        """Constants as the kernels take them."""
         return Numbers(*self.model_dump().values())
 
 
@@ -78,8 +78,8 @@ EGO = RssConstants(
     side_braking=0.8,
     side_margin_m=0.2,
 )
-"""Ours, from what the ego is: it decides every 0.1 s, its drive and brakes lag by 0.1 s, traction and hardest braking
-are those of `VehicleParameters`, heavy rain leaves a grip of 0.6 x 0.9 x g = 5.3 m/s^2. To the side as `LITERATURE`."""
+"""Ours, from the ego's properties: it decides every 0.1 s, its drive and brakes lag by 0.1 s. Traction and hardest
+braking are those of `VehicleParameters`, heavy rain leaves a grip of 0.6 x 0.9 x g = 5.3 m/s^2. Laterally as `LITERATURE`."""
 LITERATURE = RssConstants(
     reaction_s=0.5,
     acceleration=3.5,
@@ -89,15 +89,15 @@ LITERATURE = RssConstants(
     side_braking=0.8,
     side_margin_m=0.1,
 )
-"""Common choices for cars in town; the thesis gives none. Asks for 16 m behind who drives 10 m/s, more than SUMO's."""
+"""Common choices for cars in town; the thesis gives none. At 10 m/s they need 16 m, more than SUMO's drivers keep."""
 CONSTANTS: Mapping[str, RssConstants] = MappingProxyType({"rss": EGO, "rss-literature": LITERATURE})
 
 
 @njit(cache=True)
 def behind_distance(rear: float, front: float, c: Numbers) -> float:
-    """Least gap to whoever drives ahead in the same direction, m.
+    """Least gap to a vehicle ahead in the same direction, m.
 
-    The rear one accelerates until it reacts, then brakes as little as it must; the front one brakes as hard as it can.
+    The rear one accelerates until it reacts, then brakes with the least deceleration; the front one brakes hardest.
 
     Args:
         rear: Speed of the one behind, m/s.
@@ -113,14 +113,14 @@ def behind_distance(rear: float, front: float, c: Numbers) -> float:
 
 @njit(cache=True)
 def oncoming_distance(one: float, other: float, c: Numbers) -> float:
-    """Least gap between two who drive towards each other, m: both accelerate until they react, then brake.
+    """Least gap between two vehicles towards each other, m: both accelerate until they react, then brake.
 
     Args:
         one: Speed of the one, m/s.
         other: Speed of the other, m/s.
         c: The constants.
 
-    Source: the same, definition 2, with one braking for both: here nobody knows who is on the wrong side.
+    Source: the same, definition 2, with equal braking of both, since it is not known which one is on the wrong side.
     """
     return behind_distance(one, 0.0, c) + behind_distance(other, 0.0, c)
 
@@ -134,8 +134,8 @@ def side_distance(one: float, other: float, c: Numbers) -> float:
         other: Speed of the other towards the one, m/s.
         c: The constants.
 
-    Source: the same, definition 6. Its formula adds the way that somebody who moves away needs to stop moving away;
-    here that is no way towards the other.
+    Source: the same, definition 6. Its formula adds the distance that a vehicle moving away needs to stop that motion;
+    here this distance does not count.
     """
     return c.margin + _sideways(one, c) + _sideways(other, c)
 
@@ -150,16 +150,16 @@ def _sideways(speed: float, c: Numbers) -> float:
 
 @njit(cache=True)
 def crossing_distance(ego: float, towards: float, gives_way: bool, c: Numbers) -> float:
-    """Least gap across the path to whoever crosses it, m: it keeps its speed until the ego stands.
+    """Least gap across the path to a crossing actor, m: it keeps its speed until the ego stands.
 
     Args:
         ego: Speed of the ego, m/s.
         towards: Speed of the other towards the path, m/s; negative where it leaves.
-        gives_way: Whether it must let the ego pass; then it is only asked to be able to brake.
+        gives_way: Whether it must yield to the ego; then it only has to be able to brake.
         c: The constants.
 
-    Source: ours; RSS leaves who walks or turns in front to "other" geometry. Its rule for junctions, that who must give
-    way is dangerous only once it can no longer stop, is kept.
+    Source: ours; RSS treats walking or turning in front as "other" geometry. Its rule for junctions is kept: an actor
+    that must yield is dangerous only once it can no longer stop.
     """
     if towards <= 0.0:
         return c.margin
@@ -172,7 +172,7 @@ def crossing_distance(ego: float, towards: float, gives_way: bool, c: Numbers) -
 def judge(
     speed: float, sideways: float, offset: float, half_length: float, half_width: float, actors: FloatArray, c: Numbers
 ) -> FloatArray:
-    """The gaps to every actor, and how large they must be.
+    """Gaps to every actor, and their least sizes.
 
     Args:
         speed: Of the ego along its path, m/s.
@@ -210,9 +210,9 @@ def judge(
 
 
 def dangerous(judged: FloatArray) -> tuple[BoolArray, BoolArray]:
-    """(N,) each, bool: who is too near longitudinally, and who laterally; a situation is dangerous where both hold.
+    """(N,) bool each: too near longitudinally, too near laterally; a situation is dangerous where both hold.
 
-    Whoever is behind is left to keep its own distance.
+    Actors behind have to keep their own distance.
     """
     too_near = (judged[:, GAP] >= 0.0) & (judged[:, GAP] < judged[:, LEAST])
     return too_near, judged[:, SIDE_GAP] < judged[:, SIDE_LEAST]

@@ -1,11 +1,11 @@
-"""Rulebook: rules in Answer Set Programming read from files, checked, and made to say which of them fired.
+"""Rulebook: rules in Answer Set Programming, read from files, checked, and instrumented to report which fired.
 
 A rulebook is a folder of `.lp` files. `#defined p/n.` declares a fact that the world may give, `#show p/n.` an action
 that the rules may take; every other predicate must be the head of some rule. Only plain rules and constraints are
 allowed, so that a rulebook has one answer and every atom of it a rule.
 
-Where somebody asks which rules fired, each rule `head :- body` is read as `_fired_head(number) :- body` and
-`head :- _fired_head(number)`: the answer set itself says it, and with what.
+To report which rules fired, each rule `head :- body` is read as `_fired_head(number) :- body` and
+`head :- _fired_head(number)`: the answer set itself contains it, with its arguments.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class RuleError(InvalidInputError):
 
 @dataclass(frozen=True, slots=True, order=True)
 class Signature:
-    """A predicate: its name, how many arguments it has, and whether it is strongly negated."""
+    """A predicate: name, number of arguments, and whether it is strongly negated."""
 
     name: str
     arity: int
@@ -47,19 +47,19 @@ class Signature:
 
     @property
     def fired(self) -> str:
-        """Name of the predicate that says which rule gave it."""
+        """Name of the predicate that reports the rule behind it."""
         return f"{FIRED}{'' if self.positive else DENIED}{self.name}"
 
 
 @dataclass(frozen=True, slots=True)
 class Pattern:
-    """What an atom looks like: its predicate, and those of its arguments that are names; None stands for any."""
+    """Pattern of an atom: its predicate, and those of its arguments that are names; None stands for any."""
 
     signature: Signature
     names: tuple[str | None, ...]
 
     def meets(self, other: Pattern) -> bool:
-        """Whether an atom may look like both."""
+        """Whether an atom may match both."""
         pairs = zip(self.names, other.names, strict=True)
         return self.signature == other.signature and all(a is None or b is None or a == b for a, b in pairs)
 
@@ -73,9 +73,9 @@ class Rule:
         file: Name of the file.
         line: Where the rule begins.
         text: As clingo prints it.
-        why: The comment before it, on one line; empty where there is none.
-        head: What it derives; None for a constraint.
-        gives: What that looks like.
+        why: The comment before it, on one line; empty without one.
+        head: Derived atom; None for a constraint.
+        gives: Pattern of the head.
         needs: Atoms without which it cannot fire.
         statement: As parsed.
     """
@@ -97,11 +97,11 @@ class Rule:
 
     @property
     def negates(self) -> bool:
-        """Whether it asks that something be not known."""
+        """Whether it has a negated atom (`not`) in its body."""
         return any(item.sign == Sign.Negation for item in self.statement.body if item.ast_type == ASTType.Literal)
 
     def can_fire(self, known: Mapping[Signature, Collection[Pattern]]) -> bool:
-        """Whether each atom that it needs may be among some, which are sorted by their predicates."""
+        """Whether each needed atom may be among given ones, which are sorted by their predicates."""
         return all(any(need.meets(one) for one in known.get(need.signature, ())) for need in self.needs)
 
 
@@ -111,10 +111,10 @@ class Rulebook:
 
     Attributes:
         rules: In the order of files and lines.
-        facts: What the world may say.
-        actions: What the rules may order, and where that is said.
+        facts: Predicates that the world may give.
+        actions: Predicates of orders, with the places of their declarations.
         version: sha256 of all files.
-        files: That it was read from.
+        files: Its files.
     """
 
     rules: tuple[Rule, ...]
@@ -124,7 +124,7 @@ class Rulebook:
     files: tuple[Path, ...]
 
     def able(self, given: Collection[Pattern]) -> list[Rule]:
-        """The rules that can fire at all where all facts look like one of those given."""
+        """Rules that can fire if all facts match one of the given patterns."""
         known = defaultdict[Signature, set[Pattern]](set)
         able, left, new = list[Rule](), list(self.rules), list(given)
         while True:
@@ -138,17 +138,17 @@ class Rulebook:
             new = [rule.gives for rule in found.values() if rule.gives is not None]
 
     def plain(self, rules: Sequence[Rule]) -> list[AST]:
-        """The statements of a program of some of the rules."""
+        """Statements of a program of some rules."""
         return [rule.statement for rule in rules]
 
     def traced(self, rules: Sequence[Rule]) -> list[AST]:
-        """The statements of the program that says which rules fired."""
+        """Statements of the program that reports which rules fired."""
         statements = [_traced(rule) if _has_body(rule) else rule.statement for rule in rules]
         heads = {rule.head for rule in rules if rule.head is not None and _has_body(rule)}
         return statements + [_projection(head) for head in sorted(heads)]
 
     def relaxed(self, without: int = -1) -> list[AST]:
-        """The same, but with contradictions and broken constraints as atoms, so that they can be seen.
+        """The same, but with contradictions and broken constraints as atoms, so that they can be reported.
 
         Args:
             without: Number of a rule to leave out.
@@ -163,7 +163,7 @@ def read_rulebook(folder: Path) -> Rulebook:
     """Reads and checks all `.lp` files of a folder, in the order of their names.
 
     Raises:
-        RuleError: There is none, or one of them cannot be used: file and line are named.
+        RuleError: There is no file, or one cannot be used; the message has file and line.
     """
     files = tuple(sorted(folder.glob("*.lp")))
     if not files:
@@ -191,7 +191,7 @@ def read_rulebook(folder: Path) -> Rulebook:
 
 
 def _statements(file: Path) -> Iterator[tuple[AST, str]]:
-    """Each statement with the comment right before it."""
+    """Each statement with the comment directly before it."""
     found: list[AST] = []
     messages: list[str] = []
 
@@ -211,7 +211,7 @@ def _statements(file: Path) -> Iterator[tuple[AST, str]]:
             last = line
         elif statement.ast_type not in _IGNORED:
             yield statement, " ".join(text.lstrip("% ").strip() for text in comment) if line == last + 1 else ""
-            # Further rules right below share the comment.
+            # Rules directly below share the comment.
             last = statement.location.end.line
 
 
@@ -252,7 +252,7 @@ def _of_symbol(symbol: AST) -> Signature | None:
 
 
 def _needs(rule: AST) -> tuple[Pattern, ...]:
-    """Of the body's plain atoms, those without `not`."""
+    """Atoms of the body without `not`."""
     plain = [item.atom for item in rule.body if item.ast_type == ASTType.Literal and item.sign == Sign.NoSign]
     found = [_pattern(atom.symbol) for atom in plain if atom.ast_type == ASTType.SymbolicAtom]
     return tuple(one for one in found if one is not None)
@@ -310,7 +310,7 @@ def _has_body(rule: Rule) -> bool:
 
 
 def _traced(rule: Rule) -> AST:
-    """The rule with a head that names it; a constraint's is `_broken(number)`."""
+    """Rule whose head names it; `_broken(number)` for a constraint."""
     where = rule.statement.location
     number = syntax.SymbolicTerm(where, Number(rule.number))
     if rule.head is None:
@@ -324,7 +324,7 @@ def _traced(rule: Rule) -> AST:
 
 
 def _projection(head: Signature) -> AST:
-    """From the rule that fired to what it says."""
+    """Rule from the fired one to its head."""
     variables = ",".join(f"X{i}" for i in range(head.arity))
     arguments = f"({variables})" if variables else ""
     separator = "," if variables else ""
@@ -335,7 +335,7 @@ def _projection(head: Signature) -> AST:
 
 
 class _Relax(Transformer):
-    """Takes strong negation for a predicate of its own, which nothing contradicts."""
+    """Replaces strong negation by a predicate of its own, without contradiction."""
 
     def visit_SymbolicAtom(self, node: AST) -> AST:  # noqa: N802
         symbol = node.symbol

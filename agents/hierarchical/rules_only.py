@@ -1,7 +1,7 @@
-"""Rules only: drives by answer sets. What GHRL falls back on where RSS says that the situation is critical.
+"""Rules only: drives by answer sets. GHRL falls back on it in critical situations.
 
 Each tick the observation becomes facts, the rules order actions, and the control below them carries these out: pure
-pursuit of the route, IDM behind whoever is to be followed and before lines, the levels of the braking cascade, and
+pursuit of the route, IDM behind leaders and before lines, the levels of the braking cascade, and
 smooth ramps into the lane beside and back.
 """
 
@@ -34,13 +34,13 @@ FOLLOWING = Idm(gap=2.5, headway=1.3, acceleration=2.0, braking=2.5, exponent=4.
 PASSING_M_S2 = 3.0
 LINE_GAP_M = 1.0
 LEVELS_M_S2 = (0.0, 1.5, 2.5, 4.0, 6.0, 8.0)
-"""Of the braking cascade, by `brake(L)`."""
+"""Decelerations of the braking cascade, by `brake(L)`, m/s^2."""
 HARDEST_M_S2 = 8.0
 ORDERS = {
     *(Signature(name, 1) for name in ("pace", "follow", "waits", "stop", "brake", "change")),
     *(Signature(name, 0) for name in ("go", "keep_lane", "keep_right")),
 }
-"""What the control below the rules can carry out."""
+"""Orders that the control below the rules can execute."""
 SIDE_M_S2 = 3.0
 LEAST_RAMP_M, BACK_RAMP_M, RIGHT_RAMP_M = 6.0, 12.0, 8.0
 
@@ -59,7 +59,7 @@ class RulesOnly(Agent):
 
         Raises:
             RuleError: The rulebook cannot be used.
-            UnknownNameError: There are no constants of that name.
+            UnknownNameError: There are no such constants.
         """
         if rss not in CONSTANTS:
             raise UnknownNameError("RSS constants", rss, CONSTANTS)
@@ -75,7 +75,7 @@ class RulesOnly(Agent):
         self._forget()
 
     def reset(self, mission: Mission, seed: int) -> None:
-        """Forgets the last episode."""
+        """Clears the state of the last episode."""
         warm_up()
         self.watch.reset()
         self._forget()
@@ -86,22 +86,22 @@ class RulesOnly(Agent):
         self._right = 0.0
 
     def act(self, observation: Observation) -> np.ndarray:
-        """What the rules order, carried out."""
+        """Controls for the orders of the rules."""
         self.observe(observation)
         return self.decide(observation)
 
     def observe(self, observation: Observation) -> None:
-        """Remembers one tick and judges it by RSS, without deciding: for whoever lets the rules drive at times."""
+        """Updates memory and RSS by one tick without a decision, for agents that use the rules at times."""
         self._around = Surroundings(observation)
         self._memory.watch(observation, self._around.neighbours)
         self.watch.update(observation, self._around)
 
     def take_over(self) -> None:
-        """Begins to drive on the path that is given, wherever the last decision had led."""
+        """Starts on the given path, independent of the last decision."""
         self._aside, self._right = Sidestep(), 0.0
 
     def decide(self, observation: Observation) -> np.ndarray:
-        """What the rules order, carried out; after `observe` of the same."""
+        """Controls for the orders of the rules; after `observe` of the same observation."""
         speed, progress = float(observation["speedometer"][0]), float(observation["navigation"][2])
         route = self._aside.applied(observation["route"], progress)
         advised = advised_speed(route)
@@ -115,16 +115,16 @@ class RulesOnly(Agent):
         return np.array([self._acceleration(decision, moment, speed, advised), steering])
 
     def explain(self) -> Explanation | None:
-        """Facts, answer set and fired rules of the last decision, and what RSS said."""
+        """Facts, answer set and fired rules of the last decision, and the result of RSS."""
         if self._decision is None:
             return None
         return {"agent": self.spec.name, **self.solver.explanation(self._decision), "rss": self.judgement()}
 
     def close(self) -> None:
-        """Holds nothing."""
+        """Does nothing: the agent has no resources."""
 
     def judgement(self) -> Explanation:
-        """What RSS said of the last tick, and what the critical intervals came to so far."""
+        """Result of RSS for the last tick, and totals of the critical intervals."""
         return {
             "critical": self.watch.critical,
             "critical_share": round(self.watch.share, 4),
@@ -133,7 +133,7 @@ class RulesOnly(Agent):
         }
 
     def _acceleration(self, decision: Decision, moment: Moment, speed: float, advised: float) -> float:
-        """The most careful of what the actions ask for, m/s^2."""
+        """Smallest acceleration that the actions request, m/s^2."""
         paces = [v / 10.0 for v in decision.numbers("pace")]
         most = FOLLOWING.acceleration if self._aside.offset in (0.0, self._right) else PASSING_M_S2
         wish = _towards(speed, min([advised, *paces]), most)
@@ -165,7 +165,7 @@ class RulesOnly(Agent):
         self._keep_right(moment.squeeze if decision.orders("keep_right") else 0.0, progress)
 
     def _keep_right(self, offset: float, progress: float) -> None:
-        """Inside its own lane to the right, and back; only while it is in that lane."""
+        """Moves to the right inside the ego's own lane, and back; only while it is in that lane."""
         if self._aside.offset not in (0.0, self._right):
             return
         if offset < self._right - 0.05 or (offset == 0.0 and self._right < 0.0):
@@ -174,7 +174,7 @@ class RulesOnly(Agent):
 
 
 def advised_speed(route: Float32Array) -> float:
-    """The highest speed now from which gentle braking meets every limit and curve ahead, m/s.
+    """Highest present speed from which gentle braking meets every limit and curve ahead, m/s.
 
     Args:
         route: (80, 7), see `sensors.route`.
@@ -186,7 +186,7 @@ def advised_speed(route: Float32Array) -> float:
 
 
 def follow(speed: float, gap: float, pace: float) -> float:
-    """IDM's acceleration behind somebody, m/s^2: gap [m] between bumpers, its pace [m/s]."""
+    """IDM's acceleration behind a leader, m/s^2: gap [m] between bumpers, its speed [m/s]."""
     s = FOLLOWING
     gap = max(gap, s.least_gap)
     closing = speed * (speed - pace) / (2 * math.sqrt(s.acceleration * s.braking))

@@ -1,8 +1,8 @@
-"""Scenarios of the sub-policies: from a seed, a short mission that calls for one manoeuvre.
+"""Scenarios of the sub-policies: a short mission that needs one manoeuvre, drawn from a seed.
 
     scenario = draw_scenario(Manoeuvre.LIGHTS, seed=7)     # 30 to 100 m before a light
 
-Everything follows from manoeuvre and seed. Which seeds are held out is the trainer's business.
+Everything follows from manoeuvre and seed. The trainer decides which seeds are held out.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ BRAKING_EVENTS: tuple[Mapping[str, object], ...] = (
     {"kind": "hard_brake", "stop_s": 5.0},
 )
 GIVING_WAY = 6
-"""So many exercises of braking without an event for one of each event."""
+"""Exercises of braking without an event, per exercise of each event."""
 NEVER_IN_TOWN = {"opposite_takes_priority", "left_turn_unsignalised"}
 _EVENT: TypeAdapter[Event] = TypeAdapter(Event)
 _Draw = Callable[[np.random.Generator, int], Scenario | None]
@@ -72,7 +72,7 @@ def draw_scenario(what: str, seed: int) -> Scenario:
 
     Args:
         what: A `Manoeuvre`, or "drive".
-        seed: Decides everything.
+        seed: Of everything.
 
     Raises:
         InvalidInputError: No scenario was found within `ATTEMPTS` draws.
@@ -86,7 +86,7 @@ def draw_scenario(what: str, seed: int) -> Scenario:
 
 
 def careful_speed(route: Route) -> float:
-    """The highest speed at a route's start from which gentle braking meets every limit and curve, m/s."""
+    """Highest speed at a route's start from which gentle braking meets every limit and curve, m/s."""
     curve = np.sqrt(CURVE_M_S2 / np.maximum(np.abs(route.curvature), 1e-3))
     allowed = np.minimum(route.speed_limit, curve)
     at = np.arange(len(allowed), dtype=np.float64) * route.length / (len(allowed) - 1)
@@ -94,7 +94,7 @@ def careful_speed(route: Route) -> float:
 
 
 def _lane(rng: np.random.Generator, seed: int) -> Scenario | None:
-    """Roads, bends and turns, alone or in traffic; lights, which are not its business, are not near the start."""
+    """Roads, bends and turns, alone or in traffic; no light near the start: another sub-policy learns lights."""
     name = TOWN if rng.random() < 0.7 else DISTRICT
     network = load_network(name)
     start = _anywhere(rng, network)
@@ -127,8 +127,8 @@ def _change(manoeuvre: Manoeuvre) -> _Draw:
 
 
 def _braking(rng: np.random.Generator, seed: int) -> Scenario | None:
-    """Something appears, crosses, comes or brakes ahead, and goes away again; or there is traffic to give way to."""
-    which = seed % (len(BRAKING_EVENTS) + GIVING_WAY)  # not by chance: what fits in few places would be rare
+    """An actor appears, crosses, comes or brakes ahead, and leaves again; or there is traffic to yield to."""
+    which = seed % (len(BRAKING_EVENTS) + GIVING_WAY)  # not at random: events that fit in few places would be rare
     kind = BRAKING_EVENTS[which] if which < len(BRAKING_EVENTS) else None
     in_town = rng.random() < 0.6 and (kind is None or kind["kind"] not in NEVER_IN_TOWN)
     name = TOWN if in_town else DISTRICT
@@ -147,7 +147,7 @@ def _braking(rng: np.random.Generator, seed: int) -> Scenario | None:
 
 
 def _lights(rng: np.random.Generator, seed: int) -> Scenario | None:
-    """A light 8 to 100 m ahead, at any moment of its cycle, with or without others who queue."""
+    """A light 8 to 100 m ahead, at any moment of its cycle, with or without a queue."""
     name = TOWN if rng.random() < 0.8 else DISTRICT
     network = load_network(name)
     found = _mission(rng, network, 60.0, 500.0)
@@ -158,7 +158,7 @@ def _lights(rng: np.random.Generator, seed: int) -> Scenario | None:
 
 
 def _drive(rng: np.random.Generator, seed: int) -> Scenario | None:
-    """A mission through town in any traffic, as NoCrash's; something may happen on every third."""
+    """A mission through town in any traffic, as NoCrash's; every third may have an event."""
     network = load_network(TOWN)
     found = _mission(rng, network, 300.0, 1000.0)
     if found is None:
@@ -190,7 +190,7 @@ def _busy(
     warm_up_s: float = WARM_UP_S,
     events: tuple[Event, ...] = (),
 ) -> Scenario:
-    """Alone in some draws, in light to regular traffic with people on foot in the others."""
+    """No traffic in some draws, light to regular traffic with pedestrians in the others."""
     vehicles = 0 if rng.random() < QUIET_SHARE else int(rng.choice(BUSY))
     return _scenario(what, network, mission, seed, vehicles, 2 * vehicles, warm_up_s, events)
 
@@ -225,8 +225,8 @@ def _mission(rng: np.random.Generator, network: RoadNetwork, low: float, high: f
 
 
 def _planned(network: RoadNetwork, mission: Mission, low: float, high: float) -> tuple[Mission, Route] | None:
-    """A mission with its route, where that has a length within a range [m] and turns back nowhere."""
-    if math.dist(_point(network, mission.start), _point(network, mission.goal)) > high:  # cheaper than to plan
+    """Mission with its route, if that has a length within a range [m] and no U-turn."""
+    if math.dist(_point(network, mission.start), _point(network, mission.goal)) > high:  # cheaper than planning
         return None
     try:
         route = plan_route(network, mission)
@@ -237,7 +237,7 @@ def _planned(network: RoadNetwork, mission: Mission, low: float, high: float) ->
 
 
 def _moving(rng: np.random.Generator, mission: Mission, route: Route, least: float = 0.0) -> Mission:
-    """The mission from a rolling start, at any speed that the road ahead allows; every fourth from a stand."""
+    """The mission from a rolling start, at any speed that the road ahead allows; every fourth from standstill."""
     if least == 0.0 and rng.random() < 0.25:
         return mission
     most = max(0.9 * careful_speed(route), least)
@@ -258,7 +258,7 @@ def _event(
     low: float,
     high: float,
 ) -> Event | None:
-    """An event triggered within a range of the route [m]; None where it fits nowhere that was tried."""
+    """An event triggered within a range of the route [m]; None if no tried place fits."""
     for at in rng.uniform(low, high, PLACES_TRIED).round(1).tolist():
         event = _EVENT.validate_python({"name": "event", "at_m": at, **kind})
         try:
@@ -270,7 +270,7 @@ def _event(
 
 
 def _point(network: RoadNetwork, place: Place) -> tuple[float, float]:
-    """Where a place is, m, network frame."""
+    """Position of a place, m, network frame."""
     shape = network.lane_shape(network.lane_index[place.lane])
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))])
     x, y = (float(np.interp(place.position_m, arc, shape[:, i])) for i in (0, 1))
@@ -278,12 +278,12 @@ def _point(network: RoadNetwork, place: Place) -> tuple[float, float]:
 
 
 def _first_light(route: Route) -> float:
-    """From a route's start to the first junction with lights, m; infinite where there is none."""
+    """Distance from a route's start to the first junction with lights, m; infinite without one."""
     return min((passage.entry for passage in route.passages if passage.signal >= 0), default=math.inf)
 
 
 def _metres_to_light(network: RoadNetwork, place: Place) -> float:
-    """From a place to the end of its lane, where there is a light; infinite where there is none."""
+    """Distance from a place to the light at the end of its lane, m; infinite without one."""
     lane = network.lane_index[place.lane]
     lit = any(network.connections.signal[c] >= 0 for c in network.connections_from(lane))
     return float(network.lanes.length[lane]) - place.position_m if lit else math.inf

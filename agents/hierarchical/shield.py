@@ -2,8 +2,8 @@
 
     dohyo evaluate --agent autopilot --benchmark quickstart --set shield=rss
 
-While a situation is dangerous, the shield brakes as RSS's proper response asks, however much faster the agent wants to
-go, and does not let it steer towards whoever is too near at its side. At all other times nothing is changed.
+While a situation is dangerous, the shield brakes by RSS's proper response, whatever the agent's speed, and prevents
+steering towards an actor too near at the side. At all other times the action is unchanged.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from dohyo.sumo_networks.errors import UnknownNameError
 from dohyo.sumo_networks.sensors.path import BEHIND
 
 SPEED_GAIN = 1.6
-"""Of the controls that take a target speed, 1/s: so far below the speed, the target asks for that braking."""
+"""Gain of controls with a target speed, 1/s: deceleration per speed above the target."""
 _CAR = VehicleParameters()
 
 
@@ -35,7 +35,7 @@ class Shielded(Agent):
 
     Attributes:
         inner: The agent that drives.
-        watch: The judge, with the share of the time that was critical.
+        watch: RSS monitor, with the share of critical time.
         interventions: Ticks in which the action was changed.
     """
 
@@ -45,7 +45,7 @@ class Shielded(Agent):
         Args:
             inner: A registered name, or "module:Class".
             shield: A name of `rss.CONSTANTS`.
-            settings: Of the inner agent; `localization` puts a filter's pose before it.
+            settings: Of the inner agent; with `localization` it drives by a filter's pose.
 
         Raises:
             InvalidInputError: A name is unknown, or the agent cannot be made.
@@ -68,13 +68,13 @@ class Shielded(Agent):
         )
 
     def reset(self, mission: Mission, seed: int) -> None:
-        """Forgets the last episode."""
+        """Clears the state of the last episode."""
         self.inner.reset(mission, seed)
         self.watch.reset()
         self.interventions, self._changed = 0, False
 
     def act(self, observation: Observation) -> np.ndarray:
-        """What the inner agent wants, unless RSS asks for something else."""
+        """Action of the inner agent, changed if RSS requires it."""
         wanted = self.inner.act({name: observation[name] for name in self.inner.spec.sensors})
         dangers = self.watch.update(observation)
         self._changed = False
@@ -86,7 +86,7 @@ class Shielded(Agent):
         return answer
 
     def explain(self) -> Explanation | None:
-        """What the inner agent says, who is dangerous, and whether the shield changed the action."""
+        """Explanation of the inner agent, dangerous actors, and whether the shield changed the action."""
         own = {
             "critical": self.watch.critical,
             "changed": self._changed,
@@ -107,7 +107,7 @@ Response = Callable[[np.ndarray, float, float, float, float, Observation], np.nd
 def shielded(
     wanted: np.ndarray, dangers: tuple[Danger, ...], observation: Observation, respond: Response
 ) -> np.ndarray:
-    """The action that comes nearest to what is wanted and responds to all dangers."""
+    """Action nearest to the wanted one that responds to all dangers."""
     along = _steering_along(observation["path"])
     most = min((along for danger in dangers if danger.side > 0), default=math.inf)
     least = max((along for danger in dangers if danger.side < 0), default=-math.inf)
@@ -166,7 +166,7 @@ def _lane_command(
 def _waypoints(
     action: np.ndarray, braking: float, speed: float, least: float, most: float, observation: Observation
 ) -> np.ndarray:
-    """Waypoints nearer together along the way they lead, and not further to a side than the ego is now."""
+    """Waypoints moved closer together along their way, and not further to a side than the ego."""
     path = observation["path"].astype(np.float64)
     here = path[BEHIND]
     beside = np.interp(action[:, 0], path[BEHIND:, 0], path[BEHIND:, 1] - here[1])
@@ -188,4 +188,4 @@ RESPONSES: Mapping[str, Response] = MappingProxyType(
         "lane_command": _lane_command,
     }
 )
-"""How each control is made to respond."""
+"""Response of each control."""

@@ -1,4 +1,4 @@
-"""Solver: facts of one moment in, the answer set and the rules that fired out."""
+"""Solver: from the facts of one moment to the answer set and the fired rules."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ OPTIONS = ("--warn=no-atom-undefined",)
 
 
 class Fact(NamedTuple):
-    """An atom that the world says: `fact("speed", 83)` is speed(83).
+    """Atom given by the world: `fact("speed", 83)` is speed(83).
 
     Attributes:
         name: Of the predicate.
         arguments: Whole numbers and names.
-        holds: False for -speed(83), which says that it is not so.
+        holds: False for the strong negation -speed(83).
     """
 
     name: str
@@ -44,13 +44,13 @@ class Fact(NamedTuple):
 
     @property
     def symbol(self) -> Symbol:
-        """For clingo."""
+        """Text for clingo."""
         terms = [Number(value) if isinstance(value, int) else Function(value) for value in self.arguments]
         return Function(self.name, terms, self.holds)
 
     @property
     def looks(self) -> tuple[str, tuple[str | None, ...], bool]:
-        """All but its numbers."""
+        """Pattern: all arguments except numbers."""
         return self.name, tuple(value if isinstance(value, str) else None for value in self.arguments), self.holds
 
 
@@ -61,7 +61,7 @@ def fact(name: str, *arguments: int | str, holds: bool = True) -> Fact:
 
 @dataclass(frozen=True, slots=True)
 class Fired:
-    """A rule that fired, and what it gave."""
+    """A fired rule, and its head."""
 
     rule: Rule
     atom: str
@@ -69,11 +69,11 @@ class Fired:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What the rules say of one moment.
+    """Result of the rules for one moment.
 
     Attributes:
-        facts: The atoms they were given.
-        actions: The atoms of the answer set that order something.
+        facts: The given atoms.
+        actions: Orders in the answer set.
         atoms: The whole answer set, with the facts.
     """
 
@@ -83,15 +83,15 @@ class Decision:
 
     @property
     def answer(self) -> list[Symbol]:
-        """The answer set without the facts, sorted."""
+        """Answer set without the facts, sorted."""
         return sorted(set(self.atoms) - {one.symbol for one in self.facts})
 
     def numbers(self, action: str) -> list[int]:
-        """The first argument of every action of a name, smallest first."""
+        """First arguments of all actions of a name, smallest first."""
         return sorted(atom.arguments[0].number for atom in self.actions if atom.name == action)
 
     def names(self, action: str) -> list[str]:
-        """The same where the arguments are names."""
+        """First arguments that are names."""
         return sorted(atom.arguments[0].name for atom in self.actions if atom.name == action)
 
     def orders(self, action: str) -> bool:
@@ -100,17 +100,17 @@ class Decision:
 
 
 class Solver:
-    """Grounds and solves a rulebook for one moment after the other; nothing of one moment survives into the next.
+    """Grounds and solves a rulebook for successive moments, without state between them.
 
-    The files are parsed once. What grounding costs is a matter of how many rules there are, not of how often they fire:
-    so only those are grounded that can fire where the facts look as they do. That changes no answer.
+    The files are parsed once. The cost of grounding depends on the number of rules, so only those are grounded that can
+    fire for the patterns of the facts. The answers are the same.
     """
 
     def __init__(self, rulebook: Rulebook) -> None:
         """Checks the rulebook on a moment without any facts.
 
         Raises:
-            RuleError: A variable is unsafe, or the rules contradict each other whatever the facts.
+            RuleError: A variable is unsafe, or the rules contradict each other for any facts.
         """
         self.rulebook = rulebook
         self._actions = {action.name for action in rulebook.actions}
@@ -119,7 +119,7 @@ class Solver:
         self.decide(())
 
     def decide(self, facts: Iterable[Fact]) -> Decision:
-        """The answer set of a moment.
+        """Answer set of a moment.
 
         Args:
             facts: Atoms of predicates that the rulebook declares as facts.
@@ -137,7 +137,7 @@ class Solver:
         return Decision(given, tuple(actions), tuple(models[0]))
 
     def fired(self, decision: Decision) -> tuple[Fired, ...]:
-        """The rules that gave a decision, in the order of the rulebook."""
+        """Fired rules of a decision, in the order of the rulebook."""
         (model,) = self._models(self.rulebook.traced(self.rulebook.rules), decision.facts)
         atoms = [atom for atom in model if atom.name.startswith(FIRED)]
         atoms.sort(key=lambda atom: (atom.arguments[0], atom))
@@ -190,7 +190,7 @@ class Solver:
             return [list(model.symbols(atoms=True)) for model in found]
 
     def _contradiction(self, facts: Sequence[Fact]) -> str:
-        """Which rules leave no answer set."""
+        """Rules that leave no answer set."""
         relaxed, rules = [_relaxed(one) for one in facts], self.rulebook.rules
         models = self._models(self.rulebook.relaxed(), relaxed)
         for model in models:
@@ -209,7 +209,7 @@ class Solver:
         return "no answer set"
 
     def _said(self, model: Sequence[Symbol], atom: Symbol, positive: bool) -> str:
-        """The place of the rule that gave an atom or its negation."""
+        """Place of the rule behind an atom or its negation."""
         signature = Signature(atom.name, len(atom.arguments), positive)
         for one in model:
             if one.name == signature.fired and one.arguments[1:] == atom.arguments:
@@ -218,7 +218,7 @@ class Solver:
         return given[0].place if given else "a fact"
 
     def _ambiguity(self, facts: Sequence[Fact]) -> str:
-        """Which rule fires in one answer set and not in the other."""
+        """Rule that fires in one answer set only."""
         first, second = (set(model) for model in self._models(self.rulebook.traced(self.rulebook.rules), facts))
         differ = sorted(atom for atom in first ^ second if atom.name.startswith(FIRED))
         rule = self.rulebook.rules[differ[0].arguments[0].number]
@@ -230,7 +230,7 @@ def _relaxed(one: Fact) -> Fact:
 
 
 def _given(fired: Symbol) -> str:
-    """What a `_fired_` atom says, as the rule's author would write it."""
+    """Head of a `_fired_` atom, as written in the rule."""
     name = fired.name.removeprefix(FIRED)
     positive = not name.startswith(DENIED)
     return str(Function(name.removeprefix(DENIED), fired.arguments[1:], positive))

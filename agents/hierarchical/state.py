@@ -1,13 +1,13 @@
-"""State: what GHRL's policies see, one normalised vector per observation, every number of it by name.
+"""State: input of GHRL's policies, one normalised vector per observation with named parts.
 
     encoder = StateEncoder(StateConfig(vision="none"))
     encoder.reset()
     state = encoder.encode(observation)      # (encoder.size,) float32
     state[encoder.layout["waypoints"]]       # x, y of each waypoint
 
-What a policy is told of itself and its way (waypoints, deviation, limits, place, motion) is the same with and without
-pictures. What it is told of the others is the latent vector of the last four pictures, or, with `vision="none"`, their
-exact state: a twin that is far cheaper to train on, and no result of it is one of the other.
+The parts about the ego and its way (waypoints, deviation, limits, place, motion) are the same with and without
+pictures. The part about the others is the latent vector of the last four pictures, or, with `vision="none"`, their
+exact state. The second is far cheaper to train; results of the two are not comparable.
 
 Source: Albilani 2023, section 6.2.1: z of an autoencoder of semantic images, waypoints w, localization, speed and
 orientation m, lateral distance and angle to the path.
@@ -46,14 +46,14 @@ _LOCK_RAD = VehicleParameters().max_steering
 
 
 class StateConfig(Config):
-    """What a state is made of.
+    """Configuration of a state.
 
     Attributes:
         vision: "semantic": latents of the semantic camera; "none": the exact state of the others.
-        frames: How many pictures, a tick apart.
+        frames: Number of pictures, a tick apart.
         localization: "truth", or a filter of `dohyo.agents.localization`, such as "es-ekf".
         gnss: The filter's receiver: "gnss" or "gnss_rtk".
-        encoder: File of the encoder; None: the one that ships.
+        encoder: File of the encoder; None: the shipped one.
     """
 
     vision: Literal["semantic", "none"] = "semantic"
@@ -67,9 +67,9 @@ class StateEncoder:
     """Turns one ego's observations into states.
 
     Attributes:
-        config: What a state is made of.
-        sensors: What an observation must hold.
-        layout: Where each part lies in the vector.
+        config: Of the state.
+        sensors: Needed in an observation.
+        layout: Slice of each part in the vector.
         size: Length of the vector.
 
     The parts, in this order; a number in brackets is what a value of 1 stands for:
@@ -86,7 +86,7 @@ class StateEncoder:
     """
 
     def __init__(self, config: StateConfig | None = None) -> None:
-        """Loads the encoder, where there is one.
+        """Loads the encoder, if there is one.
 
         Raises:
             InvalidInputError: Its file is missing or damaged.
@@ -110,24 +110,24 @@ class StateEncoder:
 
     @property
     def space(self) -> Box:
-        """Of one state."""
+        """Numbers in one state."""
         return Box(-np.inf, np.inf, (self.size,), np.float32)
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """That decide what a state is: the encoder's, where there are pictures."""
+        """Files that decide the state: the encoder's, with pictures."""
         return () if self._encoder is None else (self.config.encoder or SHIPPED,)
 
     @property
     def calibrating(self) -> bool:
-        """Whether the filter still wants the vehicle to stand: until then the true place is taken, as of a parked car.
+        """Whether the filter needs the vehicle to stand. Until it runs, the true pose is used, as of a parked car.
 
         Never true with localization "truth".
         """
         return self._view is not None and self._view.pose is None
 
     def reset(self) -> None:
-        """Forgets the last episode."""
+        """Clears the state of the last episode."""
         config = self.config
         self._latents: deque[Float32Array] = deque(maxlen=config.frames)
         self._view: LocalizedView | None = None
@@ -136,24 +136,24 @@ class StateEncoder:
         self._origin: tuple[float, float, float] | None = None
 
     def located(self, observation: Observation) -> Observation:
-        """The observation from where the filter believes to be; with localization "truth", as it is.
+        """Observation at the filter's pose; unchanged with localization "truth".
 
-        Whoever leads the path aside, in `route`, does so in what this returns. Once per tick.
+        A lateral offset of `route` must be applied to the result. Once per tick.
         """
         if self._view is None:
             return observation
         seen = {**observation, **self._view.seen(observation)}
         begin = observation["route_map"][0].astype(np.float64)
         self._origin = self._origin or (float(begin[0]), float(begin[1]), float(begin[2]))
-        # Until the filter runs, the vehicle is where its mission begins: parked.
+        # Until the filter runs, the vehicle is parked where its mission begins.
         seen[BELIEVED] = _in_frame(self._origin, self._view.pose or self._origin)
         return seen
 
     def encode(self, observation: Observation) -> Float32Array:
-        """The state; once per tick, since a picture's latents are kept for the states of the ticks to come.
+        """State; once per tick, since a picture's latents are kept for later states.
 
         Args:
-            observation: With `sensors`; or what `located` made of it.
+            observation: With `sensors`; or the result of `located`.
 
         Returns:
             (size,) see `layout`.
@@ -206,7 +206,7 @@ def _deviation(route: Float32Array) -> tuple[float, float, float]:
 
 
 def _in_frame(origin: tuple[float, float, float], pose: tuple[float, float, float]) -> Float32Array:
-    """(3,) a pose of the network frame in that of another one."""
+    """(3,) pose of the network frame in the frame of another pose."""
     dx, dy = pose[0] - origin[0], pose[1] - origin[1]
     cos, sin = math.cos(origin[2]), math.sin(origin[2])
     return np.array([dx * cos + dy * sin, dy * cos - dx * sin, pose[2] - origin[2]], dtype=np.float32)

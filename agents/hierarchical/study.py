@@ -1,14 +1,14 @@
-"""Study: the arms of GHRL on the same scenarios of a benchmark, or on a sample of it; run again, it goes on.
+"""Study: the arms of GHRL on the same scenarios of a benchmark, or on a sample. The same command resumes.
 
     python -m dohyo.agents.hierarchical.study --benchmark precrash --arms rules ghrl-r --out out/ghrl
     python -m dohyo.agents.hierarchical.study --benchmark nocrash --cells town-test. --every 5 --arms hrl ghrl ghrl-r \
         --runs runs/study --seeds-of-training 0 1 2 --workers 2 --out out/ghrl
     python -m dohyo.agents.hierarchical.study --table --arms ghrl ghrl-r --out out/ghrl
 
-Scenarios are sampled by their number in the benchmark, so every arm drives the same ones. With --runs, an arm that
-learned is driven once for each training, RUNS/ARM/seed-N; without, what ships is. A line per drive goes to
-OUT/BENCHMARK.jsonl: what `dohyo evaluate` counts, and what the rules had to do, which no record holds. The tables are
-those of `study_tables`.
+Scenarios are sampled by their number in the benchmark, so every arm drives the same ones. With --runs, a
+learned arm is driven once for each training, RUNS/ARM/seed-N; without it, the shipped policies are. A line per drive
+goes to OUT/BENCHMARK.jsonl: the results of `dohyo evaluate`, and the work of the rules, which no record holds. The
+tables are those of `study_tables`.
 """
 
 from __future__ import annotations
@@ -42,19 +42,19 @@ from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.units import TICK_S
 
 DEADLOCK_S = 30.0
-"""So long an ego that got blocked or ran out of time must have stood within critical intervals at the end."""
+"""Standing time in critical intervals at the end that makes a blocked or late drive a deadlock, s."""
 LOOKS_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """An agent, and whose training drives.
+    """An agent, and the training that it uses.
 
     Attributes:
         agent: Registered name.
         settings: Of its constructor.
-        trained: Folder of RUNS that its trainings are in; None where nothing was learned.
-        watched: Whether RSS watches its drives.
+        trained: Folder of its trainings in RUNS; None without a training.
+        watched: Whether RSS monitors its drives.
     """
 
     agent: str
@@ -83,20 +83,20 @@ ARMS: Mapping[str, Arm] = MappingProxyType(
         "autopilot": Arm("autopilot"),
     }
 )
-"""`hrl-r`: what was learned without rules, which drive in critical intervals; `ghrl-r-trained`: a master that learned
-while they did."""
+"""`hrl-r`: learned without rules, which drive in critical intervals; `ghrl-r-trained`: its master was trained while
+they did."""
 
 BY_DEFAULT = ("rules", "ghrl", "ghrl-r")
 
 
 @dataclass(frozen=True, slots=True)
 class Driver:
-    """Who drives: an arm, and which training of it.
+    """Driver: an arm, and its training.
 
     Attributes:
         arm: Of `ARMS`.
-        seed: Of the training; None for what ships, and where nothing was learned.
-        checkpoint: Folder of the training; None for what ships.
+        seed: Of the training; None for shipped ones, and without a training.
+        checkpoint: Folder of the training; None for the shipped one.
     """
 
     arm: str
@@ -105,7 +105,7 @@ class Driver:
 
 
 def drivers(arms: Sequence[str], runs: Path | None, seeds: Sequence[int]) -> list[Driver]:
-    """Who drives in a study; a driver for each seed of the training where RUNS is given."""
+    """Drivers of a study; with RUNS, one for each seed of the training."""
     found = []
     for name in arms:
         trained = ARMS[name].trained
@@ -118,20 +118,20 @@ def drivers(arms: Sequence[str], runs: Path | None, seeds: Sequence[int]) -> lis
 
 @cache
 def agent_of(driver: Driver) -> Agent:
-    """The agent, read once in each process.
+    """Agent, read once in each process.
 
     Raises:
         InvalidInputError: A part of the training is missing or damaged.
     """
     arm, checkpoint = ARMS[driver.arm], driver.checkpoint
-    if driver.arm == "hrl-r" and checkpoint is None:  # by itself the agent would take what ships for ghrl
+    if driver.arm == "hrl-r" and checkpoint is None:  # the agent's default is the shipped ghrl
         checkpoint = CHECKPOINT / "hrl"
     where = {} if checkpoint is None else {"checkpoint": str(checkpoint)}
     return make_agent(*resolve_with(arm.agent, {**arm.settings, **where}))
 
 
 def scenarios_of(benchmark: str, cells: Sequence[str], seeds: Sequence[int], every: int) -> list[Scenario]:
-    """Every n-th scenario of the cells whose names begin with one of those given; all cells where none is.
+    """Every n-th scenario of the cells whose names have one of the prefixes; of all cells without a prefix.
 
     Raises:
         UnknownNameError: There is no such benchmark.
@@ -148,10 +148,10 @@ def scenarios_of(benchmark: str, cells: Sequence[str], seeds: Sequence[int], eve
 
 
 class Stand:
-    """How long an ego has stood within critical intervals up to now, looked at once a second.
+    """Present standing time of an ego in critical intervals, sampled once a second.
 
     Attributes:
-        seconds: That long.
+        seconds: The standing time.
     """
 
     def __init__(self, agent: Agent) -> None:
@@ -159,7 +159,7 @@ class Stand:
         self.seconds = 0.0
 
     def look(self, tick: int, observations: Mapping[str, Observation]) -> None:
-        """Goes on; called in every tick before the agent acts."""
+        """Updates; called in every tick before the agent acts."""
         if tick % round(LOOKS_S / TICK_S):
             return
         stands = all(float(seen["speedometer"][0]) < STANDS_M_S for seen in observations.values())
@@ -167,7 +167,7 @@ class Stand:
 
 
 def drive(driver: Driver, scenario: Scenario) -> Drive:
-    """Drives one scenario; its line."""
+    """Drives one scenario; line of the results."""
     agent, watched = agent_of(driver), ARMS[driver.arm].watched
     stand = Stand(agent)
     record, _ = drive_episode(scenario, {scenario.missions[0].name: agent}, show=stand.look if watched else None)
@@ -176,7 +176,7 @@ def drive(driver: Driver, scenario: Scenario) -> Drive:
 
 
 def line(driver: Driver, scenario: Scenario, ego: EgoRecord) -> Drive:
-    """What is kept of one drive."""
+    """Stored facts of one drive."""
     return {
         "arm": driver.arm,
         "training_seed": driver.seed,
@@ -194,12 +194,12 @@ def line(driver: Driver, scenario: Scenario, ego: EgoRecord) -> Drive:
 
 
 def under_rules(status: Status, agent: Agent, stood_s: float) -> Drive:
-    """What RSS and the rules came to in a drive; empty where the agent was never set up.
+    """Results of RSS and the rules in a drive; empty if the agent was not set up.
 
     Args:
-        status: How it ended.
-        agent: After it.
-        stood_s: How long the ego had stood within critical intervals then.
+        status: Of the drive.
+        agent: After the drive.
+        stood_s: Standing time in critical intervals at the end.
     """
     judged = _judgement(agent)
     if not judged:
@@ -214,7 +214,7 @@ def _judgement(agent: Agent) -> Mapping[str, Any]:
 
 
 def drive_all(jobs: Sequence[tuple[Driver, Scenario]], workers: int) -> Iterator[Drive]:
-    """The lines of drives as they end: here, or in processes of their own, since SUMO is global in one."""
+    """Lines of drives as they end: in this process, or in several, since SUMO is global in a process."""
     if workers == 1:
         yield from (drive(*job) for job in jobs)
         return
@@ -227,7 +227,7 @@ def drive_all(jobs: Sequence[tuple[Driver, Scenario]], workers: int) -> Iterator
 
 
 def run(path: Path, who: Sequence[Driver], scenarios: Sequence[Scenario], workers: int = 1) -> None:
-    """Drives what is not yet in a file, and appends it line by line.
+    """Drives what is missing in a file, and appends it line by line.
 
     Raises:
         InvalidInputError: An agent cannot be made, or another process drives into the same folder; nothing has been
@@ -240,7 +240,7 @@ def run(path: Path, who: Sequence[Driver], scenarios: Sequence[Scenario], worker
 
 
 def _go_on(path: Path, who: Sequence[Driver], scenarios: Sequence[Scenario], workers: int) -> None:
-    # Without a torn last line, and without what the simulation lost, which is driven again.
+    # Without a torn last line, and without drives lost by the simulation, which are driven again.
     kept = [one for one in read_drives(path) if one["status"] != Status.SIMULATION.value]
     write_atomically(path, "".join(json.dumps(one) + "\n" for one in kept).encode())
     done = {(one["arm"], one["training_seed"], one["scenario"], one["seed"]) for one in kept}
@@ -257,7 +257,7 @@ def _go_on(path: Path, who: Sequence[Driver], scenarios: Sequence[Scenario], wor
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """The command."""
+    """Command-line entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--benchmark", help="with --table: its tables alone")
     parser.add_argument("--cells", nargs="*", default=[], help="beginnings of their names; default: all")

@@ -1,6 +1,6 @@
-"""Tables of a study: success by cell and arm, failures, what the rules had to do, and paired differences.
+"""Tables of a study: success by cell and arm, failures, work of the rules, and paired differences.
 
-Intervals are those of `crossed`; of one training, and where all drives ended alike, Wilson's.
+Intervals are those of `crossed`; for one training, or equal outcomes of all drives, Wilson's.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ PAIRS: Final = (
     ("ghrl", "flat-guided"), ("ghrl", "ghrl-pictures"), ("ghrl-r-pictures", "ghrl-pictures"),
     ("ghrl-r-trained", "ghrl-r"), ("ghrl-s", "ghrl-r"), ("ghrl-r", "rules"),
 )  # fmt: skip
-"""Who is held against whom."""
+"""Compared arms."""
 
 
 def read_drives(path: Path) -> list[Drive]:
-    """The lines so far; a torn last one is left out."""
+    """Stored lines without a torn last one."""
     return [{"training_seed": None, "benchmark": path.stem, **line} for line in read_lines(path)]
 
 
 def tables(drives: Sequence[Drive], arms: Iterable[str]) -> str:
-    """All four as Markdown.
+    """All four tables as Markdown.
 
     Args:
         drives: Of any benchmarks.
-        arms: In the order of the columns; those that never drove are left out.
+        arms: In the order of the columns; those without drives are left out.
     """
     there = [arm for arm in arms if any(one["arm"] == arm for one in drives)]
     parts = (success_table(drives, there), failure_table(drives, there), rules_table(drives, there), pair_table(drives))
@@ -46,9 +46,9 @@ def tables(drives: Sequence[Drive], arms: Iterable[str]) -> str:
 
 
 def success_table(drives: Sequence[Drive], arms: Sequence[str]) -> str:
-    """A row per cell, or per kind of event where there are events, and one per benchmark; in () each training.
+    """A row per cell, or per kind of event, and one per benchmark; each training in parentheses.
 
-    The last row is the thesis's success of long drives: 2500 m without a collision, where routes are so long.
+    The last row is the thesis's success of long drives, 2500 m without a collision, if routes are so long.
     """
     rows: list[tuple[str, Sequence[Drive], bool]] = []
     for benchmark in _named(drives, "benchmark"):
@@ -83,7 +83,7 @@ def failure_table(drives: Sequence[Drive], arms: Sequence[str]) -> str:
 
 
 def rules_table(drives: Sequence[Drive], arms: Sequence[str]) -> str:
-    """A row per benchmark and arm that RSS watched; empty without such."""
+    """A row per benchmark and arm that RSS monitored; empty without any."""
     rows = []
     for benchmark, arm, some in _by_arm(drives, arms):
         watched = [one for one in _kept(some) if "critical_share" in one]
@@ -116,7 +116,7 @@ def pair_table(drives: Sequence[Drive]) -> str:
 
 
 def failures(drives: Iterable[Drive]) -> Counter[str]:
-    """How drives failed: whom they hit first, or how they ended; lost ones did not."""
+    """Failures by the first collision, or by the ending; lost drives do not count."""
     found: Counter[str] = Counter()
     for one in _kept(drives):
         if not one["success"]:
@@ -135,7 +135,7 @@ def successes(drives: Iterable[Drive]) -> Matched:
 
 
 def differences(drives: Sequence[Drive], above: str, below: str) -> Matched:
-    """One arm's successes less another's where both drove a scenario, see `crossed.difference`."""
+    """One arm's successes minus another's, on common scenarios; see `crossed.difference`."""
     ours, theirs = (successes(one for one in drives if one["arm"] == arm) for arm in (above, below))
     return difference(ours, theirs)
 
@@ -173,7 +173,7 @@ def _group(one: Drive) -> str:
 
 
 def _kept(drives: Iterable[Drive]) -> list[Drive]:
-    """Without those that the infrastructure lost, which are in no mean."""
+    """Drives that the infrastructure did not lose; lost ones are in no mean."""
     return [one for one in drives if not one["status"].startswith("lost")]
 
 

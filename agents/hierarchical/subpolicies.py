@@ -2,8 +2,8 @@
 
     dohyo train hierarchical-lights --config agents/hierarchical/configs/lights.toml
 
-Learned by PPO, guided by the answer-set rules in the same world (GPPO). The flat policy, which has to do everything
-alone, is one of them. Source: Albilani 2023, section 6.2.4 and algorithm 10.
+Learned by PPO, guided by the answer-set rules in the same world (GPPO). The flat policy, which learns all
+manoeuvres, is one of them. Source: Albilani 2023, section 6.2.4 and algorithm 10.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ class SubPolicyConfig(PpoRunConfig):
     """A training of one sub-policy.
 
     Attributes:
-        state: What the policy sees.
-        form: Of the reward in training: the terms' "product", or their "sum"; the product judges held-out episodes.
+        state: Configuration of the state.
+        form: Reward in training: the terms' "product", or their "sum"; the product judges held-out episodes.
         steering: "policy", or "residual": pure pursuit steers, and the policy corrects it.
         held_out: Episodes of an evaluation.
     """

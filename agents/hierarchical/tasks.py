@@ -1,4 +1,4 @@
-"""Tasks: each manoeuvre as something to learn. Without torch, since the processes of environments import this."""
+"""Tasks: each manoeuvre as a learning problem. Without torch, since the processes of environments import this."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ HELD_OUT = 20
 
 @dataclass(frozen=True)
 class ManoeuvreTask(Task):
-    """What one sub-policy learns, or the flat policy.
+    """Learning problem of a sub-policy, or of the flat policy.
 
     Attributes:
         what: A `Manoeuvre`, or "drive".
-        state: What the policy sees.
-        form: Of the reward, in training; held-out episodes are judged by the product.
-        steering: Who steers.
+        state: Configuration of the state.
+        form: Form of the training's reward; held-out episodes are judged by the product.
+        steering: Kind of steering.
         held_out_count: Episodes of an evaluation.
     """
 
@@ -44,7 +44,7 @@ class ManoeuvreTask(Task):
 
     @cached_property
     def observation_space(self) -> Box:
-        """The part of the state that the manoeuvre sees."""
+        """Space of the part of the state that the manoeuvre sees."""
         return Box(-np.inf, np.inf, (len(rows_seen(StateEncoder(self.state), self.what)),), np.float32)
 
     @cached_property
@@ -72,6 +72,6 @@ class ManoeuvreTask(Task):
         return Exercise(self)
 
     def expert(self, env: Env) -> Array | None:
-        """What the rules would do."""
+        """Action of the rules."""
         assert isinstance(env, Exercise)
         return env.advice()

@@ -1,8 +1,8 @@
-"""Trail: an option while it runs, and what it teaches once it has ended.
+"""Option rollout: a running option, and its samples once it has ended.
 
-An option that was carried out from one state was carried out from every state on its way, too, since neither its policy
-nor its end depends on when it began: each is a lesson of its own (every suffix is a sample of SMDP Q-learning). A lane
-change is not: begun again half way, it would lead one lane farther.
+An option that began in one state could have begun in every later one, since neither its policy nor its end depends on
+its begin. So every suffix is a sample of SMDP Q-learning. A lane change is the exception: begun half way, it would lead
+one lane farther.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from dohyo.sumo_networks.arrays import Float32Array
 
 
 class Lesson(NamedTuple):
-    """An option from one state to its end.
+    """Sample: an option from one state to its end.
 
     Attributes:
-        state: In which it began.
+        state: At its begin.
         total: Discounted rewards from there.
         ticks: From there.
     """
@@ -36,10 +36,10 @@ class Lesson(NamedTuple):
 
 @dataclass(slots=True)
 class Trail:
-    """The option that runs in one environment.
+    """Running option of one environment.
 
     Attributes:
-        conductor: Which it is.
+        conductor: Executes the option.
         states: Before each of its ticks; None where the rules drove.
         rewards: Of each of its ticks.
     """
@@ -49,13 +49,13 @@ class Trail:
     rewards: list[float] = field(default_factory=list)
 
     def add(self, state: Float32Array | None, reward: float) -> None:
-        """One tick has been driven."""
+        """Adds one tick."""
         self.states.append(state)
         self.rewards.append(reward)
         self.conductor.tick()
 
     def lessons(self, gamma: float) -> Iterator[Lesson]:
-        """What it teaches now that it has ended, the last state first."""
+        """Samples of the ended option, the last state first."""
         total, option = 0.0, OPTIONS[self.conductor.option or 0]
         for ticks, (state, reward) in enumerate(zip(self.states[::-1], self.rewards[::-1], strict=True), 1):
             total = reward + gamma * total
@@ -63,18 +63,18 @@ class Trail:
                 yield Lesson(state, total, ticks)
 
     def clear(self) -> None:
-        """Forgets it; the conductor goes on."""
+        """Clears the rollout, not the conductor."""
         self.states, self.rewards = [], []
 
     def state(self) -> dict[str, Any]:
-        """What `restore` needs, as tensors and plain values."""
+        """State for `restore`, as tensors and plain values."""
         missing = [state is None for state in self.states]
         known = [state for state in self.states if state is not None]
         rows = torch.from_numpy(np.stack(known)) if known else torch.zeros(0)
         return {"conductor": self.conductor.state(), "rows": rows, "missing": missing, "rewards": list(self.rewards)}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Goes on from there."""
+        """Restores a state."""
         rows = iter(state["rows"].numpy())
         self.states = [None if missing else next(rows) for missing in state["missing"]]
         self.rewards = list(state["rewards"])

@@ -1,4 +1,4 @@
-"""Results of trainings, read from RUNS/ARM/seed-N/POLICY, and what the seeds of an arm say together.
+"""Results of trainings, read from RUNS/ARM/seed-N/POLICY, and their means over seeds.
 
     runs/ghrl/seed-0/lane/{config.toml,metrics.csv,evaluations.csv}, runs/ghrl/seed-1/lane/..., runs/hrl/seed-0/...
 
@@ -37,7 +37,7 @@ MEASURES: Mapping[str, str] = MappingProxyType(
         "standing": "ended standing, share of episodes",
     }
 )
-"""Columns of evaluations.csv, and what stands beside an axis."""
+"""Columns of evaluations.csv, and their axis titles."""
 BOUNDS = MappingProxyType({"success": (0.0, 100.0), "infraction": (0.0, 1.0), "standing": (0.0, 1.0)})
 Columns = Mapping[str, FloatArray]
 
@@ -49,7 +49,7 @@ class TrainingRun:
     Attributes:
         seed: Of the training.
         imitated: Steps before the first round, in which the rules were imitated.
-        evaluations: (E,) by column of evaluations.csv, E at least 1; NaN where nothing stands.
+        evaluations: (E,) by column of evaluations.csv, E at least 1; NaN for empty cells.
         rounds: (R,) by column of metrics.csv.
     """
 
@@ -59,7 +59,7 @@ class TrainingRun:
     rounds: Columns
 
     def held_out(self, measure: str, steps: Sequence[float]) -> list[Estimate]:
-        """A measure at some steps, with its interval over episodes where it has one; straight between evaluations.
+        """Measure at some steps, with its interval over episodes if it has one; linear between evaluations.
 
         Raises:
             InvalidInputError: The run does not have that measure.
@@ -93,7 +93,7 @@ def read_results(runs: Path) -> tuple[Results, list[Path]]:
     """Every run of a folder that has been evaluated, and the folders of those that have not been.
 
     Raises:
-        InvalidInputError: There is none, or one is damaged.
+        InvalidInputError: There is no run, or one is damaged.
     """
     found: dict[str, dict[str, list[TrainingRun]]] = {}
     waiting = []
@@ -115,7 +115,7 @@ def read_results(runs: Path) -> tuple[Results, list[Path]]:
 
 
 def only(results: Results, arms: Sequence[str]) -> Results:
-    """What some arms were trained to; policies that none of them has are left out.
+    """Results of some arms; policies that none of them has are left out.
 
     Raises:
         InvalidInputError: There is no such arm.
@@ -128,10 +128,10 @@ def only(results: Results, arms: Sequence[str]) -> Results:
 
 
 def read_run(folder: Path, seed: int) -> TrainingRun | None:
-    """A run; None where it has not been evaluated so far.
+    """Run of a folder; None before its first evaluation.
 
     Raises:
-        InvalidInputError: It is damaged.
+        InvalidInputError: The run is damaged.
     """
     try:
         config = tomllib.loads((folder / "config.toml").read_text())
@@ -146,10 +146,9 @@ def read_run(folder: Path, seed: int) -> TrainingRun | None:
 
 
 def over_seeds(seeds: Sequence[Estimate], measure: str) -> Estimate:
-    """The mean of one estimate per seed, with Student's 95 % interval, cut off where the measure ends.
+    """The mean of one estimate per seed, with Student's 95 % interval, clipped to the measure's bounds.
 
-    Of one seed, and of seeds that agree, which says nothing about how much they may differ, the widest interval over
-    episodes.
+    One seed, or equal seeds, have the widest interval over episodes instead.
     """
     values, n = [one.mean for one in seeds if one.mean is not None], len(seeds)
     if len(values) < n:
@@ -165,14 +164,14 @@ def over_seeds(seeds: Sequence[Estimate], measure: str) -> Estimate:
 
 
 def course(runs: Sequence[TrainingRun], measure: str) -> tuple[FloatArray, list[Estimate]]:
-    """How a measure went on held-out episodes.
+    """Course of a measure on held-out episodes.
 
     Args:
         runs: Of one arm.
         measure: Of `MEASURES`.
 
     Returns:
-        (G,) the steps at which any was evaluated, as far as all have come, and the mean over seeds at each.
+        (G,) steps of all evaluations, up to the last common one, and the mean over seeds at each.
 
     Raises:
         InvalidInputError: A run does not have that measure.

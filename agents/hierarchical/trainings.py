@@ -1,4 +1,4 @@
-"""Trainings: all runs of the study's arms with one command; run again, it goes on where it was.
+"""Trainings: all runs of the study's arms with one command. The same command resumes.
 
     python -m dohyo.agents.hierarchical.trainings --arms ghrl hrl --seeds 0 1 2 --workers 2 --out runs/study
     python -m dohyo.agents.hierarchical.trainings --arms p-5 p-20 --policies lights --out runs/study --set steps=20000
@@ -38,7 +38,7 @@ class Job:
         runs: Folder of all.
         arm: Of `ARMS`.
         seed: Of the training.
-        policy: What is trained.
+        policy: Trained policy.
         more: Settings on top of the arm's.
     """
 
@@ -50,12 +50,12 @@ class Job:
 
     @property
     def folder(self) -> Path:
-        """Of the run."""
+        """Folder of the run."""
         return run_folder(self.runs, self.arm, self.seed, self.policy)
 
     @property
     def finished(self) -> bool:
-        """Whether nothing is left to do."""
+        """Whether the training is complete."""
         result = self.folder / "result.json"
         return result.exists() and bool(json.loads(result.read_text())["finished"])
 
@@ -84,10 +84,10 @@ def jobs_of(
 
 
 def train(job: Job) -> Path:
-    """Begins a training, or goes on with it.
+    """Begins or resumes a training.
 
     Raises:
-        RunStoppedError: SIGINT or SIGTERM came; a checkpoint is written.
+        RunStoppedError: After SIGINT or SIGTERM; a checkpoint is written.
     """
     config = config_of(job.runs, job.arm, job.seed, job.policy, job.more)
     resume = (job.folder / "config.toml").exists()
@@ -98,10 +98,10 @@ def train(job: Job) -> Path:
 
 
 def train_all(jobs: Sequence[Job], workers: int) -> None:
-    """Trains each in a process of its own, and tells of each that ends; masters begin when all others have ended.
+    """Trains each in a process of its own, and reports each end; masters begin after all others.
 
     Raises:
-        DohyoError: A training failed; those of its kind have gone on to their end.
+        DohyoError: A training failed; the others of its kind have finished.
     """
     for some in ([job for job in jobs if job.policy != MASTER], [job for job in jobs if job.policy == MASTER]):
         failed: list[DohyoError] = []
@@ -118,7 +118,7 @@ def train_all(jobs: Sequence[Job], workers: int) -> None:
 
 
 def _trained(jobs: Sequence[Job], workers: int) -> Generator[Future[Path]]:
-    """The trainings as they end; never more begun than there are workers, since a pool starts what it was handed."""
+    """Trainings as they end; no more are submitted than there are workers, since a pool starts all it gets."""
     # A child per job: SUMO and torch's random state are global in a process.
     pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), max_tasks_per_child=1)
     waiting, going = iter(jobs), set[Future[Path]]()
@@ -131,14 +131,14 @@ def _trained(jobs: Sequence[Job], workers: int) -> Generator[Future[Path]]:
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
-    """On SIGTERM, which unlike Ctrl-C reaches this process alone: the trainings write their checkpoints."""
+    """Forwards SIGTERM, which unlike Ctrl-C reaches only this process: the trainings write their checkpoints."""
     for child in active_children():
         child.terminate()
     raise KeyboardInterrupt
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """The command."""
+    """Command-line entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--arms", nargs="+", choices=[*ARMS], default=["ghrl", "hrl"])
     parser.add_argument("--seeds", nargs="+", type=int, default=[0])

@@ -22,13 +22,13 @@ PARTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         DRIVE: ("z", "actors", "strips", "junctions", "crossings", "distances", "allowances", *_WAY),
     }
 )
-"""By `Manoeuvre`, or "drive": names of `StateEncoder.layout`, of which a state has only some. Nobody sees the place:
-what is to be done does not depend on it. Nor does a sub-policy see `actors`: from the few hundred episodes of an
-imitation, more is learned without."""
+"""By `Manoeuvre`, or "drive": names of `StateEncoder.layout`, of which a state has only some. No policy sees the place,
+since no action depends on it. No sub-policy sees `actors`: from the few hundred episodes of an imitation, it learns
+more without them."""
 
 
 def rows_seen(encoder: StateEncoder, what: str) -> IntArray:
-    """Which numbers of a state a policy sees.
+    """Indices of the numbers of a state that a policy sees.
 
     Args:
         encoder: Makes the states.

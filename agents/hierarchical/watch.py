@@ -1,4 +1,4 @@
-"""Watch: judges every observation by RSS, and keeps the critical intervals."""
+"""RSS monitor: judges every observation, and records the critical intervals."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dohyo.sumo_networks.sensors.path import BEHIND
 from dohyo.sumo_networks.units import TICK_S
 
 SENSORS = ("speedometer", "objects", "path", "conflicts")
-"""What a watch reads."""
+"""Sensors of the monitor."""
 MUST_YIELD = -1.0
 STANDS_M_S = 0.1
 HARDEST_M_S2 = 8.0
@@ -33,10 +33,10 @@ class Danger:
 
     Attributes:
         key: Of the actor.
-        gap: To it along the path, m; 0 beside.
-        least_gap: What it should be, m.
+        gap: Along the path, m; 0 beside.
+        least_gap: Required gap, m.
         side_gap: Across the path, m.
-        least_side_gap: What it should be, m.
+        least_side_gap: Required lateral gap, m.
         braking: The proper response, m/s^2; 0 where only the steering must respond.
         side: 1 if the ego must not come nearer to the left, -1 to the right, 0 where only the brakes respond.
     """
@@ -50,7 +50,7 @@ class Danger:
     side: int
 
     def as_json(self) -> dict[str, Any]:
-        """For explanations."""
+        """Entry of an explanation."""
         return {
             "actor": self.key,
             "gap_m": [round(self.gap, 2), round(self.least_gap, 2) if math.isfinite(self.least_gap) else None],
@@ -61,16 +61,16 @@ class Danger:
 
 
 class Watch:
-    """Tells who is dangerous now, and whether the ego is in a critical interval.
+    """Finds dangerous actors, and whether the ego is in a critical interval.
 
-    A critical interval begins when a situation becomes dangerous, and lasts until the response time after it was last.
+    A critical interval begins with a dangerous situation, and lasts until the response time after the last danger.
 
     Attributes:
         dangers: Of the last tick.
         critical: Whether the ego is in a critical interval.
         ticks: Since the last reset.
         critical_ticks: Of these, inside critical intervals.
-        longest_standing_s: Longest time the ego has stood within one critical interval: what a deadlock looks like, s.
+        longest_standing_s: Longest stand in one critical interval, the sign of a deadlock, s.
     """
 
     def __init__(self, constants: RssConstants = EGO) -> None:
@@ -80,7 +80,7 @@ class Watch:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets the last episode."""
+        """Clears the state of the last episode."""
         self.dangers: tuple[Danger, ...] = ()
         self.critical = False
         self.ticks = self.critical_ticks = 0
@@ -91,18 +91,18 @@ class Watch:
 
     @property
     def share(self) -> float:
-        """Of the time so far, inside critical intervals."""
+        """Share of the time in critical intervals."""
         return self.critical_ticks / max(self.ticks, 1)
 
     def update(self, observation: Observation, around: Surroundings | None = None) -> tuple[Danger, ...]:
-        """Goes on for one tick.
+        """Updates by one tick.
 
         Args:
             observation: With at least `SENSORS`.
-            around: What the caller has already made of it.
+            around: Made of the observation, if the caller has it.
 
         Returns:
-            Who is dangerous, nearest first.
+            Dangerous actors, nearest first.
         """
         around = around or Surroundings({**observation, "lanes": _NO_LANES})
         speed = float(observation["speedometer"][0])
@@ -150,7 +150,7 @@ class Watch:
         return tuple(sorted(found, key=lambda danger: danger.gap))
 
     def _danger(self, speed: float, key: int, row: FloatArray, judged: FloatArray, offset: float) -> Danger:
-        """The proper response: on the axis whose distance was kept until last; brakes wherever brakes can help."""
+        """Proper response, on the axis whose distance was kept last; braking wherever it can help."""
         gap, least, side_gap, side_least = judged.tolist()
         on_left = float(row[2] + row[3]) > 2.0 * offset
         lateral_last = self._beside_since[key] > self._near_since[key] or gap == 0.0
@@ -158,7 +158,7 @@ class Watch:
         braking = 0.0
         if gap > 0.0:
             ahead = row[SPEED] * row[5]
-            # Braking at least so hard; harder where that alone would not avoid the impact.
+            # At least the constant's braking; harder if needed to avoid the impact.
             closing = max(speed - ahead, 0.0)
             needed = closing**2 / (2.0 * max(gap - LEAST_GAP_M, 0.1))
             braking = min(max(self._constants.braking, needed), HARDEST_M_S2)

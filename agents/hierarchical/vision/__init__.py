@@ -1,1 +1,1 @@
-"""Vision: an autoencoder of semantic images, whose latent vector is what GHRL's policies see of the others."""
+"""Vision: an autoencoder of semantic images, whose latent vector describes the others for GHRL's policies."""

@@ -1,4 +1,4 @@
-"""Architecture: the numbers that the network, in torch, and the encoder, in ONNX, agree on."""
+"""Architecture: numbers shared by the network (torch) and the encoder (ONNX)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ KERNEL, STRIDE = 4, 2
 LATENT = 400
 HEAD = 64
 SIGNALS = 4
-"""What the next junction shows, by column: nothing, red, yellow, green."""
+"""Columns of the next junction's signal: none, red, yellow, green."""
 TOLD = 2 + SIGNALS
 
 
@@ -23,7 +23,7 @@ def sizes() -> list[tuple[int, int]]:
 
 
 def features() -> int:
-    """How many numbers the last convolution gives."""
+    """Number of outputs of the last convolution."""
     height, width = sizes()[-1]
     return FILTERS[-1] * height * width
 

@@ -1,4 +1,4 @@
-"""Classes: the labels of the semantic camera, merged to what a driver tells apart, and pictures as planes of them."""
+"""Classes: labels of the semantic camera, merged by their meaning for a driver, and pictures as planes of classes."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def planes(picture: NDArray[Any]) -> Float32Array:
         picture: (1, 80, 160) uint8 of the sensor `camera_semantic`.
 
     Raises:
-        InvalidInputError: It is no such picture.
+        InvalidInputError: The picture has another shape or type.
     """
     if picture.shape != (1, HEIGHT, WIDTH) or picture.dtype != np.uint8:
         raise InvalidInputError(

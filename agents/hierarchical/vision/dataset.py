@@ -1,4 +1,4 @@
-"""The semantic dataset: pictures and what an attentive driver reads from them, in shards of one episode each."""
+"""Semantic dataset: pictures with their labels, in shards of one episode each."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SCHEMA = MappingProxyType(
         "mounting": ((6,), "float32"),  # x, y, z [m], yaw, pitch, roll [deg] off the camera's own
     }
 )
-"""Every array, but for its first axis: shape and dtype."""
+"""Every array without its first axis: shape and dtype."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,11 +55,11 @@ class Pictures:
 
     @classmethod
     def joined(cls, parts: Sequence[Pictures]) -> Pictures:
-        """All in one."""
+        """Concatenates several."""
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in SCHEMA))
 
     def to_bytes(self) -> bytes:
-        """The file; the same pictures give the same bytes."""
+        """Bytes of the file; the same pictures give the same bytes."""
         return pack_shard(SCHEMA_VERSION, {name: getattr(self, name) for name in SCHEMA})
 
 
@@ -67,7 +67,7 @@ def load_shard(path: Path) -> Pictures:
     """Reads a shard.
 
     Raises:
-        InvalidInputError: It is missing, damaged, or not of this schema.
+        InvalidInputError: The file is missing, damaged, or of another schema.
     """
     arrays = read_shard(path, "semantic", SCHEMA_VERSION, set(SCHEMA))
     size = len(np.atleast_1d(arrays["impact_m"]))

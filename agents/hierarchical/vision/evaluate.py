@@ -1,9 +1,9 @@
-"""How good an autoencoder is: what it rebuilds by class, and what its latents tell, on pictures it was not trained on.
+"""Evaluation of an autoencoder: reconstruction by class, and predictions from its latents, on held-out pictures.
 
     python -m dohyo.agents.hierarchical.vision.evaluate --data data/semantic --run runs/semantic
 
-Writes results/vision.json, and results/vision.png: pictures beside what became of them. "validation" is other drives in
-the town of training, "test" a town that was never seen.
+Writes results/vision.json, and results/vision.png: pictures beside their reconstructions. "validation" is other drives
+in the town of training, "test" an unseen town.
 """
 
 from __future__ import annotations
@@ -31,25 +31,25 @@ RESAMPLES = 1000
 
 
 def confusion(rebuilt: NDArray[Any], true: NDArray[Any]) -> NDArray[np.int64]:
-    """(15, 15) pixels by true class (row) and rebuilt class (column)."""
+    """(15, 15) pixels by true class (row) and reconstructed class (column)."""
     pairs = true.astype(np.int64).ravel() * CLASSES + rebuilt.astype(np.int64).ravel()
     return np.bincount(pairs, minlength=CLASSES * CLASSES).reshape(CLASSES, CLASSES)
 
 
 def intersection_over_union(counts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """(15,) of each class; NaN where it is neither there nor rebuilt."""
+    """(15,) intersection over union of each class; NaN for absent ones."""
     both = np.diag(counts).astype(np.float64)
     either = counts.sum(axis=0) + counts.sum(axis=1) - np.diag(counts)
     return np.where(either > 0, both / np.maximum(either, 1), np.nan)
 
 
 def judge(network: Autoencoder, pictures: Pictures, constant: NDArray[np.float64]) -> dict[str, Any]:
-    """Everything that is said of a network on one split.
+    """All measures of a network on one split.
 
     Args:
         network: Trained.
         pictures: Of the split.
-        constant: (2,) what a predictor without eyes says: medians of the training split's distances, m.
+        constant: (2,) constant prediction: medians of the training split's distances, m.
     """
     data, counts = Batch.of(pictures), np.zeros((CLASSES, CLASSES), dtype=np.int64)
     told: list[NDArray[Any]] = []

@@ -1,4 +1,4 @@
-"""Figure: semantic pictures beside what the autoencoder makes of them, and what it tells of them."""
+"""Figure: semantic pictures beside their reconstructions and predictions."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ PER_SPLIT = 4
 
 
 def draw(network: Autoencoder, splits: Mapping[str, Pictures], path: Path) -> None:
-    """Writes a PNG: a column per picture, of each split those in which most is to be seen, originals on top.
+    """Writes a PNG: a column per picture, of each split those with the most content, originals on top.
 
     Args:
         network: Trained.
@@ -72,7 +72,7 @@ def draw(network: Autoencoder, splits: Mapping[str, Pictures], path: Path) -> No
 
 
 def chosen(pictures: Pictures) -> list[int]:
-    """The four quarters' pictures in which most of the others is to be seen, and a light."""
+    """Of each quarter the picture with the most other actors, and a light."""
     seen = Batch.of(pictures).classes.numpy()
     weight = {Seen.VEHICLE: 1.0, Seen.PEDESTRIAN: 3.0, Seen.BICYCLE: 3.0, Seen.RED: 10.0, Seen.GREEN: 10.0}
     interest = sum(w * np.minimum((seen == c).sum(axis=(1, 2)), 800) for c, w in weight.items())

@@ -35,7 +35,7 @@ class Encoder:
     """
 
     def __init__(self, path: str | Path = SHIPPED) -> None:
-        """Loads it.
+        """Loads the encoder.
 
         Raises:
             InvalidInputError: The file is missing, damaged, or holds another network.
@@ -55,18 +55,18 @@ class Encoder:
             picture: (1, 80, 160) uint8 of the sensor `camera_semantic`.
 
         Raises:
-            InvalidInputError: It is no such picture.
+            InvalidInputError: The picture has another shape or type.
         """
         return self.encode(picture)[0]
 
     def encode(self, picture: NDArray[Any]) -> tuple[Float32Array, Float32Array]:
-        """(Z,) the latents, and (6,) what they tell: distances to impact and event [50 m], logits of the signal."""
+        """(Z,) latents, and (6,) predictions: distances to impact and event [50 m], logits of the signal."""
         latent, told = self.session.run(None, {"planes": planes(picture)[None]})
         return latent[0], told[0]
 
 
 def load_weights(path: Path) -> dict[str, Float32Array]:
-    """An encoder's weights by the names of `network.Encoder`, as float32 whatever they are stored as.
+    """An encoder's weights by the names of `network.Encoder`, converted to float32.
 
     Raises:
         InvalidInputError: The file is missing, damaged, or holds another network.

@@ -1,8 +1,8 @@
-"""The network: a variational autoencoder of semantic pictures, with heads that tell distances and the light.
+"""The network: a variational autoencoder of semantic pictures, with heads that predict distances and the light.
 
 Source: Albilani 2023, section 6.2.1 and table 6.1: convolutions of 4 x 4 with stride 2 and 32, 64, 128, 256 filters,
-ReLU, two layers for mean and log-variance, z of 400. The decoder is its mirror. That distances are told by layers above
-the mean, and the light with them, is ours.
+ReLU, two layers for mean and log-variance, z of 400. The decoder is its mirror. The heads above the mean, for
+distances and the light, are ours.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dohyo.agents.hierarchical.vision.classes import CLASSES
 
 
 class Encoder(nn.Module):
-    """Pictures to latents, and what can be told from these."""
+    """From pictures to latents, and predictions from these."""
 
     def __init__(self, latent: int = LATENT) -> None:
         super().__init__()
@@ -28,7 +28,7 @@ class Encoder(nn.Module):
         self.told = nn.Linear(HEAD, TOLD)
 
     def features(self, planes: Tensor) -> Tensor:
-        """(B, 15, 80, 160) -> (B, 6144) what the last convolution gives."""
+        """(B, 15, 80, 160) -> (B, 6144) output of the last convolution."""
         for convolution in self.convolutions:
             planes = torch.relu(convolution(planes))
         return planes.flatten(1)
@@ -39,13 +39,13 @@ class Encoder(nn.Module):
         return out
 
     def forward(self, planes: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean of the latents, (B, 400), and what they tell, (B, 6)."""
+        """Mean of the latents, (B, 400), and predictions, (B, 6)."""
         latent = self.mean(self.features(planes))
         return latent, self.tell(latent)
 
 
 class Autoencoder(nn.Module):
-    """The encoder with its other half, which is needed for training and for pictures alone."""
+    """Encoder with decoder, which is needed only for training and figures."""
 
     def __init__(self, latent: int = LATENT) -> None:
         super().__init__()
@@ -74,7 +74,7 @@ class Autoencoder(nn.Module):
 
 
 def _output_paddings() -> list[tuple[int, int]]:
-    """What each transposed convolution must add, so that the sizes are those of the convolutions in reverse."""
+    """Output padding of each transposed convolution, so that the sizes mirror those of the convolutions."""
     return [
         (h1 - ((h0 - 1) * STRIDE + KERNEL), w1 - ((w0 - 1) * STRIDE + KERNEL))
         for (h0, w0), (h1, w1) in pairwise(sizes()[::-1])

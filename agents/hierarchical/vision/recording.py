@@ -1,13 +1,13 @@
-"""Recording: the autopilot drives not quite well, and two cameras on each ego take pictures.
+"""Recording: a disturbed autopilot drives, and two cameras on each ego take pictures.
 
 One camera is mounted as the sensor `camera_semantic` is, the other a little off it. The autopilot's pedal and steering
-are disturbed, so that pictures from beside the lane's middle, and of ways back to it, are among them.
+are disturbed, so that there are pictures from beside the lane's middle, and of ways back to it.
 
 Network, missions, traffic, conditions and seed of an episode follow from its number and the dataset's seed alone, so a
-recording that was interrupted goes on where it stopped, and the same order gives the same bytes.
+interrupted recording resumes, and the same order gives the same bytes.
 
 Source: Albilani 2023, section 6.2.2: pictures of 160 x 80, the camera's pose perturbed, noise in [-0.1, 0.1] on
-steering and throttle. How far off the camera is, and how long a disturbance holds, is ours.
+steering and throttle. The camera's displacement, and the duration of a disturbance, are ours.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from dohyo.sumo_networks.units import TICK_S
 TRAINING, HELD_OUT = "town-train", "town-test"
 CAMERA = CameraConfig(name="camera_semantic", mode="semantic", width=WIDTH, height=HEIGHT)
 OFF = {"x_m": 0.3, "y_m": 0.5, "z_m": 0.2, "yaw_deg": 5.0, "pitch_deg": 2.0, "roll_deg": 2.0}
-"""How far a camera may be off its mounting."""
+"""Largest displacement of a camera."""
 NOISE, NOISE_HOLDS_S = 0.1, 0.5
 JAYWALKERS = 0.2
 VALIDATION_SHARE, TEST_SHARE = 0.25, 0.15
@@ -47,12 +47,12 @@ VALIDATION_SHARE, TEST_SHARE = 0.25, 0.15
 
 @dataclass(frozen=True, slots=True)
 class PictureRequest:
-    """What to record.
+    """Order of a recording.
 
     Attributes:
         images: For training, at least; a quarter as many more for validation, a seventh from the held-out town.
-        seed: Decides everything random.
-        egos: In every episode; each has two cameras.
+        seed: Of all randomness.
+        egos: Number per episode; each has two cameras.
         every_s: Between two pictures of one camera.
         episode_s: How long an episode lasts.
     """
@@ -65,7 +65,7 @@ class PictureRequest:
 
     @property
     def per_episode(self) -> int:
-        """Pictures of an episode in which nobody arrives early."""
+        """Pictures of an episode in which no ego arrives early."""
         return 2 * self.egos * math.ceil(self.episode_s / self.every_s - 1e-6)
 
     def episodes(self) -> Iterator[tuple[str, str, int]]:
@@ -80,7 +80,7 @@ class PictureRequest:
 
 
 def record_pictures(order: PictureRequest, out: Path, progress: Callable[[float], None] = lambda share: None) -> int:
-    """Records until there are enough pictures; what is already there is kept.
+    """Records until there are enough pictures; existing episodes are kept.
 
     Args:
         order: What to record.
@@ -88,10 +88,10 @@ def record_pictures(order: PictureRequest, out: Path, progress: Callable[[float]
         progress: Called with the share of episodes done, after every episode.
 
     Returns:
-        How many pictures there are.
+        Number of pictures.
 
     Raises:
-        InvalidInputError: An impossible order, or the folder holds a dataset made otherwise.
+        InvalidInputError: The order is impossible, or the folder holds a dataset of another order.
     """
     _claim(order, out)
     episodes, pictures = list(order.episodes()), 0
@@ -106,7 +106,7 @@ def record_pictures(order: PictureRequest, out: Path, progress: Callable[[float]
 
 
 def scenario(order: PictureRequest, name: str, number: int) -> Scenario:
-    """The scenario of one episode: missions and traffic as in the motion dataset, some of the people jaywalking.
+    """The scenario of one episode: missions and traffic as in the motion dataset, with some jaywalkers.
 
     Raises:
         InvalidInputError: The network has too few missions.
@@ -154,12 +154,12 @@ def labels(observation: Observation) -> tuple[float, float, int]:
 
 
 def drawn_off(rng: np.random.Generator) -> FloatArray:
-    """(6,) how far a camera is off its mounting: x, y, z [m], yaw, pitch, roll [deg], each evenly within `OFF`."""
+    """(6,) displacement of a camera: x, y, z [m], yaw, pitch, roll [deg], each uniform within `OFF`."""
     return np.asarray(rng.uniform(-1.0, 1.0, len(OFF)) * np.array(list(OFF.values())))
 
 
 class Disturbance:
-    """Noise on the pedal and the steering, each evenly in [-0.1, 0.1] of full, drawn anew every 0.5 s."""
+    """Noise on the pedal and the steering, each uniform in [-0.1, 0.1] of full, drawn every 0.5 s."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng, self._ticks = rng, 0
@@ -167,11 +167,11 @@ class Disturbance:
         self._full = AccelerationSteering.space.high.astype(np.float64)
 
     def disturbed(self, action: FloatArray) -> FloatArray:
-        """An acceleration and a steering, as they become."""
+        """Disturbed acceleration and steering."""
         if self._ticks % round(NOISE_HOLDS_S / TICK_S) == 0:
             self._noise = self._rng.uniform(-NOISE, NOISE, 2)
         self._ticks += 1
-        # Not to creep while it should stand: a light must be recorded as it is obeyed.
+        # No creeping while it should stand: obeyed lights must be recorded.
         noise = self._noise * (action[0] > -1.0, 1.0)
         return np.asarray(action + noise * self._full)
 
@@ -182,7 +182,7 @@ def _camera(off: FloatArray, conditions: object, rng: np.random.Generator) -> tu
 
 
 def _claim(order: PictureRequest, out: Path) -> None:
-    """Writes dataset.json, or checks that the one there says the same but for how many."""
+    """Writes dataset.json, or checks that the existing one is equal except for the number of pictures."""
     if order.images < 1 or order.egos < 1 or order.every_s < TICK_S or order.episode_s < order.every_s:
         raise InvalidInputError(
             f"expected images, egos, a picture at most every {TICK_S} s and episodes that last as long, got {order}"

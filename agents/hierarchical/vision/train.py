@@ -4,7 +4,7 @@
     dohyo train semantic --config agents/hierarchical/vision/checkpoints/semantic.toml [--resume]
 
 The order of the pictures follows from the seed and the epoch, the learning rate from the step, and a checkpoint holds
-network, optimiser and generator: a training that was killed and resumed ends with the weights it would have had.
+network, optimiser and generator: a training that was killed and resumed ends with the same weights.
 
 Source: Albilani 2023, section 6.2.1; the variational loss is Kingma and Welling's, with a weight on its second term.
 """
@@ -45,28 +45,28 @@ COLUMNS = (
 )
 LOG_EVERY = 20
 FREE = frozenset({"out", "checkpoint_s", "validation_images"})
-"""What decides no weight."""
+"""Settings that decide no weight."""
 _SHOWN = (1, 2, 3)  # world.LightState RED, YELLOW, GREEN: columns of the head; anything else is 0
 
 
 class TrainConfig(Config):
-    """How to train.
+    """Settings of the training.
 
     Attributes:
         data: Folder of the semantic dataset.
         out: Folder that gets the checkpoints, log.csv, autoencoder.safetensors and semantic.safetensors.
         seed: Decides the first weights, the order of the pictures and the latents' noise.
-        epochs: Over the training pictures.
+        epochs: Passes over the training pictures.
         batch: Pictures per update.
         learning_rate: Highest, after the warm-up; then it falls to zero along a cosine.
-        warm_up_steps: Over which it rises.
-        gradient_norm: At most.
+        warm_up_steps: Steps over which it rises.
+        gradient_norm: Upper bound.
         latent: Length of z.
         beta: Weight of the divergence; 1 is the variational bound.
-        distance_weight: Of the error of both distances, each as a share of 50 m.
-        signal_weight: Of the error of the light.
-        rare: Exponent of a class's share of all pixels, whose inverse weighs its pixels: 0 weighs all alike.
-        validation_images: How many of them are looked at in training, evenly spread.
+        distance_weight: Weight of the error of both distances, each as a share of 50 m.
+        signal_weight: Weight of the error of the light.
+        rare: Exponent of a class's share of all pixels, whose inverse weighs its pixels: 0 gives equal weights.
+        validation_images: Number used during training, evenly spread.
         checkpoint_s: Wall-clock time between two checkpoints, s.
         device: Of torch.
     """
@@ -96,7 +96,7 @@ class Batch:
     Attributes:
         classes: (B, 80, 160) uint8 `classes.Seen`.
         distances: (B, 2) to impact and to the next event [50 m].
-        signal: (B,) what the next junction shows: 0 nothing, then red, yellow, green.
+        signal: (B,) signal of the next junction: 0 none, then red, yellow, green.
     """
 
     classes: Tensor
@@ -118,7 +118,7 @@ class Batch:
         )
 
     def rows(self, index: Tensor, device: str = "cpu") -> Batch:
-        """Some of them."""
+        """Selected pictures."""
         return Batch(self.classes[index].to(device), self.distances[index].to(device), self.signal[index].to(device))
 
     @property
@@ -131,11 +131,11 @@ class Batch:
 def losses_of(
     network: Autoencoder, batch: Batch, weights: Tensor, config: TrainConfig, noise: bool = True
 ) -> dict[str, Tensor]:
-    """The parts of the loss, and their weighted sum.
+    """Parts of the loss, and their weighted sum.
 
     Args:
         network: The autoencoder.
-        batch: What to rebuild and to tell.
+        batch: Targets.
         weights: (15,) of the classes' pixels.
         config: Gives the weights of the parts.
         noise: Whether the latents are drawn, as in training; else they are their means.
@@ -175,16 +175,16 @@ def train(
     """Trains, and writes the encoder.
 
     Args:
-        config: How.
-        resume: Go on from the newest checkpoint in the output folder.
+        config: Settings.
+        resume: Continue from the newest checkpoint in the output folder.
         progress: Called with every step, how many there are, and the loss.
 
     Returns:
         The encoder's file, in half precision; the whole autoencoder lies beside it.
 
     Raises:
-        InvalidInputError: No data, or no checkpoint of the same configuration to go on from.
-        RunStoppedError: It was told to stop, and has written a checkpoint.
+        InvalidInputError: There are no data, or no checkpoint of the same configuration.
+        RunStoppedError: The training was stopped, and has written a checkpoint.
     """
     state = _claim(config, resume)
     torch.set_num_threads(1)
@@ -214,7 +214,7 @@ def train(
 
 
 class _Training:
-    """What changes while it trains, and all that a checkpoint holds."""
+    """State of a training, as a checkpoint holds it."""
 
     def __init__(self, config: TrainConfig, state: dict[str, Any] | None) -> None:
         self.config, self.step = config, 0
@@ -262,7 +262,7 @@ class _Training:
 
 
 def learning_rate(step: int, steps: int, config: TrainConfig) -> float:
-    """Rises, then falls to zero along a cosine."""
+    """Learning rate: rises, then falls to zero along a cosine."""
     if step < config.warm_up_steps:
         return config.learning_rate * (step + 1) / config.warm_up_steps
     share = (step - config.warm_up_steps) / max(steps - config.warm_up_steps, 1)
@@ -270,7 +270,7 @@ def learning_rate(step: int, steps: int, config: TrainConfig) -> float:
 
 
 def batch_indices(step: int, size: int, config: TrainConfig) -> Tensor:
-    """Which pictures a step sees: every epoch shuffles them anew, and leaves out what fills no batch."""
+    """Pictures of a step: every epoch shuffles them, and leaves out an incomplete batch."""
     batch = min(config.batch, size)
     epoch, place = divmod(step, max(size // batch, 1))
     order = np.random.default_rng([config.seed, epoch]).permutation(size)
@@ -278,7 +278,7 @@ def batch_indices(step: int, size: int, config: TrainConfig) -> Tensor:
 
 
 def validate(network: Autoencoder, data: Batch, weights: Tensor, config: TrainConfig) -> dict[str, float]:
-    """Loss, share of pixels rebuilt, and errors of the distances [m], over part of the validation split."""
+    """Loss, share of correct pixels, and errors of the distances [m], over part of the validation split."""
     index = torch.linspace(0, len(data) - 1, min(config.validation_images, len(data))).long()
     loss, right, errors = 0.0, 0.0, torch.zeros(2)
     with torch.no_grad():
@@ -320,7 +320,7 @@ def train_semantic(config: TrainConfig, order: TrainRequest) -> Path:
 
 
 def _claim(config: TrainConfig, resume: bool) -> dict[str, Any] | None:
-    """The checkpoint to go on from; None where the training begins."""
+    """Checkpoint to continue from; None at the begin."""
     there = sorted(config.out.glob("checkpoint-*.pt")) if config.out.is_dir() else []
     if there and not resume:
         raise InvalidInputError(f"'{config.out}' holds a training; go on with --resume, or choose another folder")
@@ -336,7 +336,7 @@ def _claim(config: TrainConfig, resume: bool) -> dict[str, Any] | None:
 
 
 def _write(network: Autoencoder, out: Path, step: int) -> Path:
-    """Both files; what ships is the encoder with its heads, in half precision."""
+    """Writes both files; the encoder with its heads, in half precision, is shipped."""
     whole = {name: tensor.cpu().contiguous() for name, tensor in network.state_dict().items()}
     encoder = {name: tensor.cpu().half().contiguous() for name, tensor in network.encoder.state_dict().items()}
     facts = {"steps": str(step)}
