@@ -1,4 +1,4 @@
-"""Summary: what an agent's records on a benchmark come to, and how two agents compare."""
+"""Summary: the scores of an agent's records on a benchmark, and the comparison of two agents."""
 
 from __future__ import annotations
 
@@ -50,8 +50,10 @@ class Summary:
         rules: Version of the leaderboard's rules behind the penalty and the driving score.
         irs_length: What length the infraction rate score divides by.
         episodes: Number of episodes in the means.
-        lost: Number of episodes lost to infrastructure faults: in no mean, and to be run again.
-        scores: Estimate by name (`SCORES`): percent, except infraction_penalty in [0, 1].
+        lost: Number of episodes lost to gridlocks and infrastructure faults.
+        scores: Estimate by name (`SCORES`): percent, except infraction_penalty in [0, 1]. Lost drives are left out.
+        scores_lost_as_zero: The same with every lost drive counting 0, as CARLA divides by all planned routes; None
+            where no drive was lost.
         per_km: Infractions per km of route completed, pooled, for every kind of infraction.
         statuses: Number of drives by status, lost episodes left out.
         km: Kilometres of route completed.
@@ -65,6 +67,7 @@ class Summary:
     episodes: int
     lost: int
     scores: dict[str, Estimate]
+    scores_lost_as_zero: dict[str, Estimate] | None
     per_km: dict[str, Estimate]
     statuses: dict[str, int]
     km: float
@@ -73,8 +76,8 @@ class Summary:
 def summarise(records: Iterable[EpisodeRecord], *, rules: Rules = "2.0", irs_length: IrsLength = "driven") -> Summary:
     """Scores every drive of every record, and gives the means with their intervals.
 
-    An episode in which the infrastructure failed is left out whole, whatever its other egos did: it will be run again.
-    The result does not depend on the order of the records.
+    A lost episode is lost for all of its egos, whatever the other egos did. The result does not depend on the order of
+    the records.
 
     Raises:
         InvalidInputError: If there is no record, they mix agents or benchmarks, or one scenario comes twice.
@@ -86,6 +89,7 @@ def summarise(records: Iterable[EpisodeRecord], *, rules: Rules = "2.0", irs_len
     drives = [ego for record in counted for ego in record.egos]
     scored = [score_drive(ego, rules=rules, irs_length=irs_length) for ego in drives]
     statuses = Counter(ego.status for ego in drives)
+    lost_drives = sum(len(record.egos) for record in records if _lost(record))
     return Summary(
         agent=agent.name,
         benchmark=benchmark[0] if benchmark else None,
@@ -94,7 +98,8 @@ def summarise(records: Iterable[EpisodeRecord], *, rules: Rules = "2.0", irs_len
         irs_length=irs_length,
         episodes=len(counted),
         lost=len(records) - len(counted),
-        scores={name: _estimate(name, [drive[name] for drive in scored]) for name in SCORES},
+        scores=_scores(scored, lost_drives=0),
+        scores_lost_as_zero=_scores(scored, lost_drives) if lost_drives else None,
         per_km=_per_km(drives),
         statuses={status.value: statuses[status] for status in Status if statuses[status]},
         km=math.fsum(map(route_km, drives)),
@@ -161,6 +166,12 @@ def score_drive(ego: EgoRecord, *, rules: Rules = "2.0", irs_length: IrsLength =
 def as_document(summary: Summary) -> dict[str, Any]:
     """The summary as plain JSON: dicts, strings, numbers and None."""
     return dataclasses.asdict(summary)
+
+
+def _scores(scored: Sequence[dict[str, float]], lost_drives: int) -> dict[str, Estimate]:
+    """Estimate of every score over scored drives, and over lost ones as 0."""
+    zeros = [0.0] * lost_drives
+    return {name: _estimate(name, [*(drive[name] for drive in scored), *zeros]) for name in SCORES}
 
 
 def _estimate(name: str, values: Sequence[float]) -> Estimate:

@@ -87,7 +87,7 @@ def _side(entry: Entry) -> dict[str, Any]:
         "version": entry.version,
         "track": entry.track,
         "seeds": len(entry.seeds),
-        **summarise_drives(entry.drives),
+        **summarise_drives(entry.drives, sum(entry.lost.values())),
     }
 
 

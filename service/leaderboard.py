@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from functools import cached_property
 from typing import Any
@@ -33,7 +33,8 @@ class Entry:
         benchmark_sha256: Version of the benchmark.
         seeds: Driven seeds.
         finished: Time of its end.
-        drives: All drives.
+        drives: All drives that count.
+        lost: Number of drives lost to gridlocks and infrastructure faults, by cell.
     """
 
     evaluation: str
@@ -48,6 +49,7 @@ class Entry:
     seeds: tuple[int, ...]
     finished: datetime | None
     drives: tuple[Drive, ...]
+    lost: Mapping[str, int] = field(default_factory=dict)
 
     @cached_property
     def scores(self) -> dict[str, Estimate]:

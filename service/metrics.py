@@ -22,8 +22,8 @@ def as_document(entry: Entry) -> dict[str, Any]:
         "benchmark": entry.benchmark,
         "benchmark_sha256": entry.benchmark_sha256,
         "seeds": list(entry.seeds),
-        "all": summarise_drives(entry.drives),
-        "cells": {cell: summarise_drives(drives) for cell, drives in cells_of(entry).items()},
+        "all": summarise_drives(entry.drives, sum(entry.lost.values())),
+        "cells": {cell: summarise_drives(drives, entry.lost.get(cell, 0)) for cell, drives in cells_of(entry).items()},
         "drives": [_drive(drive) for drive in entry.drives],
     }
 
@@ -38,11 +38,11 @@ def as_csv(entry: Entry) -> str:
 
 
 def cells_of(entry: Entry) -> dict[str, list[Drive]]:
-    """Drives by the benchmark's cell, in the order of their first drive."""
+    """Drives by the benchmark's cell, in the order of their first drive; a cell that lost all of them has none."""
     cells: dict[str, list[Drive]] = {}
     for drive in entry.drives:
         cells.setdefault(drive.cell, []).append(drive)
-    return cells
+    return cells | {cell: [] for cell in entry.lost if cell not in cells}
 
 
 def _rows(entry: Entry, names: Sequence[str], kinds: Sequence[str]) -> Iterator[list[object]]:

@@ -58,13 +58,21 @@ class LeaderboardView(View):
     rows: list[RowView]
 
 
+ScoresLostAsZero = Annotated[
+    dict[str, EstimateView] | None,
+    Field(description="The same with every lost drive counting 0; null where none was lost."),
+]
+
+
 class SummaryView(View):
-    """Drives summarised."""
+    """Scores of drives; lost ones are left out, except where the name says otherwise."""
 
     drives: int
     episodes: int
+    lost: Annotated[int, Field(description="Drives lost to gridlocks and infrastructure faults.")]
     km: float
     scores: dict[str, EstimateView]
+    scores_lost_as_zero: ScoresLostAsZero
     per_km: dict[str, EstimateView]
     statuses: dict[str, int]
 
@@ -162,6 +170,7 @@ class RescoredView(View):
     lost: int
     km: float
     scores: dict[str, EstimateView]
+    scores_lost_as_zero: ScoresLostAsZero
     per_km: dict[str, EstimateView]
     statuses: dict[str, int]
     cells: dict[str, Any]

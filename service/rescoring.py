@@ -56,7 +56,12 @@ def _with_lambda(summary: Summary, records: Sequence[EpisodeRecord], irs_lambda:
     values = [
         infraction_rate_score(ego, irs_lambda, summary.irs_length) for one in _counted(records) for ego in one.egos
     ]
-    return dataclasses.replace(summary, scores={**summary.scores, "irs": mean_estimate(values)})
+    scores = {**summary.scores, "irs": mean_estimate(values)}
+    as_zero = summary.scores_lost_as_zero
+    if as_zero is not None:
+        zeros = [0.0] * (as_zero["irs"].n - len(values))
+        as_zero = {**as_zero, "irs": mean_estimate([*values, *zeros])}
+    return dataclasses.replace(summary, scores=scores, scores_lost_as_zero=as_zero)
 
 
 def _counted(records: Sequence[EpisodeRecord]) -> list[EpisodeRecord]:

@@ -115,22 +115,30 @@ def scores_of(drives: Iterable[Drive]) -> tuple[str, ...]:
     return (*SCORE_KEYS, *(CLOSED_LOOP_SCORES if closed_loop else ()))
 
 
-def estimate(name: str, drives: Sequence[Drive]) -> Estimate:
-    """Mean of a score over drives with its 95 % interval: Wilson's for shares, bootstrap else."""
-    values = [drive.score(name) for drive in drives]
+def estimate(name: str, drives: Sequence[Drive], lost: int = 0) -> Estimate:
+    """Mean of a score over drives, and over lost ones as 0; the interval is Wilson's for shares, else bootstrap."""
+    values = [*(drive.score(name) for drive in drives), *[0.0] * lost]
     share = name in SHARES or (name in CLOSED_LOOP_SCORES and set(values) <= {0.0, 100.0})
     return share_estimate([value > 0.0 for value in values]) if share else mean_estimate(values)
 
 
-def summarise_drives(drives: Sequence[Drive]) -> dict[str, Any]:
-    """Scores, infractions per kilometre and endings of drives, as `dohyo score --json` gives them; plain JSON."""
+def summarise_drives(drives: Sequence[Drive], lost: int = 0) -> dict[str, Any]:
+    """Scores, infractions per kilometre and endings of drives, as `dohyo score --json` gives them; plain JSON.
+
+    Args:
+        drives: Those that count.
+        lost: Number of drives lost beside them.
+    """
+    names = scores_of(drives)
     statuses = Counter(drive.status for drive in drives)
     km = [float(drive.facts["km"]) for drive in drives]
     return {
         "drives": len(drives),
         "episodes": len({drive.episode for drive in drives}),
+        "lost": lost,
         "km": math.fsum(km),
-        "scores": {name: asdict(estimate(name, drives)) for name in scores_of(drives)},
+        "scores": {name: asdict(estimate(name, drives)) for name in names},
+        "scores_lost_as_zero": {name: asdict(estimate(name, drives, lost)) for name in names} if lost else None,
         "per_km": {
             kind.value: asdict(
                 ratio_estimate([drive.facts["infractions"].get(kind.value, 0) for drive in drives], km, floor=MIN_KM)

@@ -34,7 +34,7 @@ from dohyo.evaluation.scores.nuplan.summary import (
     ClosedLoopSummary,
     applies,
     by_type,
-    lost_episodes,
+    lost_drives,
     score_records,
     summarise_closed_loop,
 )
@@ -142,7 +142,7 @@ def _closed_loop(contenders: Sequence[Contender]) -> list[tuple[Contender, Close
         if not all(map(applies, records)):
             return []
         drives = score_records(zip(records, one.evaluation.record_paths, strict=True))
-        summary = summarise_closed_loop(drives, lost_episodes(records))
+        summary = summarise_closed_loop(drives, lost_drives(records))
         found.append((one, summary, list(by_type(drives).items())))
     return found
 
@@ -199,7 +199,7 @@ def _facts(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLengt
         ),
         ("seeds", str(len(seeds)), ", ".join(map(str, seeds))),
         ("episodes", str(len(records)), per_agent),
-        ("lost", str(sum(map(figures.lost, records))), "Episodes lost to the infrastructure; they enter no mean"),
+        ("lost", str(sum(map(figures.lost, records))), "Episodes lost to gridlocks and infrastructure faults"),
         ("network", _listed(record.scenario.network for record in records), "Where the episodes took place"),
         (
             "SUMO",

@@ -15,7 +15,7 @@ from dohyo.evaluation.summary import Summary
 def csv_tables(contenders: Sequence[Contender], pairs: Sequence[Pair], drives: Sequence[Drive]) -> dict[str, str]:
     """Every table of the page as CSV."""
     return {
-        "scores": _estimate_table(contenders, lambda summary: summary.scores),
+        "scores": _estimate_table(contenders, _scores),
         "rates": _estimate_table(contenders, lambda summary: summary.per_km),
         "pairs": _pair_table(pairs),
         "drives": _drive_table(drives),
@@ -29,6 +29,11 @@ def _estimate_table(contenders: Iterable[Contender], estimates: Callable[[Summar
         for name, estimate in estimates(one.summary).items()
     )
     return csv_text(("agent", "quantity", "mean", "low", "high", "n"), rows)
+
+
+def _scores(summary: Summary) -> dict[str, Estimate]:
+    as_zero = summary.scores_lost_as_zero or {}
+    return summary.scores | {f"{name}_lost_as_zero": estimate for name, estimate in as_zero.items()}
 
 
 def _pair_table(pairs: Iterable[Pair]) -> str:

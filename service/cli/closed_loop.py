@@ -26,13 +26,20 @@ def print_closed_loop(summaries: Mapping[str, ClosedLoopSummary], what: str) -> 
             )
         )
     print_rows(columns, rows)
+    for name, one in summaries.items():
+        if one.score_lost_as_zero is not None:
+            console.print(
+                f"{name}: {one.lost} drives lost to gridlocks or infrastructure faults; score counting lost drives as "
+                f"0: {interval(one.score_lost_as_zero)}",
+                markup=False,
+            )
 
 
-def print_legend(summary: ClosedLoopSummary) -> None:
-    """Prints what the columns are, and how many episodes are missing."""
+def print_legend() -> None:
+    """Prints the meaning of the columns."""
     console.print(
         "score = NC x DAC x DDC x MP x (5 EP + 5 TTC + 4 SL + 2 C) / 16; CR = 100 - NC, DA = 100 - DAC; "
-        f"red lights in no term; 95 % intervals; {summary.lost} lost to infrastructure"
+        "red lights in no term; 95 % intervals"
     )
 
 

@@ -22,7 +22,7 @@ from dohyo.evaluation.running.executors import Executor, ProcessPool
 from dohyo.evaluation.running.ray_executor import RayExecutor
 from dohyo.evaluation.running.run import Result, run_benchmark
 from dohyo.evaluation.scores.nuplan.summary import as_document as closed_loop_document
-from dohyo.evaluation.scores.nuplan.summary import by_type, lost_episodes, score_records, summarise_closed_loop
+from dohyo.evaluation.scores.nuplan.summary import by_type, lost_drives, score_records, summarise_closed_loop
 from dohyo.evaluation.summary import as_document, summarise, summarise_cells
 from dohyo.service.cli.closed_loop import print_closed_loop, print_legend
 from dohyo.service.cli.freeway import evaluate_on_freeway
@@ -98,7 +98,7 @@ def evaluate(
     rules = result.manifest.benchmark.rules
     summary = summarise(result.records, rules=rules)
     scored = score_records(zip(result.records, result.paths, strict=True)) if _closed_loop(result) else []
-    lost = lost_episodes(result.records)
+    lost = lost_drives(result.records)
     if json:
         cells = {cell: as_document(one) for cell, one in summarise_cells(result.records, rules=rules).items()}
         closed = {"closed_loop": closed_loop_document(scored, lost)} if scored else {}
@@ -109,7 +109,7 @@ def evaluate(
         print_closed_loop(by_type(scored), "type")
         whole = summarise_closed_loop(scored, lost)
         print_closed_loop({summary.agent: whole}, "agent")
-        print_legend(whole)
+        print_legend()
     else:
         print_cells(summarise_cells(result.records, rules=rules))
         print_comparison([summary])

@@ -71,7 +71,12 @@ def print_comparison(summaries: Sequence[Summary]) -> None:
             table.add_row(kind.replace("_", " "), *[_rate(summary, kind) for summary in summaries])
         table.add_section()
     table.add_row("episodes", *[str(summary.episodes) for summary in summaries])
-    table.add_row("lost to infrastructure", *[str(summary.lost) for summary in summaries])
+    table.add_row("lost (gridlock, infrastructure)", *[str(summary.lost) for summary in summaries])
+    if any(summary.lost for summary in summaries):
+        table.add_section()
+        table.add_row("[bold]counting lost drives as 0[/bold]")
+        for key, title in SCORES.items():
+            table.add_row(title, *[interval((one.scores_lost_as_zero or one.scores)[key]) for one in summaries])
     console.print(table)
     console.print(f"rules {summaries[0].rules}, IRS over km {summaries[0].irs_length}, 95 % intervals")
 
@@ -92,11 +97,17 @@ def print_cells(cells: Mapping[str, Summary]) -> None:
     }
     far = any(summary.scores["drove_2500m"].mean for summary in cells.values())  # most routes are shorter
     shown = ("success", "nocrash_success", "road_completed", *(["drove_2500m"] if far else []), "driving_score")
+    lost = any(summary.lost for summary in cells.values())
     rows = [
-        (cell, *(interval(summary.scores[name]) for name in shown), str(summary.episodes))
+        (
+            cell,
+            *(interval(summary.scores[name]) for name in shown),
+            str(summary.episodes),
+            *([str(summary.lost)] if lost else []),
+        )
         for cell, summary in cells.items()
     ]
-    print_rows(["cell", *(titles[name] for name in shown), "n"], rows)
+    print_rows(["cell", *(titles[name] for name in shown), "n", *(["lost"] if lost else [])], rows)
 
 
 def interval(estimate: Estimate) -> str:

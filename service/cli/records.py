@@ -21,7 +21,7 @@ from dohyo.evaluation.scores.driving import IrsLength, Rules
 from dohyo.evaluation.scores.nuplan.summary import (
     applies,
     compare_closed_loop,
-    lost_episodes,
+    lost_drives,
     score_records,
     summarise_closed_loop,
 )
@@ -96,10 +96,10 @@ def _print_verdicts(names: Sequence[str], results: Sequence[Result], rules: Rule
 
 def _print_closed_loop(names: Sequence[str], results: Sequence[Result]) -> None:
     scored = [score_records(zip(result.records, result.paths, strict=True)) for result in results]
-    lost = [lost_episodes(result.records) for result in results]
+    lost = [lost_drives(result.records) for result in results]
     summaries = [summarise_closed_loop(*pair) for pair in zip(scored, lost, strict=True)]
     print_closed_loop(dict(zip(names, summaries, strict=True)), "agent")
-    print_legend(summaries[0])
+    print_legend()
     for (a, first), (b, second) in combinations(zip(names, scored, strict=True), 2):
         one = compare_closed_loop(first, second)
         console.print(
@@ -154,7 +154,7 @@ def score(
     summary = summarise(loaded, rules=rules, irs_length=irs_length)
     if json:
         drives = _drives(records, loaded, rules, irs_length)
-        closed = {"closed_loop": closed_loop_document(scored)} if scored else {}
+        closed = {"closed_loop": closed_loop_document(scored, lost_drives(loaded))} if scored else {}
         print_json(as_document(summary) | {"drives": [dict(record=str(p), ego=e, **s) for p, e, s in drives]} | closed)
         return
     rows = [

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from sqlalchemy import ColumnElement, func, select, true
 from sqlalchemy.orm import Session
@@ -74,7 +75,7 @@ def ranked_evaluations(session: Session, benchmark_sha256: str, track: str | Non
 
 
 def entries(session: Session, evaluation_ids: Sequence[str]) -> dict[str, Entry]:
-    """Evaluations by id with their finished drives, without lost episodes; unknown ids give no entry."""
+    """Evaluations by id, with finished drives and the number of lost ones; unknown ids give no entry."""
     query = (
         select(Evaluation.id, Evaluation.seeds, Evaluation.finished, Evaluation.owner)
         .add_columns(Submission.id, Submission.version, Submission.kind, Submission.track, Agent.name)
@@ -85,7 +86,7 @@ def entries(session: Session, evaluation_ids: Sequence[str]) -> dict[str, Entry]
         .join(BenchmarkVersion, BenchmarkVersion.sha256 == Evaluation.benchmark_sha256)
         .where(Evaluation.id.in_(evaluation_ids))
     )
-    drives = _drives(session, evaluation_ids)
+    drives, lost = _drives(session, evaluation_ids), _lost_drives(session, evaluation_ids)
     found: dict[str, Entry] = {}
     for one, seeds, finished, owner, submission, version, kind, track, agent, benchmark, sha256 in session.execute(
         query
@@ -103,6 +104,7 @@ def entries(session: Session, evaluation_ids: Sequence[str]) -> dict[str, Entry]
             seeds=tuple(seeds),
             finished=finished,
             drives=tuple(drives.get(one, ())),
+            lost=lost.get(one, {}),
         )
     return found
 
@@ -126,6 +128,30 @@ def _drives(session: Session, evaluation_ids: Sequence[str]) -> dict[str, list[D
             Drive(episode_id, scenario, cell, seed, facts) for facts in (summary or {}).get("egos", ())
         )
     return drives
+
+
+def _lost_drives(session: Session, evaluation_ids: Sequence[str]) -> dict[str, dict[str, int]]:
+    """Number of drives in lost episodes, by evaluation and cell."""
+    query = (
+        select(Episode.evaluation_id, Episode.cell, func.count(), BenchmarkVersion.sha256)
+        .join(Evaluation, Evaluation.id == Episode.evaluation_id)
+        .join(BenchmarkVersion, BenchmarkVersion.sha256 == Evaluation.benchmark_sha256)
+        .where(Episode.evaluation_id.in_(evaluation_ids), Episode.status == EpisodeStatus.LOST)
+        .group_by(Episode.evaluation_id, Episode.cell, BenchmarkVersion.sha256)
+    )
+    found: dict[str, dict[str, int]] = {}
+    for evaluation_id, cell, episodes, sha256 in session.execute(query):
+        document = session.get_one(BenchmarkVersion, sha256).document
+        found.setdefault(evaluation_id, {})[cell] = episodes * _egos(document, cell)
+    return found
+
+
+def _egos(document: Mapping[str, Any], cell: str) -> int:
+    """Number of egos in each episode of a benchmark's cell."""
+    for one in document.get("cells", ()):
+        if one["name"] == cell and one.get("together"):
+            return len(document["missions"][one["missions"]])
+    return 1
 
 
 def _seen_by(owner: str | None) -> ColumnElement[bool]:

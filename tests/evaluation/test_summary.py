@@ -82,6 +82,18 @@ def test_a_lost_episode_never_enters_a_mean() -> None:
     assert with_lost.episodes == without.episodes == 6
 
 
+def test_lost_drives_count_as_zero_beside_the_mean_that_leaves_them_out() -> None:
+    gridlocked = episode(ego(name="a", status=Status.GRIDLOCK), ego(name="b", status=Status.COMPLETED), seed=98)
+    clean = episode(ego(status=Status.PERFECT, progress_m=1000.0))
+    assert summarise([clean]).scores_lost_as_zero is None
+    summary = summarise([clean, lost(seed=99), gridlocked])
+    assert summary.scores_lost_as_zero is not None
+    assert (summary.scores["driving_score"].mean, summary.scores["driving_score"].n) == (100.0, 1)
+    for name in SCORES:
+        as_zero = summary.scores_lost_as_zero[name]
+        assert (as_zero.mean, as_zero.n) == (pytest.approx((summary.scores[name].mean or 0.0) / 4), 4)
+
+
 def test_a_lost_episode_takes_its_other_egos_with_it() -> None:
     half = episode(ego(name="a", status=Status.COMPLETED), ego(name="b", status=Status.SIMULATION), seed=99)
     assert summarise([*some_episodes(), half]).scores == summarise(some_episodes()).scores

@@ -43,6 +43,17 @@ def parse(text: str) -> tuple[dict[str, str], Samples]:
     return types, samples
 
 
+def test_lost_drives_count_as_zero_beside_the_means_that_leave_them_out() -> None:
+    drives = drives_of(episode(ego(), cell="town"))
+    whole, without = as_document(entry("a", drives, lost={"town": 1, "gone": 2})), as_document(entry("a", drives))
+    assert (without["all"]["lost"], without["all"]["scores_lost_as_zero"]) == (0, None)
+    assert (whole["all"]["lost"], whole["cells"]["town"]["lost"], whole["cells"]["gone"]["lost"]) == (3, 1, 2)
+    assert whole["all"]["scores"] == without["all"]["scores"]
+    as_zero = [whole[part]["scores_lost_as_zero"] for part in ("all",)]
+    as_zero += [whole["cells"][cell]["scores_lost_as_zero"] for cell in ("town", "gone")]
+    assert [one["route_completion"]["mean"] for one in as_zero] == [20.0, 40.0, 0.0]
+
+
 def test_the_text_format() -> None:
     family = Family(
         "dohyo_episodes", "By status.\nSecond \\ line", "gauge", (Sample(3, {"status": "done"}), Sample(1.5))

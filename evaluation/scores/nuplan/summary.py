@@ -51,17 +51,19 @@ class ClosedLoopSummary:
     """Means over drives, in percent, with their intervals.
 
     Attributes:
-        score: The closed-loop score.
+        score: The closed-loop score. Lost drives are left out.
+        score_lost_as_zero: The same with every lost drive counting 0, as in nuPlan; None where no drive was lost.
         collisions: CR: 100 x (1 - mean NC); the less, the better.
         off_road: DA: 100 x (1 - mean DAC); the less, the better.
         progress: EP: 100 x mean EP.
         terms: 100 x the mean of each of `TERMS`.
         red_lights: Crossed in all drives; in no score.
         drives: Number of drives.
-        lost: Number of episodes lost to the infrastructure, in no mean.
+        lost: Number of drives lost to gridlocks and infrastructure faults.
     """
 
     score: Estimate
+    score_lost_as_zero: Estimate | None
     collisions: Estimate
     off_road: Estimate
     progress: Estimate
@@ -77,7 +79,7 @@ def applies(record: EpisodeRecord) -> bool:
 
 
 def score_records(records: Iterable[tuple[EpisodeRecord, Path]]) -> list[ScoredDrive]:
-    """Scores every drive of every record, given with its path; lost episodes are left out, to be driven again.
+    """Scores every drive of every record, given with its path; lost episodes are left out.
 
     Raises:
         InvalidInputError: A scenario without a reference, or a trajectory that is missing or damaged.
@@ -98,13 +100,14 @@ def score_records(records: Iterable[tuple[EpisodeRecord, Path]]) -> list[ScoredD
 
 
 def summarise_closed_loop(drives: Sequence[ScoredDrive], lost: int = 0) -> ClosedLoopSummary:
-    """The means of some drives."""
+    """The means of some drives, beside which others were lost."""
 
     def mean(value: Callable[[ClosedLoop], float]) -> Estimate:
         return _estimate([value(one.terms) for one in drives])
 
     return ClosedLoopSummary(
         score=mean(lambda terms: terms.score),
+        score_lost_as_zero=_estimate([one.terms.score for one in drives] + [0.0] * lost) if lost else None,
         collisions=mean(lambda terms: 100.0 * (1.0 - terms.no_collision)),
         off_road=mean(lambda terms: 100.0 * (1.0 - terms.drivable_area)),
         progress=mean(lambda terms: 100.0 * terms.progress),
@@ -141,9 +144,9 @@ def compare_closed_loop(a: Sequence[ScoredDrive], b: Sequence[ScoredDrive]) -> C
     return paired([first[key] for key in keys], [second[key] for key in keys])
 
 
-def lost_episodes(records: Iterable[EpisodeRecord]) -> int:
-    """Number of episodes lost to the infrastructure."""
-    return sum(map(_lost, records))
+def lost_drives(records: Iterable[EpisodeRecord]) -> int:
+    """Number of drives in episodes that were lost."""
+    return sum(len(record.egos) for record in records if _lost(record))
 
 
 def as_document(drives: Sequence[ScoredDrive], lost: int = 0) -> dict[str, Any]:

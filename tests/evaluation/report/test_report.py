@@ -251,9 +251,7 @@ def test_with_lost_episodes_only(tmp_path: Path) -> None:
     _, page = report(tmp_path, evaluation([lost(seed=0), lost(seed=1)], tmp_path))
     assert "No drive counts yet" in page.text
     assert page.text.count("SUMO lost the ego") == 2
-    assert {found["title"] for found in page.having("span", "missing")} == {
-        "no drive counts: every episode was lost to the infrastructure"
-    }
+    assert {found["title"] for found in page.having("span", "missing")} == {"no drive counts: every episode was lost"}
 
 
 def test_with_one_episode(tmp_path: Path) -> None:
@@ -264,10 +262,20 @@ def test_with_one_episode(tmp_path: Path) -> None:
 
 def test_lost_episodes_stand_apart_and_enter_no_mean(two: list[Evaluation], tmp_path: Path) -> None:
     _, page = report(tmp_path, *two)
-    _, lost_part = page.text.split("Lost to the infrastructure")
+    _, lost_part = page.text.split("Lost to gridlocks and infrastructure faults")
     assert "SUMO lost the ego" in lost_part
     assert page.text.count("SUMO lost the ego") == 1
     assert look.interval(summarise(two[1].records[:3]).scores["driving_score"]) in page.text
+
+
+def test_where_a_drive_was_lost_the_report_shows_both_means(two: list[Evaluation], tmp_path: Path) -> None:
+    _, page = report(tmp_path, *two)
+    assert page.text.count("counting lost drives as 0") == 1
+    as_zero = summarise(two[1].records).scores_lost_as_zero
+    assert as_zero is not None
+    assert look.interval(as_zero["driving_score"]) in page.text
+    _, whole = report(tmp_path, two[0])
+    assert "counting lost drives as 0" not in whole.text
 
 
 def test_an_agents_failure_is_told_in_its_own_words(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.records.record import EpisodeRecord, InfractionKind, Versions
 from dohyo.evaluation.records.store import read_record
 from dohyo.service.cli.main import app as cli
-from dohyo.service.database.models import AgentKind, Episode, EpisodeStatus, EvaluationStatus, Role
+from dohyo.service.database.models import AgentKind, BenchmarkVersion, Episode, EpisodeStatus, EvaluationStatus, Role
 from dohyo.service.reading_views import ComparedView, LeaderboardView, MetricsView, RescoredView
 from dohyo.sumo_networks.networks.catalog import load_network
 from tests.evaluation.builders import drive, ego, episode, infraction
@@ -379,6 +379,21 @@ def test_an_evaluations_metrics(shop: Shop) -> None:
     assert shop.client.get(f"/v1/evaluations/{empty}/metrics").json()["all"]["drives"] == 0
     assert shop.client.post("/v1/rescore", json={"evaluation": empty}).status_code == 409
     assert shop.client.get("/v1/evaluations/ev-0/metrics").status_code == 404
+
+
+def test_lost_episodes_count_as_zero_in_the_metrics_with_all_their_egos(shop: Shop) -> None:
+    fleet = load_benchmark("fleet")  # eight egos at once
+    with shop.services.database.session() as session:
+        document = fleet.model_dump(mode="json")
+        session.add(BenchmarkVersion(sha256=fleet.sha256, name="fleet", document=document))
+    evaluation, _ = shop.evaluation(shop.submission("agent"), records(50.0, 60.0), benchmark=fleet.sha256)
+    with shop.services.database.session() as session:
+        lost = {"evaluation_id": evaluation, "position": 2, "scenario": "s", "cell": "ingolstadt", "seed": 0}
+        session.add(Episode(id="ep-lost", status=EpisodeStatus.LOST, **lost))
+    whole = shop.client.get(f"/v1/evaluations/{evaluation}/metrics").json()
+    assert (whole["all"]["lost"], whole["cells"]["ingolstadt"]["lost"]) == (8, 8)
+    assert whole["all"]["scores"]["driving_score"]["mean"] == pytest.approx(55.0)
+    assert whole["all"]["scores_lost_as_zero"]["driving_score"]["mean"] == pytest.approx(110.0 / 10)
 
 
 def test_prometheus_reads_the_service(shop: Shop) -> None:

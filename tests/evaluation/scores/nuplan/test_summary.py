@@ -34,6 +34,13 @@ def test_rates_are_shares_of_failures() -> None:
     assert (summary.red_lights, summary.drives, summary.lost) == (2, 2, 3)
 
 
+def test_lost_drives_count_as_zero_beside_the_score_that_leaves_them_out() -> None:
+    summary = summarise_closed_loop([drive("a", GOOD)], lost=3)
+    assert summary.score_lost_as_zero is not None
+    assert (summary.score.mean, summary.score_lost_as_zero.mean, summary.score_lost_as_zero.n) == (100.0, 25.0, 4)
+    assert summarise_closed_loop([drive("a", GOOD)]).score_lost_as_zero is None
+
+
 def test_no_collision_in_ten_drives_is_no_proof_that_there_are_none() -> None:
     summary = summarise_closed_loop([drive(str(i), GOOD) for i in range(10)])
     assert summary.collisions.mean == 0.0

@@ -1,0 +1,40 @@
+"""Tables of the command line, from hand-made summaries."""
+
+from __future__ import annotations
+
+from dohyo.evaluation.records.record import Status
+from dohyo.evaluation.scores.nuplan.score import ClosedLoop
+from dohyo.evaluation.scores.nuplan.summary import ScoredDrive, summarise_closed_loop
+from dohyo.evaluation.summary import summarise
+from dohyo.service.cli.closed_loop import print_closed_loop
+from dohyo.service.cli.output import console, print_cells, print_comparison
+from tests.evaluation.builders import ego, episode, lost
+
+WHOLE = [episode(ego(status=Status.PERFECT, progress_m=1000.0), seed=0)]
+
+
+def test_a_comparison_shows_both_means_only_where_a_drive_was_lost() -> None:
+    with console.capture() as captured:
+        print_comparison([summarise(WHOLE)])
+    assert "counting lost drives as 0" not in captured.get()
+    with console.capture() as captured:
+        print_comparison([summarise([*WHOLE, lost(seed=1)])])
+    above, below = captured.get().split("counting lost drives as 0")
+    assert "100" in above.split("DS ")[1].splitlines()[0]
+    assert "50.0" in below.split("DS ")[1].splitlines()[0]
+
+
+def test_cells_say_how_many_drives_they_lost() -> None:
+    cells = {"a": summarise(WHOLE), "b": summarise([*WHOLE, lost(seed=1)])}
+    with console.capture() as captured:
+        print_cells(cells)
+    header, first, second = captured.get().splitlines()
+    assert header.split()[-1] == "lost"
+    assert (first.split()[-1], second.split()[-1]) == ("0", "1")
+
+
+def test_the_closed_loop_score_too() -> None:
+    good = ScoredDrive("s", 0, "ego", "turn", ClosedLoop(1, 1, 1, 1, 1, 1, 1, 1))
+    with console.capture() as captured:
+        print_closed_loop({"tester": summarise_closed_loop([good], lost=3)}, "agent")
+    assert "counting lost drives as 0: 25.0" in " ".join(captured.get().split())
