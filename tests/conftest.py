@@ -10,7 +10,7 @@ from hypothesis import settings
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Scenario
-from dohyo.sumo_networks.simulation import Simulation
+from dohyo.sumo_networks.simulation import Simulation, plan_scenario
 from dohyo.sumo_networks.world import World
 
 # The same examples in every run; the first call of a kernel may compile it for seconds.
@@ -29,8 +29,8 @@ def start() -> Iterator[Start]:
     def start(scenario: Scenario) -> tuple[Simulation, World]:
         for simulation in opened:
             simulation.close()
-        opened.append(Simulation(load_network(scenario.network), scenario))
-        return opened[-1], opened[-1].start()
+        opened.append(Simulation(plan_scenario(load_network(scenario.network), scenario)))
+        return opened[-1], opened[-1].world
 
     yield start
     for simulation in opened:

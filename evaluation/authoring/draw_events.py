@@ -18,7 +18,7 @@ from dohyo.evaluation.benchmarks.benchmark import BENCHMARKS
 from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.events import Event
-from dohyo.sumo_networks.events.director import check_placement
+from dohyo.sumo_networks.events.placement import check_placement
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route

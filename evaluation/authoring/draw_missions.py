@@ -15,7 +15,8 @@ from dohyo.evaluation.benchmarks.benchmark import BENCHMARKS
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.network import RoadNetwork
-from dohyo.sumo_networks.routes.route import Command, Route
+from dohyo.sumo_networks.routes.command import Command
+from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission, Place
 

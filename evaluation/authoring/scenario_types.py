@@ -17,7 +17,8 @@ import numpy as np
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 from dohyo.sumo_networks.networks.network import RoadNetwork
-from dohyo.sumo_networks.routes.route import Command, Route
+from dohyo.sumo_networks.routes.command import Command
+from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.simulation.traffic_log import Log
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind, Actors

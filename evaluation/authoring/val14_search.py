@@ -29,7 +29,7 @@ from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
-from dohyo.sumo_networks.simulation import Simulation
+from dohyo.sumo_networks.simulation import Simulation, plan_scenario
 from dohyo.sumo_networks.simulation.traffic_log import write_log
 from dohyo.sumo_networks.world import ActorKind, Actors, LightState, World
 
@@ -99,10 +99,9 @@ def take_snapshot(network_name: str, seed: int) -> Snapshot:
         start=Place(lane=lane, position_m=5.0), goal=Place(lane=lane, position_m=-5.0), start_speed_mps=0
     )
     scenario = Scenario(network=network_name, missions=(anywhere,), traffic=TRAFFIC[network_name], seed=seed)
-    simulation = Simulation(network, scenario)
+    simulation = Simulation(plan_scenario(network, scenario))
     try:
-        world = simulation.start()
-        return Snapshot(network, seed, simulation.everybody(), world)
+        return Snapshot(network, seed, simulation.everybody(), simulation.world)
     finally:
         simulation.close()
 

@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.events import Event
-from dohyo.sumo_networks.events.configs import EVERY_M
+from dohyo.sumo_networks.events.auto_events import EVERY_M
 from dohyo.sumo_networks.scenario import Config, Mission, Name, Scenario, Traffic, content_hash
 
 BENCHMARKS = Path(__file__).parent

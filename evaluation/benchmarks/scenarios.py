@@ -12,7 +12,7 @@ from dohyo.sumo_networks.conditions import conditions_named
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.events import Event
 from dohyo.sumo_networks.events.auto_events import auto_events
-from dohyo.sumo_networks.events.director import check_placement, trigger_of
+from dohyo.sumo_networks.events.placement import check_placement, trigger_of
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.routes.routing import plan_route

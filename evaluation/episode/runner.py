@@ -237,7 +237,7 @@ class _Episode:
             self._end(drive, Status.FINISHED)
 
     def _end(self, drive: _Drive, status: Status, failure: str | None = None) -> None:
-        if hasattr(self.env, "world"):
+        if self.env.started:
             for criterion in drive.criteria:
                 drive.infractions += criterion.finish(self.env.world, drive.index)
             drive.infractions.sort(key=lambda infraction: infraction.time_s)
@@ -253,7 +253,7 @@ class _Episode:
         network = load_network(self.scenario.network)
         trajectory = self.trajectory.finish()
         wall = time.perf_counter() - self.started
-        ticks = self.env.world.tick if hasattr(self.env, "world") else 0
+        ticks = self.env.world.tick if self.env.started else 0
         record = EpisodeRecord(
             scenario=self.scenario,
             benchmark=benchmark,

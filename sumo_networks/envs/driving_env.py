@@ -14,13 +14,13 @@ from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.conditions import conditions_named
 from dohyo.sumo_networks.ego.control import Control, InvalidActionError, make_control
 from dohyo.sumo_networks.envs.reward import Reward, make_reward
-from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.rendering.overhead import Overhead
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.sensors import Sensor, SensorConfig, Track, make_sensors
-from dohyo.sumo_networks.simulation import Replay, Simulation
+from dohyo.sumo_networks.simulation import Replay, Simulation, plan_scenario, start_simulation
 from dohyo.sumo_networks.simulation.traffic_log import LogRecorder
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import World
@@ -46,7 +46,6 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
     Attributes:
         render_mode: "rgb_array" or None.
         scenario: What is simulated.
-        world: What is true after the last tick; the first one after `reset`.
         possible_agents: Names of the missions.
         agents: Names of the egos still driving.
 
@@ -54,7 +53,6 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
     """
 
     metadata: ClassVar[dict[str, Any]] = {"name": "dohyo_driving_v0", "is_parallelizable": True, **RENDERING}
-    world: World
 
     def __init__(
         self,
@@ -91,8 +89,8 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
             dict(control) if isinstance(control, Mapping) else dict.fromkeys(self.possible_agents, control)
         )
         self._reward_name = reward
-        live = scenario.log is None
-        self._simulation = (Simulation if live else Replay)(load_network(scenario.network), scenario)
+        self._plan = plan_scenario(load_network(scenario.network), scenario)
+        self._simulation: Simulation | Replay | None = None
         self._controls = self._new_controls()
         self._rewards: dict[str, Reward] = {name: make_reward(reward) for name in self.possible_agents if reward}
         self._action_spaces = {name: control.space for name, control in self._controls.items()}
@@ -104,7 +102,27 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
     @property
     def routes(self) -> tuple[Route, ...]:
         """The planned routes, one per ego."""
-        return self._simulation.routes
+        return self._plan.routes
+
+    @property
+    def started(self) -> bool:
+        """Whether there is a world: since the last `reset`, also after `close`."""
+        return self._simulation is not None
+
+    @property
+    def world(self) -> World:
+        """What is true after the last tick.
+
+        Raises:
+            SimulationError: The environment has not been reset yet.
+        """
+        return self._running.world
+
+    @property
+    def _running(self) -> Simulation | Replay:
+        if self._simulation is None:
+            raise SimulationError(f"scenario '{self.scenario.name}' has not started; call reset() first")
+        return self._simulation
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Dict:
         """One Box per sensor."""
@@ -128,12 +146,15 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
             SimulationError: SUMO failed, or another environment of this process is still open.
         """
         if seed is not None and seed != self.scenario.seed:
-            self.scenario = self.scenario.model_copy(update={"seed": int(seed) % 2**31})
-            self._simulation.scenario = self.scenario
+            self._plan = self._plan.with_seed(int(seed) % 2**31)
+            self.scenario = self._plan.scenario
         self._sensors, self._controls = self._new_sensors(), self._new_controls()
         self._rewards = {name: make_reward(self._reward_name) for name in self._rewards if self._reward_name}
         self.agents = list(self.possible_agents)
-        self.world = self._simulation.start()
+        if self._simulation is not None:
+            self._simulation.close()
+            self._simulation = None
+        self._simulation = start_simulation(self._plan)
         return self._observe(self.agents), {name: {} for name in self.agents}
 
     def step(
@@ -163,7 +184,7 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         for name in drove:
             ego = self._index[name]
             commands[ego] = self._controls[name].command(actions[name], before, ego)
-        self.world = self._simulation.tick(commands)
+        self._running.tick(commands)
         rewards, terminations, truncations = {}, {}, {}
         for name in drove:
             ego = self._index[name]
@@ -194,7 +215,7 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
     def retire(self, name: str) -> None:
         """Ends the episode of one ego and takes it off the road."""
         self.agents.remove(name)
-        self._simulation.retire(self._index[name])
+        self._running.retire(self._index[name])
 
     def record(self, recorder: LogRecorder) -> None:
         """Adds the last tick to a log of everybody but the egos.
@@ -202,14 +223,15 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         Raises:
             InvalidInputError: The scenario replays a log itself.
         """
-        if not isinstance(self._simulation, Simulation):
+        if not isinstance(self._running, Simulation):
             raise InvalidInputError(f"scenario '{self.scenario.name}' replays a log; there is nothing to record")
-        self._simulation.record(recorder)
+        self._running.record(recorder)
 
     def close(self) -> None:
         """Ends SUMO."""
         self.agents = []
-        self._simulation.close()
+        if self._simulation is not None:
+            self._simulation.close()
 
     def _new_sensors(self) -> dict[str, tuple[Sensor, ...]]:
         conditions, seed = conditions_named(self.scenario.conditions), self.scenario.seed
@@ -222,8 +244,7 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
 
     def _new_controls(self) -> dict[str, Control]:
         return {
-            name: make_control(self._control_names[name], self._simulation.vehicle, TICK_S)
-            for name in self.possible_agents
+            name: make_control(self._control_names[name], self._plan.vehicle, TICK_S) for name in self.possible_agents
         }
 
     def _observe(self, names: Sequence[str]) -> dict[str, Observation]:

@@ -1,7 +1,7 @@
-"""Scripted happenings around the egos: their configs. `director` performs them, `auto` finds places for them."""
+"""Scripted events around the egos. `manager` performs them, `auto_events` finds places for them."""
 
 from __future__ import annotations
 
-from dohyo.sumo_networks.events.configs import KINDS, Event
+from dohyo.sumo_networks.events.registry import EVENTS, Event
 
-__all__ = ["KINDS", "Event"]
+__all__ = ["EVENTS", "Event"]

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import TypeAdapter
 
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.events.configs import EVERY_M, KINDS, Event
-from dohyo.sumo_networks.events.director import make_script
-from dohyo.sumo_networks.events.script import Unfit
-from dohyo.sumo_networks.networks.network import RoadNetwork
-from dohyo.sumo_networks.routes.route import Route
+from dohyo.sumo_networks.events.behavior import PlacementError
+from dohyo.sumo_networks.events.placement import make_behavior
+from dohyo.sumo_networks.events.registry import EVENTS, Event
 
+if TYPE_CHECKING:  # scenarios are read without roads, whose numeric kernels take long to import
+    from dohyo.sumo_networks.networks.network import RoadNetwork
+    from dohyo.sumo_networks.routes.route import Route
+
+EVERY_M = (200.0, 300.0)
 FIRST_M = 30.0
 SEARCH_STEP_M = 10.0
 _EVENT: TypeAdapter[Event] = TypeAdapter(Event)
@@ -46,16 +49,17 @@ def auto_events(
         UnknownNameError: There is no such kind.
         InvalidInputError: The distances are not positive and in order, or not even one event fits.
     """
-    chosen = tuple(KINDS) if kinds is None else tuple(kinds)
+    chosen = tuple(EVENTS) if kinds is None else tuple(kinds)
     for kind in chosen:
-        if kind not in KINDS:
-            raise UnknownNameError("kind of event", kind, KINDS)
+        if kind not in EVENTS:
+            raise UnknownNameError("kind of event", kind, EVENTS)
     low, high = every_m
     if not 0.0 < low <= high < float("inf"):
         raise InvalidInputError(f"events: expected every_m from small to large and above 0, got {list(every_m)}")
     rng = np.random.default_rng(seed)
     events: list[Event] = []
-    at = 0.0 if "parking_exit" in chosen and _fits("parking_exit", 0.0, network, route) else FIRST_M
+    at_start = [kind for kind in chosen if EVENTS[kind].only_at_start]
+    at = 0.0 if any(_fits(kind, 0.0, network, route) for kind in at_start) else FIRST_M
     while at <= route.length:
         event = _place(chosen, [one.kind for one in events], round(at, 1), network, route, rng, ego)
         if event is None:
@@ -88,9 +92,9 @@ def _place(
 
 
 def _fits(kind: str, at: float, network: RoadNetwork, route: Route) -> bool:
-    event: Any = _EVENT.validate_python({"kind": kind, "name": "here", "at_m": at})
+    event = _EVENT.validate_python({"kind": kind, "name": "here", "at_m": at})
     try:
-        make_script(event, network, route, np.random.default_rng(0))
-    except Unfit:
+        make_behavior(event, network, route, np.random.default_rng(0))
+    except PlacementError:
         return False
     return True

@@ -1,17 +1,20 @@
-"""Roads: what is beside the ego's lane at a point of its route, and which junctions and streams lie ahead."""
+"""Roads: what is beside the ego's lane at a point of its route, and which junctions and conflicting ways lie ahead."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dohyo.sumo_networks.events.paths import ActorPath, downstream, lane_path, meeting, upstream
-from dohyo.sumo_networks.events.script import Unfit
-from dohyo.sumo_networks.geometry import wrap
-from dohyo.sumo_networks.networks.network import RoadNetwork
-from dohyo.sumo_networks.routes.route import Command, Passage, Route
+from dohyo.sumo_networks.actors.paths import ActorPath, downstream, lane_path, meeting, upstream, wrapped
+from dohyo.sumo_networks.events.behavior import PlacementError
+from dohyo.sumo_networks.routes.command import Command
+
+if TYPE_CHECKING:  # scenarios are read without roads, whose numeric kernels take long to import
+    from dohyo.sumo_networks.networks.network import RoadNetwork
+    from dohyo.sumo_networks.routes.route import Passage, Route
 
 ALIGNED_RAD = 0.5
 FAST_ROAD_MPS = 20.0
@@ -46,16 +49,16 @@ def section(network: RoadNetwork, route: Route, s: float) -> Section:
     """The road across a point of a route.
 
     Raises:
-        Unfit: The point is past the route's end, or in a junction.
+        PlacementError: The point is past the route's end, or in a junction.
     """
     if s > route.length:
-        raise Unfit(f"the route ends at {route.length:.0f} m, {s:.0f} m are needed")
+        raise PlacementError(f"the route ends at {route.length:.0f} m, {s:.0f} m are needed")
     if any(passage.entry < s < passage.exit for passage in route.passages):
-        raise Unfit(f"{s:.0f} m is inside a junction")
+        raise PlacementError(f"{s:.0f} m is inside a junction")
     lanes, row = network.lanes, route.index(s)
     lane = int(route.lane[row])
     if lanes.internal[lane]:
-        raise Unfit(f"{s:.0f} m is inside a junction")
+        raise PlacementError(f"{s:.0f} m is inside a junction")
     edge = [one for one in network.lanes_of_edge[network.edge_id(lane)] if lanes.drivable[one] or lanes.bicycle[one]]
     rank = edge.index(lane)
     half = 0.5 * float(lanes.width[lane])
@@ -80,7 +83,7 @@ def _oncoming(network: RoadNetwork, route: Route, row: int, middle: float) -> in
 
 
 def need_clear_road(route: Route, first: float, last: float, through: bool = False) -> None:
-    """Raises Unfit where a stretch of a route is not all on one road, without junctions.
+    """Raises PlacementError where a stretch of a route is not all on one road, without junctions.
 
     Args:
         route: The ego's.
@@ -89,23 +92,25 @@ def need_clear_road(route: Route, first: float, last: float, through: bool = Fal
         through: Junctions that the route passes straight on, with the right of way and without lights, do not count.
     """
     if last > route.length:
-        raise Unfit(f"the route ends at {route.length:.0f} m, {last:.0f} m are needed")
+        raise PlacementError(f"the route ends at {route.length:.0f} m, {last:.0f} m are needed")
     for passage in route.passages:
         if passage.exit <= first or passage.entry >= last or passage.exit - passage.entry <= 1.0:
             continue
         if not (through and passage.signal < 0 and passage.control == "M" and not turns(passage)):
-            raise Unfit(f"there is a junction at {passage.entry:.0f} m, and {first:.0f} to {last:.0f} m must be free")
+            raise PlacementError(
+                f"there is a junction at {passage.entry:.0f} m, and {first:.0f} to {last:.0f} m must be free"
+            )
 
 
 def need_kerb(network: RoadNetwork, route: Route, s: float) -> Section:
     """The section at a point where people may be on foot.
 
     Raises:
-        Unfit: It is in a junction, past the end, or on a road for cars only.
+        PlacementError: It is in a junction, past the end, or on a road for cars only.
     """
     found = section(network, route, s)
     if network.lanes.speed[found.lane] > FAST_ROAD_MPS:
-        raise Unfit(f"nobody walks beside a road with a limit of {network.lanes.speed[found.lane]:.0f} m/s")
+        raise PlacementError(f"nobody walks beside a road with a limit of {network.lanes.speed[found.lane]:.0f} m/s")
     return found
 
 
@@ -113,7 +118,7 @@ def next_passage(network: RoadNetwork, route: Route, s: float, within_m: float =
     """The first junction after a point of a route; places where roads merely go on do not count.
 
     Raises:
-        Unfit: There is none within the distance.
+        PlacementError: There is none within the distance.
     """
     for passage in route.passages:
         if passage.entry > s + within_m:
@@ -121,11 +126,11 @@ def next_passage(network: RoadNetwork, route: Route, s: float, within_m: float =
         met = (network.connections.yields == passage.connection).any()
         if passage.entry >= s and passage.exit - passage.entry > 1.0 and (passage.signal >= 0 or met):
             return passage
-    raise Unfit(f"there is no junction within {within_m:.0f} m")
+    raise PlacementError(f"there is no junction within {within_m:.0f} m")
 
 
 @dataclass(frozen=True, slots=True)
-class ConflictingStream:
+class ConflictingWay:
     """A way through a junction that meets the ego's.
 
     Attributes:
@@ -149,7 +154,7 @@ class ConflictingStream:
     merges: bool
 
 
-def streams(network: RoadNetwork, route: Route, passage: Passage, source_m: float) -> list[ConflictingStream]:
+def conflicting_ways(network: RoadNetwork, route: Route, passage: Passage, source_m: float) -> list[ConflictingWay]:
     """Ways through a junction that meet the ego's, those with the longest approach first."""
     own, connections, lanes = passage.connection, network.connections, network.lanes
     rows = {int(b) for a, b in connections.yields if a == own} | {int(a) for a, b in connections.yields if b == own}
@@ -168,17 +173,17 @@ def streams(network: RoadNetwork, route: Route, passage: Passage, source_m: floa
             continue
         *_, there = network.lane_point(source, -0.1)
         found.append(
-            ConflictingStream(
+            ConflictingWay(
                 connection,
                 (*before, *after),
                 way,
                 *met,
-                _side(wrap(there - heading)),
+                _side(wrapped(there - heading)),
                 (own, connection) in network.gives_way_to,
                 _exit_edge(network, inside) == _exit_edge(network, int(connections.target[own])),
             )
         )
-    return sorted(found, key=lambda stream: (-min(stream.path_s, source_m), stream.connection))
+    return sorted(found, key=lambda way: (-min(way.path_s, source_m), way.connection))
 
 
 def _side(turn: float) -> str:
@@ -203,11 +208,11 @@ def crossing_after(network: RoadNetwork, route: Route, passage: Passage) -> floa
     """Where people cross behind a junction: on its zebra crossing if it has one, else 5 m behind it; m along the route.
 
     Raises:
-        Unfit: The route ends before.
+        PlacementError: The route ends before.
     """
     default = passage.exit + 5.0
     if route.length < default + 5.0:
-        raise Unfit("the route ends at the junction")
+        raise PlacementError("the route ends at the junction")
     ahead = slice(route.index(passage.exit - 8.0), route.index(passage.exit + 12.0) + 1)
     for crossing in np.flatnonzero(network.lanes.crossing):
         middle = network.lane_shape(int(crossing))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import IntEnum
 from itertools import pairwise
 
 import numpy as np
@@ -12,23 +11,12 @@ import numpy as np
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 from dohyo.sumo_networks.geometry import project_on_path
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.command import Command
 
 SPACING_M = 1.0
 LANE_CHANGE_LENGTH_M = 35.0
 COMMAND_LEAD_M = 30.0
 SMOOTHING_M = 1.5
-
-
-class Command(IntEnum):
-    """What the navigation says: the next manoeuvre within 30 m, or FOLLOW."""
-
-    FOLLOW = 0
-    LEFT = 1
-    RIGHT = 2
-    STRAIGHT = 3
-    CHANGE_LEFT = 4
-    CHANGE_RIGHT = 5
-
 
 _TURNS = {"l": Command.LEFT, "L": Command.LEFT, "t": Command.LEFT, "r": Command.RIGHT, "R": Command.RIGHT}
 

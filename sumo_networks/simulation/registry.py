@@ -1,21 +1,20 @@
-"""Registry: names, kinds and boxes of everything seen in SUMO, and the images by which SUMO sees the egos."""
+"""ActorRegistry: names, kinds and boxes of everything seen in SUMO, by key."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import chain
 
 import libsumo
 import numpy as np
 from numba import njit
 
+from dohyo.sumo_networks.actors.names import Role, numbered, role_of
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
-from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.networks.network import RoadNetwork
-from dohyo.sumo_networks.routes.route import Route
-from dohyo.sumo_networks.scenario import Scenario
-from dohyo.sumo_networks.simulation.surroundings import Surroundings
+from dohyo.sumo_networks.scenario import Obstacle
+from dohyo.sumo_networks.simulation.sumo_frame import ahead_of, heading_of
+from dohyo.sumo_networks.simulation.surroundings import Reading
 from dohyo.sumo_networks.world import ActorKind, Actors
 
 KINDS = {
@@ -28,108 +27,43 @@ KINDS = {
     "pedestrian": ActorKind.PEDESTRIAN,
 }
 _PEDESTRIAN = int(ActorKind.PEDESTRIAN)
-_ANYWHERE = 2  # SUMO's keepRoute: the lane may be off the image's route
-_NEAR_M = 5.0  # images are on a lane already; SUMO's 100 m cost 80 us in a junction, these 10 us
 INDICATOR = {0: 0, 1: -1, 2: 1, 3: 0}  # SUMO's lowest two bits: right, left
-_Point = tuple[float, float]
 _Row = tuple[int, float, float, float, float, int, int]  # key, x, y, angle, speed, lane, indicator
 
 
-class Registry:
-    """Names, kinds and boxes of everything seen so far, and the egos' images in SUMO."""
+class ActorRegistry:
+    """Everything seen so far; an actor's key is its row here.
 
-    def __init__(
-        self, network: RoadNetwork, scenario: Scenario, vehicle: VehicleParameters, egos: tuple[str, ...]
-    ) -> None:
+    Attributes:
+        names: By key.
+    """
+
+    def __init__(self, network: RoadNetwork, obstacles: Sequence[Obstacle]) -> None:
+        """Registers the static boxes of a scenario."""
         self.names: list[str] = []
-        self._vehicle = vehicle
-        self._images = set(egos)
         self._lane_index = network.lane_index
-        self._surroundings = Surroundings(scenario.traffic, len(egos))
         self._keys: dict[str, int] = {}
         self._kind: IntArray = np.zeros(256, dtype=np.int64)
         self._length: FloatArray = np.zeros(256)
         self._width: FloatArray = np.zeros(256)
-        self._shown: set[str] = set()
         self._obstacles = np.array(
             [
-                (self.register(f"obstacle-{i}", ActorKind.STATIC, o.length_m, o.width_m), o.x_m, o.y_m, o.heading_rad)
-                for i, o in enumerate(scenario.obstacles)
+                (self._register_obstacle(i, obstacle), obstacle.x_m, obstacle.y_m, obstacle.heading_rad)
+                for i, obstacle in enumerate(obstacles)
             ]
         ).reshape(-1, 4)
 
-    def add_ego(self, name: str, route: Route) -> None:
-        """Makes SUMO report what is around an ego."""
-        libsumo.route.add(name, route.edges)
-        self._surroundings.add(name)
-
-    def look_around(self, name: str, x: float, y: float) -> None:
-        """Moves the point around which an ego sees, m."""
-        self._surroundings.move(name, x, y)
-
-    def move_ego(self, name: str, place: tuple[str, int], front: _Point, angle: float) -> None:
-        """Shows an ego on a lane, given by its edge and index."""
-        self.move_image(name, "ego", (self._vehicle.length, self._vehicle.width), place, front, angle)
-
-    def move_image(
-        self, name: str, vtype: str, size: tuple[float, float], place: tuple[str, int], front: _Point, angle: float
-    ) -> None:
-        """Shows something of ours as a vehicle on a lane.
-
-        Args:
-            name: Of the image and of its route.
-            vtype: A vType of vehicle_types.add.xml.
-            size: Length and width, m.
-            place: Edge id and index of the lane.
-            front: Middle of its front bumper, m, network frame.
-            angle: SUMO's, degrees clockwise from north.
-        """
-        if name not in self._shown:
-            self._shown.add(name)
-            self._images.add(name)
-            libsumo.vehicle.add(name, name, vtype, departLane="free", departPos="base", departSpeed="0")
-            libsumo.vehicle.setLength(name, size[0])
-            libsumo.vehicle.setWidth(name, size[1])
-            libsumo.vehicle.setSpeedMode(name, 0)
-            libsumo.vehicle.setLaneChangeMode(name, 0)
-        libsumo.vehicle.moveToXY(name, *place, *front, angle, _ANYWHERE, _NEAR_M)
-
-    def strayed(self, name: str) -> bool:
-        """Whether SUMO found no lane for an image, as it may past the end of one."""
-        return name in self._shown and not libsumo.vehicle.getLaneID(name)
-
-    def hide_image(self, name: str) -> None:
-        """Takes away the image of an ego or puppet that is off the road.
-
-        SUMO keeps a vehicle that moveToXY led off the road on the books of its last lane, and dies of a segmentation
-        fault when another vehicle comes along there.
-        """
-        if name in self._shown:
-            self._shown.remove(name)
-            libsumo.vehicle.remove(name)
-
-    def forget_ego(self, name: str) -> None:
-        """Takes an ego's image away, and the report of what is around it."""
-        self._surroundings.forget(name)
-        self.hide_image(name)
-
-    def read(self) -> Actors:
-        """Everything within sight of the egos, in the order of keys."""
-        images, keys, lanes = self._images, self._keys, self._lane_index
-        readings = [reading for reading in self._surroundings.read() if reading[0] not in images]
+    def read(self, readings: Sequence[Reading]) -> Actors:
+        """The static boxes and the actors of some readings, in the order of keys."""
+        keys, lanes = self._keys, self._lane_index
         for name in sorted({reading[0] for reading in readings if reading[0] not in keys}):
-            self._first_sight(name)
+            self._register_from_sumo(name)
         return self._table(
             {
                 (key := keys[name]): (key, x, y, angle, speed, lanes.get(lane, -1), INDICATOR[signals & 3])
                 for name, x, y, angle, speed, lane, signals in readings
             }
         )
-
-    @property
-    def images(self) -> set[str]:
-        """Names in SUMO that stand for something of ours."""
-        return self._images
 
     def obstacles(self) -> Actors:
         """The scenario's static boxes."""
@@ -148,8 +82,12 @@ class Registry:
         )
         return Actors(key, kind, position, heading, speed, length, width, lane, indicator)
 
-    def _first_sight(self, name: str) -> None:
-        domain = libsumo.person if name.startswith("pedestrian") else libsumo.vehicle
+    def _register_obstacle(self, number: int, obstacle: Obstacle) -> int:
+        name = numbered(Role.OBSTACLE, number)
+        return self.register(name, ActorKind.STATIC, obstacle.length_m, obstacle.width_m)
+
+    def _register_from_sumo(self, name: str) -> None:
+        domain = libsumo.person if role_of(name) is Role.PEDESTRIAN else libsumo.vehicle
         kind = KINDS[domain.getTypeID(name).split("@")[0]]
         self.register(name, kind, domain.getLength(name), domain.getWidth(name))
 
@@ -169,7 +107,7 @@ class Registry:
 def _columns(
     readings: FloatArray, obstacles: FloatArray, kinds: IntArray, lengths: FloatArray, widths: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """The columns of `Actors`: static boxes first, then what SUMO says of the others.
+    """The columns of `Actors`: static boxes first, then SUMO's actors.
 
     Args:
         readings: (N, 7) key, x, y [m, SUMO's point of reference], angle [degrees clockwise from north], speed [m/s],
@@ -194,10 +132,10 @@ def _columns(
             position[row, 0], position[row, 1], body[0, row] = obstacles[row, 1], obstacles[row, 2], obstacles[row, 3]
             continue
         _, x, y, angle, speed, lane, indicator = readings[row - still]
-        heading = (1.5 * math.pi - math.radians(angle)) % (2 * math.pi) - math.pi
+        heading = heading_of(angle)
         # SUMO gives a vehicle's front bumper, a person's centre.
         back = 0.0 if kinds[key] == _PEDESTRIAN else 0.5 * lengths[key]
-        position[row, 0], position[row, 1] = x - back * math.cos(heading), y - back * math.sin(heading)
+        position[row, 0], position[row, 1] = ahead_of(x, y, heading, -back)
         names[2, row], names[3, row] = int(lane), int(indicator)
         body[0, row], body[1, row] = heading, speed
     return names, position, body

@@ -1,21 +1,13 @@
-"""Replay: a simulation without SUMO. The egos drive as ever; everybody else does what a log says, whatever they do."""
+"""Replay: a simulation without SUMO. The egos drive as ever; every other actor follows a log, whatever the egos do."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
-from dohyo.sumo_networks.conditions import conditions_named
-from dohyo.sumo_networks.ego.dynamics import VehicleParameters
-from dohyo.sumo_networks.ego.fleet import EgoFleet
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
-from dohyo.sumo_networks.networks.network import RoadNetwork
-from dohyo.sumo_networks.routes.route import Route
-from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.rules.contacts import contacts
-from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.simulation.plan import ScenarioPlan
 from dohyo.sumo_networks.simulation.traffic_log import Log, logs_folder, read_log
 from dohyo.sumo_networks.units import SIGHT_M, TICK_S
 from dohyo.sumo_networks.world import Actors, Egos, World
@@ -24,45 +16,27 @@ from dohyo.sumo_networks.world import Actors, Egos, World
 class Replay:
     """One scenario against a log, with the interface of `Simulation`; any number of them in a process.
 
-    Scripted events are not performed: their actors are in the log, as everybody else is.
+    Scripted events are not performed: their actors are in the log, as all others are.
 
     Attributes:
-        network: The roads.
-        scenario: What is simulated; it names the log.
-        routes: One per ego.
-        conditions: Of road, light and air.
-        vehicle: The egos' parameters, under these conditions.
+        plan: What is simulated; its scenario names the log.
+        world: What is true after the last tick.
     """
 
-    def __init__(self, network: RoadNetwork, scenario: Scenario, vehicle: VehicleParameters | None = None) -> None:
-        """Plans the routes; the log is read at `start`.
+    def __init__(self, plan: ScenarioPlan) -> None:
+        """Reads the log, puts the egos at their starts, and reads the world at tick 0.
 
         Raises:
-            InvalidInputError: The scenario names no log, or a mission cannot be driven.
+            InvalidInputError: The scenario names no log, or the log is missing or damaged.
         """
-        if scenario.log is None:
-            raise InvalidInputError(f"scenario '{scenario.name}' names no log to replay")
-        self.network, self.scenario = network, scenario
-        self.conditions = conditions_named(scenario.conditions)
-        dry = vehicle or VehicleParameters()
-        self.vehicle = replace(dry, friction=dry.friction * self.conditions.friction)
-        self.routes: tuple[Route, ...] = tuple(plan_route(network, mission) for mission in scenario.missions)
-        self._names = tuple(mission.name for mission in scenario.missions)
-
-    def start(self) -> World:
-        """Puts the egos at their starts, and reads the world at tick 0.
-
-        Raises:
-            InvalidInputError: The log is missing or damaged.
-        """
-        assert self.scenario.log is not None
-        self._log = read_log(self.scenario.log, logs_folder())
-        speeds = [mission.start_speed_mps or 0.0 for mission in self.scenario.missions]
-        self._fleet = EgoFleet(self.network, self._names, self.routes, self.vehicle, speeds)
+        if plan.scenario.log is None:
+            raise InvalidInputError(f"scenario '{plan.scenario.name}' names no log to replay")
+        self.plan = plan
+        self._log = read_log(plan.scenario.log, logs_folder())
+        self._fleet = plan.fleet()
         self._tick, self._next_change = 0, 0
-        self._signals: IntArray = np.zeros(len(self.network.signals.link), dtype=np.int64)
-        self._world = self._read(self._fleet.read(None))
-        return self._world
+        self._signals: IntArray = np.zeros(len(plan.network.signals.link), dtype=np.int64)
+        self.world = self._read(self._fleet.read(None))
 
     def tick(self, commands: FloatArray) -> World:
         """Advances the world by 0.1 s.
@@ -74,11 +48,11 @@ class Replay:
             SimulationError: The log has ended.
         """
         if self._tick + 1 >= self._log.ticks:
-            raise SimulationError(f"the log of scenario '{self.scenario.name}' ends at tick {self._tick}")
+            raise SimulationError(f"the log of scenario '{self.plan.scenario.name}' ends at tick {self._tick}")
         self._fleet.advance(commands, TICK_S)
         self._tick += 1
-        self._world = self._read(self._fleet.read(self._world.egos))
-        return self._world
+        self.world = self._read(self._fleet.read(self.world.egos))
+        return self.world
 
     def retire(self, ego: int) -> None:
         """Takes an ego off the road; its row in `Egos` keeps its last values."""
@@ -92,8 +66,8 @@ class Replay:
         return World(
             tick=self._tick,
             time=self._tick * TICK_S,
-            network=self.network,
-            routes=self.routes,
+            network=self.plan.network,
+            routes=self.plan.routes,
             egos=egos,
             actors=actors,
             signals=self._lights(self._log),

@@ -1,4 +1,4 @@
-"""Survey: everybody along the egos' routes, seen or not, for a log that must also serve an ego that stays behind."""
+"""Survey: all actors along the egos' routes, seen or not, for a log that must serve an ego that stays behind too."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ from collections.abc import Mapping, Sequence
 import libsumo
 import numpy as np
 
+from dohyo.sumo_networks.actors.names import Role, numbered
+from dohyo.sumo_networks.actors.scripted_actor import ScriptedActor
 from dohyo.sumo_networks.arrays import FloatArray
-from dohyo.sumo_networks.events.puppet import Puppet
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.simulation.registry import INDICATOR, KINDS
+from dohyo.sumo_networks.simulation.scripted_actors import lane_under
+from dohyo.sumo_networks.simulation.sumo_frame import ahead_of, heading_of
 from dohyo.sumo_networks.units import SIGHT_M
 from dohyo.sumo_networks.world import ActorKind, Actors
 
@@ -22,7 +25,7 @@ _Row = tuple[str, int, float, float, float, float, float, float, int, int]
 
 
 class Survey:
-    """Reads everybody within sight of any point that an ego on its route may reach.
+    """Reads all actors within sight of any point that an ego on its route may reach.
 
     Attributes:
         network: The roads.
@@ -36,23 +39,23 @@ class Survey:
         self._anywhere = np.zeros(len(network.lanes.ids), dtype=np.bool_)
         self._bodies: dict[str, tuple[int, float, float]] = {}
 
-    def read(self, images: set[str], cast: Sequence[Puppet], obstacles: Actors) -> tuple[list[str], Actors]:
+    def read(self, proxies: set[str], scripted: Sequence[ScriptedActor], obstacles: Actors) -> tuple[list[str], Actors]:
         """Names and states; keys are those of rows.
 
         Args:
-            images: Names in SUMO that stand for egos and puppets.
-            cast: The puppets themselves.
+            proxies: Names in SUMO that stand for egos and scripted actors.
+            scripted: The scripted actors themselves.
             obstacles: Boxes that SUMO does not know.
         """
         rows = [
-            (f"obstacle-{i}", int(obstacles.kind[i]), x, y, heading, 0.0, length, width, -1, 0)
+            (numbered(Role.OBSTACLE, i), int(obstacles.kind[i]), x, y, heading, 0.0, length, width, -1, 0)
             for i, (x, y, heading, length, width) in enumerate(obstacles.boxes().tolist())
         ]
-        found: list[_Row] = [*rows, *(self._puppet(one) for one in cast if self._near(one.x, one.y))]
+        found: list[_Row] = [*rows, *(self._scripted_row(one) for one in scripted if self._near(one.x, one.y))]
         for domain, signals in ((libsumo.vehicle, libsumo.vehicle.getSignals), (libsumo.person, lambda _: 0)):
             for name in domain.getIDList():
                 x, y = domain.getPosition(name)
-                if name not in images and self._near(x, y):
+                if name not in proxies and self._near(x, y):
                     found.append(self._row(domain, name, x, y, signals(name)))
         return [row[0] for row in found], _table(found)
 
@@ -66,18 +69,15 @@ class Survey:
             known = int(KINDS[domain.getTypeID(name).split("@")[0]])
             self._bodies[name] = known, domain.getLength(name), domain.getWidth(name)
         kind, length, width = self._bodies[name]
-        heading = (1.5 * math.pi - math.radians(domain.getAngle(name))) % (2 * math.pi) - math.pi
+        heading = heading_of(domain.getAngle(name))
         back = 0.0 if kind == ActorKind.PEDESTRIAN else 0.5 * length  # SUMO gives a vehicle's front bumper
-        x, y = x - back * math.cos(heading), y - back * math.sin(heading)
+        x, y = ahead_of(x, y, heading, -back)
         lane = self._lanes.get(domain.getLaneID(name), -1)
         return name, kind, x, y, heading, domain.getSpeed(name), length, width, lane, INDICATOR[signals & 3]
 
-    def _puppet(self, one: Puppet) -> _Row:
-        heading = math.remainder(one.heading, 2 * math.pi)
-        speed = math.hypot(one.speed, one.drift)
-        lane, offset, _ = self.network.nearest_lane(one.x, one.y, one.heading, self._anywhere)
-        on_lane = lane >= 0 and abs(offset) <= 0.5 * self.network.lanes.width.item(lane)
-        place = lane if on_lane else -1, int(np.sign(one.drift))
+    def _scripted_row(self, one: ScriptedActor) -> _Row:
+        heading, speed = math.remainder(one.heading, 2 * math.pi), math.hypot(one.speed, one.drift)
+        place = lane_under(one, self.network, self._anywhere), int(np.sign(one.drift))
         return one.name, int(one.kind), one.x, one.y, heading, speed, one.length, one.width, *place
 
 

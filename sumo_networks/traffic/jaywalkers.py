@@ -1,24 +1,25 @@
 """Jaywalkers: people who walk up and down a street, and cross it where there is no crossing.
 
-They are people like others: they walk at walking speed, never jump, and look before they step off the kerb. Some are
-bold, and cross although who comes must brake for them. The traffic sees them as it sees other puppets.
+They walk at walking speed, never jump, and look before they step off the kerb. Some accept a short gap, so that a
+driver must brake for them. The traffic reacts to their SUMO proxies, as to those of other scripted actors.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from functools import lru_cache
-from typing import Protocol
 
 import numpy as np
 
+from dohyo.sumo_networks.actors.names import Role, numbered, predicted
+from dohyo.sumo_networks.actors.paths import ActorPath
+from dohyo.sumo_networks.actors.requests import HideActor, Request, ShowActor
+from dohyo.sumo_networks.actors.scripted_actor import ScriptedActor
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.events.paths import ActorPath
-from dohyo.sumo_networks.events.puppet import Puppet
 from dohyo.sumo_networks.geometry import boxes_overlap
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.world import ActorKind
@@ -29,22 +30,11 @@ LOOK_M = 80.0
 LOOK_EVERY = 5  # ticks
 PATIENCE_S = 20.0
 FORESIGHT_S = 2.0
-ROOM_M = 3.0  # they leave this much between themselves and who passes
+ROOM_M = 3.0  # between a jaywalker and a vehicle that passes
 STANDING_MPS = 0.5
 _SIZE_M = 0.5
-
-
-class Stage(Protocol):
-    """What jaywalkers ask of the simulation."""
-
-    def show(self, puppet: Puppet, edges: tuple[str, ...]) -> None:
-        """Moves a puppet's image on the roads, so that the traffic gives way to it."""
-
-    def hide(self, puppet: Puppet) -> None:
-        """Takes a puppet's image away."""
-
-    def vehicles_near(self, x: float, y: float, radius_m: float) -> FloatArray:
-        """(M, 6) x, y [m], heading [rad], length, width [m], speed [m/s] of vehicles near a point, egos included."""
+VehiclesNear = Callable[[float, float, float], FloatArray]
+"""Query: (M, 6) x, y [m], heading [rad], length, width [m], speed [m/s] of vehicles within a radius [m] of x, y [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,22 +58,22 @@ class _Doing(Enum):
 
 @dataclass(slots=True)
 class _Jaywalker:
-    """One of them.
+    """One jaywalker.
 
     Attributes:
-        puppet: As others see him.
-        shade: Where drivers expect him to be next.
-        street: His.
-        speed_mps: At which he walks.
-        caution: How much of the time he needs to cross must be free of vehicles; below 1 others must brake.
-        at_m: Where on the street he is, or walks to.
-        left: Whether on its left side.
-        doing: What.
-        patience_s: For how much longer he looks for a gap.
+        actor: The jaywalker in the world.
+        forecast: Where the jaywalker will be in 2 s.
+        street: To walk along and to cross.
+        speed_mps: Walking speed.
+        caution: Share of the crossing time that must be free of vehicles; below 1 others must brake.
+        at_m: Position along the street, or the position to walk to.
+        left: Whether on the left side of the street.
+        doing: Current activity.
+        patience_s: How much longer to look for a gap.
     """
 
-    puppet: Puppet
-    shade: Puppet
+    actor: ScriptedActor
+    forecast: ScriptedActor
     street: Street
     speed_mps: float
     caution: float
@@ -94,10 +84,10 @@ class _Jaywalker:
 
 
 class Jaywalkers:
-    """All of them, a constant number.
+    """All jaywalkers of a scenario; their number is constant.
 
     Attributes:
-        cast: Their puppets.
+        actors: As the world knows them.
     """
 
     def __init__(self, network: RoadNetwork, count: int, rng: np.random.Generator) -> None:
@@ -108,39 +98,39 @@ class Jaywalkers:
         """
         self._rng, self._tick = rng, 0
         self._people = [self._person(number, streets(network)) for number in range(count)]
-        self.cast = [one.puppet for one in self._people]
+        self.actors = [one.actor for one in self._people]
 
-    def update(self, seconds: float, stage: Stage, edges: tuple[str, ...]) -> None:
-        """Goes on for one tick.
+    def update(self, seconds: float, vehicles_near: VehiclesNear, edges: tuple[str, ...]) -> Iterator[Request]:
+        """One tick, as requests that move their SUMO proxies.
 
         Args:
             seconds: Length of the tick.
-            stage: The simulation.
-            edges: Any route in the network, which an image must have.
+            vehicles_near: Asks SUMO for vehicles, egos included and jaywalkers not.
+            edges: Any route of the network, which a proxy must have.
         """
         self._tick += 1
         for number, one in enumerate(self._people):
-            puppet = one.puppet
+            actor = one.actor
             if one.doing is _Doing.LOOKING:
                 one.patience_s -= seconds
                 if (self._tick + number) % LOOK_EVERY == 0:
-                    self._look(one, stage)
-            elif puppet.s >= puppet.path.length:
-                self._arrive(one, stage)
+                    self._look(one, vehicles_near)
+            elif actor.s >= actor.path.length:
+                yield from self._arrive(one)
             elif one.doing is _Doing.CROSSING:
-                puppet.speed = 0.0 if _runs_into_one_that_stands(puppet, stage) else one.speed_mps
-            puppet.s = min(puppet.s + puppet.speed * seconds, puppet.path.length)
-            puppet.pose()
+                actor.speed = 0.0 if _would_hit_standing_vehicle(actor, vehicles_near) else one.speed_mps
+            actor.s = min(actor.s + actor.speed * seconds, actor.path.length)
+            actor.pose()
             if one.doing is _Doing.CROSSING:
-                self._show(one, stage, edges)
+                yield from self._show(one, edges)
 
-    def _show(self, one: _Jaywalker, stage: Stage, edges: tuple[str, ...]) -> None:
-        """Shows him where he is, and where he will be: drivers on the other side of the road see him coming."""
-        stage.show(one.puppet, edges)
-        ahead, shade = one.puppet.s + FORESIGHT_S * one.speed_mps, one.shade
-        shade.path, shade.s = one.puppet.path, min(ahead, one.puppet.path.length)
-        shade.pose()
-        stage.show(shade, edges)
+    def _show(self, one: _Jaywalker, edges: tuple[str, ...]) -> Iterator[Request]:
+        """Two proxies, at the present and at the predicted place, so that drivers on the far side brake in time."""
+        yield ShowActor.of(one.actor, edges)
+        ahead, forecast = one.actor.s + FORESIGHT_S * one.speed_mps, one.forecast
+        forecast.path, forecast.s = one.actor.path, min(ahead, one.actor.path.length)
+        forecast.pose()
+        yield ShowActor.of(forecast, edges)
 
     def _person(self, number: int, found: Sequence[Street]) -> _Jaywalker:
         rng = self._rng
@@ -150,9 +140,10 @@ class Jaywalkers:
         caution, left = float(rng.uniform(0.6, 1.4)), bool(rng.random() < 0.5)
         at = self._somewhere(street)
         way = _along(street, at, at + 1.0, left)
-        puppet = Puppet(f"jaywalker-{number}", ActorKind.PEDESTRIAN, _SIZE_M, _SIZE_M, way, 0.0, on_stage=True)
-        shade = Puppet(f"jaywalker-{number}:ahead", ActorKind.PEDESTRIAN, _SIZE_M, _SIZE_M, way, 0.0, across=True)
-        one = _Jaywalker(puppet, shade, street, speed, caution, at, left)
+        name, body = numbered(Role.JAYWALKER, number), (ActorKind.PEDESTRIAN, _SIZE_M, _SIZE_M)
+        actor = ScriptedActor(name, *body, way, 0.0, present=True)
+        forecast = ScriptedActor(predicted(name), *body, way, 0.0, across=True)
+        one = _Jaywalker(actor, forecast, street, speed, caution, at, left)
         self._walk_on(one)
         return one
 
@@ -160,35 +151,35 @@ class Jaywalkers:
         return float(self._rng.uniform(END_M, street.sidewalk.length - END_M))
 
     def _walk_on(self, one: _Jaywalker) -> None:
-        """Sends him along his side of the street."""
+        """Walks along the present side of the street."""
         here, one.at_m = one.at_m, self._somewhere(one.street)
-        one.doing, one.puppet.across = _Doing.WALKING, False
+        one.doing, one.actor.across = _Doing.WALKING, False
         _set_out(one, _along(one.street, here, one.at_m, one.left))
 
-    def _arrive(self, one: _Jaywalker, stage: Stage) -> None:
+    def _arrive(self, one: _Jaywalker) -> Iterator[Request]:
         if one.doing is _Doing.CROSSING:
             one.left = not one.left
-            stage.hide(one.puppet)
-            stage.hide(one.shade)
+            yield HideActor(one.actor.name)
+            yield HideActor(one.forecast.name)
             self._walk_on(one)
         else:
-            one.doing, one.puppet.speed = _Doing.LOOKING, 0.0
+            one.doing, one.actor.speed = _Doing.LOOKING, 0.0
             one.patience_s = float(self._rng.exponential(PATIENCE_S))
 
-    def _look(self, one: _Jaywalker, stage: Stage) -> None:
-        """Lets him cross if the road is free enough for him, and walk on once he has waited for long enough."""
+    def _look(self, one: _Jaywalker, vehicles_near: VehiclesNear) -> None:
+        """Begins to cross if the road is free for long enough, or walks on once the patience is used up."""
         way = _across(one.street, one.at_m, one.left)
         x, y, heading = way.at(0.5 * way.length)
-        vehicles = stage.vehicles_near(x, y, LOOK_M)
+        vehicles = vehicles_near(x, y, LOOK_M)
         if is_free(vehicles, (x, y, heading), 0.5 * way.length, one.caution * way.length / one.speed_mps):
-            one.doing, one.puppet.across = _Doing.CROSSING, True
+            one.doing, one.actor.across = _Doing.CROSSING, True
             _set_out(one, way)
         elif one.patience_s <= 0.0:
             self._walk_on(one)
 
 
 def is_free(vehicles: FloatArray, middle: tuple[float, float, float], half_m: float, seconds: float) -> bool:
-    """Whether nobody will be on a line across the road for a while.
+    """Whether no vehicle will be on a line across the road for a while.
 
     Args:
         vehicles: (M, 6) x, y [m], heading [rad], length, width [m], speed [m/s].
@@ -264,15 +255,15 @@ def _across(street: Street, at_m: float, from_left: bool) -> ActorPath:
 
 
 def _set_out(one: _Jaywalker, way: ActorPath) -> None:
-    puppet = one.puppet
-    puppet.path, puppet.s, puppet.speed = way, 0.0, one.speed_mps
-    puppet.pose()
+    actor = one.actor
+    actor.path, actor.s, actor.speed = way, 0.0, one.speed_mps
+    actor.pose()
 
 
-def _runs_into_one_that_stands(puppet: Puppet, stage: Stage) -> bool:
+def _would_hit_standing_vehicle(actor: ScriptedActor, vehicles_near: VehiclesNear) -> bool:
     """Whether a vehicle stands in the way of the next step."""
-    vehicles = stage.vehicles_near(puppet.x, puppet.y, 15.0)
+    vehicles = vehicles_near(actor.x, actor.y, 15.0)
     standing = vehicles[vehicles[:, 5] < STANDING_MPS]
-    x, y, heading, length, width = puppet.box
+    x, y, heading, length, width = actor.box
     ahead = (x + 0.5 * math.cos(heading), y + 0.5 * math.sin(heading), heading, length + 1.0, width)
     return bool(boxes_overlap(np.array([ahead]), standing[:, :5]).any())

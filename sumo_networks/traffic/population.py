@@ -1,14 +1,14 @@
-"""Background traffic: who drives, cycles and walks where. Decides; the simulation carries out."""
+"""Background traffic: which vehicles, bicycles and pedestrians travel where, as requests to the simulation."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
-from typing import Protocol
 
 import numpy as np
 
+from dohyo.sumo_networks.actors.names import Role, numbered, role_of
+from dohyo.sumo_networks.actors.requests import Request, SpawnPedestrian, SpawnVehicle, Walk
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.network import RoadNetwork
@@ -19,135 +19,106 @@ from dohyo.sumo_networks.units import TICK_S
 
 VEHICLE_TYPES = ("car", "van", "truck", "bus")
 VEHICLE_SHARES = (0.84, 0.08, 0.04, 0.04)
-
-
-@dataclass(frozen=True, slots=True)
-class Trip:
-    """One journey of one vehicle or bicycle.
-
-    Attributes:
-        type: A vType of vehicle_types.add.xml.
-        edges: SUMO edge ids, connected.
-        on_the_way: Whether it starts somewhere along its first edge (at the beginning of an episode), not at its start.
-        lane: Index of the lane on which it enters; None: the best one.
-    """
-
-    type: str
-    edges: tuple[str, ...]
-    on_the_way: bool
-    lane: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Walk:
-    """One journey of one pedestrian, between two edges with sidewalks.
-
-    Attributes:
-        source: SUMO edge id.
-        source_m: Where on it, m.
-        target: SUMO edge id.
-        target_m: Where on it, m.
-    """
-
-    source: str
-    source_m: float
-    target: str
-    target_m: float
-
-
-class Stage(Protocol):
-    """What the population asks of the simulation."""
-
-    def add_vehicle(self, name: str, trip: Trip) -> None:
-        """Lets a vehicle depart as soon as there is room."""
-
-    def add_pedestrian(self, name: str, walk: Walk) -> bool:
-        """Lets a pedestrian set out; False if there is no way on foot."""
-
-    def arrived(self) -> tuple[Sequence[str], Sequence[str]]:
-        """Names of the vehicles and of the pedestrians that reached their goal in the last tick."""
+NOWHERE: FloatArray = np.empty((0, 2))
+"""Points to keep away from where there are none."""
+WayOnFoot = Callable[[Walk], tuple[str, ...]]
+"""Query: SUMO edge ids of the way of a walk; empty if there is none."""
 
 
 class Population:
     """Keeps the number of vehicles, bicycles and pedestrians constant, and the flows going.
 
     Newcomers enter at the edges of the network where it has any, and away from the egos where that is possible; those
-    of a flow enter where the scenario says.
+    of a flow enter where the scenario says. Every method yields its requests one by one: whether a pedestrian has a way
+    on foot decides the next random draw, so each request is meant to be applied before the next is asked for.
     """
 
-    def __init__(self, network: RoadNetwork, traffic: Traffic, rng: np.random.Generator) -> None:
+    def __init__(
+        self, network: RoadNetwork, traffic: Traffic, rng: np.random.Generator, way_on_foot: WayOnFoot
+    ) -> None:
         """Finds the ways of the flows.
 
         Raises:
             InvalidInputError: One of them leads nowhere.
         """
         self.network, self.traffic, self.rng = network, traffic, rng
+        self._way_on_foot = way_on_foot
         self._count = self._ticks = 0
         self._streams = make_flow_sources(network, traffic.flows, rng)
 
-    def fill(self, stage: Stage) -> None:
-        """Puts the whole population on the road, spread over the network."""
-        nowhere = np.empty((0, 2))
+    def fill(self) -> Iterator[Request]:
+        """The whole population, spread over the network."""
         for _ in range(self.traffic.vehicles):
-            stage.add_vehicle(self._name("vehicle"), self._vehicle_trip(nowhere, on_the_way=True))
+            yield self._vehicle(NOWHERE, on_the_way=True)
         for _ in range(self.traffic.bicycles):
-            stage.add_vehicle(self._name("bicycle"), self._bicycle_trip(nowhere, on_the_way=True))
+            yield self._bicycle(NOWHERE, on_the_way=True)
         for _ in range(self.traffic.pedestrians - self.traffic.jaywalker_count):
-            self._send_pedestrian(stage, nowhere)
+            yield from self._pedestrian(NOWHERE)
 
-    def replace_arrived(self, stage: Stage, egos: FloatArray) -> None:
-        """Sends one newcomer for everyone who arrived in the last tick, and whoever comes along a flow in this one.
+    def update(self, vehicles: Sequence[str], pedestrians: Sequence[str], egos: FloatArray) -> Iterator[Request]:
+        """One tick: a newcomer for each actor that arrived in the last tick, and the vehicles that the flows send.
 
         Args:
-            stage: The simulation.
+            vehicles: Names of the vehicles and bicycles that arrived.
+            pedestrians: Names of the pedestrians that arrived.
             egos: (E, 2), m, where newcomers should not appear.
         """
-        self.replace(stage, *stage.arrived(), egos)
+        yield from self.replace(vehicles, pedestrians, egos)
         self._ticks += 1
         for stream in self._streams:
             for _ in stream.due(self._ticks * TICK_S):
-                trip = Trip(stream.type or self._vehicle_type(), stream.edges, on_the_way=False, lane=stream.lane)
-                stage.add_vehicle(self._name("flow"), trip)
+                kind = stream.type or self._vehicle_type()
+                lane = "best" if stream.lane is None else str(stream.lane)
+                yield SpawnVehicle(self._name(Role.FLOW), kind, stream.edges, lane)
 
-    def replace(self, stage: Stage, vehicles: Sequence[str], pedestrians: Sequence[str], egos: FloatArray) -> None:
-        """Sends one newcomer for each of the named; names of others, such as egos, are ignored.
+    def replace(self, vehicles: Sequence[str], pedestrians: Sequence[str], egos: FloatArray) -> Iterator[Request]:
+        """One newcomer for each of the named; names of others, such as egos, are ignored.
 
         Args:
-            stage: The simulation.
             vehicles: Names of vehicles and bicycles.
             pedestrians: Names.
             egos: (E, 2), m, where newcomers should not appear.
         """
         for name in vehicles:
-            if name.startswith("vehicle"):
-                stage.add_vehicle(self._name("vehicle"), self._vehicle_trip(egos, on_the_way=False))
-            elif name.startswith("bicycle"):
-                stage.add_vehicle(self._name("bicycle"), self._bicycle_trip(egos, on_the_way=False))
+            role = role_of(name)
+            if role is Role.VEHICLE:
+                yield self._vehicle(egos, on_the_way=False)
+            elif role is Role.BICYCLE:
+                yield self._bicycle(egos, on_the_way=False)
         for _ in pedestrians:
-            self._send_pedestrian(stage, egos)
+            yield from self._pedestrian(egos)
 
-    def _name(self, kind: str) -> str:
+    def _name(self, role: Role) -> str:
         self._count += 1
-        return f"{kind}-{self._count}"
+        return numbered(role, self._count)
 
-    def _vehicle_trip(self, egos: FloatArray, on_the_way: bool) -> Trip:
-        kind = self._vehicle_type()
-        return Trip(kind, edge_graph(self.network, "drivable").random_path(self.rng, egos, on_the_way), on_the_way)
+    def _vehicle(self, egos: FloatArray, on_the_way: bool) -> SpawnVehicle:
+        name, kind = self._name(Role.VEHICLE), self._vehicle_type()
+        edges = edge_graph(self.network, "drivable").random_path(self.rng, egos, on_the_way)
+        return _entering(name, kind, edges, on_the_way)
+
+    def _bicycle(self, egos: FloatArray, on_the_way: bool) -> SpawnVehicle:
+        edges = edge_graph(self.network, "bicycle").random_path(self.rng, egos, on_the_way)
+        return _entering(self._name(Role.BICYCLE), "bicycle", edges, on_the_way)
 
     def _vehicle_type(self) -> str:
         return VEHICLE_TYPES[draw(self.rng, np.array(VEHICLE_SHARES))]
 
-    def _bicycle_trip(self, egos: FloatArray, on_the_way: bool) -> Trip:
-        path = edge_graph(self.network, "bicycle").random_path(self.rng, egos, on_the_way)
-        return Trip("bicycle", path, on_the_way)
-
-    def _send_pedestrian(self, stage: Stage, egos: FloatArray) -> None:
+    def _pedestrian(self, egos: FloatArray) -> Iterator[SpawnPedestrian]:
         for attempt in range(ATTEMPTS):
             # What is out of the egos' sight may be an island.
-            avoided = egos if attempt < ATTEMPTS // 2 else np.empty((0, 2))
-            walk = sidewalks(self.network).random_walk(self.rng, avoided)
-            if stage.add_pedestrian(self._name("pedestrian"), walk):
+            avoided = egos if attempt < ATTEMPTS // 2 else NOWHERE
+            walk, name = sidewalks(self.network).random_walk(self.rng, avoided), self._name(Role.PEDESTRIAN)
+            if edges := self._way_on_foot(walk):
+                yield SpawnPedestrian(name, walk, edges)
                 return
+
+
+def _entering(name: str, kind: str, edges: tuple[str, ...], on_the_way: bool) -> SpawnVehicle:
+    """A vehicle that enters at the start of its first edge or, at the beginning of an episode, somewhere along it."""
+    if on_the_way:
+        return SpawnVehicle(name, kind, edges, position="random_free", speed="desired")
+    return SpawnVehicle(name, kind, edges)
 
 
 class Sidewalks:

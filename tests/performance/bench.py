@@ -27,7 +27,7 @@ from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.envs.vector_env import VectorDrivingEnv
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
-from dohyo.sumo_networks.simulation import Simulation
+from dohyo.sumo_networks.simulation import Simulation, plan_scenario
 from tests.performance import localization
 
 SENSORS = ("speedometer", "navigation", "lane", "route", "objects", "junctions_ahead")
@@ -71,12 +71,11 @@ def bare(pipe: Connection, case: Scenario) -> None:
 
     Who arrives is replaced, as everywhere, or it would soon simulate fewer vehicles than the other arms; untimed.
     """
-    simulation = Simulation(load_network(case.network), case)
-    simulation.start()
+    simulation = Simulation(plan_scenario(load_network(case.network), case))
     for ego in range(len(case.missions)):
         simulation.retire(ego)
     nowhere = np.empty((0, 2))
-    _serve(pipe, libsumo.simulationStep, lambda: simulation._population.replace_arrived(simulation, nowhere))
+    _serve(pipe, libsumo.simulationStep, lambda: simulation.keep_population(nowhere))
 
 
 def driven(pipe: Connection, case: Scenario) -> None:

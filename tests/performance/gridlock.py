@@ -16,7 +16,7 @@ import numpy as np
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Scenario, Traffic
-from dohyo.sumo_networks.simulation import Simulation
+from dohyo.sumo_networks.simulation import Simulation, plan_scenario
 
 WORLDS = {
     "town-test dense": ("nocrash", "town-test", Traffic(vehicles=70, pedestrians=150)),
@@ -31,8 +31,7 @@ def flow(name: str, hours: float, seed: int = 0) -> str:
     benchmark, network, traffic = WORLDS[name]
     mission = next(iter(next(m for c, m in load_benchmark(benchmark).missions.items() if c in (network, "all"))))
     scenario = Scenario(network=network, missions=(mission,), traffic=traffic, seed=seed)
-    simulation = Simulation(load_network(network), scenario)
-    simulation.start()
+    simulation = Simulation(plan_scenario(load_network(network), scenario))
     simulation.retire(0)
     nothing, speeds, longest, moved_on = np.zeros((1, 2)), [], 0.0, 0
     for tick in range(round(hours * TICKS_PER_HOUR)):

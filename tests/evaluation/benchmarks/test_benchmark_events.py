@@ -17,8 +17,8 @@ from dohyo.evaluation.episode.runner import run_episode
 from dohyo.evaluation.records.record import EpisodeRecord, InfractionKind
 from dohyo.evaluation.scores.driving import driving_score
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.events import KINDS
-from dohyo.sumo_networks.events.director import check_placement
+from dohyo.sumo_networks.events import EVENTS
+from dohyo.sumo_networks.events.placement import check_placement
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission
@@ -174,8 +174,8 @@ def test_every_event_of_a_scenario_can_be_placed_again() -> None:
 
 
 def test_the_page_on_events_names_every_kind_and_its_examples_can_be_driven() -> None:
-    page = (Path(__file__).parents[3] / "docs" / "events.md").read_text()
-    assert set(KINDS) <= set(re.findall(r"`([a-z_]+)`", page))
+    page = (Path(__file__).parents[3] / "docs" / "reference" / "events.md").read_text()
+    assert set(EVENTS) <= set(re.findall(r"`([a-z_]+)`", page))
     by_hand, auto, busy = (tomllib.loads(text) for text in re.findall(r"```toml\n(.*?)```", page, re.DOTALL))
     for given in (auto, {**auto, "events": None, "missions": by_hand["missions"]}, {**auto, **busy}):
         (scenario,) = Benchmark.model_validate(given).scenarios([0])
@@ -185,7 +185,7 @@ def test_the_page_on_events_names_every_kind_and_its_examples_can_be_driven() ->
 
 @pytest.mark.parametrize("kind", ["dynamic_object_crossing", "opposite_runs_red_light", "parking_cut_in"])
 def test_the_page_has_the_numbers_in_use(kind: str) -> None:
-    page = (Path(__file__).parents[3] / "docs" / "events.md").read_text()
+    page = (Path(__file__).parents[3] / "docs" / "reference" / "events.md").read_text()
     (row,) = [line for line in page.splitlines() if line.startswith(f"| `{kind}` |")]
     for name in ("reaction_time_s", "minimum_distance_m"):
-        assert f"{KINDS[kind][name]:g}" in re.findall(r"\d+(?:\.\d+)?", row)
+        assert f"{EVENTS[kind].model_fields[name].default:g}" in re.findall(r"\d+(?:\.\d+)?", row)

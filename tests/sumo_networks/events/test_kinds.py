@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
-from dohyo.sumo_networks.events import KINDS
+from dohyo.sumo_networks.events import EVENTS
 from dohyo.sumo_networks.scenario import Place
 from dohyo.sumo_networks.world import EventPhase, World
 from tests.conftest import MakeEnv
@@ -19,7 +19,7 @@ AFTERWARDS_S = 25.0
 
 
 def test_there_is_a_story_for_every_kind() -> None:
-    assert set(STORIES) == set(KINDS)
+    assert set(STORIES) == set(EVENTS)
 
 
 @every_kind

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.events import KINDS, Event
+from dohyo.sumo_networks.events import EVENTS, Event
 from dohyo.sumo_networks.events.auto_events import auto_events
-from dohyo.sumo_networks.events.director import check_placement
+from dohyo.sumo_networks.events.placement import check_placement
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
-from dohyo.sumo_networks.simulation import Simulation
+from dohyo.sumo_networks.simulation import plan_scenario
 from tests.sumo_networks.events.stories import COUNTRY, EVENT, HIGHWAY, STORIES, TOWN, route_of
 
 NOT_IN_THE_COUNTRY = {
@@ -60,10 +60,10 @@ def test_an_event_that_does_not_fit_is_an_error_before_sumo_starts(
     network, mission = PLACES[place]
     scenario = Scenario(network=network, missions=(mission,), events=(event(kind, at_m),))
     with pytest.raises(InvalidInputError, match=rf"event 'it' \({kind}\) cannot happen at .*{reason}"):
-        Simulation(load_network(network), scenario)
+        plan_scenario(load_network(network), scenario)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", EVENTS)
 def test_a_place_on_a_lane_is_as_good_as_metres(kind: str) -> None:
     story = STORIES[kind]
     network, route = load_network(story.place[0]), story.route
@@ -115,9 +115,9 @@ def test_a_scenario_names_its_events_and_their_egos() -> None:
 
 
 def test_the_numbers_of_a_kind_are_its_defaults_and_can_be_changed() -> None:
-    assert event("cyclist_after_turn", 1.0).speed_mps == 1.8  # type: ignore[union-attr]
-    assert event("cyclist_after_turn", 1.0, speed_mps=2.5).speed_mps == 2.5  # type: ignore[union-attr]
-    assert event("cyclist_after_turn", 1.0).actor == "bicycle"  # type: ignore[union-attr]
+    assert event("cyclist_after_turn", 1.0).speed_mps == 1.8  # type: ignore[attr-defined]
+    assert event("cyclist_after_turn", 1.0, speed_mps=2.5).speed_mps == 2.5  # type: ignore[attr-defined]
+    assert event("cyclist_after_turn", 1.0).actor == "bicycle"  # type: ignore[attr-defined]
 
 
 def test_a_scenario_without_events_is_written_as_before_there_were_any() -> None:
@@ -144,7 +144,7 @@ class TestAuto:
         assert all(b - a >= low - 0.1 for a, b in itertools.pairwise(triggers))
         assert events == auto_events(network, route, seed, every_m=(low, low + 50.0))
 
-    @given(seed=st.integers(0, 1000), kinds=st.sets(st.sampled_from(sorted(KINDS)), min_size=1, max_size=4))
+    @given(seed=st.integers(0, 1000), kinds=st.sets(st.sampled_from(sorted(EVENTS)), min_size=1, max_size=4))
     @settings(max_examples=25)
     def test_only_the_kinds_asked_for_come_or_it_is_an_error(self, seed: int, kinds: set[str]) -> None:
         network, route = load_network(COUNTRY[0]), route_of(*COUNTRY)

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.network import RoadNetwork
-from dohyo.sumo_networks.routes.route import COMMAND_LEAD_M, Command, Route
+from dohyo.sumo_networks.routes.command import Command
+from dohyo.sumo_networks.routes.route import COMMAND_LEAD_M, Route
 from dohyo.sumo_networks.routes.routing import (
     LANE_CHANGE_COST_S,
     MIN_LANE_CHANGE_M,

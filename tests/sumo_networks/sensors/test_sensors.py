@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.routes.route import Command
+from dohyo.sumo_networks.routes.command import Command
 from dohyo.sumo_networks.rules.right_of_way import RightOfWay
 from dohyo.sumo_networks.scenario import Mission, Place
 from dohyo.sumo_networks.sensors import PRESETS, SENSORS, Track, make_sensors

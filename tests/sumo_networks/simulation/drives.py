@@ -12,7 +12,7 @@ import numpy as np
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
-from dohyo.sumo_networks.simulation import Simulation
+from dohyo.sumo_networks.simulation import Simulation, plan_scenario
 from dohyo.sumo_networks.world import World
 from tests.worlds import Scene, straight_road
 
@@ -46,15 +46,15 @@ def in_ingolstadt(**changes: object) -> Scenario:
 
 def driven(simulation: Simulation, command: Sequence[float] | FloatArray, seconds: float) -> list[World]:
     """The worlds while all egos obey one command."""
-    commands = np.tile(np.asarray(command, dtype=np.float64), (len(simulation.routes), 1))
+    commands = np.tile(np.asarray(command, dtype=np.float64), (len(simulation.plan.routes), 1))
     return [simulation.tick(commands) for _ in range(round(seconds * 10))]
 
 
 def fingerprint(scenario: Scenario, ticks: int = 80) -> str:
     """A hash of everything that is true in every tick of a drive."""
-    simulation, digest = Simulation(load_network(scenario.network), scenario), hashlib.sha256()
+    simulation = Simulation(plan_scenario(load_network(scenario.network), scenario))
     try:
-        world, rng = simulation.start(), np.random.default_rng(0)
+        world, rng, digest = simulation.world, np.random.default_rng(0), hashlib.sha256()
         for _ in range(ticks):
             for part in (world.egos, world.actors):
                 for field in dataclasses.fields(part):
@@ -62,7 +62,7 @@ def fingerprint(scenario: Scenario, ticks: int = 80) -> str:
                     digest.update(value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode())
             digest.update(world.signals.tobytes())
             digest.update(repr((world.tick, world.time, world.contacts, tuple(world.names))).encode())
-            world = simulation.tick(rng.uniform((-1.0, -0.05), (3.0, 0.05), (len(simulation.routes), 2)))
+            world = simulation.tick(rng.uniform((-1.0, -0.05), (3.0, 0.05), (len(simulation.plan.routes), 2)))
     finally:
         simulation.close()
     assert len(world.actors) > 3, "an empty road would prove nothing"

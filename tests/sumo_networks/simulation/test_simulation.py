@@ -14,7 +14,8 @@ from dohyo.sumo_networks.ego.dynamics import VehicleParameters, Vehicles
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
-from dohyo.sumo_networks.simulation import START_CLEARANCE_M, Simulation
+from dohyo.sumo_networks.simulation import START_CLEARANCE_M, Simulation, plan_scenario
+from dohyo.sumo_networks.simulation.sumo_traffic import arrived
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind, LightState, World
 from tests.conftest import Start
@@ -73,7 +74,7 @@ def test_an_ego_runs_a_red_light_if_it_wants_to(start: Start) -> None:
     scene = lit_crossing()
     mission = Mission(start=Place(lane="w_c_0", position_m=150.0), goal=Place(lane="c_e_0", position_m=-1.0))
     simulation, world = start(on(scene, mission))
-    (passage,) = simulation.routes[0].passages
+    (passage,) = simulation.plan.routes[0].passages
     while world.signals[passage.signal] != LightState.RED:
         world = simulation.tick(BRAKE[None])
         assert world.time < 120
@@ -198,7 +199,7 @@ def test_an_ego_may_drive_past_the_end_of_the_road(start: Start) -> None:
     worlds = driven(simulation, BRAKE, 20.0)
     assert worlds[-1].egos.position[0, 0] > 1020.0
     assert worlds[-1].egos.active[0]
-    assert worlds[-1].egos.progress[0] == pytest.approx(simulation.routes[0].length)
+    assert worlds[-1].egos.progress[0] == pytest.approx(simulation.plan.routes[0].length)
     assert max(len(world.actors) for world in worlds) > 0
 
 
@@ -241,22 +242,24 @@ def test_the_same_scenario_gives_the_same_worlds() -> None:
 def test_a_second_simulation_in_one_process_is_refused(start: Start) -> None:
     scenario = on(straight_road(), standing_at(100.0))
     first, _ = start(scenario)
-    second = Simulation(load_network(scenario.network), scenario)
+    plan = plan_scenario(load_network(scenario.network), scenario)
     with pytest.raises(SimulationError, match="another simulation of this process is still open"):
-        second.start()
-    assert driven(first, BRAKE, 0.2)[-1].tick == 2, "the first one is none the worse"
-    second.close()
-    assert driven(first, BRAKE, 0.1)[-1].tick == 3, "closing what never started closes nothing"
+        Simulation(plan)
+    assert driven(first, BRAKE, 0.2)[-1].tick == 2, "the first one goes on"
     first.close()
+    second = Simulation(plan)
     first.close()
-    assert second.start().tick == 0
+    assert driven(second, BRAKE, 0.1)[-1].tick == 1, "the first one closes only itself"
     second.close()
 
 
-def test_a_simulation_can_start_again(start: Start) -> None:
+def test_a_plan_can_start_again(start: Start) -> None:
     simulation, first = start(busy_road())
     driven(simulation, FULL_THROTTLE, 2.0)
-    again = simulation.start()
+    simulation.close()
+    restarted = Simulation(simulation.plan)
+    again = restarted.world
+    restarted.close()
     assert again.tick == 0
     np.testing.assert_array_equal(again.egos.position, first.egos.position)
     np.testing.assert_array_equal(again.actors.position, first.actors.position)
@@ -268,8 +271,8 @@ def test_traffic_the_network_cannot_carry_is_refused_and_leaves_no_simulation_op
     motorway = Scene(network, straight_road().mission)
     with pytest.raises(InvalidInputError, match="no sidewalk, so pedestrians must be 0"):
         start(on(motorway, traffic=Traffic(pedestrians=1)))
-    other = Simulation(straight_road().network, on(straight_road()))
-    assert other.start().tick == 0
+    other = Simulation(plan_scenario(straight_road().network, on(straight_road())))
+    assert other.world.tick == 0
     other.close()
 
 
@@ -277,10 +280,10 @@ def test_a_network_file_that_has_gone_is_named(tmp_path: Path) -> None:
     net = tmp_path / "gone.net.xml"
     net.write_bytes(straight_road().network.path.read_bytes())
     scenario = Scenario(network=str(net), missions=(straight_road().mission,))
-    simulation = Simulation(load_network(str(net)), scenario)
+    plan = plan_scenario(load_network(str(net)), scenario)
     net.unlink()
     with pytest.raises(InvalidInputError, match=r"gone\.net\.xml' is gone"):
-        simulation.start()
+        Simulation(plan)
 
 
 def test_what_sumo_refuses_is_an_infrastructure_fault(start: Start) -> None:
@@ -382,7 +385,7 @@ def test_an_earlier_world_does_not_change_any_more(start: Start) -> None:
 
 def test_signals_are_those_sumo_shows(start: Start) -> None:
     simulation, _ = start(on(lit_crossing()))
-    signals, seen = simulation.network.signals, set()
+    signals, seen = simulation.plan.network.signals, set()
     meaning = {"G": LightState.GREEN, "g": LightState.GREEN, "y": LightState.YELLOW, "r": LightState.RED}
     for _ in range(320):
         world = driven(simulation, BRAKE, 0.3)[-1]
@@ -406,14 +409,14 @@ def test_the_population_stays_constant(network: str, seed: int, start: Start) ->
     else:
         scenario = on(crossing_for_pedestrians(), traffic=traffic, seed=seed)
     simulation, _ = start(scenario)
-    arrived = 0
+    replaced = 0
     for _ in range(600):
         simulation.tick(BRAKE[None])
-        vehicles, pedestrians = simulation.arrived()
-        # On the road or waiting for room on it, the ego's image included; who has just arrived is replaced next tick.
+        vehicles, pedestrians = arrived()
+        # On the road or waiting for room, the ego's proxy included; what has just arrived is replaced in the next tick.
         assert libsumo.simulation.getMinExpectedNumber() + len(vehicles) + len(pedestrians) == 57
-        arrived += len(vehicles) + len(pedestrians)
-    assert arrived > 3, "nobody had to be replaced"
+        replaced += len(vehicles) + len(pedestrians)
+    assert replaced > 3, "nobody had to be replaced"
 
 
 def test_nobody_stands_near_an_ego_when_it_starts(start: Start) -> None:

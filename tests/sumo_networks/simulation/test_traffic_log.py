@@ -11,10 +11,12 @@ import pytest
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
-from dohyo.sumo_networks.simulation import Replay
+from dohyo.sumo_networks.simulation import Replay, plan_scenario
 from dohyo.sumo_networks.simulation.replay import in_sight
 from dohyo.sumo_networks.simulation.traffic_log import Log, LogRecorder, log_path, logs_folder, read_log, write_log
 from dohyo.sumo_networks.world import ActorKind, Actors, LightState
+from tests.conftest import MakeEnv
+from tests.sumo_networks.simulation.drives import busy_road
 from tests.worlds import Scene, lit_crossing, straight_road
 
 TICKS = 30
@@ -58,6 +60,10 @@ def test_a_log_is_what_was_recorded() -> None:
         assert actors.boxes()[:, 3:] == pytest.approx(expected.boxes()[:, 3:])
 
 
+def replaying(scene: Scene, one: Scenario) -> Replay:
+    return Replay(plan_scenario(scene.network, one))
+
+
 def test_who_comes_later_or_goes_keeps_its_key() -> None:
     def row(name: str, x: float) -> tuple[list[str], Actors]:
         one, nought = np.ones(1, dtype=np.int64), np.zeros(1)
@@ -96,8 +102,8 @@ def test_others_do_the_same_whatever_the_ego_does() -> None:
     one = scenario(crossing_cars(), logged(crossing_cars()))
     seen = []
     for command in (0.0, 4.0):
-        replay = Replay(straight_road().network, one)
-        worlds = [replay.start(), *(replay.tick(np.array([[command, 0.0]])) for _ in range(TICKS))]
+        replay = replaying(straight_road(), one)
+        worlds = [replay.world, *(replay.tick(np.array([[command, 0.0]])) for _ in range(TICKS))]
         seen.append([world.actors.position for world in worlds])
         assert (worlds[-1].egos.position[0, 0] > 5.0) == (command > 0)
     for first, second in zip(*seen, strict=True):
@@ -106,8 +112,8 @@ def test_others_do_the_same_whatever_the_ego_does() -> None:
 
 def test_an_ego_that_drives_into_a_recorded_car_touches_it() -> None:
     scene = straight_road().with_ego(x=0).with_actor(x=6.0)
-    replay = Replay(scene.network, scenario(scene, logged(scene)))
-    assert not replay.start().contacts
+    replay = replaying(scene, scenario(scene, logged(scene)))
+    assert not replay.world.contacts
     touched = [one for _ in range(TICKS) for one in replay.tick(np.array([[4.0, 0.0]])).contacts]
     assert {one.kind for one in touched} == {ActorKind.CAR}
 
@@ -116,14 +122,14 @@ def test_an_ego_that_starts_in_the_midst_has_its_speed() -> None:
     scene = crossing_cars()
     moving = scene.mission.model_copy(update={"start_speed_mps": 9.0})
     one = scenario(scene, logged(scene)).model_copy(update={"missions": (moving,)})
-    world = Replay(scene.network, one).start()
+    world = replaying(scene, one).world
     assert world.egos.speed.tolist() == [9.0]
 
 
 def test_lights_change_as_recorded_and_are_the_same_array_between() -> None:
     scene = lit_crossing().with_ego(x=-100).with_lights(lambda t: LightState.RED if t < 1.05 else LightState.GREEN)
-    replay = Replay(scene.network, scenario(scene, logged(scene)))
-    worlds = [replay.start(), *(replay.tick(np.zeros((1, 2))) for _ in range(TICKS))]
+    replay = replaying(scene, scenario(scene, logged(scene)))
+    worlds = [replay.world, *(replay.tick(np.zeros((1, 2))) for _ in range(TICKS))]
     assert set(worlds[10].signals.tolist()) == {LightState.RED}
     assert set(worlds[11].signals.tolist()) == {LightState.GREEN}
     assert worlds[11].signals is worlds[12].signals
@@ -141,8 +147,7 @@ def test_several_replays_run_in_one_process_and_end_with_their_log() -> None:
     observations, _ = first.reset()
     others, _ = second.reset()
     assert np.array_equal(observations["ego"]["objects"], others["ego"]["objects"])
-    replay = Replay(straight_road().network, one)
-    replay.start()
+    replay = replaying(straight_road(), one)
     for _ in range(TICKS):
         replay.tick(np.zeros((1, 2)))
     with pytest.raises(SimulationError, match="ends at tick 30"):
@@ -177,3 +182,21 @@ def test_the_last_bit_of_a_coordinate_makes_no_other_log() -> None:
 
 def test_the_path_of_a_log_is_in_the_users_folder(tmp_path: Path) -> None:
     assert log_path("ab") == tmp_path / "logs" / "ab.npz"
+
+
+def test_a_second_run_in_one_environment_records_its_own_vehicles(make_env: MakeEnv) -> None:
+    """Names such as vehicle-3 come again in every run, with other types and sizes."""
+
+    def recorded(env: DrivingEnv, seed: int) -> Log:
+        recorder = LogRecorder()
+        env.reset(seed=seed)
+        env.record(recorder)
+        return recorder.finish()
+
+    busy = busy_road(duration_s=10.0)
+    used = make_env(busy, reward=None)
+    recorded(used, 1)
+    again = recorded(used, 2)
+    fresh = recorded(make_env(busy, reward=None), 2)
+    assert again.sha256() == fresh.sha256()
+    assert len(set(fresh.kind.tolist())) > 1, "vehicles of one size would prove nothing"

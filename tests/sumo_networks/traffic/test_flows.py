@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import libsumo
@@ -12,39 +11,33 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from dohyo.sumo_networks.actors.requests import SpawnVehicle
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Scenario, Traffic, TrafficFlow
-from dohyo.sumo_networks.simulation import Simulation
+from dohyo.sumo_networks.simulation import plan_scenario
 from dohyo.sumo_networks.traffic.flows import FlowSource, make_flow_sources
-from dohyo.sumo_networks.traffic.population import Population, Trip, Walk
+from dohyo.sumo_networks.traffic.population import NOWHERE, Population
 from dohyo.sumo_networks.units import TICK_S
 from tests.conftest import Start
 from tests.worlds import LANE_M, lit_crossing, straight_road
 
-NOWHERE = np.empty((0, 2))
 LIMIT_MPS = 13.89
 
 
 class Paper:
-    """A stage on paper: writes down who enters in which tick."""
+    """Writes down which vehicle is asked for in which tick."""
 
     def __init__(self) -> None:
-        self.tick, self.entered = 0, list[tuple[int, str, Trip]]()
-
-    def add_vehicle(self, name: str, trip: Trip) -> None:
-        self.entered.append((self.tick, name, trip))
-
-    def add_pedestrian(self, name: str, walk: Walk) -> bool:
-        raise AssertionError("nobody was asked to walk")
-
-    def arrived(self) -> tuple[Sequence[str], Sequence[str]]:
-        return [name for _, name, _ in self.entered[-1:]], ()  # who comes along a flow is not replaced
+        self.tick, self.entered = 0, list[tuple[int, str, SpawnVehicle]]()
 
     def run(self, seconds: float, *flows: TrafficFlow, seed: int = 0) -> Paper:
-        people = Population(lit_crossing().network, Traffic(flows=flows), np.random.default_rng(seed))
-        people.fill(self)
+        people = Population(lit_crossing().network, Traffic(flows=flows), np.random.default_rng(seed), lambda _: ())
+        assert list(people.fill()) == []
         for self.tick in range(1, round(seconds / TICK_S) + 1):
-            people.replace_arrived(self, NOWHERE)
+            last = [name for _, name, _ in self.entered[-1:]]  # a vehicle of a flow is not replaced when it arrives
+            for request in people.update(last, (), NOWHERE):
+                assert isinstance(request, SpawnVehicle)
+                self.entered.append((self.tick, request.name, request))
         return self
 
     @property
@@ -93,7 +86,8 @@ def test_each_flow_has_gaps_of_its_own_and_the_seed_decides_them() -> None:
 
 def test_a_flow_keeps_to_its_way_lane_and_type() -> None:
     paper = Paper().run(100.0, flow(source="w_c_1", target="c_n", type="truck", gap_s=(5, 5)))
-    assert {trip for _, _, trip in paper.entered} == {Trip("truck", ("w_c", "c_n"), on_the_way=False, lane=1)}
+    trips = {(trip.type, trip.edges, trip.lane, trip.position) for _, _, trip in paper.entered}
+    assert trips == {("truck", ("w_c", "c_n"), "1", "base")}
 
 
 def test_a_flow_without_a_type_is_as_mixed_as_the_population() -> None:
@@ -116,7 +110,7 @@ def test_an_impossible_flow_is_refused_before_sumo_starts(changed: dict[str, str
     scene = lit_crossing()
     traffic = Traffic(flows=(flow(gap_s=(5, 5), **changed),))
     with pytest.raises(InvalidInputError, match=message):
-        Simulation(scene.network, Scenario(network="x", missions=(scene.mission,), traffic=traffic))
+        plan_scenario(scene.network, Scenario(network="x", missions=(scene.mission,), traffic=traffic))
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dohyo.sumo_networks.actors.requests import HideActor, ShowActor
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.events.puppet import Puppet
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
-from dohyo.sumo_networks.simulation import Simulation
 from dohyo.sumo_networks.traffic.jaywalkers import END_M, ROOM_M, Jaywalkers, is_free, streets
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind, World
@@ -26,17 +25,18 @@ TOWN = "town-test"
 
 
 class Pavement:
-    """A stage without SUMO: the same vehicles everywhere, and what the traffic was shown."""
+    """A road without SUMO: the same vehicles everywhere, and the proxies that the traffic would see."""
 
     def __init__(self, *vehicles: tuple[float, ...]) -> None:
         self.vehicles = np.array(vehicles, dtype=np.float64).reshape(-1, 6)
         self.shown: set[str] = set()
 
-    def show(self, puppet: Puppet, edges: tuple[str, ...]) -> None:
-        self.shown.add(puppet.name)
-
-    def hide(self, puppet: Puppet) -> None:
-        self.shown.discard(puppet.name)
+    def tick(self, people: Jaywalkers) -> None:
+        for request in people.update(TICK_S, self.vehicles_near, ("e",)):
+            if isinstance(request, ShowActor):
+                self.shown.add(request.name)
+            elif isinstance(request, HideActor):
+                self.shown.discard(request.name)
 
     def vehicles_near(self, x: float, y: float, radius_m: float) -> FloatArray:
         return self.vehicles
@@ -46,8 +46,8 @@ def followed(people: Jaywalkers, stage: Pavement, seconds: float) -> FloatArray:
     """(T, N, 2) where they were at every tick, m."""
     rows = []
     for _ in range(round(seconds / TICK_S)):
-        people.update(TICK_S, stage, ("e",))
-        rows.append([(one.x, one.y) for one in people.cast])
+        stage.tick(people)
+        rows.append([(one.x, one.y) for one in people.actors])
     return np.array(rows)
 
 
@@ -104,7 +104,7 @@ def test_they_are_shown_to_the_traffic_while_they_cross_and_only_then() -> None:
 
 def test_nobody_steps_before_a_stream_that_never_ends() -> None:
     people = Jaywalkers(load_network(TOWN), 4, np.random.default_rng(0))
-    x, y = np.mean([(one.x, one.y) for one in people.cast], axis=0)
+    x, y = np.mean([(one.x, one.y) for one in people.actors], axis=0)
     rows = [
         (px, py, heading, 4.6, 1.8, 14.0)
         for px in np.arange(x - 300, x + 300, 25.0)
@@ -197,7 +197,7 @@ def test_a_network_without_streets_is_refused(start: Start) -> None:
     scenario = Scenario(network=str(scene.network.path), missions=(scene.mission,), traffic=traffic)
     with pytest.raises(InvalidInputError, match=r"traffic.jaywalkers: network '.*' has no street of 60 m"):
         start(scenario)
-    assert Simulation._running is None
+    assert not libsumo.isLoaded()
 
 
 def test_streets_have_their_other_side_where_it_is() -> None:

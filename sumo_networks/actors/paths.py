@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dohyo.sumo_networks.arrays import FloatArray
-from dohyo.sumo_networks.geometry import wrap
-from dohyo.sumo_networks.networks.network import RoadNetwork
+
+if TYPE_CHECKING:  # scenarios are read without roads, whose numeric kernels take long to import
+    from dohyo.sumo_networks.networks.network import RoadNetwork
 
 SPACING_M = 1.0
 MEETING_M = 1.0
@@ -51,7 +53,7 @@ class ActorPath:
         beyond = s - min(max(s, 0.0), self.length)
         x += beyond * math.cos(heading) - left * math.sin(heading)
         y += beyond * math.sin(heading) + left * math.cos(heading)
-        return x, y, wrap(heading)
+        return x, y, wrapped(heading)
 
     def curvature(self, first_m: float, last_m: float) -> float:
         """The sharpest bend of a part of the path, over 6 m since lanes are drawn with corners, 1/m."""
@@ -78,6 +80,11 @@ class ActorPath:
         dx, dy = (points - part[nearest]).T
         cos, sin = np.cos(heading), np.sin(heading)
         return self.arc[low + nearest] + dx * cos + dy * sin, dy * cos - dx * sin
+
+
+def wrapped(angle: float) -> float:
+    """Angle brought into [-pi, pi), rad: `geometry.wrap` in plain Python."""
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
 def lane_path(network: RoadNetwork, lanes: Sequence[int]) -> ActorPath:

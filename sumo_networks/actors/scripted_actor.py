@@ -1,4 +1,4 @@
-"""Puppet: an actor that a script moves. It is in the world like any other actor; SUMO sees an image of it."""
+"""ScriptedActor: an actor that a script moves. It is in the world like any other actor; SUMO sees an image of it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dohyo.sumo_networks.actors.paths import ActorPath
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
-from dohyo.sumo_networks.events.paths import ActorPath
 from dohyo.sumo_networks.world import ActorKind
 
 ACCELERATION_MPS2 = 2.5
@@ -29,7 +29,7 @@ VEHICLES = {
 
 
 @dataclass(slots=True)
-class Puppet:
+class ScriptedActor:
     """A box on a path.
 
     Attributes:
@@ -45,7 +45,7 @@ class Puppet:
         skew: Its heading minus the path's, for things that stand askew, rad.
         across: Whether it moves across the road; its image is then turned along the lane.
         indicator: 1 left, -1 right; 0: off, but for who drifts.
-        on_stage: Whether it is in the world.
+        present: Whether it is in the world.
     """
 
     name: str
@@ -60,7 +60,7 @@ class Puppet:
     skew: float = 0.0
     across: bool = False
     indicator: int = 0
-    on_stage: bool = False
+    present: bool = False
     x: float = field(default=math.nan, init=False)
     y: float = field(default=math.nan, init=False)
     heading: float = field(default=math.nan, init=False)

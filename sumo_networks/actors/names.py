@@ -1,0 +1,57 @@
+"""Names of everything in SUMO: the only module that makes them and reads what they say."""
+
+from __future__ import annotations
+
+import re
+from enum import StrEnum
+
+_ROLE = re.compile(r"[a-z]*")
+
+
+class Role(StrEnum):
+    """What an actor is to the scenario; every name begins with it."""
+
+    VEHICLE = "vehicle"
+    BICYCLE = "bicycle"
+    PEDESTRIAN = "pedestrian"
+    FLOW = "flow"
+    JAYWALKER = "jaywalker"
+    OBSTACLE = "obstacle"
+    EVENT = "event"
+    EGO = "ego"
+
+
+TRAFFIC = frozenset({Role.VEHICLE, Role.BICYCLE, Role.FLOW})
+"""Roles of the vehicles that may be removed where a scripted actor needs their place."""
+_ROLES = {role.value: role for role in Role}
+
+
+def role_of(name: str) -> Role | None:
+    """The role that a name begins with; None if the name is not one of ours."""
+    match = _ROLE.match(name)
+    return _ROLES.get(match[0]) if match else None
+
+
+def numbered(role: Role, number: int) -> str:
+    """Name of a vehicle, bicycle, pedestrian, vehicle of a flow, jaywalker or obstacle."""
+    return f"{role}-{number}"
+
+
+def predicted(name: str) -> str:
+    """Name of the proxy that stands where an actor will be soon."""
+    return f"{name}:ahead"
+
+
+def event_actor(event: str, number: int) -> str:
+    """Name of an actor that the script of an event moves."""
+    return f"{Role.EVENT}:{event}-{number}"
+
+
+def event_vehicle(event: str, number: int) -> str:
+    """Name of a vehicle that an event sends and SUMO drives."""
+    return f"{Role.EVENT}:{event}-flow{number}"
+
+
+def ego_proxy(ego: str) -> str:
+    """Name of the SUMO proxy of an ego."""
+    return f"{Role.EGO}:{ego}"

@@ -1,0 +1,143 @@
+"""Cross traffic: a vehicle enters the ego's junction though it has to wait."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Literal
+
+from dohyo.sumo_networks.actors.scripted_actor import VEHICLES, ScriptedActor
+from dohyo.sumo_networks.events.behavior import EventBehavior, EventContext, EventSite, PlacementError
+from dohyo.sumo_networks.events.event import BaseEvent, Metres, Seconds, Speed, VehicleType
+from dohyo.sumo_networks.events.roads import ConflictingWay, conflicting_ways, next_passage
+from dohyo.sumo_networks.units import KMH_PER_MPS
+
+CATCH_UP = 1.5
+BEND_M_S2 = 4.0
+"""Lateral acceleration in a bend: that of a driver in a hurry."""
+BEND_REACH_M = 20.0
+STRAIGHT, INDICATOR = "s", {"l": 1, "L": 1, "r": -1, "R": -1}
+
+
+class CrossTrafficBehavior(EventBehavior["CrossTrafficEvent"]):
+    """The vehicle keeps pace with the ego, so that both would meet; near the meeting point nothing stops it.
+
+    Attributes:
+        way: Where it drives.
+        meeting: m along the ego's route, where the ego's front meets the middle of that way.
+        speed: Of the vehicle, m/s: the event's, or less where it turns.
+    """
+
+    def __init__(self, event: CrossTrafficEvent, site: EventSite) -> None:
+        super().__init__(event, site)
+        network, route = site.network, site.route
+        self._going = False
+        passage = next_passage(network, route, site.trigger)
+        lit = passage.signal >= 0
+        if lit != event.lit:
+            raise PlacementError(f"the junction at {passage.entry:.0f} m has {'a' if lit else 'no'} traffic light")
+        self.way, self.speed = self._find_way(
+            conflicting_ways(network, route, passage, 2.0 * self._run_up(event.speed_mps))
+        )
+        self.meeting = self.way.own_s
+        self._set_off = self._run_up(self.speed)
+        kind, length, width = VEHICLES[event.actor]
+        self._start = max(self.way.path_s - 2.0 * self._set_off, 0.5 * length)
+        actor = ScriptedActor(self.actor_name(0), kind, length, width, self.way.path, self._start)
+        actor.indicator = INDICATOR.get(self._direction(self.way), 0)
+        self.actors.append(actor)
+
+    def _find_way(self, found: list[ConflictingWay]) -> tuple[ConflictingWay, float]:
+        """The way with the longest approach, straight on if there is one, and the speed [m/s] on it."""
+        wanted = ("left", "right", "opposite") if self.event.comes_from == "any" else (self.event.comes_from,)
+        for way in sorted(found, key=lambda way: self._direction(way) != STRAIGHT):
+            speed = self._speed_on(way)
+            if way.side in wanted and way.path_s >= self._run_up(speed) + 0.5 * VEHICLES[self.event.actor][1]:
+                return way, speed
+        raise PlacementError(
+            f"no way through the next junction from {' or '.join(wanted)} meets the ego's after "
+            f"{self._run_up(self.event.speed_mps):.0f} m"
+        )
+
+    def _direction(self, way: ConflictingWay) -> str:
+        return str(self.network.connections.direction[way.connection])
+
+    def _speed_on(self, way: ConflictingWay) -> float:
+        """The event's speed, or that of the sharpest bend around the meeting point where the way turns."""
+        if self._direction(way) == STRAIGHT:
+            return self.event.speed_mps
+        sharpest = way.path.curvature(way.path_s - BEND_REACH_M, way.path_s + BEND_REACH_M)
+        return min(self.event.speed_mps, math.sqrt(BEND_M_S2 / max(sharpest, 1e-6)))
+
+    def _run_up(self, speed: float) -> float:
+        """Metres in its reaction time."""
+        return speed * self.event.reaction_time_s
+
+    def prepare(self, context: EventContext) -> None:
+        """Nothing yet: the vehicle enters when it must."""
+
+    def act(self, context: EventContext) -> bool:
+        """Keeps pace or goes; over when it is through the junction, or the ego."""
+        vehicle, speed = self.actors[0], self.speed
+        remaining, wait = self.way.path_s - vehicle.s, context.time_to(self.meeting)
+        if not vehicle.present:
+            if wait * speed <= self.way.path_s - self._start or self._near(context):
+                super().prepare(context)
+            return context.distance_to(self.meeting) < -20.0
+        self._going = self._going or self._near(context)
+        if self._going:
+            vehicle.speed = speed
+        else:
+            behind = remaining - speed * wait
+            vehicle.speed = min(max(behind / context.tick_s, 0.0), CATCH_UP * speed)
+            vehicle.speed = min(vehicle.speed, max(remaining - self._set_off, 0.0) / context.tick_s)
+        return remaining < -20.0 or vehicle.s > vehicle.path.length - vehicle.length
+
+    def _near(self, context: EventContext) -> bool:
+        event = self.event
+        return (
+            context.time_to(self.meeting) <= event.reaction_time_s
+            or context.distance_to(self.meeting) <= event.minimum_distance_m
+        )
+
+    def after(self, context: EventContext) -> None:
+        """Drives on to the end of its way."""
+        vehicle = self.actors[0]
+        vehicle.indicator = 0
+        gap, speed = vehicle.leader(*context.others(vehicle))
+        vehicle.approach(self.event.speed_mps, context.tick_s, gap, speed)
+
+
+class CrossTrafficEvent(BaseEvent):
+    """A vehicle enters the ego's junction though it must not, timed to collide if the ego keeps its speed.
+
+    Attributes:
+        lit: Whether the junction has a traffic light.
+        comes_from: Seen from the ego.
+        actor: What it is.
+        speed_mps: Its speed.
+        reaction_time_s: It keeps pace with the ego until that is so near to their meeting point in time; then it goes.
+        minimum_distance_m: Or so near to it in space.
+    """
+
+    behavior: ClassVar = CrossTrafficBehavior
+    lit: ClassVar[bool]
+
+    comes_from: Literal["any", "left", "right", "opposite"] = "any"
+    actor: VehicleType = "car"
+    speed_mps: Speed = 60 / KMH_PER_MPS
+    reaction_time_s: Seconds = 2.2
+    minimum_distance_m: Metres = 12.0
+
+
+class OppositeRunsRedLight(CrossTrafficEvent):
+    """The vehicle runs a red light."""
+
+    lit: ClassVar[bool] = True
+    kind: Literal["opposite_runs_red_light"] = "opposite_runs_red_light"
+
+
+class OppositeTakesPriority(CrossTrafficEvent):
+    """The vehicle takes the right of way at a junction without a light."""
+
+    lit: ClassVar[bool] = False
+    kind: Literal["opposite_takes_priority"] = "opposite_takes_priority"

@@ -1,0 +1,135 @@
+"""Oncoming vehicles that come into the ego's lane."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from dohyo.sumo_networks.actors.paths import ActorPath
+from dohyo.sumo_networks.actors.scripted_actor import VEHICLES, ScriptedActor
+from dohyo.sumo_networks.events.behavior import EventBehavior, EventContext, EventSite, PlacementError
+from dohyo.sumo_networks.events.event import BaseEvent, Metres, Seconds, Speed, VehicleType
+from dohyo.sumo_networks.events.roads import need_clear_road, section
+
+CHANGE_S = 1.2
+
+
+class OncomingBehavior(EventBehavior["OncomingEvent"]):
+    """Vehicles come along the ego's route the other way; before they meet the ego they leave their lane, and return.
+
+    Their path is the ego's route from its far end, so "left" on it is the ego's right.
+    """
+
+    def __init__(self, event: OncomingEvent, site: EventSite) -> None:
+        super().__init__(event, site)
+        network, route, trigger = site.network, site.route, site.trigger
+        far = trigger + event.appear_m
+        need_clear_road(route, trigger, far, through=True)
+        found = section(network, route, trigger + 0.5 * event.appear_m)
+        if found.oncoming < 0 or section(network, route, far).oncoming < 0:
+            raise PlacementError(f"there is no oncoming lane between {trigger:.0f} and {far:.0f} m")
+        if found.left >= 0:
+            raise PlacementError(
+                f"at {trigger:.0f} m there is a lane of the same direction between the ego and those oncoming"
+            )
+        kind, length, width = VEHICLES[event.actor]
+        self._own = -(found.middle + 0.5 * float(network.lanes.width[found.oncoming]))
+        self._over = 0.0 if event.intrusion_m is None else -(found.middle - event.intrusion_m + 0.5 * width)
+        back = ActorPath(self.path.points[: route.index(far) + 1][::-1])
+        self._length = back.length
+        self.actors += [
+            ScriptedActor(self.actor_name(n), kind, length, width, back, -n * event.spacing_m, self._own)
+            for n in range(event.count)
+        ]
+        self._since: dict[str, float] = {}
+
+    def prepare(self, context: EventContext) -> None:
+        """Nothing yet: they enter at the trigger."""
+
+    def act(self, context: EventContext) -> bool:
+        """They come, move over, move back; over when all are past the ego."""
+        if self.actors[0].s == 0.0 and not self.actors[0].present:
+            super().prepare(context)
+        for actor in self.actors:
+            self._steer(actor, context)
+        own = self._length - (context.front_m - context.egos.length.item(context.ego))
+        return all(not actor.present or actor.s - 0.5 * actor.length > own + 5.0 for actor in self.actors)
+
+    def _steer(self, actor: ScriptedActor, context: EventContext) -> None:
+        event = self.event
+        gap = self._length - actor.s - 0.5 * actor.length - context.front_m
+        closing = event.speed_mps + context.speed
+        past = gap < -context.egos.length.item(context.ego) - actor.length
+        if not past and gap / closing <= event.reaction_time_s:
+            self._since.setdefault(actor.name, context.time)
+        began = self._since.get(actor.name, math.inf)
+        over = began < math.inf and context.time - began < event.return_s and not past
+        self._shift(actor, self._over if over else self._own, context.tick_s)
+        actor.speed = event.speed_mps
+        if actor.s > self._length:
+            actor.present = False
+
+    def _shift(self, actor: ScriptedActor, target: float, seconds: float) -> None:
+        pace = abs(self._own - self._over) / CHANGE_S
+        remaining = target - actor.left
+        if abs(remaining) <= pace * seconds:
+            actor.left, actor.drift = target, 0.0
+        else:
+            actor.drift = math.copysign(pace, remaining)
+
+    def after(self, context: EventContext) -> None:
+        """They drive on in their own lane to where the ego began."""
+        for actor in self.actors:
+            self._shift(actor, self._own, context.tick_s)
+            gap, speed = actor.leader(*context.others(actor))
+            actor.approach(self.event.speed_mps, context.tick_s, gap, speed)
+            if actor.s > self._length:
+                actor.present = False
+
+    def ahead(self, context: EventContext) -> float:
+        """Of the first of them."""
+        return self._length - self.actors[0].s - context.egos.progress.item(context.ego)
+
+
+class OncomingEvent(BaseEvent):
+    """A vehicle comes towards the ego, partly or wholly in the ego's lane, and goes back to its own.
+
+    Attributes:
+        appear_m: How far ahead of the trigger it enters.
+        actor: What it is.
+        count: How many, one after the other.
+        spacing_m: Between two vehicles.
+        speed_mps: Of each.
+        reaction_time_s: It leaves its lane when it would meet the ego so soon.
+        return_s: It goes back so long after.
+        intrusion_m: How far its side comes past the middle of the road; None: all of it is in the ego's lane.
+    """
+
+    behavior: ClassVar = OncomingBehavior
+
+    appear_m: Metres = 100.0
+    actor: VehicleType = "car"
+    count: Annotated[int, Field(ge=1, le=20)] = 1
+    spacing_m: Annotated[float, Field(ge=2, le=200)] = 20.0
+    speed_mps: Speed = 8.0
+    reaction_time_s: Seconds = 4.0
+    return_s: Seconds = 4.5
+    intrusion_m: Metres | None = None
+
+
+class OncomingInLane(OncomingEvent):
+    """One vehicle drives in the ego's lane for a while."""
+
+    kind: Literal["oncoming_in_lane"] = "oncoming_in_lane"
+
+
+class InvadingTurn(OncomingEvent):
+    """Three vehicles come over the middle of the road, until they have passed the ego."""
+
+    kind: Literal["invading_turn"] = "invading_turn"
+    count: Annotated[int, Field(ge=1, le=20)] = 3
+    reaction_time_s: Seconds = 6.0
+    return_s: Seconds = 60.0
+    intrusion_m: Metres | None = 0.9

@@ -1,0 +1,77 @@
+"""ScenarioPlan: a scenario on its roads, checked before anything starts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dohyo.sumo_networks.conditions import Conditions, conditions_named
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
+from dohyo.sumo_networks.ego.fleet import EgoFleet
+from dohyo.sumo_networks.events.placement import check_placement
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Route
+from dohyo.sumo_networks.routes.routing import plan_route
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.traffic.flows import make_flow_sources
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioPlan:
+    """All that a simulation needs to start, any number of times.
+
+    Attributes:
+        network: The roads.
+        scenario: What is simulated.
+        conditions: Of road, light and air.
+        vehicle: The egos' parameters, under these conditions.
+        routes: One per ego.
+    """
+
+    network: RoadNetwork
+    scenario: Scenario
+    conditions: Conditions
+    vehicle: VehicleParameters
+    routes: tuple[Route, ...]
+
+    @property
+    def egos(self) -> tuple[str, ...]:
+        """Names of the missions."""
+        return tuple(mission.name for mission in self.scenario.missions)
+
+    @property
+    def start_speeds(self) -> list[float]:
+        """Of each ego, m/s."""
+        return [mission.start_speed_mps or 0.0 for mission in self.scenario.missions]
+
+    def with_seed(self, seed: int) -> ScenarioPlan:
+        """The same plan with another seed of the scenario."""
+        return replace(self, scenario=self.scenario.model_copy(update={"seed": seed}))
+
+    def fleet(self) -> EgoFleet:
+        """The egos' vehicles at their starts."""
+        return EgoFleet(self.network, self.egos, self.routes, self.vehicle, self.start_speeds)
+
+
+def plan_scenario(network: RoadNetwork, scenario: Scenario, vehicle: VehicleParameters | None = None) -> ScenarioPlan:
+    """Plans the routes, and checks that flows and events are possible; SUMO is not needed for it.
+
+    Args:
+        network: The roads.
+        scenario: What to simulate.
+        vehicle: Of the egos on a dry road; None: the default car.
+
+    Raises:
+        InvalidInputError: A mission, flow or event is impossible; the message says which and why.
+    """
+    conditions, dry = conditions_named(scenario.conditions), vehicle or VehicleParameters()
+    routes = tuple(plan_route(network, mission) for mission in scenario.missions)
+    on_road = replace(dry, friction=dry.friction * conditions.friction)
+    plan = ScenarioPlan(network, scenario, conditions, on_road, routes)
+    if scenario.log is None:
+        for event in scenario.events:
+            ego = event.ego or plan.egos[0]
+            check_placement(event, ego, network, routes[plan.egos.index(ego)])
+        make_flow_sources(network, scenario.traffic.flows, np.random.default_rng(0))
+    return plan

@@ -1,0 +1,94 @@
+"""SUMO proxies: the vehicles in SUMO that stand for egos and scripted actors, so that the traffic reacts to them."""
+
+from __future__ import annotations
+
+import libsumo
+import numpy as np
+
+from dohyo.sumo_networks.actors.requests import ShowActor
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.route import Route
+from dohyo.sumo_networks.simulation.sumo_frame import ahead_of, angle_of
+from dohyo.sumo_networks.world import ActorKind
+
+ALIGNED_RAD = 0.6
+GRAZED_M = 0.3
+_ANYWHERE = 2  # SUMO's keepRoute: the lane may be off the proxy's route
+_NEAR_M = 5.0  # proxies are on a lane already; SUMO's 100 m cost 80 us in a junction, these 10 us
+_Point = tuple[float, float]
+
+
+class SumoProxies:
+    """All proxies of one simulation.
+
+    Attributes:
+        names: Of every proxy that is or was in SUMO, and of those of the egos.
+    """
+
+    def __init__(self, network: RoadNetwork, vehicle: VehicleParameters, egos: tuple[str, ...]) -> None:
+        self.names = set(egos)
+        self._network, self._vehicle = network, vehicle
+        self._anywhere = np.zeros(len(network.lanes.ids), dtype=np.bool_)
+        self._routes: set[str] = set()
+        self._shown: set[str] = set()
+
+    def add_ego(self, name: str, route: Route) -> None:
+        """Tells SUMO the route of an ego's proxy."""
+        libsumo.route.add(name, route.edges)
+
+    def show_ego(self, name: str, centre: _Point, heading: float, route: Route, behind_m: float = 0.0) -> None:
+        """Moves the proxy of an ego to it, or so far behind it; off the road the proxy is hidden."""
+        network, vehicle = self._network, self._vehicle
+        front = ahead_of(*centre, heading, 0.5 * vehicle.length - behind_m)
+        lane, offset, _ = network.nearest_lane(*front, heading, route.on_route)
+        on_road = lane >= 0 and abs(offset) < 0.5 * (network.lanes.width.item(lane) + vehicle.width)
+        if on_road and not self._strayed(name):
+            self._move(name, "ego", (vehicle.length, vehicle.width), lane, front, heading)
+        else:
+            self.hide(name)
+
+    def show_actor(self, actor: ShowActor) -> None:
+        """Moves the proxy of a scripted actor to it; off the roads and askew on them the proxy is hidden."""
+        network = self._network
+        lane, offset, error = network.nearest_lane(actor.x, actor.y, actor.heading, self._anywhere)
+        beside = lane < 0 or abs(offset) > 0.5 * (network.lanes.width.item(lane) + actor.width) - GRAZED_M
+        askew = not actor.across and abs(error) > ALIGNED_RAD
+        if beside or askew or self._strayed(actor.name):
+            self.hide(actor.name)
+            return
+        if actor.name not in self._routes:
+            self._routes.add(actor.name)
+            libsumo.route.add(actor.name, actor.edges)
+        length, width, heading = actor.length, actor.width, actor.heading
+        if actor.across:
+            length, width, heading = width, length, heading - error
+        vtype = "emergency" if actor.kind is ActorKind.EMERGENCY else "ego"
+        front = ahead_of(actor.x, actor.y, heading, 0.5 * length)
+        self._move(actor.name, vtype, (length, width), lane, front, heading)
+
+    def hide(self, name: str) -> None:
+        """Removes a proxy, if there is one.
+
+        SUMO keeps a vehicle that moveToXY led off the road on the books of its last lane, and dies of a segmentation
+        fault when another vehicle comes along there.
+        """
+        if name in self._shown:
+            self._shown.remove(name)
+            libsumo.vehicle.remove(name)
+
+    def _move(self, name: str, vtype: str, size: tuple[float, float], lane: int, front: _Point, heading: float) -> None:
+        place = self._network.edge_id(lane), self._network.lanes.index.item(lane)
+        if name not in self._shown:
+            self._shown.add(name)
+            self.names.add(name)
+            libsumo.vehicle.add(name, name, vtype, departLane="free", departPos="base", departSpeed="0")
+            libsumo.vehicle.setLength(name, size[0])
+            libsumo.vehicle.setWidth(name, size[1])
+            libsumo.vehicle.setSpeedMode(name, 0)
+            libsumo.vehicle.setLaneChangeMode(name, 0)
+        libsumo.vehicle.moveToXY(name, *place, *front, angle_of(heading), _ANYWHERE, _NEAR_M)
+
+    def _strayed(self, name: str) -> bool:
+        """Whether SUMO found no lane for a proxy, as it may past the end of one."""
+        return name in self._shown and not libsumo.vehicle.getLaneID(name)

@@ -1,0 +1,59 @@
+"""Scripted actors as rows of the world's table: SUMO does not move them, so it cannot be asked for them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from dohyo.sumo_networks.actors.scripted_actor import ScriptedActor
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.simulation.registry import ActorRegistry
+from dohyo.sumo_networks.units import SIGHT_M
+from dohyo.sumo_networks.world import Actors, Egos
+
+
+def with_scripted(
+    actors: Actors, scripted: Sequence[ScriptedActor], egos: Egos, registry: ActorRegistry, network: RoadNetwork
+) -> Actors:
+    """The actors and those scripted ones that an ego is near enough to see, in the order of keys."""
+    viewpoints = egos.position[egos.active].tolist()
+    seen = [one for one in scripted if any(one.distance(x, y) <= SIGHT_M for x, y in viewpoints)]
+    if not seen:
+        return actors
+    anywhere = np.zeros(len(network.lanes.ids), dtype=np.bool_)
+    table = Actors(
+        key=np.concatenate([actors.key, [_key(one, registry) for one in seen]]),
+        kind=np.concatenate([actors.kind, [int(one.kind) for one in seen]]),
+        position=np.concatenate([actors.position, [(one.x, one.y) for one in seen]]),
+        heading=_joined(actors.heading, [math.remainder(one.heading, 2 * math.pi) for one in seen]),
+        speed=_joined(actors.speed, [math.hypot(one.speed, one.drift) for one in seen]),
+        length=_joined(actors.length, [one.length for one in seen]),
+        width=_joined(actors.width, [one.width for one in seen]),
+        lane=np.concatenate([actors.lane, [lane_under(one, network, anywhere) for one in seen]]),
+        indicator=np.concatenate([actors.indicator, [one.indicator or int(np.sign(one.drift)) for one in seen]]),
+    )
+    return table.take(np.argsort(table.key, kind="stable"))
+
+
+def lane_under(actor: ScriptedActor, network: RoadNetwork, anywhere: BoolArray) -> int:
+    """The lane that an actor stands on, -1 if none.
+
+    Args:
+        actor: Whose lane.
+        network: The roads.
+        anywhere: (L,) False for every lane: none is preferred.
+    """
+    lane, offset, _ = network.nearest_lane(actor.x, actor.y, actor.heading, anywhere)
+    return lane if lane >= 0 and abs(offset) <= 0.5 * network.lanes.width.item(lane) else -1
+
+
+def _key(actor: ScriptedActor, registry: ActorRegistry) -> int:
+    key = registry.keys.get(actor.name)
+    return registry.register(actor.name, actor.kind, actor.length, actor.width) if key is None else key
+
+
+def _joined(column: FloatArray, more: Sequence[float]) -> FloatArray:
+    return np.concatenate([column, np.array(more, dtype=np.float64)])

@@ -1,0 +1,84 @@
+"""SUMO's own traffic: what is asked of it without changing it, and the commands behind requests."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import libsumo
+import numpy as np
+
+from dohyo.sumo_networks.actors.names import TRAFFIC, Role, role_of
+from dohyo.sumo_networks.actors.requests import SpawnPedestrian, SpawnVehicle, Walk
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.simulation.sumo_frame import vehicle_box
+
+# Queries.
+
+
+def arrived() -> tuple[Sequence[str], Sequence[str]]:
+    """Names of the vehicles and of the pedestrians that reached their goal in the last step."""
+    return libsumo.simulation.getArrivedIDList(), libsumo.simulation.getArrivedPersonIDList()
+
+
+def departed() -> Sequence[str]:
+    """Names of the vehicles that entered the road in the last step."""
+    names: Sequence[str] = libsumo.simulation.getDepartedIDList()
+    return names
+
+
+def way_on_foot(walk: Walk) -> tuple[str, ...]:
+    """Edges of the way on foot; empty if there is none."""
+    stages = libsumo.simulation.findIntermodalRoute(
+        walk.source, walk.target, departPos=walk.source_m, arrivalPos=walk.target_m
+    )
+    return tuple(stages[0].edges) if len(stages) == 1 else ()
+
+
+def vehicles_near(x: float, y: float, radius_m: float) -> FloatArray:
+    """(M, 6) x, y [m], heading [rad], length, width [m], speed [m/s] of vehicles near a point.
+
+    Egos and actors of events are among them; the proxies of jaywalkers are not.
+    """
+    rows = [
+        (*vehicle_box(name), libsumo.vehicle.getSpeed(name))
+        for name in libsumo.vehicle.getIDList()
+        if math.dist(libsumo.vehicle.getPosition(name), (x, y)) <= radius_m and role_of(name) is not Role.JAYWALKER
+    ]
+    return np.array(rows, dtype=np.float64).reshape(-1, 6)
+
+
+# Commands.
+
+
+def spawn_vehicle(request: SpawnVehicle) -> None:
+    """Lets a vehicle enter as soon as there is room."""
+    name = request.name
+    libsumo.route.add(name, request.edges)
+    # A speed as a number would be an error of SUMO's where it is too fast for a light ahead.
+    libsumo.vehicle.add(name, name, request.type, "now", request.lane, request.position, request.speed)
+    if request.max_speed_mps is not None:
+        libsumo.vehicle.setMaxSpeed(name, request.max_speed_mps)
+
+
+def spawn_pedestrian(request: SpawnPedestrian) -> None:
+    """Lets a pedestrian set out."""
+    walk = request.walk
+    libsumo.person.add(request.name, walk.source, walk.source_m, typeID="pedestrian")
+    libsumo.person.appendWalkingStage(request.name, request.edges, walk.target_m)
+
+
+def cancel_vehicle(name: str) -> None:
+    """Removes a vehicle that still waits for room."""
+    if name in libsumo.simulation.getPendingVehicles():
+        libsumo.vehicle.remove(name)
+
+
+def remove_traffic_near(x: float, y: float, radius_m: float) -> list[str]:
+    """Removes the vehicles of the traffic whose front is nearer than this, and returns their names."""
+    removed = []
+    for name in libsumo.vehicle.getIDList():
+        if role_of(name) in TRAFFIC and math.dist(libsumo.vehicle.getPosition(name), (x, y)) < radius_m:
+            libsumo.vehicle.remove(name)
+            removed.append(name)
+    return removed
