@@ -1,0 +1,90 @@
+"""The recipes of CONTRIBUTING.md, followed to the letter in a copy of the tree."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+COPIED = ("dohyo", "sumo_networks", "evaluation", "tests", "pyproject.toml")
+LINKED = ("agents", "service")
+BLOCK = re.compile(r"(?:^[^`\n]*`([^`\n]+)`:\n\n)?^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+FILES_AT_MOST = {"network": 2, "benchmark": 2, "sensor": 3}
+
+
+@dataclass(frozen=True)
+class Block:
+    """A code block of a recipe: a whole file, or a change of one as a diff."""
+
+    path: str
+    language: str
+    body: str
+
+    def apply(self, root: Path) -> None:
+        """Writes the file, or changes it; the lines around the change must be there once."""
+        target = root / self.path
+        if self.language != "diff":
+            assert not target.exists(), f"{self.path} is there already"
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_text(self.body)
+            return
+        lines = self.body.splitlines(keepends=True)
+        before = "".join(line[1:] for line in lines if line[0] in " -")
+        after = "".join(line[1:] for line in lines if line[0] in " +")
+        source = target.read_text()
+        assert source.count(before) == 1, f"{self.path}: expected these lines once:\n{before}"
+        target.write_text(source.replace(before, after))
+
+
+def recipe(thing: str) -> list[Block]:
+    """The blocks below "## Add a THING"; one without a path belongs to the path before it."""
+    document = (ROOT / "CONTRIBUTING.md").read_text()
+    _, found, rest = document.partition(f"\n## Add a{'n' if thing[0] in 'aeiou' else ''} {thing}\n")
+    assert found, f"CONTRIBUTING.md has no recipe for a {thing}"
+    blocks: list[Block] = []
+    for path, language, body in BLOCK.findall(rest.partition("\n## ")[0]):
+        blocks.append(Block(path or blocks[-1].path, language, body))
+    return blocks
+
+
+def copy_tree(target: Path) -> None:
+    """What a recipe may change, copied with its times, so that compiled kernels are found; the rest as links."""
+    for name in COPIED:
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, target / name, symlinks=True)
+        else:
+            shutil.copy2(ROOT / name, target / name)
+    for name in LINKED:
+        (target / name).symlink_to(ROOT / name)
+
+
+def run(root: Path, *command: str) -> None:
+    environment = os.environ | {"PYTHONPATH": str(root)}
+    done = subprocess.run(
+        [sys.executable, "-m", *command], cwd=root, capture_output=True, text=True, env=environment, check=False
+    )
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-2000:]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("thing", FILES_AT_MOST)
+def test_a_recipe_gives_what_it_says(thing: str, tmp_path: Path) -> None:
+    blocks = recipe(thing)
+    touched = sorted({block.path for block in blocks})
+    assert len(touched) <= FILES_AT_MOST[thing], touched
+    copy_tree(tmp_path)
+    for block in blocks:
+        block.apply(tmp_path)
+    modules = [path for path in touched if path.endswith(".py")]
+    tests = [path for path in modules if path.startswith("tests/")]
+    assert tests, "a recipe has a test"
+    run(tmp_path, "ruff", "check", *modules)
+    run(tmp_path, "ruff", "format", "--check", *modules)
+    run(tmp_path, "pytest", "-q", "-p", "no:cacheprovider", *tests)
