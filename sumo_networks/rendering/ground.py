@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray, IntArray
 from dohyo.sumo_networks.rendering.perspective import FINAL, Values
-from dohyo.sumo_networks.rendering.tiles import SIDE_PX
+from dohyo.sumo_networks.rendering.tiles import SIDE_PX, TileWindow
 
 _LOW, _BYTE, _ONE = np.uint64(255), np.uint64(8), np.uint64(1)
 
@@ -32,11 +32,7 @@ def ground_colours(
     ego: FloatArray,
     tint: Float32Array,
     horizon: Float32Array,
-    pool: NDArray[np.uint32],
-    table: IntArray,
-    left: int,
-    bottom: int,
-    metres_per_px: float,
+    window: TileWindow,
 ) -> None:
     """Colours the pixels that show ground, from tiles of one resolution.
 
@@ -49,15 +45,12 @@ def ground_colours(
         ego: (3,) x, y [m], heading [rad].
         tint: (3,) factor.
         horizon: (3,) colour.
-        pool: Tiles.
-        table: (R, C) slots.
-        left: Column of the first tile.
-        bottom: Row of the first tile.
-        metres_per_px: Size of a texel.
+        window: Tiles that cover what is seen.
     """
     cos, sin = math.cos(ego[2]), math.sin(ego[2])
-    scale = 1.0 / metres_per_px
-    ox, oy = ego[0] * scale - left * 256.0, ego[1] * scale - bottom * 256.0
+    pool, table = window.pool, window.table
+    scale = 1.0 / window.metres_per_px
+    ox, oy = ego[0] * scale - window.left * 256.0, ego[1] * scale - window.bottom * 256.0
     cos, sin = cos * scale, sin * scale
     flat, slots, width = pool.reshape(-1), table.reshape(-1), np.uint64(table.shape[1])
     side, above = np.uint64(SIDE_PX), np.uint64(SIDE_PX * SIDE_PX)
@@ -106,11 +99,7 @@ def ground_labels(
     points: Float32Array,
     ego: FloatArray,
     labels: NDArray[np.uint8],
-    pool: NDArray[np.uint32],
-    table: IntArray,
-    left: int,
-    bottom: int,
-    metres_per_px: float,
+    window: TileWindow,
 ) -> None:
     """As `ground_colours`, the label of the surface in the middle of each pixel.
 
@@ -120,14 +109,11 @@ def ground_labels(
         points: (N, 4) of which x, y are used.
         ego: (3,) x, y [m], heading [rad].
         labels: (10,) by Surface.
-        pool: Tiles.
-        table: (R, C) slots.
-        left: Column of the first tile.
-        bottom: Row of the first tile.
-        metres_per_px: Size of a texel.
+        window: Tiles that cover what is seen.
     """
-    scale = 1.0 / metres_per_px
-    ox, oy = ego[0] * scale - left * 256.0, ego[1] * scale - bottom * 256.0
+    pool, table = window.pool, window.table
+    scale = 1.0 / window.metres_per_px
+    ox, oy = ego[0] * scale - window.left * 256.0, ego[1] * scale - window.bottom * 256.0
     cos, sin = math.cos(ego[2]) * scale, math.sin(ego[2]) * scale
     for i in range(pixel.shape[0]):
         gx, gy = points[i, 0], points[i, 1]

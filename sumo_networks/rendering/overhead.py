@@ -14,7 +14,7 @@ from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.rendering.plan import draw_boxes, draw_discs, draw_path, warp
 from dohyo.sumo_networks.rendering.surfaces import CellIndex, Surface
-from dohyo.sumo_networks.rendering.tiles import CAPACITY, TILE_PX, surface_tiles
+from dohyo.sumo_networks.rendering.tiles import CAPACITY, TILE_PX, TileWindow, surface_tiles
 from dohyo.sumo_networks.world import ActorKind, LightState, World
 
 SIDE_PX = 480
@@ -101,7 +101,7 @@ class Overhead:
         capacity = max(CAPACITY, math.ceil(2 * self._half / texel / TILE_PX + 2) ** 2)
         tiles = surface_tiles(network, texel, capacity)
         table = tiles.table(box[0] - 1.0, box[1] - 1.0, box[2] + 1.0, box[3] + 1.0)
-        warp(self._bits, self._view, place, _OF_SURFACE, tiles.pool, *table, texel)
+        warp(self._bits, self._view, place, _OF_SURFACE, TileWindow(tiles.pool, *table, texel))
 
     def _draw_route(self, world: World, ego: int, place: FloatArray) -> None:
         route = world.routes[ego]

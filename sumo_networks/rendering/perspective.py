@@ -8,6 +8,7 @@ pixel by pixel; `value` holds 0xFFBBGGRR, or a label. Flags FF: 1 the colour is 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -20,6 +21,30 @@ FINAL = np.uint32(1 << 24)
 SHINES = np.uint32(2 << 24)
 
 Values = NDArray[np.uint32]
+
+
+class Canvas(NamedTuple):
+    """The image that is drawn, and the camera and the light of it.
+
+    Attributes:
+        value: (H, W) image.
+        inverse: (H, W) 1 / depth, 1/m.
+        ego: (3,) x, y [m], heading [rad].
+        mount: (4, 3) position of the camera in the ego frame, then its axes forward, left and up.
+        lens: (3,) focal length, cx, cy, px.
+        light: (8,) direction to the sun in the camera frame, its share, the world's up in the camera frame, spare.
+        range_m: Nothing farther away is drawn.
+        scratch: (8, 16, 3) room for corners.
+    """
+
+    value: Values
+    inverse: Float32Array
+    ego: FloatArray
+    mount: FloatArray
+    lens: FloatArray
+    light: FloatArray
+    range_m: float
+    scratch: FloatArray
 
 
 @njit(cache=True, inline="always")
@@ -102,32 +127,18 @@ def plane(polygon: FloatArray) -> tuple[float, float, float, float]:
 
 
 @njit(cache=True, error_model="numpy")
-def face(
-    value: Values,
-    inverse: Float32Array,
-    polygon: FloatArray,
-    count: int,
-    lens: FloatArray,
-    light: FloatArray,
-    colour: FloatArray,
-    flags: int,
-    label: int,
-    scratch: FloatArray,
-) -> None:
+def face(canvas: Canvas, polygon: FloatArray, count: int, colour: FloatArray, flags: int, label: int) -> None:
     """Draws one convex face, seen from outside (corners counter-clockwise), where nothing nearer is.
 
     Args:
-        value: (H, W) image.
-        inverse: (H, W) 1 / depth, 1/m.
+        canvas: What to draw into.
         polygon: (N, 3) corners, m, camera frame.
         count: How many of them.
-        lens: (3,) focal length, cx, cy, px.
-        light: (8,) direction to the sun in the camera frame, its share, the world's up in the camera frame, spare.
         colour: (3,) 0 to 255.
         flags: Of the value.
         label: Written instead of the colour, where it is not negative.
-        scratch: (2, 16, 3) for the corners.
     """
+    value, inverse, lens, light, scratch = canvas.value, canvas.inverse, canvas.lens, canvas.light, canvas.scratch
     nx, ny, nz, distance = plane(polygon)
     if distance >= -1e-9:
         return
@@ -159,32 +170,18 @@ def face(
 
 
 @njit(cache=True, error_model="numpy")
-def facade(
-    value: Values,
-    inverse: Float32Array,
-    polygon: FloatArray,
-    lens: FloatArray,
-    light: FloatArray,
-    colour: FloatArray,
-    label: int,
-    seed: int,
-    night: float,
-    scratch: FloatArray,
-) -> None:
+def facade(canvas: Canvas, polygon: FloatArray, colour: FloatArray, label: int, seed: int, night: float) -> None:
     """Draws one wall of a building: as `face`, with rows of windows, some of them lit in the dark.
 
     Args:
-        value: (H, W) image.
-        inverse: (H, W) 1 / depth, 1/m.
+        canvas: What to draw into.
         polygon: (4, 3) corners, m, camera frame: bottom left, bottom right, top right, top left from outside.
-        lens: As of `face`.
-        light: As of `face`.
         colour: (3,) of the wall.
         label: As of `face`.
         seed: Decides which windows are lit.
         night: Share of windows that are.
-        scratch: As of `face`.
     """
+    value, inverse, lens, light, scratch = canvas.value, canvas.inverse, canvas.lens, canvas.light, canvas.scratch
     nx, ny, nz, distance = plane(polygon)
     if distance >= -1e-9:
         return
@@ -303,35 +300,21 @@ def point(frame: FloatArray, x: float, y: float, z: float, out: FloatArray) -> N
 
 @njit(cache=True, error_model="numpy")
 def block(
-    value: Values,
-    inverse: Float32Array,
-    frame: FloatArray,
-    box: FloatArray,
-    lens: FloatArray,
-    light: FloatArray,
-    side: FloatArray,
-    top: FloatArray,
-    flags: int,
-    label: int,
-    scratch: FloatArray,
+    canvas: Canvas, frame: FloatArray, box: FloatArray, side: FloatArray, top: FloatArray, flags: int, label: int
 ) -> None:
     """Draws a box whose top may be smaller than its bottom.
 
     Args:
-        value: (H, W) image.
-        inverse: (H, W) 1 / depth, 1/m.
+        canvas: What to draw into.
         frame: Of the body it belongs to.
         box: (9,) x from, x to, y from, y to, z from, z to, x from at the top, x to at the top, share of the width
             there; m, body frame.
-        lens: As of `face`.
-        light: As of `face`.
         side: (3,) colour of its sides.
         top: (3,) colour of its top.
         flags: As of `face`.
         label: As of `face`.
-        scratch: (4, 16, 3).
     """
-    corners, polygon = scratch[2], scratch[3]
+    corners, polygon = canvas.scratch[2], canvas.scratch[3]
     x0, x1, y0, y1, z0, z1, u0, u1, share = box[0], box[1], box[2], box[3], box[4], box[5], box[6], box[7], box[8]
     middle = 0.5 * (y0 + y1) * (1.0 - share)
     v0, v1 = middle + y0 * share, middle + y1 * share
@@ -367,7 +350,7 @@ def block(
             continue
         for i in range(4):
             polygon[i, :] = corners[_FACES[number, i], :]
-        face(value, inverse, polygon, 4, lens, light, top if number == 0 else side, flags, label, scratch)
+        face(canvas, polygon, 4, top if number == 0 else side, flags, label)
 
 
 _FACES: IntArray = np.array(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.rendering.perspective import span
+from dohyo.sumo_networks.rendering.tiles import TileWindow
 
 Bits = NDArray[np.uint16]
 
@@ -20,11 +21,7 @@ def warp(
     view: FloatArray,
     ego: FloatArray,
     of_surface: Bits,
-    pool: NDArray[np.uint8],
-    table: IntArray,
-    left: int,
-    bottom: int,
-    tile_px: float,
+    window: TileWindow,
 ) -> None:
     """Turns the ground's tiles into the ego's frame: every pixel takes the texel that its middle lies in.
 
@@ -33,16 +30,13 @@ def warp(
         view: (3,) metres per pixel; how far the top edge is ahead and the left edge to the left of the ego, m.
         ego: (3,) x, y [m], heading [rad].
         of_surface: (10,) bits by Surface.
-        pool: Tiles.
-        table: (R, C) slots.
-        left: Column of the first tile.
-        bottom: Row of the first tile.
-        tile_px: Size of a texel, m.
+        window: Tiles that cover what is seen.
     """
     rows, columns = bits.shape
-    scale = 1.0 / tile_px
+    pool, table = window.pool, window.table
+    scale = 1.0 / window.metres_per_px
     cos, sin = math.cos(ego[2]) * scale, math.sin(ego[2]) * scale
-    ox, oy = ego[0] * scale - left * 256.0, ego[1] * scale - bottom * 256.0
+    ox, oy = ego[0] * scale - window.left * 256.0, ego[1] * scale - window.bottom * 256.0
     step_x, step_y = sin * view[0], -cos * view[0]
     ahead, aside = view[1] - 0.5 * view[0], view[2] - 0.5 * view[0]
     for row in range(rows):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dohyo.sumo_networks.arrays import Float32Array, FloatArray, IntArray
-from dohyo.sumo_networks.rendering.perspective import NEAR_M, Values, block, facade, face, frame_of, point, shadow
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.rendering.perspective import NEAR_M, Canvas, block, facade, face, frame_of, point, shadow
 
 HEAD_LOW_M, HEAD_HIGH_M = 4.0, 5.6
 LAMP_TOP_M, LAMP_STEP_M, LAMP_RADIUS_M = 5.3, 0.5, 0.22
@@ -17,32 +18,17 @@ SIGN_M, SIGN_RADIUS_M = 2.43, 0.46
 
 
 @njit(cache=True, error_model="numpy")
-def draw_shadows(
-    value: Values,
-    bodies: FloatArray,
-    heights: FloatArray,
-    ego: FloatArray,
-    mount: FloatArray,
-    lens: FloatArray,
-    sun: FloatArray,
-    strength: float,
-    range_m: float,
-    scratch: FloatArray,
-) -> None:
+def draw_shadows(canvas: Canvas, bodies: FloatArray, heights: FloatArray, sun: FloatArray, strength: float) -> None:
     """The shadows of bodies: soft under them, and to the side away from the sun.
 
     Args:
-        value: (H, W) image of the ground.
+        canvas: What to draw into.
         bodies: (N, 5) x, y [m], heading [rad], length, width [m].
         heights: (N,) m.
-        ego: (3,) x, y [m], heading [rad].
-        mount: As of `frame_of`.
-        lens: As of `face`.
         sun: (2,) how far a shadow reaches per metre of height, m, network frame.
         strength: Share of the light that the sun gives.
-        range_m: Nothing farther away is drawn.
-        scratch: (8, 16, 3).
     """
+    ego, mount, lens, range_m, scratch = canvas.ego, canvas.mount, canvas.lens, canvas.range_m, canvas.scratch
     frame, polygon = scratch[4], scratch[5]
     for i in range(bodies.shape[0]):
         dx, dy = bodies[i, 0] - ego[0], bodies[i, 1] - ego[1]
@@ -53,13 +39,13 @@ def draw_shadows(
         if frame[0, 0] + a + b < NEAR_M:
             continue
         _rectangle(frame, a + 0.12, b + 0.12, polygon)
-        shadow(value, polygon, 4, lens, 0.32, scratch)
+        shadow(canvas.value, polygon, 4, lens, 0.32, scratch)
         if strength > 0.05:
             c, s = math.cos(bodies[i, 2]), math.sin(bodies[i, 2])
             reach = heights[i]
             u, v = (c * sun[0] + s * sun[1]) * reach, (c * sun[1] - s * sun[0]) * reach
             count = _swept(frame, a, b, u, v, polygon)
-            shadow(value, polygon, count, lens, 0.42 * strength, scratch)
+            shadow(canvas.value, polygon, count, lens, 0.42 * strength, scratch)
 
 
 @njit(cache=True, error_model="numpy")
@@ -92,58 +78,62 @@ def _swept(frame: FloatArray, a: float, b: float, u: float, v: float, polygon: F
     return count
 
 
-@njit(cache=True, error_model="numpy")
-def draw_bodies(
-    value: Values,
-    inverse: Float32Array,
-    bodies: FloatArray,
-    kind: IntArray,
-    indicator: IntArray,
-    colours: IntArray,
-    heights: FloatArray,
-    labels: NDArray[np.uint8],
-    coloured: bool,
-    parts: FloatArray,
-    start: IntArray,
-    paints: IntArray,
-    ego: FloatArray,
-    mount: FloatArray,
-    lens: FloatArray,
-    light: FloatArray,
-    range_m: float,
-    scratch: FloatArray,
-) -> None:
-    """Draws actors part by part; small parts only where they are bigger than a pixel.
+class Bodies(NamedTuple):
+    """N actors to draw.
 
-    Args:
-        value: (H, W) image.
-        inverse: (H, W) 1 / depth, 1/m.
-        bodies: (N, 5) x, y [m], heading [rad], length, width [m].
+    Attributes:
+        boxes: (N, 5) x, y [m], heading [rad], length, width [m].
         kind: (N,) ActorKind.
         indicator: (N,) 1 left, -1 right.
         colours: (N, 3) each one's own.
         heights: (N,) m.
+    """
+
+    boxes: FloatArray
+    kind: IntArray
+    indicator: IntArray
+    colours: IntArray
+    heights: FloatArray
+
+
+class Models(NamedTuple):
+    """What each kind of actor looks like.
+
+    Attributes:
         labels: (9,) by kind.
-        coloured: Draw colours instead of labels.
         parts: (P, 12) of `bodies`.
         start: (10,) first part of each kind.
         paints: (14, 3) by Paint.
-        ego: (3,) x, y [m], heading [rad].
-        mount: As of `frame_of`.
-        lens: As of `face`.
-        light: As of `face`.
-        range_m: Nothing farther away is drawn.
-        scratch: (8, 16, 3).
     """
+
+    labels: NDArray[np.uint8]
+    parts: FloatArray
+    start: IntArray
+    paints: IntArray
+
+
+@njit(cache=True, error_model="numpy")
+def draw_bodies(canvas: Canvas, bodies: Bodies, models: Models, coloured: bool) -> None:
+    """Draws actors part by part; small parts only where they are bigger than a pixel.
+
+    Args:
+        canvas: What to draw into.
+        bodies: The actors.
+        models: What they look like.
+        coloured: Draw colours instead of labels.
+    """
+    ego, mount, lens, range_m, scratch = canvas.ego, canvas.mount, canvas.lens, canvas.range_m, canvas.scratch
+    boxes, kind, indicator = bodies.boxes, bodies.kind, bodies.indicator
+    parts = models.parts
     frame, box, side, top = scratch[4], np.empty(9), np.empty(3), np.empty(3)
     slope_u, slope_v = lens[1] / lens[0], lens[2] / lens[0]
-    for i in range(bodies.shape[0]):
-        dx, dy = bodies[i, 0] - ego[0], bodies[i, 1] - ego[1]
+    for i in range(boxes.shape[0]):
+        dx, dy = boxes[i, 0] - ego[0], boxes[i, 1] - ego[1]
         if dx * dx + dy * dy > range_m * range_m:
             continue
-        frame_of(bodies[i, 0], bodies[i, 1], bodies[i, 2], ego, mount, frame)
-        half_length, half_width = bodies[i, 3] / 2, bodies[i, 4] / 2
-        reach = math.sqrt(half_length * half_length + half_width * half_width + heights[i] * heights[i])
+        frame_of(boxes[i, 0], boxes[i, 1], boxes[i, 2], ego, mount, frame)
+        half_length, half_width = boxes[i, 3] / 2, boxes[i, 4] / 2
+        reach = math.sqrt(half_length * half_length + half_width * half_width + bodies.heights[i] * bodies.heights[i])
         depth = frame[0, 0]
         # A sphere around it that lies wholly outside the view: left or right of it, above or below, or behind.
         if depth + reach < NEAR_M or abs(frame[0, 1]) - depth * slope_u > reach * math.sqrt(1.0 + slope_u * slope_u):
@@ -151,8 +141,8 @@ def draw_bodies(
         if abs(frame[0, 2]) - depth * slope_v > reach * math.sqrt(1.0 + slope_v * slope_v):
             continue
         near = lens[0] * 0.25 > max(depth - reach, 0.0)
-        label = -1 if coloured else int(labels[kind[i]])
-        for row in range(start[kind[i]], start[kind[i] + 1]):
+        label = -1 if coloured else int(models.labels[kind[i]])
+        for row in range(models.start[kind[i]], models.start[kind[i] + 1]):
             when = int(parts[row, 11])
             if (when & 1 and not near) or (when & 16 and not coloured):
                 continue
@@ -165,42 +155,23 @@ def draw_bodies(
             box[2], box[3] = box[2] * half_width, box[3] * half_width
             own, above = int(parts[row, 9]), int(parts[row, 10])
             for k in range(3):
-                side[k] = colours[i, k] if own == 0 else paints[own, k]
-                top[k] = colours[i, k] if above == 0 else paints[above, k]
-            block(value, inverse, frame, box, lens, light, side, top, 2 if when & 8 else 0, label, scratch)
+                side[k] = bodies.colours[i, k] if own == 0 else models.paints[own, k]
+                top[k] = bodies.colours[i, k] if above == 0 else models.paints[above, k]
+            block(canvas, frame, box, side, top, 2 if when & 8 else 0, label)
 
 
 @njit(cache=True, error_model="numpy")
-def draw_buildings(
-    value: Values,
-    inverse: Float32Array,
-    buildings: FloatArray,
-    facades: FloatArray,
-    label: int,
-    night: float,
-    ego: FloatArray,
-    mount: FloatArray,
-    lens: FloatArray,
-    light: FloatArray,
-    range_m: float,
-    scratch: FloatArray,
-) -> None:
+def draw_buildings(canvas: Canvas, buildings: FloatArray, facades: FloatArray, label: int, night: float) -> None:
     """Draws buildings with their windows; nearest first would be faster, but any order gives the same picture.
 
     Args:
-        value: (H, W) image.
-        inverse: (H, W) 1 / depth, 1/m.
+        canvas: What to draw into.
         buildings: (B, 7) of `buildings_near`.
         facades: (F, 3) colours.
         label: As of `face`.
         night: Share of windows that are lit.
-        ego: (3,) x, y [m], heading [rad].
-        mount: As of `frame_of`.
-        lens: As of `face`.
-        light: As of `face`.
-        range_m: Nothing farther away is drawn.
-        scratch: (8, 16, 3).
     """
+    ego, mount, lens, range_m, scratch = canvas.ego, canvas.mount, canvas.lens, canvas.range_m, canvas.scratch
     frame, corners, polygon, colour = scratch[4], scratch[5], scratch[6], np.empty(3)
     slope_u = lens[1] / lens[0]
     for i in range(buildings.shape[0]):
@@ -225,46 +196,28 @@ def draw_buildings(
             follows = (wall + 1) & 3
             polygon[0, :], polygon[1, :] = corners[wall, :], corners[follows, :]
             polygon[2, :], polygon[3, :] = corners[4 + follows, :], corners[4 + wall, :]
-            facade(value, inverse, polygon, lens, light, colour, label, seed + wall, night, scratch)
+            facade(canvas, polygon, colour, label, seed + wall, night)
         for c in range(4):
             polygon[c, :] = corners[4 + c, :]
         colour *= 0.6
-        face(value, inverse, polygon, 4, lens, light, colour, 0, label, scratch)
+        face(canvas, polygon, 4, colour, 0, label)
 
 
 @njit(cache=True, error_model="numpy")
 def draw_fixtures(
-    value: Values,
-    inverse: Float32Array,
-    heads: FloatArray,
-    states: IntArray,
-    wires: FloatArray,
-    signs: FloatArray,
-    semantic: bool,
-    ego: FloatArray,
-    mount: FloatArray,
-    lens: FloatArray,
-    light: FloatArray,
-    range_m: float,
-    scratch: FloatArray,
+    canvas: Canvas, heads: FloatArray, states: IntArray, wires: FloatArray, signs: FloatArray, semantic: bool
 ) -> None:
     """Draws traffic-light heads with their lamps, the wires they hang on, and stop signs.
 
     Args:
-        value: (H, W) image.
-        inverse: (H, W) 1 / depth, 1/m.
+        canvas: What to draw into.
         heads: (H, 3) x, y [m], direction of the traffic [rad].
         states: (H,) LightState.
         wires: (W, 4) both ends, m.
         signs: (S, 3) as `heads`.
         semantic: Draw labels instead of colours.
-        ego: (3,) x, y [m], heading [rad].
-        mount: As of `frame_of`.
-        lens: As of `face`.
-        light: As of `face`.
-        range_m: Nothing farther away is drawn.
-        scratch: (8, 16, 3).
     """
+    ego, mount, range_m, scratch = canvas.ego, canvas.mount, canvas.range_m, canvas.scratch
     frame, polygon, box, grey = scratch[4], scratch[5], np.empty(9), np.array([52.0, 55.0, 60.0])
     pole, sign = (8, 9) if semantic else (-1, -1)
     for i in range(heads.shape[0]):
@@ -275,15 +228,13 @@ def draw_fixtures(
             continue
         label = 15 + states[i] if semantic else -1
         box[:] = (-0.12, 0.3, -0.34, 0.34, HEAD_LOW_M, HEAD_HIGH_M, -0.12, 0.3, 1.0)
-        block(value, inverse, frame, box, lens, light, grey, grey, 0, pole, scratch)
+        block(canvas, frame, box, grey, grey, 0, pole)
         _panel(frame, -0.125, 0.34, HEAD_LOW_M, HEAD_HIGH_M, polygon)
-        face(value, inverse, polygon, 4, lens, light, np.array([34.0, 36.0, 40.0]), 0, label, scratch)
+        face(canvas, polygon, 4, np.array([34.0, 36.0, 40.0]), 0, label)
         for lamp in range(3):
             _disc(frame, -0.135, LAMP_TOP_M - LAMP_STEP_M * lamp, LAMP_RADIUS_M, polygon)
             on = states[i] == lamp + 1
-            face(
-                value, inverse, polygon, 8, lens, light, _LAMPS[lamp + (0 if on else 3)], 2 if on else 0, label, scratch
-            )
+            face(canvas, polygon, 8, _LAMPS[lamp + (0 if on else 3)], 2 if on else 0, label)
     for i in range(wires.shape[0]):
         x, y = 0.5 * (wires[i, 0] + wires[i, 2]), 0.5 * (wires[i, 1] + wires[i, 3])
         if math.hypot(x - ego[0], y - ego[1]) > range_m:
@@ -291,20 +242,20 @@ def draw_fixtures(
         across = math.hypot(wires[i, 2] - wires[i, 0], wires[i, 3] - wires[i, 1]) / 2
         frame_of(x, y, math.atan2(wires[i, 3] - wires[i, 1], wires[i, 2] - wires[i, 0]), ego, mount, frame)
         box[:] = (-across, across, 0.0, 0.08, HEAD_HIGH_M, HEAD_HIGH_M + 0.1, -across, across, 1.0)
-        block(value, inverse, frame, box, lens, light, grey, grey, 0, pole, scratch)
+        block(canvas, frame, box, grey, grey, 0, pole)
     for i in range(signs.shape[0]):
         if math.hypot(signs[i, 0] - ego[0], signs[i, 1] - ego[1]) > range_m:
             continue
         frame_of(signs[i, 0], signs[i, 1], signs[i, 2], ego, mount, frame)
         box[:] = (0.0, 0.08, -0.04, 0.04, 0.0, 2.2, 0.0, 0.08, 1.0)
-        block(value, inverse, frame, box, lens, light, grey, grey, 0, pole, scratch)
+        block(canvas, frame, box, grey, grey, 0, pole)
         for ring in range(2):
             _disc(frame, -0.02 - 0.005 * ring, SIGN_M, SIGN_RADIUS_M - 0.05 * ring, polygon)
-            face(value, inverse, polygon, 8, lens, light, _SIGN[0 if ring == 0 else 1], 0, sign, scratch)
+            face(canvas, polygon, 8, _SIGN[0 if ring == 0 else 1], 0, sign)
         _panel(frame, -0.04, 0.3, SIGN_M - 0.07, SIGN_M + 0.07, polygon)
-        face(value, inverse, polygon, 4, lens, light, _SIGN[0], 0, sign, scratch)
+        face(canvas, polygon, 4, _SIGN[0], 0, sign)
         _back(frame, 0.0, SIGN_M, SIGN_RADIUS_M, polygon)
-        face(value, inverse, polygon, 8, lens, light, grey, 0, pole, scratch)
+        face(canvas, polygon, 8, grey, 0, pole)
 
 
 _LAMPS: FloatArray = np.array(

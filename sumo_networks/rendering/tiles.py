@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -20,6 +20,24 @@ SIDE_PX = TILE_PX + 1
 CAPACITY = 128
 SUPERSAMPLING = 3
 THINNEST_PX = 3.0
+
+
+class TileWindow(NamedTuple):
+    """The tiles that cover a rectangle, as kernels look them up.
+
+    Attributes:
+        pool: Of `Tiles`.
+        table: (R, C) slots in the pool.
+        left: Column of the first tile.
+        bottom: Row of the first tile.
+        metres_per_px: Size of a texel, m.
+    """
+
+    pool: NDArray[Any]
+    table: IntArray
+    left: int
+    bottom: int
+    metres_per_px: float
 
 
 class Tiles:

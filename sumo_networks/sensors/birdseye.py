@@ -28,7 +28,7 @@ from dohyo.sumo_networks.rendering.plan import (
     warp,
 )
 from dohyo.sumo_networks.rendering.surfaces import CellIndex, Surface
-from dohyo.sumo_networks.rendering.tiles import CAPACITY, TILE_PX, surface_tiles
+from dohyo.sumo_networks.rendering.tiles import CAPACITY, TILE_PX, TileWindow, surface_tiles
 from dohyo.sumo_networks.sensors.base import Sensor, SensorConfig, Track
 from dohyo.sumo_networks.world import ActorKind, LightState, World
 
@@ -169,7 +169,7 @@ class Birdseye(Sensor):
         if self._key != (network, wanted, tiles.generation):
             self._table = tiles.table(*box)
             self._key = (network, wanted, tiles.generation)
-        warp(self._bits, self._view, place, _OF_SURFACE, tiles.pool, *self._table, tiles.metres_per_px)
+        warp(self._bits, self._view, place, _OF_SURFACE, TileWindow(tiles.pool, *self._table, tiles.metres_per_px))
         return box
 
     def _draw_route(self, world: World, ego: int, place: FloatArray) -> None:

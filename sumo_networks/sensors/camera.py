@@ -25,8 +25,9 @@ from dohyo.sumo_networks.rendering.develop import add_rain, develop_colours, dev
 from dohyo.sumo_networks.rendering.fixtures import fixtures_of
 from dohyo.sumo_networks.rendering.ground import ground_colours, ground_labels
 from dohyo.sumo_networks.rendering.labels import OF_KIND, OF_SURFACE, Label
-from dohyo.sumo_networks.rendering.scene import draw_bodies, draw_buildings, draw_fixtures, draw_shadows
-from dohyo.sumo_networks.rendering.tiles import Tiles, colour_tiles
+from dohyo.sumo_networks.rendering.perspective import Canvas
+from dohyo.sumo_networks.rendering.scene import Bodies, Models, draw_bodies, draw_buildings, draw_fixtures, draw_shadows
+from dohyo.sumo_networks.rendering.tiles import Tiles, TileWindow, colour_tiles
 from dohyo.sumo_networks.rendering.view import CameraView, Optics, view_of
 from dohyo.sumo_networks.sensors.base import Sensor, SensorConfig, Track
 from dohyo.sumo_networks.units import SIGHT_M
@@ -41,13 +42,15 @@ SUN_HEIGHT_RAD = 0.75
 
 Side = Annotated[int, Field(ge=8, le=2048)]
 
+_MODELS = Models(OF_KIND, PARTS, PARTS_START, PAINTS)
+
 
 class CameraConfig(SensorConfig):
     """A camera: what it shows, its picture and where it is mounted.
 
     Attributes:
         name: Key in the observation.
-        mode: "rgb", "semantic" (classes of `imaging.labels.Label`) or "depth".
+        mode: "rgb", "semantic" (classes of `rendering.labels.Label`) or "depth".
         width: px.
         height: px.
         fov_deg: Horizontal angle of view; pixels are square.
@@ -140,36 +143,13 @@ class Camera(Sensor):
             self._value[:] = view.sky
         for number, level in enumerate(view.levels):
             tiles = colour_tiles(network, level.metres_per_px, GROUND_COLOURS)
-            table, left, bottom = self._table(number, tiles, level.corners, place)
+            slots = self._table(number, tiles, level.corners, place)
+            window = TileWindow(tiles.pool, *slots, level.metres_per_px)
             if self.config.mode == "rgb":
-                ground_colours(
-                    flat,
-                    level.pixel,
-                    level.points,
-                    level.taps,
-                    level.tone,
-                    place,
-                    self._tint,
-                    self._horizon,
-                    tiles.pool,
-                    table,
-                    left,
-                    bottom,
-                    level.metres_per_px,
-                )
+                sky = (self._tint, self._horizon)
+                ground_colours(flat, level.pixel, level.points, level.taps, level.tone, place, *sky, window)
             else:
-                ground_labels(
-                    flat,
-                    level.pixel,
-                    level.points,
-                    place,
-                    OF_SURFACE,
-                    tiles.pool,
-                    table,
-                    left,
-                    bottom,
-                    level.metres_per_px,
-                )
+                ground_labels(flat, level.pixel, level.points, place, OF_SURFACE, window)
 
     def _table(self, number: int, tiles: Tiles, corners: FloatArray, place: FloatArray) -> tuple[IntArray, int, int]:
         """Slots of the tiles that one level needs; asked for anew only when they change."""
@@ -192,68 +172,13 @@ class Camera(Sensor):
         light, shadows = _light(view, around.sun, float(place[2]))
         reach = view.air.range_m
         heights = HEIGHT_M[kind]
+        canvas = Canvas(self._value, self._inverse, place, view.mount, view.lens, light, reach, scratch)
         if coloured:
-            draw_shadows(
-                self._value,
-                bodies,
-                heights,
-                place,
-                view.mount,
-                view.lens,
-                shadows,
-                view.air.sun,
-                reach,
-                scratch,
-            )
-        draw_bodies(
-            self._value,
-            self._inverse,
-            bodies,
-            kind,
-            indicator,
-            own_colours(kind, key),
-            heights,
-            OF_KIND,
-            coloured,
-            PARTS,
-            PARTS_START,
-            PAINTS,
-            place,
-            view.mount,
-            view.lens,
-            light,
-            reach,
-            scratch,
-        )
-        draw_fixtures(
-            self._value,
-            self._inverse,
-            around.heads,
-            world.signals[around.signal],
-            around.wires,
-            around.signs,
-            not coloured,
-            place,
-            view.mount,
-            view.lens,
-            light,
-            reach,
-            scratch,
-        )
-        draw_buildings(
-            self._value,
-            self._inverse,
-            around.buildings,
-            FACADES,
-            -1 if coloured else int(Label.BUILDING),
-            0.3 * min(view.air.lamps / 0.4, 1.0),
-            place,
-            view.mount,
-            view.lens,
-            light,
-            reach,
-            scratch,
-        )
+            draw_shadows(canvas, bodies, heights, shadows, view.air.sun)
+        draw_bodies(canvas, Bodies(bodies, kind, indicator, own_colours(kind, key), heights), _MODELS, coloured)
+        draw_fixtures(canvas, around.heads, world.signals[around.signal], around.wires, around.signs, not coloured)
+        label, night = -1 if coloured else int(Label.BUILDING), 0.3 * min(view.air.lamps / 0.4, 1.0)
+        draw_buildings(canvas, around.buildings, FACADES, label, night)
 
     def _develop(self) -> NDArray[Any]:
         view, config = self._view, self.config
