@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dohyo.sumo_networks.actors.scripted_actor import ScriptedActor
-from dohyo.sumo_networks.arrays import BoolArray, FloatArray
+from dohyo.sumo_networks.arrays import BoolArray
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.simulation.registry import ActorRegistry
 from dohyo.sumo_networks.units import SIGHT_M
@@ -24,17 +24,18 @@ def with_scripted(
     if not seen:
         return actors
     anywhere = np.zeros(len(network.lanes.ids), dtype=np.bool_)
-    table = Actors(
-        key=np.concatenate([actors.key, [_key(one, registry) for one in seen]]),
-        kind=np.concatenate([actors.kind, [int(one.kind) for one in seen]]),
-        position=np.concatenate([actors.position, [(one.x, one.y) for one in seen]]),
-        heading=_joined(actors.heading, [math.remainder(one.heading, 2 * math.pi) for one in seen]),
-        speed=_joined(actors.speed, [math.hypot(one.speed, one.drift) for one in seen]),
-        length=_joined(actors.length, [one.length for one in seen]),
-        width=_joined(actors.width, [one.width for one in seen]),
-        lane=np.concatenate([actors.lane, [lane_under(one, network, anywhere) for one in seen]]),
-        indicator=np.concatenate([actors.indicator, [one.indicator or int(np.sign(one.drift)) for one in seen]]),
+    rows = Actors(
+        key=np.array([_key(one, registry) for one in seen], dtype=np.int64),
+        kind=np.array([int(one.kind) for one in seen], dtype=np.int64),
+        position=np.array([(one.x, one.y) for one in seen], dtype=np.float64),
+        heading=np.array([math.remainder(one.heading, 2 * math.pi) for one in seen], dtype=np.float64),
+        speed=np.array([math.hypot(one.speed, one.drift) for one in seen], dtype=np.float64),
+        length=np.array([one.length for one in seen], dtype=np.float64),
+        width=np.array([one.width for one in seen], dtype=np.float64),
+        lane=np.array([lane_under(one, network, anywhere) for one in seen], dtype=np.int64),
+        indicator=np.array([one.indicator or int(np.sign(one.drift)) for one in seen], dtype=np.int64),
     )
+    table = Actors.concat([actors, rows])
     return table.take(np.argsort(table.key, kind="stable"))
 
 
@@ -53,7 +54,3 @@ def lane_under(actor: ScriptedActor, network: RoadNetwork, anywhere: BoolArray) 
 def _key(actor: ScriptedActor, registry: ActorRegistry) -> int:
     key = registry.keys.get(actor.name)
     return registry.register(actor.name, actor.kind, actor.length, actor.width) if key is None else key
-
-
-def _joined(column: FloatArray, more: Sequence[float]) -> FloatArray:
-    return np.concatenate([column, np.array(more, dtype=np.float64)])
