@@ -9,7 +9,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dohyo.evaluation.records.record import AgentInfo, EgoRecord, EpisodeRecord, InfractionKind, Status
+from dohyo.evaluation.records.record import AgentInfo, EgoRecord, EpisodeRecord
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.scores import nocrash
 from dohyo.evaluation.scores.driving import (
     MIN_KM,
@@ -84,7 +85,7 @@ def summarise(records: Iterable[EpisodeRecord], *, rules: Rules = "2.0", irs_len
     """
     records = list(records)
     agent, benchmark = _only_agent(records), _only_benchmark(records)
-    counted = [record for record in records if not _lost(record)]
+    counted = [record for record in records if not record.lost]
     _reject_repeats(counted)
     drives = [ego for record in counted for ego in record.egos]
     scored = [score_drive(ego, rules=rules, irs_length=irs_length) for ego in drives]
@@ -188,7 +189,7 @@ def _by_drive(records: Iterable[EpisodeRecord]) -> dict[tuple[str, int, str], tu
     """Scenario hash and drive by scenario name, seed and ego name; lost episodes left out."""
     drives: dict[tuple[str, int, str], tuple[str, EgoRecord]] = {}
     for record in records:
-        if _lost(record):
+        if record.lost:
             continue
         scenario = record.scenario
         digest = scenario.content_hash()
@@ -198,10 +199,6 @@ def _by_drive(records: Iterable[EpisodeRecord]) -> dict[tuple[str, int, str], tu
                 raise InvalidInputError(f"ego '{ego.name}' of scenario '{key[0]}' with seed {key[1]} comes twice")
             drives[key] = (digest, ego)
     return drives
-
-
-def _lost(record: EpisodeRecord) -> bool:
-    return any(ego.status.infrastructure_fault for ego in record.egos)
 
 
 def _only_agent(records: Sequence[EpisodeRecord]) -> AgentInfo:

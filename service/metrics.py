@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
-from dohyo.evaluation.records.record import InfractionKind
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.report.spreadsheet import csv_text
 from dohyo.service.leaderboard import Entry
 from dohyo.service.scoring import Drive, estimate, scores_of, summarise_drives

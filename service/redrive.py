@@ -21,7 +21,8 @@ import msgspec
 import numpy as np
 
 from dohyo.evaluation.agent import Agent, Explanation, Observation, agent_info, make_agent
-from dohyo.evaluation.episode.runner import ACT_DEADLINE_S, drive_episode, versions
+from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
+from dohyo.evaluation.episode.runner import drive_episode, versions
 from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord
 from dohyo.evaluation.records.store import read_record
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError

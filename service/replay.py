@@ -78,8 +78,8 @@ def encode(replay: dict[str, Any]) -> bytes:
 
 
 def infraction_document(one: Infraction, rules: Rules) -> dict[str, Any]:
-    """An infraction as plain JSON, with `factor`: the infraction penalty of a drive with only this infraction."""
-    return one.model_dump(mode="json") | {"factor": infraction_penalty([one], rules, 0.0)}
+    """An infraction as plain JSON, with its `unit` and with `factor`: the infraction penalty of a drive with only this infraction."""
+    return one.model_dump(mode="json") | {"unit": one.unit, "factor": infraction_penalty([one], rules, 0.0)}
 
 
 def _bounds(trajectory: Trajectory, routes: list[FloatArray]) -> list[float]:

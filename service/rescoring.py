@@ -65,4 +65,4 @@ def _with_lambda(summary: Summary, records: Sequence[EpisodeRecord], irs_lambda:
 
 
 def _counted(records: Sequence[EpisodeRecord]) -> list[EpisodeRecord]:
-    return [record for record in records if not any(ego.status.infrastructure_fault for ego in record.egos)]
+    return [record for record in records if not record.lost]

@@ -10,7 +10,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord, Infraction, InfractionKind, Status
+from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord, Infraction
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.scores.driving import MIN_KM, Rules
 from dohyo.evaluation.scores.nuplan.score import ClosedLoop
 from dohyo.evaluation.scores.nuplan.summary import TERMS, applies, score_records

@@ -21,7 +21,7 @@ from typing import Any
 
 from dohyo.evaluation.agent import Agent, agent_info, make_agent
 from dohyo.evaluation.episode.deadline import deadline
-from dohyo.evaluation.episode.runner import describe
+from dohyo.evaluation.episode.guarded_agent import describe
 from dohyo.service.worker_session import (
     Drive,
     LeaseLostError,

@@ -21,7 +21,8 @@ from dohyo.agents.speed_planning.benchmark import NOBODY, PLANNER
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.benchmarks.benchmark import benchmark_names, load_benchmark
 from dohyo.evaluation.freeway.benchmark import is_freeway_benchmark
-from dohyo.evaluation.records.record import EgoRecord, Infraction, InfractionKind, Status
+from dohyo.evaluation.records.record import EgoRecord, Infraction
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.scores.driving import infraction_penalty
 from dohyo.service.cli import app
 from dohyo.service.cli.lazy import LazyCommand

@@ -28,8 +28,9 @@ from typing import TypeVar
 import numpy as np
 import sumo
 
-from dohyo.evaluation.criteria import Collision, Criterion, OutsideLanes, criteria_for
-from dohyo.evaluation.records.record import Infraction, InfractionKind
+from dohyo.evaluation.criteria import Criterion
+from dohyo.evaluation.episode.judge import Judge
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.geometry import boxes_overlap, wrap_angle
 from dohyo.sumo_networks.networks.network import RoadNetwork, cache_folder, read_network
@@ -292,27 +293,8 @@ def _contacts(egos: Egos, actors: Actors) -> tuple[Contact, ...]:
     return (*found, *(Contact(int(a), -1 - int(b), ActorKind.EGO, int(b)) for a, b in mutual if a != b))
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What the criteria say of one ego.
-
-    Attributes:
-        infractions: In the order in which they were found.
-        contacts: Distinct actors ever touched.
-        outside_lanes_m: Distance driven outside the lanes, m.
-    """
-
-    infractions: list[Infraction]
-    contacts: int
-    outside_lanes_m: float
-
-    @property
-    def kinds(self) -> list[InfractionKind]:
-        return [infraction.kind for infraction in self.infractions]
-
-
-def run(scene: Scene | Sequence[World], *criteria: Criterion, seconds: float = 2.0, ego: int = 0) -> Verdict:
-    """Lets criteria watch an ego.
+def run(scene: Scene | Sequence[World], *criteria: Criterion, seconds: float = 2.0, ego: int = 0) -> Judge:
+    """Lets criteria judge an ego, through all worlds even where its episode ends before.
 
     Args:
         scene: What happens; or its worlds.
@@ -322,18 +304,16 @@ def run(scene: Scene | Sequence[World], *criteria: Criterion, seconds: float = 2
     """
     worlds = scene.worlds(seconds) if isinstance(scene, Scene) else scene
     anywhere = Mission(start=Place(lane=""), goal=Place(lane=""))
-    asked = criteria or criteria_for(Scenario(network="hand-made", missions=(anywhere,)))
-    for criterion in asked:
-        criterion.start(worlds[0], ego)
-    found = [
-        one for before, after in pairwise(worlds) for criterion in asked for one in criterion.update(before, after, ego)
-    ]
-    found += [one for criterion in asked for one in criterion.finish(worlds[-1], ego)]
-    return Verdict(
-        infractions=found,
-        contacts=sum(criterion.touched for criterion in asked if isinstance(criterion, Collision)),
-        outside_lanes_m=sum(criterion.metres for criterion in asked if isinstance(criterion, OutsideLanes)),
-    )
+    judge = Judge(Scenario(network="hand-made", missions=(anywhere,)), ego, criteria or None)
+    judge.start(worlds[0])
+    endings = [judge.update(before, after) for before, after in pairwise(worlds)]
+    judge.end(next((ending for ending in endings if ending), Status.FINISHED))
+    return judge
+
+
+def kinds(judge: Judge) -> list[InfractionKind]:
+    """What a judge found, in the order of time."""
+    return [infraction.kind for infraction in judge.infractions]
 
 
 @cache

@@ -10,7 +10,10 @@ import math
 from enum import StrEnum
 
 from dohyo.agents.hierarchical.manoeuvres import CHANGES, DRIVE, Manoeuvre
-from dohyo.evaluation.criteria import Collision, Criterion, RedLight, StopSign
+from dohyo.evaluation.criteria import Criterion
+from dohyo.evaluation.criteria.collision import Collision
+from dohyo.evaluation.criteria.red_light import RedLight
+from dohyo.evaluation.criteria.stop_sign import StopSign
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import EventPhase, World
 

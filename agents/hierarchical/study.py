@@ -33,7 +33,8 @@ from dohyo.agents.results_page import PAGE, write_section
 from dohyo.evaluation.agent import Agent, Observation, make_agent
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.episode.runner import drive_episode
-from dohyo.evaluation.records.record import EgoRecord, Status
+from dohyo.evaluation.records.record import EgoRecord
+from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.running.lock import held
 from dohyo.evaluation.scores.nocrash import drove, success
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError

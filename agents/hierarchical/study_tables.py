@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from dohyo.agents.hierarchical.crossed import Matched, by_training, difference, estimate, of_pairs, verdict
-from dohyo.evaluation.records.record import InfractionKind, Status
-from dohyo.evaluation.report.style import MARKS, MISSING, ending, interval, markdown, number
-from dohyo.evaluation.scores.nocrash import COLLISIONS
+from dohyo.evaluation.records.specifications import COLLISIONS, InfractionKind, Status
+from dohyo.evaluation.report.style import MISSING, ending, interval, markdown, number
 from dohyo.evaluation.statistics import Estimate, share_estimate
 from dohyo.sumo_networks.files import read_lines
 
@@ -121,7 +120,7 @@ def failures(drives: Iterable[Drive]) -> Counter[str]:
     for one in _kept(drives):
         if not one["success"]:
             hits = [kind for kind in map(InfractionKind, one["infractions"]) if kind in COLLISIONS]
-            found[MARKS[hits[0]].label if hits else ending(Status(one["status"]))] += 1
+            found[hits[0].specification.label if hits else ending(Status(one["status"]))] += 1
     return found
 
 

@@ -6,7 +6,8 @@ import dataclasses
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from dohyo.evaluation.records.record import EgoRecord, InfractionKind
+from dohyo.evaluation.records.record import EgoRecord
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.scores.nuplan.score import ClosedLoop
 
 CAUSES: Mapping[str, str] = MappingProxyType(

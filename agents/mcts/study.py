@@ -29,11 +29,11 @@ from dohyo.agents.mcts.tables import EXCERPTS, ROUTES, section, shown, tables
 from dohyo.agents.registry import resolve
 from dohyo.agents.results_page import PAGE, write_section
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
-from dohyo.evaluation.records.record import EgoRecord, Status
+from dohyo.evaluation.records.record import EgoRecord
+from dohyo.evaluation.records.specifications import COLLISIONS, Status
 from dohyo.evaluation.records.store import read_trajectory
 from dohyo.evaluation.running.executors import ProcessPool
 from dohyo.evaluation.running.run import Result, run_benchmark
-from dohyo.evaluation.scores.nocrash import COLLISIONS
 from dohyo.evaluation.scores.nuplan.score import ClosedLoop, closed_loop
 from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired, share_estimate
 from dohyo.evaluation.summary import score_drive
@@ -203,7 +203,7 @@ def measure(result: Result) -> Drives:
     """
     out: Drives = {}
     for record, path in zip(result.records, result.paths, strict=True):
-        if any(ego.status.infrastructure_fault for ego in record.egos):
+        if record.lost:
             continue
         scenario = record.scenario
         metres = scenario.reference_m

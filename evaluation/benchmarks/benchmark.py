@@ -124,7 +124,7 @@ class Benchmark(Config):
         cells: Its parts.
         missions: Sets of missions by name.
         stop_on_collision: As in NoCrash.
-        time_limit: None: the CARLA Leaderboard's (see `criteria.timeout`).
+        time_limit: None: the CARLA Leaderboard's (see `criteria.route_timeout`).
         seeds: Driven by default; missions with an excerpt have their own.
         duration_s: Of every episode; None: to the goal.
         replay: All but the egos replay the log of the mission's excerpt, whatever the egos do.

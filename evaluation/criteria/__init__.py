@@ -1,48 +1,35 @@
-"""One file per infraction; each criterion watches one ego for one episode."""
+"""One file per criterion; each watches one ego for one kind of infraction in one episode.
+
+A module of this folder that defines a `Criterion` is found by itself: to add one, write its file and the specification
+of its kind.
+"""
 
 from __future__ import annotations
 
-from dohyo.evaluation.criteria.base import ENDS, Criterion
-from dohyo.evaluation.criteria.blocked import Blocked
-from dohyo.evaluation.criteria.collision import Collision
-from dohyo.evaluation.criteria.minimum_speed import MinimumSpeed
-from dohyo.evaluation.criteria.outside_lanes import OutsideLanes
-from dohyo.evaluation.criteria.red_light import RedLight
-from dohyo.evaluation.criteria.route_deviation import RouteDeviation
-from dohyo.evaluation.criteria.scenario_timeout import ScenarioTimeout
-from dohyo.evaluation.criteria.stop_sign import StopSign
-from dohyo.evaluation.criteria.timeout import RouteTimeout
-from dohyo.evaluation.criteria.yielding import Yielding
+from functools import cache
+from importlib import import_module
+from pkgutil import iter_modules
+
+from dohyo.evaluation.criteria.base import Criterion
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.scenario import Scenario
 
-__all__ = [
-    "ENDS",
-    "Blocked",
-    "Collision",
-    "Criterion",
-    "MinimumSpeed",
-    "OutsideLanes",
-    "RedLight",
-    "RouteDeviation",
-    "RouteTimeout",
-    "ScenarioTimeout",
-    "StopSign",
-    "Yielding",
-    "criteria_for",
-]
+__all__ = ["Criterion", "criteria_for", "criterion_types"]
 
 
 def criteria_for(scenario: Scenario) -> tuple[Criterion, ...]:
     """Fresh instances of all criteria, for one ego of a scenario."""
-    return (
-        Collision(),
-        RedLight(),
-        StopSign(),
-        OutsideLanes(),
-        MinimumSpeed(),
-        ScenarioTimeout(),
-        Yielding(),
-        RouteDeviation(),
-        Blocked(),
-        RouteTimeout(limit_s=scenario.time_limit_s),
-    )
+    return tuple(criterion.for_scenario(scenario) for criterion in criterion_types())
+
+
+@cache
+def criterion_types() -> tuple[type[Criterion], ...]:
+    """Every criterion of this folder, in the order of the kinds that they detect."""
+    modules = [import_module(f"{__name__}.{found.name}") for found in iter_modules(__path__)]
+    defined = {one for module in modules for one in vars(module).values() if _is_criterion(one)}
+    order = list(InfractionKind)
+    return tuple(sorted(defined, key=lambda criterion: order.index(criterion.kinds[0])))
+
+
+def _is_criterion(one: object) -> bool:
+    return isinstance(one, type) and issubclass(one, Criterion) and one is not Criterion

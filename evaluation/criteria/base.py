@@ -4,33 +4,33 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
-from types import MappingProxyType
-from typing import Final, Literal
+from collections.abc import Iterator
+from typing import ClassVar, Self
 
-from dohyo.evaluation.records.record import Infraction, InfractionKind, Status
+from dohyo.evaluation.records.record import Infraction
+from dohyo.evaluation.records.specifications import InfractionKind
+from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.world import Egos, World
 
 Point = tuple[float, float]
-
-ENDS: Final[Mapping[InfractionKind, Status]] = MappingProxyType(
-    {
-        InfractionKind.ROUTE_DEVIATION: Status.DEVIATED,
-        InfractionKind.BLOCKED: Status.BLOCKED,
-        InfractionKind.ROUTE_TIMEOUT: Status.TIMED_OUT,
-        InfractionKind.GRIDLOCK: Status.GRIDLOCK,
-    }
-)
-"""Infractions that end the ego's episode, and how. Collisions do so only where the scenario asks for it."""
 
 
 class Criterion(ABC):
     """Detects one kind of infraction. One instance watches one ego for one episode.
 
     Criteria read the world and never change it; what they must remember is in private fields.
+
+    Attributes:
+        kinds: What it detects; a criterion may divide its infraction into several kinds.
     """
 
     __slots__ = ()
+    kinds: ClassVar[tuple[InfractionKind, ...]]
+
+    @classmethod
+    def for_scenario(cls, scenario: Scenario) -> Self:
+        """The criterion with the thresholds that a scenario asks for."""
+        return cls()
 
     def start(self, world: World, ego: int) -> None:  # noqa: B027 - most criteria have nothing to prepare
         """Looks at the world in which the ego starts."""
@@ -60,7 +60,6 @@ def infraction(
     world: World,
     ego: int,
     magnitude: float,
-    unit: Literal["m/s", "m", "%", "s"],
     *,
     actor: str | None = None,
     at_fault: bool | None = None,
@@ -75,7 +74,6 @@ def infraction(
         route_m=world.egos.progress.item(ego),
         actor=actor,
         magnitude=magnitude,
-        unit=unit,
         at_fault=at_fault,
     )
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
 from dohyo.evaluation.criteria.base import Criterion, infraction
-from dohyo.evaluation.records.record import Infraction, InfractionKind
+from dohyo.evaluation.records.record import Infraction
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.geometry import wrap
 from dohyo.sumo_networks.world import ActorKind, World
 
@@ -54,6 +56,8 @@ class Blocked(Criterion):
     Source: CARLA Leaderboard 2.1, ActorBlockedTest; the gridlock is ours.
     """
 
+    kinds: ClassVar[tuple[InfractionKind, ...]] = (InfractionKind.BLOCKED, InfractionKind.GRIDLOCK)
+
     standing_mps: float = 0.1
     limit_s: float = 180.0
     _since: float = field(default=math.inf, init=False, repr=False)
@@ -74,7 +78,7 @@ class Blocked(Criterion):
             jammed = leader >= 0 and self._queue.stood_s(after, leader) >= JAMMED_S
             kind = InfractionKind.GRIDLOCK if jammed else InfractionKind.BLOCKED
             actor = after.name_of(int(after.actors.key[leader])) if jammed else None
-            yield infraction(kind, after, ego, standing_s, "s", actor=actor)
+            yield infraction(kind, after, ego, standing_s, actor=actor)
 
     def _watch(self, world: World, ego: int) -> None:
         self._queue.watch(world)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from numba import njit
 
 from dohyo.evaluation.criteria.base import Criterion, infraction
-from dohyo.evaluation.records.record import Infraction, InfractionKind
+from dohyo.evaluation.records.record import Infraction
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.world import ActorKind, World
 
@@ -30,6 +32,8 @@ class MinimumSpeed(Criterion):
     Source: CARLA Leaderboard 2.1, MinimumSpeedRouteTest, which averages all vehicles of the background activity, and
     whose routes are kilometres long.
     """
+
+    kinds: ClassVar[tuple[InfractionKind, ...]] = (InfractionKind.MINIMUM_SPEED,)
 
     checkpoints: int = 4
     shortest_part_m: float = 500.0
@@ -64,7 +68,7 @@ class MinimumSpeed(Criterion):
     def _judge(self, world: World, ego: int) -> Iterator[Infraction]:
         if self._ego_sum < self._traffic_sum:
             percent = 100.0 * self._ego_sum / self._traffic_sum
-            yield infraction(InfractionKind.MINIMUM_SPEED, world, ego, percent, "%")
+            yield infraction(InfractionKind.MINIMUM_SPEED, world, ego, percent)
         self._passed += 1
         self._ego_sum = self._traffic_sum = 0.0
 

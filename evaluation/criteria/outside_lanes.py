@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from dohyo.evaluation.criteria.base import Criterion, infraction
-from dohyo.evaluation.records.record import Infraction, InfractionKind
+from dohyo.evaluation.records.record import Infraction
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.world import World
 
 
@@ -22,6 +24,8 @@ class OutsideLanes(Criterion):
     Source: CARLA Leaderboard 2.1, OutsideRouteLanesTest.
     """
 
+    kinds: ClassVar[tuple[InfractionKind, ...]] = (InfractionKind.OUTSIDE_LANES,)
+
     margin_m: float = 0.5
     metres: float = field(default=0.0, init=False)
     _first: Infraction | None = field(default=None, init=False, repr=False)
@@ -31,7 +35,7 @@ class OutsideLanes(Criterion):
         if self._is_outside(after, ego):
             self.metres += after.egos.driven.item(ego) - before.egos.driven.item(ego)
             if self._first is None and self.metres > 0.0:
-                self._first = infraction(InfractionKind.OUTSIDE_LANES, after, ego, 0.0, "m", actor=_lane(after, ego))
+                self._first = infraction(InfractionKind.OUTSIDE_LANES, after, ego, 0.0, actor=_lane(after, ego))
         return iter(())
 
     def finish(self, world: World, ego: int) -> Iterator[Infraction]:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from dohyo.evaluation.criteria.base import Criterion, Point, axis_point, crossed_stop_lines, front, infraction
-from dohyo.evaluation.records.record import Infraction, InfractionKind
+from dohyo.evaluation.records.record import Infraction
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.world import LightState, World
 
 
@@ -29,6 +30,8 @@ class RedLight(Criterion):
 
     Source: CARLA Leaderboard 2.1, RunningRedLightTest.
     """
+
+    kinds: ClassVar[tuple[InfractionKind, ...]] = (InfractionKind.RED_LIGHT,)
 
     reference: Literal["front", "tail"] = "front"
     _any_lit: bool = field(default=True, init=False, repr=False)
@@ -53,7 +56,7 @@ class RedLight(Criterion):
             self._last_approach = approach
             light = str(network.signals.light_ids[network.signals.light[signal]])
             speed = after.egos.speed.item(ego)
-            yield infraction(InfractionKind.RED_LIGHT, after, ego, speed, "m/s", actor=light)
+            yield infraction(InfractionKind.RED_LIGHT, after, ego, speed, actor=light)
 
 
 def red_signal(world: World, ego: int, lane: int) -> int:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from dohyo.evaluation.criteria.base import Criterion, infraction
-from dohyo.evaluation.records.record import Infraction, InfractionKind
+from dohyo.evaluation.records.record import Infraction
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.world import World
 
 
@@ -22,6 +24,8 @@ class RouteDeviation(Criterion):
     Source: CARLA Leaderboard 2.1, InRouteTest.
     """
 
+    kinds: ClassVar[tuple[InfractionKind, ...]] = (InfractionKind.ROUTE_DEVIATION,)
+
     far_m: float = 30.0
     away_m: float = 15.0
     away_share: float = 0.3
@@ -36,4 +40,4 @@ class RouteDeviation(Criterion):
         self._progress_away += max(after.egos.progress.item(ego) - before.egos.progress.item(ego), 0.0)
         if distance >= self.far_m or self._progress_away > self.away_share * after.routes[ego].length:
             self._reported = True
-            yield infraction(InfractionKind.ROUTE_DEVIATION, after, ego, distance, "m")
+            yield infraction(InfractionKind.ROUTE_DEVIATION, after, ego, distance)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import ClassVar
 
 from dohyo.evaluation.criteria.base import Criterion, infraction
-from dohyo.evaluation.records.record import Infraction, InfractionKind
+from dohyo.evaluation.records.record import Infraction
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.world import EventPhase, World
 
 
@@ -20,9 +22,11 @@ class ScenarioTimeout(Criterion):
     Source: CARLA Leaderboard 2.1, ScenarioTimeoutTest.
     """
 
+    kinds: ClassVar[tuple[InfractionKind, ...]] = (InfractionKind.SCENARIO_TIMEOUT,)
+
     def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
         """Yields one infraction for each event whose time is up."""
         for earlier, event in zip(before.events, after.events, strict=True):
             if event.ego == ego and event.phase is EventPhase.TIMED_OUT and earlier.phase is EventPhase.ACTIVE:
                 elapsed_s = event.ended - event.started
-                yield infraction(InfractionKind.SCENARIO_TIMEOUT, after, ego, elapsed_s, "s", actor=event.name)
+                yield infraction(InfractionKind.SCENARIO_TIMEOUT, after, ego, elapsed_s, actor=event.name)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from dohyo.evaluation.criteria.base import Criterion, crossed_stop_lines, front, infraction
-from dohyo.evaluation.records.record import Infraction, InfractionKind
+from dohyo.evaluation.records.record import Infraction
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.world import World
 
 
@@ -24,6 +26,8 @@ class StopSign(Criterion):
 
     Source: CARLA Leaderboard 2.1, RunningStopTest.
     """
+
+    kinds: ClassVar[tuple[InfractionKind, ...]] = (InfractionKind.STOP_SIGN,)
 
     within_m: float = 4.0
     standing_mps: float = 0.1
@@ -46,7 +50,7 @@ class StopSign(Criterion):
             to_line = _distance_to_line(*fore, *stop_lines.segment[row].tolist())
             if stop_lines.stop_sign[row] and before.egos.driven[ego] - self._stood_at + to_line > self.within_m:
                 lane = str(after.network.lanes.ids[stop_lines.lane[row]])
-                yield infraction(InfractionKind.STOP_SIGN, after, ego, after.egos.speed.item(ego), "m/s", actor=lane)
+                yield infraction(InfractionKind.STOP_SIGN, after, ego, after.egos.speed.item(ego), actor=lane)
 
 
 def _distance_to_line(x: float, y: float, right_x: float, right_y: float, left_x: float, left_y: float) -> float:

@@ -7,63 +7,12 @@ on the wall clock or the machine's load.
 
 from __future__ import annotations
 
-from enum import StrEnum
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from dohyo.evaluation.records.specifications import InfractionKind, Status, Unit
 from dohyo.sumo_networks.scenario import Config, Scenario
-
-
-class InfractionKind(StrEnum):
-    """What went wrong. The first seven enter the driving score; the last four end the episode."""
-
-    COLLISION_PEDESTRIAN = "collision_pedestrian"
-    COLLISION_VEHICLE = "collision_vehicle"
-    COLLISION_STATIC = "collision_static"
-    RED_LIGHT = "red_light"
-    STOP_SIGN = "stop_sign"
-    OUTSIDE_LANES = "outside_lanes"
-    MINIMUM_SPEED = "minimum_speed"
-    SCENARIO_TIMEOUT = "scenario_timeout"
-    YIELD_EMERGENCY = "yield_emergency"
-    ROUTE_DEVIATION = "route_deviation"
-    BLOCKED = "blocked"
-    ROUTE_TIMEOUT = "route_timeout"
-    GRIDLOCK = "gridlock"
-
-
-class Status(StrEnum):
-    """How an ego's episode ended; FINISHED: its scenario was over before the goal was reached, as planned."""
-
-    PERFECT = "perfect"
-    COMPLETED = "completed"
-    FINISHED = "finished"
-    COLLIDED = "failed: collision"
-    DEVIATED = "failed: agent deviated from the route"
-    BLOCKED = "failed: agent got blocked"
-    TIMED_OUT = "failed: agent ran out of time"
-    AGENT_SETUP = "failed: agent could not be set up"
-    AGENT_RAISED = "failed: agent raised"
-    AGENT_ACTION = "failed: agent's action was invalid"
-    AGENT_DEADLINE = "failed: agent did not answer in time"
-    SIMULATION = "lost: simulation failed"
-    GRIDLOCK = "lost: traffic was gridlocked"
-
-    @property
-    def completed(self) -> bool:
-        """Whether the goal was reached."""
-        return self in (Status.PERFECT, Status.COMPLETED)
-
-    @property
-    def infrastructure_fault(self) -> bool:
-        """Whether the episode says nothing about the agent."""
-        return self in (Status.SIMULATION, Status.GRIDLOCK)
-
-    @property
-    def worth_another_try(self) -> bool:
-        """Whether the same episode may end otherwise; a gridlock will not, since it follows from the seed."""
-        return self is Status.SIMULATION
 
 
 class Infraction(Config):
@@ -76,10 +25,9 @@ class Infraction(Config):
         y_m: Where the ego's centre was, network frame.
         route_m: Progress along the route then.
         actor: SUMO id of the other, of the traffic light or of the lane; None where there is none.
-        magnitude: How much; its unit is in `unit`.
-        unit: "m/s" closing speed (collisions), ego speed (lights, stop signs); "m" driven outside lanes, distance from
-            the route, from an emergency vehicle behind; "%" of the surrounding traffic's speed; "s" standing or
-            elapsed.
+        magnitude: How much, in the kind's unit: closing speed of a collision, m/s; ego's speed over a stop line, m/s;
+            distance driven outside the lanes, from the route or ahead of an emergency vehicle, m; ego's speed in
+            percent of the traffic's; time stood or elapsed, s.
         at_fault: Whether the ego caused it (nuPlan's rules); None where the question does not arise.
     """
 
@@ -90,8 +38,12 @@ class Infraction(Config):
     route_m: float
     actor: str | None = None
     magnitude: float = 0.0
-    unit: Literal["m/s", "m", "%", "s"] = "m/s"
     at_fault: bool | None = None
+
+    @property
+    def unit(self) -> Unit:
+        """Unit of the magnitude."""
+        return self.kind.specification.unit
 
 
 class AgentInfo(Config):
@@ -152,7 +104,7 @@ class Versions(Config):
     dohyo: str
     sumo: str
     network_sha256: str
-    record: Literal[2] = 2
+    record: Literal[3] = 3
 
 
 class Timing(Config):
@@ -198,3 +150,8 @@ class EpisodeRecord(Config):
     trajectory_sha256: str
     record_hash: str = ""
     timing: Timing | None = None
+
+    @property
+    def lost(self) -> bool:
+        """Whether the infrastructure failed in it: such an episode is in no mean, whatever its other egos did."""
+        return any(ego.status.infrastructure_fault for ego in self.egos)

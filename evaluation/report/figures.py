@@ -9,10 +9,9 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord, Infraction, InfractionKind
+from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord, Infraction
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.report.style import (
-    ENDINGS,
-    MARKS,
     PALETTES,
     agent_colours,
     ending,
@@ -31,12 +30,7 @@ Records = Mapping[str, Sequence[EpisodeRecord]]
 
 def scored(records: Iterable[EpisodeRecord]) -> Iterator[tuple[EpisodeRecord, EgoRecord]]:
     """Every drive that enters a score; an episode that the infrastructure lost is left out whole."""
-    return ((record, ego) for record in records if not lost(record) for ego in record.egos)
-
-
-def lost(record: EpisodeRecord) -> bool:
-    """Whether the infrastructure failed, so that the episode says nothing about its agent."""
-    return any(ego.status.infrastructure_fault for ego in record.egos)
+    return ((record, ego) for record in records if not record.lost for ego in record.egos)
 
 
 def mission_name(record: EpisodeRecord, ego: EgoRecord) -> str:
@@ -112,10 +106,10 @@ def infractions_along_route(records: Records) -> go.Figure:
             mode="markers",
             marker={
                 "color": colours[agent],
-                "symbol": [MARKS[one.kind].symbol for one, _ in own],
+                "symbol": [one.kind.specification.mark.symbol for one, _ in own],
                 "line": {"width": 0.7},
             },
-            hovertext=[f"{label(agent)}: {MARKS[one.kind].label} at {number(one.route_m)} m" for one, _ in own],
+            hovertext=[f"{label(agent)}: {one.kind.specification.label} at {number(one.route_m)} m" for one, _ in own],
             hoverinfo="text",
             legendgroup=label(agent),
             showlegend=False,
@@ -134,7 +128,7 @@ def infractions_along_route(records: Records) -> go.Figure:
     figure.update_yaxes(title_text="per km", rangemode="tozero", row=1, col=1)
     figure.update_yaxes(
         tickvals=list(range(len(kinds))),
-        ticktext=[MARKS[kind].label for kind in kinds],
+        ticktext=[kind.specification.label for kind in kinds],
         range=[len(kinds) - 0.5, -0.5],
         showgrid=False,
         row=2,
@@ -152,7 +146,7 @@ def episode_endings(records: Records) -> go.Figure:
     counts = {agent: Counter(ego.status for one in some for ego in one.egos) for agent, some in records.items()}
     palette = PALETTES["light"]
     figure = go.Figure()
-    for status, (meaning, pattern) in ENDINGS.items():
+    for status in Status:
         if not any(count[status] for count in counts.values()):
             continue
         figure.add_bar(
@@ -160,7 +154,7 @@ def episode_endings(records: Records) -> go.Figure:
             x=[counts[agent][status] for agent in records],
             orientation="h",
             name=ending(status),
-            marker={"color": getattr(palette, meaning), "pattern": {"shape": pattern}},
+            marker={"color": getattr(palette, status.outcome), "pattern": {"shape": status.hatch}},
             text=[counts[agent][status] or "" for agent in records],
             textposition="inside",
             insidetextanchor="middle",

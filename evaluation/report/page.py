@@ -14,7 +14,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from dohyo.evaluation.records.record import Infraction, InfractionKind
+from dohyo.evaluation.records.record import Infraction
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.report import figures
 from dohyo.evaluation.report import style as look
 from dohyo.evaluation.report.road_map import LaneShape, Spot, drivable_lanes, lay_out_map
@@ -27,7 +28,7 @@ from dohyo.evaluation.report.rows import (
     make_pair,
     worst_first,
 )
-from dohyo.evaluation.report.style import ENDINGS, MARKS, MISSING, number
+from dohyo.evaluation.report.style import MISSING, number
 from dohyo.evaluation.report.tables import csv_tables
 from dohyo.evaluation.scores.driving import IrsLength, Rules
 from dohyo.evaluation.scores.nuplan.summary import (
@@ -111,7 +112,7 @@ def write_report(
     _check(evaluations)
     contenders = make_contenders(evaluations, rules, irs_length)
     drives = sorted(make_drives(contenders, path, rules), key=worst_first)
-    counted = [drive for drive in drives if not figures.lost(drive.record)]
+    counted = [drive for drive in drives if not drive.record.lost]
     pairs = [make_pair(a, b, rules, irs_length) for a, b in itertools.combinations(contenders, 2)]
     networks = sorted({drive.record.scenario.network for drive in drives})
     page = {
@@ -126,7 +127,7 @@ def write_report(
         "pictures": list(_pictures(contenders, rules)),
         "maps": [lay_out_map(network, _marks(counted, network), lanes) for network in networks],
         "drives": counted,
-        "lost": [drive for drive in drives if figures.lost(drive.record)],
+        "lost": [drive for drive in drives if drive.record.lost],
         "tables": csv_tables(contenders, pairs, counted),
     }
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -166,7 +167,7 @@ def _environment() -> Environment:
     )
     palettes = {scheme: look.template(scheme).to_plotly_json() for scheme in look.PALETTES}
     environment.globals.update(
-        marks=MARKS,
+        infraction_kinds=tuple(InfractionKind),
         missing=MISSING,
         styles=Markup(loader.get_source(environment, "styles.css")[0]),
         script=Markup(loader.get_source(environment, "report.js")[0]),
@@ -177,7 +178,6 @@ def _environment() -> Environment:
         number=number,
         share=lambda value, top: f"{100 * min(1.0, max(0.0, value / top)):.2f}%",
         ending=look.ending,
-        meaning=lambda status: ENDINGS[status][0],
         spot_text=_spot_text,
         route_text=_route_text,
     )
@@ -199,7 +199,7 @@ def _facts(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLengt
         ),
         ("seeds", str(len(seeds)), ", ".join(map(str, seeds))),
         ("episodes", str(len(records)), per_agent),
-        ("lost", str(sum(map(figures.lost, records))), "Episodes lost to gridlocks and infrastructure faults"),
+        ("lost", str(sum(one.lost for one in records)), "Episodes lost to gridlocks and infrastructure faults"),
         ("network", _listed(record.scenario.network for record in records), "Where the episodes took place"),
         (
             "SUMO",
@@ -260,7 +260,7 @@ def _spot_text(spot: Spot[Drive]) -> str:
     """What a mark on the map says on hover: one fact per line."""
     return "\n".join(
         (
-            f"{MARKS[spot.infraction.kind].label}: {spot.drive.contender.name}",
+            f"{spot.infraction.kind.specification.label}: {spot.drive.contender.name}",
             f"{spot.drive.mission}, seed {spot.drive.record.scenario.seed}",
             *_details(spot.infraction),
         )
@@ -269,7 +269,7 @@ def _spot_text(spot: Spot[Drive]) -> str:
 
 def _route_text(infraction: Infraction) -> str:
     """What a mark on the bar of a route says on hover."""
-    return ", ".join((MARKS[infraction.kind].label, *_details(infraction)))
+    return ", ".join((infraction.kind.specification.label, *_details(infraction)))
 
 
 def _details(infraction: Infraction) -> Iterator[str]:

@@ -12,7 +12,7 @@ from urllib.parse import quote
 from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord
 from dohyo.evaluation.report import figures
 from dohyo.evaluation.report import style as look
-from dohyo.evaluation.report.style import MARKS, number
+from dohyo.evaluation.report.style import number
 from dohyo.evaluation.scores.driving import (
     IrsLength,
     Rules,
@@ -138,7 +138,9 @@ def _why(ego: EgoRecord, rules: Rules) -> Iterator[Term]:
     if outside := outside_fraction(ego):
         yield Term(f" × {_factor(1 - outside)}", f"{number(ego.outside_lanes_m)} m driven outside lanes")
     factors = [(one, infraction_penalty((one,), rules, 0.0)) for one in ego.infractions]
-    notes = [(factor, f"{MARKS[one.kind].label} at {number(one.time_s)} s") for one, factor in factors if factor < 1]
+    notes = [
+        (factor, f"{one.kind.specification.label} at {number(one.time_s)} s") for one, factor in factors if factor < 1
+    ]
     if rules == "2.1" and notes:
         yield Term(" / (1", "rules 2.1 divide by one plus the costs")
         yield from (Term(f" + {_factor(1 / factor - 1)}", note) for factor, note in notes)

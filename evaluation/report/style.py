@@ -11,7 +11,7 @@ from typing import Literal
 
 import plotly.graph_objects as go
 
-from dohyo.evaluation.records.record import InfractionKind, Status
+from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.statistics import Estimate
 
 Scheme = Literal["light", "dark"]
@@ -53,67 +53,6 @@ PALETTES: Mapping[Scheme, Palette] = MappingProxyType(
         "dark": Palette("#1C1F25", "#E8E6E1", "#9AA3AF", "#2C3038", "#4CAF86", "#D69A3A", "#E5675E", "#9AA3AF"),
     }
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Mark:
-    """How one kind of infraction is drawn, on every page.
-
-    Attributes:
-        label: Its name for a reader.
-        symbol: Its plotly symbol.
-        path: The same shape as an SVG path within -5..5, y down.
-    """
-
-    label: str
-    symbol: str
-    path: str
-
-
-MARKS: Mapping[InfractionKind, Mark] = MappingProxyType(
-    {
-        InfractionKind.COLLISION_PEDESTRIAN: Mark(
-            "pedestrian hit", "circle", "M-4.5 0a4.5 4.5 0 1 0 9 0a4.5 4.5 0 1 0-9 0z"
-        ),
-        InfractionKind.COLLISION_VEHICLE: Mark("vehicle hit", "square", "M-4-4h8v8h-8z"),
-        InfractionKind.COLLISION_STATIC: Mark("obstacle hit", "triangle-up", "M0-5 5 4h-10z"),
-        InfractionKind.RED_LIGHT: Mark("red light run", "diamond", "M0-5.5 5 0 0 5.5-5 0z"),
-        InfractionKind.STOP_SIGN: Mark(
-            "stop sign run", "star", "M0-5.6 1.4-1.9 5.3-1.7 2.3 0.7 3.3 4.5 0 2.4-3.3 4.5-2.3 0.7-5.3-1.7-1.4-1.9z"
-        ),
-        InfractionKind.OUTSIDE_LANES: Mark("outside lanes", "bowtie", "M-5-4.5 5 4.5v-9l-10 9z"),
-        InfractionKind.MINIMUM_SPEED: Mark("too slow", "triangle-down", "M0 5 5-4h-10z"),
-        InfractionKind.SCENARIO_TIMEOUT: Mark("event not over", "pentagon", "M0-5.3 5-1.6 3.1 4.3h-6.2L-5-1.6z"),
-        InfractionKind.YIELD_EMERGENCY: Mark("did not yield", "hexagon", "M0-5.4 4.7-2.7v5.4L0 5.4-4.7 2.7v-5.4z"),
-        InfractionKind.ROUTE_DEVIATION: Mark(
-            "left the route", "x", "M-5-3-3-5 0-2 3-5 5-3 2 0 5 3 3 5 0 2-3 5-5 3-2 0z"
-        ),
-        InfractionKind.BLOCKED: Mark("blocked", "cross", "M-1.7-5h3.4v3.3h3.3v3.4h-3.3v3.3h-3.4v-3.3h-3.3v-3.4h3.3z"),
-        InfractionKind.ROUTE_TIMEOUT: Mark("out of time", "hourglass", "M-4.5-5h9l-9 10h9z"),
-        InfractionKind.GRIDLOCK: Mark(
-            "gridlock", "hash", "M-5-2.5h10v1h-10zM-5 1.5h10v1h-10zM-2.5-5h1v10h-1zM1.5-5h1v10h-1z"
-        ),
-    }
-)
-
-ENDINGS: Mapping[Status, tuple[str, str]] = MappingProxyType(
-    {
-        Status.PERFECT: ("success", ""),
-        Status.COMPLETED: ("success", "/"),
-        Status.FINISHED: ("success", "x"),
-        Status.COLLIDED: ("infraction", ""),
-        Status.DEVIATED: ("infraction", "x"),
-        Status.BLOCKED: ("infraction", "/"),
-        Status.TIMED_OUT: ("infraction", "."),
-        Status.AGENT_SETUP: ("warning", ""),
-        Status.AGENT_RAISED: ("warning", "x"),
-        Status.AGENT_ACTION: ("warning", "/"),
-        Status.AGENT_DEADLINE: ("warning", "."),
-        Status.SIMULATION: ("infrastructure", "/"),
-        Status.GRIDLOCK: ("infrastructure", "x"),
-    }
-)
-"""What each status means (a field of Palette), and the pattern that tells it apart without colour."""
 
 
 def agent_colours(agents: Iterable[str]) -> dict[str, str]:

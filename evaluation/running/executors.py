@@ -22,7 +22,8 @@ from typing import Any, Protocol
 
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.episode.runner import drive_episode, versions
-from dohyo.evaluation.records.record import AgentInfo, EgoRecord, EpisodeRecord, Status
+from dohyo.evaluation.records.record import AgentInfo, EgoRecord, EpisodeRecord
+from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.store import seal, write_record
 from dohyo.evaluation.records.trajectory import TrajectoryRecorder
 from dohyo.sumo_networks.errors import InvalidInputError

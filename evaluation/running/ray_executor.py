@@ -21,7 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from dohyo.evaluation.episode.runner import versions
-from dohyo.evaluation.records.record import EpisodeRecord, Status
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.store import read_trajectory, write_record
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.evaluation.running.executors import MAX_ATTEMPTS, Job, Worker, drive_all, lost_episode

@@ -13,7 +13,8 @@ from pydantic import ValidationError
 from dohyo.evaluation.agent import agent_info, make_agent
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
-from dohyo.evaluation.episode.runner import ACT_DEADLINE_S, versions
+from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
+from dohyo.evaluation.episode.runner import versions
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
 from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.running.executors import Executor, Job, ProcessPool

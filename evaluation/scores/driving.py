@@ -7,11 +7,11 @@ collision criterion has already left out those of a standing ego.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from types import MappingProxyType
+from collections.abc import Iterable
 from typing import Final, Literal, get_args
 
-from dohyo.evaluation.records.record import EgoRecord, Infraction, InfractionKind
+from dohyo.evaluation.records.record import EgoRecord, Infraction
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.errors import InvalidInputError
 
 Rules = Literal["1.0", "2.0", "2.1"]
@@ -19,34 +19,6 @@ IrsLength = Literal["driven", "route"]
 
 MIN_KM: Final = 0.001
 """Floor of every distance that something is divided by, km."""
-
-_FACTORS: Final[Mapping[InfractionKind, float]] = MappingProxyType(
-    {
-        InfractionKind.COLLISION_PEDESTRIAN: 0.50,
-        InfractionKind.COLLISION_VEHICLE: 0.60,
-        InfractionKind.COLLISION_STATIC: 0.65,
-        InfractionKind.RED_LIGHT: 0.70,
-        InfractionKind.STOP_SIGN: 0.80,
-        InfractionKind.SCENARIO_TIMEOUT: 0.70,
-        InfractionKind.YIELD_EMERGENCY: 0.70,
-    }
-)
-_COSTS: Final[Mapping[InfractionKind, float]] = MappingProxyType(
-    {
-        InfractionKind.COLLISION_PEDESTRIAN: 1.0,
-        InfractionKind.COLLISION_VEHICLE: 0.7,
-        InfractionKind.COLLISION_STATIC: 0.6,
-        InfractionKind.RED_LIGHT: 0.4,
-        InfractionKind.STOP_SIGN: 0.25,
-        InfractionKind.SCENARIO_TIMEOUT: 0.4,
-        InfractionKind.YIELD_EMERGENCY: 0.4,
-    }
-)
-_SINCE_2_0: Final = frozenset(
-    {InfractionKind.MINIMUM_SPEED, InfractionKind.SCENARIO_TIMEOUT, InfractionKind.YIELD_EMERGENCY}
-)
-_MINIMUM_SPEED_WEIGHT: Final = 0.3
-_MINIMUM_SPEED_COST: Final = 0.4
 
 
 def route_completion(ego: EgoRecord) -> float:
@@ -79,13 +51,10 @@ def outside_fraction(ego: EgoRecord) -> float:
 def infraction_penalty(infractions: Iterable[Infraction], rules: Rules, outside_fraction: float) -> float:
     """Infraction penalty IP in [0, 1]; 1 without any infraction.
 
-    Rules 1.0 and 2.0: IP = (1 - outside) * prod(p), one factor p per infraction: pedestrian 0.50, vehicle 0.60, static
-    object 0.65, red light 0.70, stop sign 0.80; since 2.0 also scenario timeout 0.70, not yielding to an emergency
-    vehicle 0.70, and 1 - 0.3 * (1 - s) per minimum-speed checkpoint missed, s being the share of the surrounding
-    traffic's speed.
-    Rules 2.1: IP = (1 - outside) / (1 + sum(c)), one cost c per infraction: 1.0, 0.7, 0.6, 0.4, 0.25, 0.4, 0.4 in the
-    same order, and 0.4 * (1 - s).
-    Deviation, blocking and time-out end the route and carry no factor. Source: CARLA Leaderboard 1.0, 2.0, 2.1.
+    Rules 1.0 and 2.0: IP = (1 - outside) * prod(p), one factor p per infraction.
+    Rules 2.1: IP = (1 - outside) / (1 + sum(c)), one cost c per infraction.
+    Factors, costs and the rules that know a kind are its specification's (`InfractionKind.specification`); an
+    infraction that ends the route has none. Source: CARLA Leaderboard 1.0, 2.0, 2.1.
 
     Args:
         infractions: Of one ego. Their OUTSIDE_LANES events are not read: that infraction enters as a distance.
@@ -99,9 +68,9 @@ def infraction_penalty(infractions: Iterable[Infraction], rules: Rules, outside_
         raise InvalidInputError(f"expected rules {', '.join(get_args(Rules))}, got {rules!r}")
     if not 0.0 <= outside_fraction <= 1.0:
         raise InvalidInputError(f"expected an outside fraction in [0, 1], got {outside_fraction}")
+    counted = [one for one in infractions if _is_known(one.kind, rules)]
     if rules == "2.1":
-        return (1.0 - outside_fraction) / (1.0 + math.fsum(_cost(one) for one in infractions))
-    counted = (one for one in infractions if rules == "2.0" or one.kind not in _SINCE_2_0)
+        return (1.0 - outside_fraction) / (1.0 + math.fsum(_cost(one) for one in counted))
     return (1.0 - outside_fraction) * math.prod(sorted(_factor(one) for one in counted))
 
 
@@ -142,24 +111,26 @@ def infraction_rate_score(ego: EgoRecord, lambda_: float = 4.0, length: IrsLengt
     return route_completion(ego) * (1.0 - outside_fraction(ego)) * math.exp(-lambda_ * weight / km)
 
 
+def _is_known(kind: InfractionKind, rules: Rules) -> bool:
+    """Whether a version of the rules knows a kind of infraction."""
+    versions = get_args(Rules)
+    return versions.index(kind.specification.since) <= versions.index(rules)
+
+
 def _factor(infraction: Infraction) -> float:
     """Factor in (0, 1] of one infraction under rules 2.0."""
-    if infraction.kind is InfractionKind.MINIMUM_SPEED:
-        return 1.0 - _MINIMUM_SPEED_WEIGHT * _missing_speed(infraction)
-    return _FACTORS.get(infraction.kind, 1.0)
+    penalty = infraction.kind.specification.penalty
+    return penalty.factor_of(_magnitude(infraction)) if penalty else 1.0
 
 
 def _cost(infraction: Infraction) -> float:
     """Cost, at least 0, of one infraction under rules 2.1."""
-    if infraction.kind is InfractionKind.MINIMUM_SPEED:
-        return _MINIMUM_SPEED_COST * _missing_speed(infraction)
-    return _COSTS.get(infraction.kind, 0.0)
+    penalty = infraction.kind.specification.penalty
+    return penalty.cost_of(_magnitude(infraction)) if penalty else 0.0
 
 
-def _missing_speed(infraction: Infraction) -> float:
-    """Share in [0, 1] by which the ego was slower than the surrounding traffic."""
-    percent = _finite(infraction.magnitude, "magnitude of minimum_speed")
-    return 1.0 - min(max(percent, 0.0), 100.0) / 100.0
+def _magnitude(infraction: Infraction) -> float:
+    return _finite(infraction.magnitude, f"magnitude of {infraction.kind}")
 
 
 def _finite(value: float, what: str) -> float:

@@ -1,15 +1,13 @@
-"""NoCrash: any collision fails the drive, whoever caused it."""
+"""NoCrash: any collision infraction fails the drive, also one that the ego did not cause.
+
+Contacts of a standing ego are no infractions, so they do not fail it.
+"""
 
 from __future__ import annotations
 
-from typing import Final
-
-from dohyo.evaluation.records.record import EgoRecord, Infraction, InfractionKind
+from dohyo.evaluation.records.record import EgoRecord, Infraction
+from dohyo.evaluation.records.specifications import COLLISIONS
 from dohyo.evaluation.scores.driving import route_completion
-
-COLLISIONS: Final = frozenset(
-    {InfractionKind.COLLISION_PEDESTRIAN, InfractionKind.COLLISION_VEHICLE, InfractionKind.COLLISION_STATIC}
-)
 
 
 def success(ego: EgoRecord) -> bool:

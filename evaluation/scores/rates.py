@@ -6,7 +6,8 @@ import math
 from collections import Counter
 from collections.abc import Iterable
 
-from dohyo.evaluation.records.record import EgoRecord, InfractionKind
+from dohyo.evaluation.records.record import EgoRecord
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.scores.driving import MIN_KM, route_completion
 
 

@@ -18,7 +18,7 @@ from sqlalchemy import select
 from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
-from dohyo.evaluation.episode.runner import RESET_DEADLINE_S
+from dohyo.evaluation.episode.guarded_agent import RESET_DEADLINE_S
 from dohyo.service.access import WorkerCaller
 from dohyo.service.api import wire_schema as schema
 from dohyo.service.api.documents import problems

@@ -15,9 +15,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Column
 
 from dohyo.agents.registry import resolve_with
-from dohyo.evaluation.episode.runner import ACT_DEADLINE_S
+from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
 from dohyo.evaluation.freeway.benchmark import is_freeway_benchmark
-from dohyo.evaluation.records.record import EpisodeRecord, Status
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.running.executors import Executor, ProcessPool
 from dohyo.evaluation.running.ray_executor import RayExecutor
 from dohyo.evaluation.running.run import Result, run_benchmark

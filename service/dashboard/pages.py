@@ -22,7 +22,8 @@ from markupsafe import Markup
 from starlette.responses import Response
 from starlette.types import Scope
 
-from dohyo.evaluation.report.style import ENDINGS, MARKS, agent_colours
+from dohyo.evaluation.records.specifications import InfractionKind, Status
+from dohyo.evaluation.report.style import agent_colours
 from dohyo.service.dashboard.session import COOKIE, same_origin
 from dohyo.service.database.tokens import find_token
 from dohyo.service.state import ServicesOf
@@ -45,8 +46,11 @@ class Assets(StaticFiles):
 def _words() -> Markup:
     """Marks and endings as JSON that is safe inside a script element."""
     vocabulary = {
-        "marks": {kind.value: {"label": mark.label, "path": mark.path} for kind, mark in MARKS.items()},
-        "endings": {status.value: meaning for status, (meaning, _) in ENDINGS.items()},
+        "marks": {
+            kind.value: {"label": kind.specification.label, "path": kind.specification.mark.path}
+            for kind in InfractionKind
+        },
+        "endings": {status.value: status.outcome.value for status in Status},
     }
     return Markup(json.dumps(vocabulary).replace("<", "\\u003c"))
 

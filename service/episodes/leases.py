@@ -18,7 +18,7 @@ from typing import Any
 
 import msgspec
 
-from dohyo.evaluation.episode.runner import RESET_DEADLINE_S
+from dohyo.evaluation.episode.guarded_agent import RESET_DEADLINE_S
 from dohyo.service.episodes.channel import Kind
 from dohyo.service.episodes.lease import Lease, RemoteEpisode, Worker
 from dohyo.service.episodes.process import End, Outcome

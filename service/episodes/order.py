@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 from dohyo.agents.registry import resolve
 from dohyo.evaluation.agent import agent_info, make_agent
-from dohyo.evaluation.records.record import AgentInfo, Status
+from dohyo.evaluation.records.record import AgentInfo
+from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.running.executors import Job
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Config, Scenario

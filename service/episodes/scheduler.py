@@ -19,7 +19,8 @@ from sqlalchemy.exc import OperationalError, SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
-from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord, Status
+from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
+from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.running.executors import MAX_ATTEMPTS
 from dohyo.service.database.models import AgentKind
 from dohyo.service.episodes import queue

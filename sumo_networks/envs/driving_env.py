@@ -18,6 +18,7 @@ from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, Unkno
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.rendering.overhead import Overhead
 from dohyo.sumo_networks.routes.route import Route
+from dohyo.sumo_networks.rules.episode_end import is_late, is_played_out, reached_goal
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.sensors import Sensor, SensorConfig, Track, make_sensors
 from dohyo.sumo_networks.simulation import Replay, Simulation, plan_scenario, start_simulation
@@ -29,8 +30,6 @@ Observation = dict[str, Float32Array]
 SensorNames = Sequence[str | SensorConfig]
 
 SENSOR_NOISE = 1  # keeps this stream of random numbers apart from the traffic's
-GOAL_SHARE = 0.99
-GOAL_DISTANCE_M = 10.0
 DEFAULT_SENSORS = ("speedometer", "route", "objects", "junctions_ahead")
 RENDER_MODES = ("rgb_array",)
 RENDERING: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": round(1 / TICK_S)}
@@ -40,8 +39,9 @@ RENDERING: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": r
 class DrivingEnv(ParallelEnv):  # type: ignore[misc]
     """A scenario whose egos are driven by actions, 10 per second.
 
-    An ego's episode terminates at its goal or when its reward function says so, and is truncated at the time limit;
-    it then leaves the road. There can be one started environment per process, since libsumo is global.
+    An ego's episode terminates at its goal or when its reward function says so. It is truncated when more time has
+    passed than the time limit allows, or when the scenario's duration is over. The ego then leaves the road. There can
+    be one started environment per process, since libsumo is global.
 
     Attributes:
         render_mode: "rgb_array" or None.
@@ -191,8 +191,8 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
             value, ended = self._rewards[name](before, self.world, ego) if name in self._rewards else (0.0, False)
             rewards[name] = value
             terminations[name] = ended or reached_goal(self.world, ego)
-            limits = [limit for limit in (self.scenario.time_limit_s, self.scenario.duration_s) if limit is not None]
-            truncations[name] = bool(limits) and self.world.time >= min(limits) - TICK_S / 2
+            late = is_late(self.world, self.scenario.time_limit_s)
+            truncations[name] = late or is_played_out(self.world, self.scenario.duration_s)
         observations = self._observe(drove)
         for name in drove:
             if terminations[name] or truncations[name]:
@@ -258,10 +258,3 @@ def check_render_mode(mode: str | None) -> None:
     """Raises UnknownNameError where an environment cannot draw in a mode; None draws nothing."""
     if mode is not None and mode not in RENDER_MODES:
         raise UnknownNameError("render mode", mode, RENDER_MODES)
-
-
-def reached_goal(world: World, ego: int) -> bool:
-    """Whether an ego is at its goal: over 99 % of the route driven and less than 10 m left (CARLA Leaderboard)."""
-    route, progress = world.routes[ego], float(world.egos.progress[ego])
-    aside = abs(float(world.egos.lateral[ego]))
-    return progress > GOAL_SHARE * route.length and route.length - progress + aside < GOAL_DISTANCE_M

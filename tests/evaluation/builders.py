@@ -7,16 +7,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from dohyo.evaluation.records.record import (
-    AgentInfo,
-    EgoRecord,
-    EpisodeRecord,
-    Infraction,
-    InfractionKind,
-    Status,
-    Timing,
-    Versions,
-)
+from dohyo.evaluation.records.record import AgentInfo, EgoRecord, EpisodeRecord, Infraction, Timing, Versions
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.records.trajectory import Trajectory, TrajectoryRecorder
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 from dohyo.sumo_networks.world import ActorKind, Actors, Egos, World

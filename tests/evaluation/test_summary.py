@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord, InfractionKind, Status
+from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.summary import SCORES, as_document, compare, summarise
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.evaluation.builders import AGENT, ego, episode, infraction, lost

@@ -22,7 +22,7 @@ import highway_env
 import libsumo
 import numpy as np
 
-from dohyo.evaluation.criteria import criteria_for
+from dohyo.evaluation.episode.judge import Judge
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.envs.vector_env import VectorDrivingEnv
 from dohyo.sumo_networks.networks.catalog import load_network
@@ -82,21 +82,18 @@ def driven(pipe: Connection, case: Scenario) -> None:
     """Drives the egos along their routes at 5 m/s: control, dynamics, world, criteria, observations."""
     env = DrivingEnv(case, sensors=SENSORS, control="lane_command", reward=None)
     env.reset()
-    criteria = [criteria_for(case) for _ in case.missions]
-    for ego, watching in enumerate(criteria):
-        for criterion in watching:
-            criterion.start(env.world, ego)
+    judges = [Judge(case, ego) for ego in range(len(case.missions))]
+    for judge in judges:
+        judge.start(env.world)
     action = np.array(COMMAND)
 
     def tick() -> None:
         before = env.world
-        if len(env.agents) < len(criteria):
+        if len(env.agents) < len(judges):
             raise RuntimeError("an ego has arrived; a tick would be cheaper than it should be")
         env.step(dict.fromkeys(env.agents, action))
-        for ego, watching in enumerate(criteria):
-            for criterion in watching:
-                for _ in criterion.update(before, env.world, ego):
-                    pass
+        for judge in judges:
+            judge.update(before, env.world)
 
     _serve(pipe, tick)
 

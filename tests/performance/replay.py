@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
-from dohyo.evaluation.records.record import AgentInfo, EgoRecord, EpisodeRecord, Status, Versions
+from dohyo.evaluation.records.record import AgentInfo, EgoRecord, EpisodeRecord, Versions
+from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.service.replay import encode, replay_of
 from dohyo.sumo_networks.networks.catalog import load_network

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from dohyo.evaluation.records.record import Status
+from dohyo.evaluation.records.specifications import Status
 from dohyo.service.leaderboard import COLUMNS, Entry, as_csv, as_document, rank
 from dohyo.service.scoring import Drive, summary_of
 from tests.evaluation.builders import ego, episode

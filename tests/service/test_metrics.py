@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dohyo.evaluation.records.record import InfractionKind
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.service.metrics import as_csv, as_document
 from dohyo.service.prometheus import Family, Sample, exposition
 from dohyo.sumo_networks.errors import InvalidInputError

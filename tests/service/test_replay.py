@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
-from dohyo.evaluation.records.record import EpisodeRecord, InfractionKind, Versions
+from dohyo.evaluation.records.record import EpisodeRecord, Versions
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.records.trajectory import Trajectory, TrajectoryRecorder
 from dohyo.service.replay import encode, replay_of
 from dohyo.sumo_networks.errors import InvalidInputError

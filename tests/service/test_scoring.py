@@ -9,7 +9,8 @@ import pytest
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.episode.runner import drive_episode
-from dohyo.evaluation.records.record import EpisodeRecord, InfractionKind, Status
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.records.store import write_record
 from dohyo.evaluation.scores.nuplan.score import ClosedLoop
 from dohyo.evaluation.scores.nuplan.summary import score_records

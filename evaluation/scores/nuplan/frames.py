@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from dohyo.evaluation.criteria.collision import is_at_fault, keeps_to_one_lane
+from dohyo.evaluation.criteria.fault import is_at_fault, keeps_to_one_lane
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
@@ -19,7 +19,7 @@ from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.units import TICK_S
-from dohyo.sumo_networks.world import ActorKind, Actors, Egos, World
+from dohyo.sumo_networks.world import ActorKind
 
 _AROUND_M = 20.0
 
@@ -97,7 +97,9 @@ class Frames:
     @cached_property
     def keeps_lane(self) -> BoolArray:
         """(T,) whether the ego's corners are all on one lane, or on lanes that follow each other."""
-        return np.array([keeps_to_one_lane(self.world(tick), 0) for tick in range(len(self))], dtype=np.bool_)
+        centre_lanes = self.lanes[0].tolist()
+        kept = [keeps_to_one_lane(self.network, box, lane) for box, lane in zip(self.boxes, centre_lanes, strict=True)]
+        return np.array(kept, dtype=np.bool_)
 
     @cached_property
     def in_junction(self) -> BoolArray:
@@ -116,38 +118,16 @@ class Frames:
                     # An ego that brakes to a stop in the tick of the impact was moving.
                     speed = float(self.speed[max(tick - 1, 0) : tick + 1].max())
                     other_speed = 0.0 if kind == ActorKind.STATIC else float(others.speed[i])
-                    fault = is_at_fault(self.world(tick), 0, speed, others.boxes[i], other_speed, TICK_S)
+                    fault = is_at_fault(
+                        self.boxes[tick],
+                        speed,
+                        others.boxes[i],
+                        other_speed,
+                        tick_s=TICK_S,
+                        in_one_lane=bool(self.keeps_lane[tick]),
+                    )
                     found[key] = Touch(tick, key, kind, fault)
         return tuple(found.values())
-
-    def world(self, tick: int) -> World:
-        """The ego alone on its roads, as far as the rules of fault ask."""
-        lane, offset, error = self.lanes
-        x, y, heading, length, width = self.boxes[tick]
-        one, zero = slice(tick, tick + 1), np.zeros(1)
-        egos = Egos(
-            names=("ego",),
-            active=np.ones(1, dtype=np.bool_),
-            position=np.array([[x, y]]),
-            heading=np.array([heading]),
-            speed=self.speed[one],
-            acceleration=zero,
-            yaw_rate=zero,
-            steering=zero,
-            length=np.array([length]),
-            width=np.array([width]),
-            progress=self.progress[one],
-            lateral=zero,
-            route_heading_error=zero,
-            lane=lane[one],
-            lane_offset=offset[one],
-            lane_heading_error=error[one],
-            driven=zero,
-        )
-        no = np.zeros(0, dtype=np.int64)
-        none = np.zeros(0)
-        nobody = Actors(no, no, np.zeros((0, 2)), none, none, none, none, no, no)
-        return World(tick, tick * TICK_S, self.network, (self.route,), egos, nobody, no, (), ())
 
 
 def frames_of(record: EpisodeRecord, trajectory: Trajectory, network: RoadNetwork, ego: int = 0) -> Frames:

@@ -16,8 +16,9 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from dohyo.evaluation.criteria.collision import BEHIND_RAD
-from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord, InfractionKind, Status
+from dohyo.evaluation.criteria.fault import BEHIND_RAD
+from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.evaluation.scores.nuplan.frames import Frames, frames_of
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray

@@ -89,7 +89,7 @@ def score_records(records: Iterable[tuple[EpisodeRecord, Path]]) -> list[ScoredD
         scenario = record.scenario
         if scenario.reference_m is None:
             raise InvalidInputError(f"scenario '{scenario.name}' has no reference; no closed-loop score without one")
-        if _lost(record):
+        if record.lost:
             continue
         network, trajectory = load_network(scenario.network), read_trajectory(path)
         for ego, facts in enumerate(record.egos):
@@ -146,7 +146,7 @@ def compare_closed_loop(a: Sequence[ScoredDrive], b: Sequence[ScoredDrive]) -> C
 
 def lost_drives(records: Iterable[EpisodeRecord]) -> int:
     """Number of drives in episodes that were lost."""
-    return sum(len(record.egos) for record in records if _lost(record))
+    return sum(len(record.egos) for record in records if record.lost)
 
 
 def as_document(drives: Sequence[ScoredDrive], lost: int = 0) -> dict[str, Any]:
@@ -158,7 +158,3 @@ def as_document(drives: Sequence[ScoredDrive], lost: int = 0) -> dict[str, Any]:
             dataclasses.asdict(one) | {"score": one.terms.score, "multiplier": one.terms.multiplier} for one in drives
         ],
     }
-
-
-def _lost(record: EpisodeRecord) -> bool:
-    return any(ego.status.infrastructure_fault for ego in record.egos)

@@ -13,7 +13,7 @@ from dohyo.agents.experts.sidestep import Sidestep
 from dohyo.agents.experts.surroundings import Surroundings
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.episode.runner import run_episode
-from dohyo.evaluation.records.record import InfractionKind, Status
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.sumo_networks.events import Event
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 from dohyo.sumo_networks.world import ActorKind, World

@@ -14,7 +14,7 @@ from dohyo.agents.hierarchical.rules_only import RULES, RulesOnly, advised_speed
 from dohyo.evaluation.agent import agent_info, make_agent
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.episode.runner import run_episode
-from dohyo.evaluation.records.record import Status
+from dohyo.evaluation.records.specifications import Status
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.world import ActorKind, LightState, World
 from tests.agents.driving import drive, fronts, observed, speeds, touched

@@ -10,7 +10,7 @@ import pytest
 
 from dohyo.agents.hierarchical import study
 from dohyo.agents.hierarchical.study_tables import read_drives
-from dohyo.evaluation.records.record import Status
+from dohyo.evaluation.records.specifications import Status
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.hierarchical.drives import a_drive
 from tests.agents.hierarchical.untrained import write_master, write_sub_policies

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dohyo.agents.mcts.losses import CAUSES, losses
-from dohyo.evaluation.records.record import Infraction, InfractionKind
+from dohyo.evaluation.records.record import Infraction
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.scores.nuplan.score import ClosedLoop
 from tests.evaluation.builders import ego, infraction
 

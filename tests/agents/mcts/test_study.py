@@ -21,7 +21,7 @@ from dohyo.agents.mcts.study import (
 from dohyo.agents.mcts.tables import EXCERPTS, ROUTES, section, tables
 from dohyo.evaluation.authoring.scenario_types import TYPES
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
-from dohyo.evaluation.records.record import InfractionKind, Status
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.running.run import Manifest, Result
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.evaluation.builders import ego, episode, infraction, lost

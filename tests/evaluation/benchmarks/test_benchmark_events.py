@@ -14,7 +14,8 @@ import pytest
 from dohyo.evaluation.agent import Agent, AgentSpec, Observation
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.episode.runner import run_episode
-from dohyo.evaluation.records.record import EpisodeRecord, InfractionKind
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.scores.driving import driving_score
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.events import EVENTS

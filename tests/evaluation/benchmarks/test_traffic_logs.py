@@ -11,7 +11,7 @@ from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.benchmarks.traffic_logs import Reference, drive_reference, missing_logs, prepare_logs
 from dohyo.evaluation.episode.runner import drive_episode
-from dohyo.evaluation.records.record import Status
+from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.running.run import run_benchmark
 from dohyo.evaluation.scores.nuplan.summary import by_type, compare_closed_loop, score_records, summarise_closed_loop
 from dohyo.sumo_networks.errors import InvalidInputError

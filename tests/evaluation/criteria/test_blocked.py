@@ -5,40 +5,40 @@ from typing import Any
 
 import pytest
 
-from dohyo.evaluation.criteria import ENDS, Blocked
-from dohyo.evaluation.records.record import InfractionKind, Status
+from dohyo.evaluation.criteria.blocked import Blocked
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.sumo_networks.world import ActorKind
-from tests.worlds import Speed, run, straight_road
+from tests.worlds import Speed, kinds, run, straight_road
 
 
-def kinds(speed: Speed, seconds: float) -> list[InfractionKind]:
-    return run(straight_road().with_ego(x=50, speed=speed), Blocked(), seconds=seconds).kinds
+def standing(speed: Speed, seconds: float) -> list[InfractionKind]:
+    return kinds(run(straight_road().with_ego(x=50, speed=speed), Blocked(), seconds=seconds))
 
 
 @pytest.mark.parametrize(("seconds", "count"), [(179.9, 0), (180.1, 1), (190.0, 1)])
 def test_standing_for_more_than_three_minutes_counts_once(seconds: float, count: int) -> None:
-    assert kinds(0.0, seconds) == [InfractionKind.BLOCKED] * count
+    assert standing(0.0, seconds) == [InfractionKind.BLOCKED] * count
 
 
 @pytest.mark.parametrize(("speed", "count"), [(0.09, 1), (0.1, 0)])
 def test_creeping_at_a_tenth_of_a_metre_per_second_is_driving(speed: float, count: int) -> None:
-    assert kinds(speed, 185) == [InfractionKind.BLOCKED] * count
+    assert standing(speed, 185) == [InfractionKind.BLOCKED] * count
 
 
 def test_a_short_move_starts_the_clock_anew() -> None:
     def nudges(time: float) -> float:
         return 1.0 if 99.95 < time < 100.15 else 0.0
 
-    assert kinds(nudges, 200) == []
-    assert kinds(nudges, 285) == [InfractionKind.BLOCKED]
+    assert standing(nudges, 200) == []
+    assert standing(nudges, 285) == [InfractionKind.BLOCKED]
 
 
 def test_the_clock_starts_when_the_ego_stops() -> None:
     def drives_first(time: float) -> float:
         return 5.0 if time < 10 else 0.0
 
-    assert kinds(drives_first, 189.9) == []
-    assert kinds(drives_first, 190.3) == [InfractionKind.BLOCKED]
+    assert standing(drives_first, 189.9) == []
+    assert standing(drives_first, 190.3) == [InfractionKind.BLOCKED]
 
 
 def test_the_infraction_says_for_how_long() -> None:
@@ -48,7 +48,7 @@ def test_the_infraction_says_for_how_long() -> None:
 
 
 def test_it_ends_the_episode() -> None:
-    assert ENDS[InfractionKind.BLOCKED] is Status.BLOCKED
+    assert InfractionKind.BLOCKED.specification.ends is Status.BLOCKED
 
 
 def stops_after(seconds: float) -> Speed:
@@ -59,7 +59,7 @@ def test_a_queue_that_never_moves_again_is_a_gridlock_and_not_the_agents() -> No
     scene = straight_road().with_ego(x=50).with_actor(x=55, speed=stops_after(3.0))
     (infraction,) = run(scene, Blocked(), seconds=185).infractions
     assert (infraction.kind, infraction.actor) == (InfractionKind.GRIDLOCK, "actor0")
-    assert ENDS[infraction.kind] is Status.GRIDLOCK
+    assert infraction.kind.specification.ends is Status.GRIDLOCK
     assert Status.GRIDLOCK.infrastructure_fault
     assert not Status.GRIDLOCK.worth_another_try
 
@@ -78,4 +78,4 @@ def test_a_queue_that_never_moves_again_is_a_gridlock_and_not_the_agents() -> No
 )
 def test_any_other_standstill_is_the_agents(other: dict[str, Any]) -> None:
     scene = straight_road().with_ego(x=50).with_actor(**other)
-    assert run(scene, Blocked(), seconds=185).kinds == [InfractionKind.BLOCKED]
+    assert kinds(run(scene, Blocked(), seconds=185)) == [InfractionKind.BLOCKED]

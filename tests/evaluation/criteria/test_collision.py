@@ -1,19 +1,17 @@
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dohyo.evaluation.criteria import Collision
-from dohyo.evaluation.criteria.collision import keeps_to_one_lane
-from dohyo.evaluation.records.record import Infraction, InfractionKind
-from dohyo.sumo_networks.scenario import Mission, Place
+from dohyo.evaluation.criteria.collision import Collision
+from dohyo.evaluation.records.record import Infraction
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind
-from tests.worlds import LANE_M, Scene, crossing_for_pedestrians, lit_crossing, run, straight_road
+from tests.worlds import LANE_M, Scene, crossing_for_pedestrians, run, straight_road
 
 
 def the_collision(scene: Scene, seconds: float = 2.0) -> Infraction:
@@ -120,29 +118,6 @@ def test_even_a_straddling_ego_is_not_at_fault_for_what_comes_from_behind(degree
     x, left = 50 - length / 2, LANE_M / 2 + 0.9
     scene = scene.with_actor(x=x - 0.05, left=left, speed=6, kind=ActorKind.BICYCLE, length=0.02, width=0.02)
     assert the_collision(scene).at_fault is at_fault
-
-
-@pytest.mark.parametrize("heading", [-0.5, 0.5])
-def test_an_ego_that_comes_from_another_lane_or_goes_to_one_is_in_two(heading: float) -> None:
-    changing = straight_road().with_ego(x=50, left=0.5, heading=heading)
-    assert not keeps_to_one_lane(changing.world(), 0)
-
-
-@pytest.mark.parametrize("x", [-14.0, -10.4, -5.0, 0.0, 5.0, 10.4, 14.0])
-def test_a_lane_through_a_junction_is_one_lane(x: float) -> None:
-    in_lane, straddling = lit_crossing().with_ego(x=x), lit_crossing().with_ego(x=x, left=LANE_M / 2)
-    assert keeps_to_one_lane(in_lane.world(), 0)
-    assert not keeps_to_one_lane(straddling.world(), 0)
-
-
-@pytest.mark.parametrize(("start", "goal"), [("w_c_0", "c_s_0"), ("w_c_0", "c_e_0"), ("w_c_1", "c_n_1")])
-def test_who_follows_a_turn_keeps_to_one_lane(start: str, goal: str) -> None:
-    mission = Mission(start=Place(lane=start), goal=Place(lane=goal, position_m=-1.0))
-    scene = dataclasses.replace(lit_crossing(), mission=mission)
-    route = scene.route
-    for i in range(route.index(180.0), route.index(225.0)):
-        x, y = route.position[i]
-        assert keeps_to_one_lane(scene.with_ego(x=x, y=y, heading=float(route.heading[i])).world(), 0), (x, y)
 
 
 @pytest.mark.parametrize(

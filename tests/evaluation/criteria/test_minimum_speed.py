@@ -4,11 +4,11 @@ import dataclasses
 
 import pytest
 
-from dohyo.evaluation.criteria import MinimumSpeed
-from dohyo.evaluation.records.record import InfractionKind
+from dohyo.evaluation.criteria.minimum_speed import MinimumSpeed
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.scenario import Mission, Place
 from dohyo.sumo_networks.world import ActorKind
-from tests.worlds import LANE_M, Scene, Speed, run, straight_road
+from tests.worlds import LANE_M, Scene, Speed, kinds, run, straight_road
 
 
 def hundred_metres(speed: Speed = 10.0) -> Scene:
@@ -29,7 +29,7 @@ def test_faster_than_the_traffic_is_fine(traffic: float) -> None:
 def test_slower_than_the_traffic_counts_on_each_of_four_parts() -> None:
     scene = hundred_metres().with_actor(x=5, speed=12.5, left=LANE_M)
     verdict = run(scene, MinimumSpeed(shortest_part_m=25.0), seconds=10)
-    assert verdict.kinds == [InfractionKind.MINIMUM_SPEED] * 4
+    assert kinds(verdict) == [InfractionKind.MINIMUM_SPEED] * 4
     assert [one.magnitude for one in verdict.infractions] == pytest.approx([80.0] * 4)
     assert {one.unit for one in verdict.infractions} == {"%"}
     assert [one.route_m for one in verdict.infractions] == pytest.approx([25, 50, 75, 100], abs=1.01)

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from dohyo.evaluation.criteria import OutsideLanes
-from dohyo.evaluation.records.record import InfractionKind
+from dohyo.evaluation.criteria.outside_lanes import OutsideLanes
+from dohyo.evaluation.records.specifications import InfractionKind
 from tests.worlds import LANE_M, lit_crossing, run, straight_road
 
 

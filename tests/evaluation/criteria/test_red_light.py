@@ -6,8 +6,8 @@ from typing import Literal
 
 import pytest
 
-from dohyo.evaluation.criteria import RedLight
-from dohyo.evaluation.records.record import InfractionKind
+from dohyo.evaluation.criteria.red_light import RedLight
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.scenario import Mission, Place
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import LightState

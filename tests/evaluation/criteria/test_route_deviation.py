@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from dohyo.evaluation.criteria import ENDS, RouteDeviation
-from dohyo.evaluation.records.record import InfractionKind, Status
-from tests.worlds import run, straight_road
+from dohyo.evaluation.criteria.route_deviation import RouteDeviation
+from dohyo.evaluation.records.specifications import InfractionKind, Status
+from tests.worlds import kinds, run, straight_road
 
 
 @pytest.mark.parametrize(("away", "count"), [(29.9, 0), (30.1, 1)])
@@ -12,7 +12,7 @@ from tests.worlds import run, straight_road
 def test_thirty_metres_from_the_route_is_a_deviation(away: float, side: int, count: int) -> None:
     scene = straight_road().with_ego(x=50, speed=5, left=side * away)
     verdict = run(scene, RouteDeviation(), seconds=2)
-    assert verdict.kinds == [InfractionKind.ROUTE_DEVIATION] * count
+    assert kinds(verdict) == [InfractionKind.ROUTE_DEVIATION] * count
     assert [one.magnitude for one in verdict.infractions] == pytest.approx([away] * count)
     assert all(one.unit == "m" for one in verdict.infractions)
 
@@ -44,4 +44,4 @@ def test_driving_on_past_the_goal_is_a_deviation() -> None:
 
 
 def test_it_ends_the_episode() -> None:
-    assert ENDS[InfractionKind.ROUTE_DEVIATION] is Status.DEVIATED
+    assert InfractionKind.ROUTE_DEVIATION.specification.ends is Status.DEVIATED

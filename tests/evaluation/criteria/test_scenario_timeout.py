@@ -4,8 +4,9 @@ import dataclasses
 
 import pytest
 
-from dohyo.evaluation.criteria import ENDS, ScenarioTimeout, criteria_for
-from dohyo.evaluation.records.record import InfractionKind
+from dohyo.evaluation.criteria import criteria_for
+from dohyo.evaluation.criteria.scenario_timeout import ScenarioTimeout
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 from dohyo.sumo_networks.world import EventPhase, EventState, World
 from tests.worlds import run, straight_road
@@ -58,4 +59,4 @@ def test_the_event_of_another_ego_is_none() -> None:
 def test_it_is_judged_by_default_and_ends_nothing() -> None:
     scenario = Scenario(network="x", missions=(Mission(start=Place(lane="a"), goal=Place(lane="b")),))
     assert any(isinstance(one, ScenarioTimeout) for one in criteria_for(scenario))
-    assert InfractionKind.SCENARIO_TIMEOUT not in ENDS
+    assert InfractionKind.SCENARIO_TIMEOUT.specification.ends is None

@@ -5,8 +5,8 @@ import math
 
 import pytest
 
-from dohyo.evaluation.criteria import StopSign
-from dohyo.evaluation.records.record import InfractionKind
+from dohyo.evaluation.criteria.stop_sign import StopSign
+from dohyo.evaluation.records.specifications import InfractionKind
 from tests.worlds import Scene, lit_crossing, run, stop_sign_crossing
 
 

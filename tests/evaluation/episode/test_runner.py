@@ -7,7 +7,7 @@ import pytest
 from dohyo.agents.experts.reckless import Reckless
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.episode.runner import drive_episode, run_episode
-from dohyo.evaluation.records.record import InfractionKind, Status
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
 from tests.evaluation import agents

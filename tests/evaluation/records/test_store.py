@@ -12,7 +12,8 @@ from typing import Any
 
 import pytest
 
-from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord, InfractionKind, Status
+from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.records.store import read_record, read_records, read_trajectory, seal, write_record
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.sumo_networks.errors import InvalidInputError

@@ -15,7 +15,8 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
-from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord, Infraction, InfractionKind, Status
+from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord, Infraction
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.report import figures
 from dohyo.evaluation.report import style as look
 from dohyo.evaluation.report.page import COLUMNS, write_report
@@ -407,7 +408,6 @@ def _mission(name: str, progress_m: float) -> EpisodeRecord:
 
 
 def test_every_kind_and_status_has_a_look_of_its_own() -> None:
-    assert set(look.MARKS) == set(InfractionKind)
-    assert set(look.ENDINGS) == set(Status)
-    assert len({mark.symbol for mark in look.MARKS.values()}) == len(InfractionKind)
-    assert len(set(look.ENDINGS.values())) == len(Status)
+    assert len({kind.specification.mark.symbol for kind in InfractionKind}) == len(InfractionKind)
+    assert len({kind.specification.mark.path for kind in InfractionKind}) == len(InfractionKind)
+    assert len({(status.outcome, status.hatch) for status in Status}) == len(Status)

@@ -16,7 +16,7 @@ import pytest
 from dohyo.evaluation.agent import agent_info
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.benchmarks.headline import Headline
-from dohyo.evaluation.records.record import Status
+from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.store import read_trajectory
 from dohyo.evaluation.running.executors import Job, ProcessPool
 from dohyo.evaluation.running.ray_executor import RayExecutor

@@ -14,7 +14,7 @@ import sumo
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.benchmarks.headline import Headline
-from dohyo.evaluation.records.record import Status
+from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.running.executors import ProcessPool
 from dohyo.evaluation.running.run import Result, read_result, run_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError

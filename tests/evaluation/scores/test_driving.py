@@ -6,7 +6,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from dohyo.evaluation.records.record import EgoRecord, Infraction, InfractionKind, Status
+from dohyo.evaluation.records.record import EgoRecord, Infraction
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.scores.driving import (
     Rules,
     driving_score,
@@ -24,12 +25,12 @@ VEHICLE = infraction(InfractionKind.COLLISION_VEHICLE)
 STATIC = infraction(InfractionKind.COLLISION_STATIC)
 RED = infraction(InfractionKind.RED_LIGHT)
 STOP = infraction(InfractionKind.STOP_SIGN)
-TOO_LONG = infraction(InfractionKind.SCENARIO_TIMEOUT, magnitude=240.0, unit="s")
-NOT_YIELDING = infraction(InfractionKind.YIELD_EMERGENCY, magnitude=12.0, unit="m")
+TOO_LONG = infraction(InfractionKind.SCENARIO_TIMEOUT, magnitude=240.0)
+NOT_YIELDING = infraction(InfractionKind.YIELD_EMERGENCY, magnitude=12.0)
 
 
 def slow(percent: float) -> Infraction:
-    return infraction(InfractionKind.MINIMUM_SPEED, magnitude=percent, unit="%")
+    return infraction(InfractionKind.MINIMUM_SPEED, magnitude=percent)
 
 
 @st.composite
@@ -80,7 +81,7 @@ def test_two_vehicle_hits_and_a_red_light_at_80_percent(rules: Rules, expected: 
         (slow(50.0), 0.85, 0.2),
         (slow(100.0), 1.0, 0.0),
         (slow(130.0), 1.0, 0.0),
-        (infraction(InfractionKind.OUTSIDE_LANES, magnitude=300.0, unit="m"), 1.0, 0.0),
+        (infraction(InfractionKind.OUTSIDE_LANES, magnitude=300.0), 1.0, 0.0),
         (infraction(InfractionKind.ROUTE_DEVIATION), 1.0, 0.0),
         (infraction(InfractionKind.BLOCKED), 1.0, 0.0),
         (infraction(InfractionKind.ROUTE_TIMEOUT), 1.0, 0.0),

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from dohyo.evaluation.records.record import InfractionKind, Status
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.scores.nocrash import drove, road_completed, success
 from tests.evaluation.builders import ego, infraction
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from dohyo.evaluation.records.record import InfractionKind, Status
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.scores.rates import infraction_counts, infractions_per_km, route_km
 from tests.evaluation.builders import ego, infraction
 
@@ -28,8 +28,8 @@ def test_an_ego_that_never_moved_is_divided_by_a_metre() -> None:
 
 
 def test_outside_lanes_and_minimum_speed_are_events() -> None:
-    outside = infraction(InfractionKind.OUTSIDE_LANES, magnitude=300.0, unit="m")
-    slow = infraction(InfractionKind.MINIMUM_SPEED, magnitude=40.0, unit="%")
+    outside = infraction(InfractionKind.OUTSIDE_LANES, magnitude=300.0)
+    slow = infraction(InfractionKind.MINIMUM_SPEED, magnitude=40.0)
     counts = infraction_counts(ego(outside, slow, slow))
     assert counts[InfractionKind.OUTSIDE_LANES] == 1
     assert counts[InfractionKind.MINIMUM_SPEED] == 2

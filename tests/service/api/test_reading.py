@@ -11,7 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
-from dohyo.evaluation.records.record import EpisodeRecord, InfractionKind, Versions
+from dohyo.evaluation.records.record import EpisodeRecord, Versions
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.records.store import read_record
 from dohyo.service.cli.main import app as cli
 from dohyo.service.database.models import AgentKind, BenchmarkVersion, Episode, EpisodeStatus, EvaluationStatus, Role
@@ -23,7 +24,7 @@ from tests.service.test_metrics import parse
 
 HIT = infraction(InfractionKind.COLLISION_VEHICLE, time_s=2.0, route_m=50.0)
 RED = infraction(InfractionKind.RED_LIGHT, time_s=3.0, route_m=70.0)
-SLOW = infraction(InfractionKind.MINIMUM_SPEED, time_s=4.0, route_m=90.0, magnitude=50.0, unit="%")
+SLOW = infraction(InfractionKind.MINIMUM_SPEED, time_s=4.0, route_m=90.0, magnitude=50.0)
 
 
 def records(*scores: float) -> list[EpisodeRecord]:

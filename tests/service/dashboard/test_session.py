@@ -10,7 +10,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from dohyo.evaluation.report.style import MARKS
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.service import dashboard
 from tests.service.dashboard import fake as fakes
 from tests.service.dashboard.conftest import Site
@@ -121,7 +121,7 @@ def test_every_page_knows_every_mark(client: httpx.Client) -> None:
     text = client.get("/").text
     found = re.search(r'id="words">(.*?)</script>', text)
     assert found is not None
-    assert set(json.loads(found[1])["marks"]) == {kind.value for kind in MARKS}
+    assert set(json.loads(found[1])["marks"]) == {kind.value for kind in InfractionKind}
 
 
 def test_agents_keep_the_colours_of_the_report(client: httpx.Client) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.episode.runner import drive_episode, run_episode
-from dohyo.evaluation.records.record import Status
+from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.store import write_record
 from dohyo.service.database.models import AgentKind, EpisodeStatus, EvaluationStatus
 from dohyo.service.episodes.archive import archived_path, staged_folder

@@ -11,7 +11,8 @@ import pytest
 
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.episode.runner import run_episode
-from dohyo.evaluation.records.record import AgentInfo, Status
+from dohyo.evaluation.records.record import AgentInfo
+from dohyo.evaluation.records.specifications import Status
 from dohyo.service.database.models import AgentKind, EpisodeStatus, EvaluationStatus
 from dohyo.sumo_networks.scenario import Traffic
 from tests.service.episodes.served import STEADY, Service, info_of, short

@@ -16,7 +16,8 @@ import pytest
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.episode.runner import run_episode
-from dohyo.evaluation.records.record import AgentInfo, Status
+from dohyo.evaluation.records.record import AgentInfo
+from dohyo.evaluation.records.specifications import Status
 from dohyo.service.client import AsyncClient, Client, ServiceError
 from dohyo.service.database.models import AgentKind, EpisodeStatus, EvaluationStatus
 from dohyo.service.worker import Driver, work

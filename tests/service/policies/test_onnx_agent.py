@@ -14,7 +14,8 @@ import pytest
 from dohyo.evaluation.agent import AgentSpec, agent_info, make_agent
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.episode.runner import run_episode
-from dohyo.evaluation.records.record import EpisodeRecord, Status
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.specifications import Status
 from dohyo.service.policies.agent import ENTRY, FOLDER_VARIABLE, OnnxPolicy
 from dohyo.service.policies.checks import PolicyRefusedError
 from dohyo.service.policies.interface import observation_spec, published_spec

@@ -109,7 +109,7 @@ def test_torchrl_accepts_it(scenario: Scenario, make_env: MakeEnv) -> None:
     env = PettingZooWrapper(make_env(scenario, reward=None), return_state=False, use_mask=True)
     check_env_specs(env, seed=0)
     rollout = env.rollout(100, break_when_any_done=True)
-    assert rollout.shape[0] == 60, "it ends at the time limit of 6 s"
+    assert rollout.shape[0] == 61, "it ends with the first tick later than 6 s"
 
 
 # Observations
@@ -128,7 +128,7 @@ def test_observations_lie_in_their_spaces(control: str, make_env: MakeEnv) -> No
                 assert array.dtype in (np.float32, np.uint8)
                 assert env.observation_space(name)[sensor].contains(array), (sensor, array)
         observations = env.step({name: env.action_space(name).sample() for name in env.agents})[0]
-    assert env.world.time == pytest.approx(6.0)
+    assert env.world.time == pytest.approx(6.1)
 
 
 def test_an_ego_out_in_the_fields_still_observes(make_env: MakeEnv) -> None:
@@ -176,12 +176,12 @@ def test_the_goal_ends_the_episode(make_env: MakeEnv) -> None:
     assert sum(rewards) == pytest.approx(env.world.egos.progress[0])
 
 
-def test_the_time_limit_truncates_to_the_tick(make_env: MakeEnv) -> None:
+def test_the_first_tick_later_than_the_time_limit_truncates(make_env: MakeEnv) -> None:
     env = make_env(short(time_limit_s=2.0))
     env.reset()
     steps = drive(env, 5.0, STOP)
-    assert len(steps) == 20
-    assert [step[3]["ego"] for step in steps] == [False] * 19 + [True]
+    assert len(steps) == 21
+    assert [step[3]["ego"] for step in steps] == [False] * 20 + [True]
     assert not any(step[2]["ego"] for step in steps)
 
 
@@ -207,7 +207,7 @@ def test_one_ego_may_go_on_when_another_has_ended(make_env: MakeEnv) -> None:
     names = [tuple(step[0]) for step in steps]
     assert names[0] == ("near", "far")
     assert names[-1] == ("far",)
-    assert len(steps) == 200
+    assert len(steps) == 201
     for observations, rewards, terminations, truncations, infos in steps:
         assert list(observations) == list(rewards) == list(terminations) == list(truncations) == list(infos)
 

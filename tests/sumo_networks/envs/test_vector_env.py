@@ -178,7 +178,7 @@ def test_a_bad_action_moves_nothing(pair: VectorDrivingEnv, action: Any, says: s
 
 
 def test_an_ego_whose_episode_has_ended_is_masked_until_all_have() -> None:
-    # The first stands 2 m before its goal; the second is at its limit of 2 s first.
+    # The first stands 2 m before its goal; the second is later than its limit of 2 s first.
     near, far = scenario(30.0, goal_m=-1.0).missions[0], scenario(5.0, 5.0).missions[1]
     near = near.model_copy(update={"goal": Place(lane="737320747#3_2", position_m=33.0)})
     both = SCENARIOS[0].model_copy(update={"missions": (near, far), "time_limit_s": 2.0})
@@ -187,7 +187,7 @@ def test_an_ego_whose_episode_has_ended_is_masked_until_all_have() -> None:
     observations, infos = env.reset(seed=0)
     assert observations["route"].shape == (1, 2, 80, 7)
     history = []
-    for _ in range(20):
+    for _ in range(21):
         observations, rewards, terminations, truncations, infos = env.step(np.full((1, 2, 2), [3.0, 0.0], np.float32))
         history.append((terminations[0].tolist(), truncations[0].tolist(), infos["active"][0].tolist()))
         if not infos["active"][0, 0]:

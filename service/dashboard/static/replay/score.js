@@ -5,18 +5,13 @@ import { number } from "../format.js";
 import { scoreOf } from "../scores.js";
 import { label } from "../words.js";
 
-const SINCE_2 = new Set(["minimum_speed", "scenario_timeout", "yield_emergency"]);
-const FREE = new Set(["outside_lanes", "route_deviation", "blocked", "route_timeout", "gridlock"]);
-
 /** @param ego of the replay @param {string} rules of the driving score */
 export function explain(ego, rules = "2.0") {
   const { rc, ip, ds, irs } = ego.score;
   const outside = ego.score.outside ?? 0;
   const terms = [["RC", number(rc), "route completion, %"]];
   if (outside > 0) terms.push(["lanes", number(1 - outside), "share of the distance inside the lanes"]);
-  const counted = ego.infractions.filter(
-    (one) => !FREE.has(one.kind) && (rules !== "1.0" || !SINCE_2.has(one.kind)),
-  );
+  const counted = ego.infractions.filter((one) => one.factor < 1); // the server knows which kinds these rules count
   const signs = rules === "2.1" ? costs(counted) : factors(counted);
   return h(
     "div",

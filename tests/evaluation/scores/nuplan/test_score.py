@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dohyo.evaluation.records.record import EpisodeRecord, InfractionKind, Status
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.records.trajectory import Trajectory, TrajectoryRecorder
 from dohyo.evaluation.scores.nuplan.frames import frames_of
 from dohyo.evaluation.scores.nuplan.score import ClosedLoop, closed_loop, times_to_collision

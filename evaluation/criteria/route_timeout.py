@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import ClassVar, Self
 
 import numpy as np
 
 from dohyo.evaluation.criteria.base import Criterion, infraction
-from dohyo.evaluation.records.record import Infraction, InfractionKind
+from dohyo.evaluation.records.record import Infraction
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.routes.route import Route
+from dohyo.sumo_networks.rules.episode_end import is_late
+from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.world import World
 
 
@@ -25,11 +29,18 @@ class RouteTimeout(Criterion):
     Source: CARLA Leaderboard 2.1, RouteTimeoutBehavior.
     """
 
+    kinds: ClassVar[tuple[InfractionKind, ...]] = (InfractionKind.ROUTE_TIMEOUT,)
+
     limit_s: float | None = None
     fixed_s: float = 300.0
     speed_share: float = 0.1
     _limit: float = field(default=0.0, init=False, repr=False)
     _reported: bool = field(default=False, init=False, repr=False)
+
+    @classmethod
+    def for_scenario(cls, scenario: Scenario) -> Self:
+        """With the scenario's own time limit, if it has one."""
+        return cls(limit_s=scenario.time_limit_s)
 
     def start(self, world: World, ego: int) -> None:
         """Works out the time allowed."""
@@ -38,9 +49,9 @@ class RouteTimeout(Criterion):
 
     def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
         """Yields one infraction when the time is up."""
-        if after.time > self._limit and not self._reported:
+        if is_late(after, self._limit) and not self._reported:
             self._reported = True
-            yield infraction(InfractionKind.ROUTE_TIMEOUT, after, ego, after.time, "s")
+            yield infraction(InfractionKind.ROUTE_TIMEOUT, after, ego, after.time)
 
 
 def travel_time(route: Route) -> float:

@@ -1,19 +1,21 @@
-"""Yielding: the ego has not let an emergency vehicle pass."""
+"""Yield to emergency vehicles: the ego has not let an emergency vehicle pass."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import ClassVar
 
 from dohyo.evaluation.criteria.base import Criterion, infraction
-from dohyo.evaluation.records.record import Infraction, InfractionKind
+from dohyo.evaluation.records.record import Infraction
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.world import EventPhase, World
 
 EMERGENCY = "yield_to_emergency_vehicle"
 
 
 @dataclass(slots=True)
-class Yielding(Criterion):
+class YieldEmergency(Criterion):
     """Detects an ego that is still ahead of the emergency vehicle when that event ends, once per event.
 
     An event that goes on when the ego's episode ends is none. The size is the distance along the route between the
@@ -22,10 +24,12 @@ class Yielding(Criterion):
     Source: CARLA Leaderboard 2.1, YieldToEmergencyVehicleTest.
     """
 
+    kinds: ClassVar[tuple[InfractionKind, ...]] = (InfractionKind.YIELD_EMERGENCY,)
+
     def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
         """Yields one infraction for each emergency vehicle that has not passed."""
         for earlier, event in zip(before.events, after.events, strict=True):
             ended = event.phase in (EventPhase.DONE, EventPhase.TIMED_OUT) and earlier.phase is EventPhase.ACTIVE
             if event.ego == ego and event.kind == EMERGENCY and ended and event.ahead < 0.0:
                 name = after.name_of(event.actors[0]) if event.actors else event.name
-                yield infraction(InfractionKind.YIELD_EMERGENCY, after, ego, -event.ahead, "m", actor=name)
+                yield infraction(InfractionKind.YIELD_EMERGENCY, after, ego, -event.ahead, actor=name)

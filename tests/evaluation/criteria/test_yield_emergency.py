@@ -5,8 +5,9 @@ import math
 
 import pytest
 
-from dohyo.evaluation.criteria import ENDS, Yielding, criteria_for
-from dohyo.evaluation.records.record import InfractionKind
+from dohyo.evaluation.criteria import criteria_for
+from dohyo.evaluation.criteria.yield_emergency import YieldEmergency
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 from dohyo.sumo_networks.world import EventPhase, EventState, World
 from tests.worlds import run, straight_road
@@ -26,7 +27,7 @@ def worlds(*story: tuple[EventPhase, float], kind: str = "yield_to_emergency_veh
 
 @pytest.mark.parametrize("ending", [DONE, TIMED_OUT])
 def test_an_ego_that_is_still_ahead_at_the_end_counts_once(ending: EventPhase) -> None:
-    verdict = run(worlds((ACTIVE, -13.0), (ACTIVE, -12.0), (ending, -11.5), (ending, -11.0)), Yielding())
+    verdict = run(worlds((ACTIVE, -13.0), (ACTIVE, -12.0), (ending, -11.5), (ending, -11.0)), YieldEmergency())
     (one,) = verdict.infractions
     assert one.kind is InfractionKind.YIELD_EMERGENCY
     assert (one.magnitude, one.unit) == (11.5, "m")
@@ -36,20 +37,20 @@ def test_an_ego_that_is_still_ahead_at_the_end_counts_once(ending: EventPhase) -
 
 @pytest.mark.parametrize(("ahead", "count"), [(-0.1, 1), (0.1, 0), (15.0, 0), (math.nan, 0)])
 def test_one_that_was_passed_has_yielded(ahead: float, count: int) -> None:
-    assert len(run(worlds((ACTIVE, -5.0), (DONE, ahead)), Yielding()).infractions) == count
+    assert len(run(worlds((ACTIVE, -5.0), (DONE, ahead)), YieldEmergency()).infractions) == count
 
 
 def test_as_long_as_it_goes_on_nothing_is_decided() -> None:
-    assert run(worlds(*[(ACTIVE, -20.0)] * 5), Yielding()).infractions == []
+    assert run(worlds(*[(ACTIVE, -20.0)] * 5), YieldEmergency()).infractions == []
 
 
 def test_other_events_and_other_egos_are_none() -> None:
     story = ((ACTIVE, -5.0), (DONE, -5.0))
-    assert run(worlds(*story, kind="hard_brake"), Yielding()).infractions == []
-    assert run(worlds(*story, ego=1), Yielding()).infractions == []
+    assert run(worlds(*story, kind="hard_brake"), YieldEmergency()).infractions == []
+    assert run(worlds(*story, ego=1), YieldEmergency()).infractions == []
 
 
 def test_it_is_judged_by_default_and_ends_nothing() -> None:
     scenario = Scenario(network="x", missions=(Mission(start=Place(lane="a"), goal=Place(lane="b")),))
-    assert any(isinstance(one, Yielding) for one in criteria_for(scenario))
-    assert InfractionKind.YIELD_EMERGENCY not in ENDS
+    assert any(isinstance(one, YieldEmergency) for one in criteria_for(scenario))
+    assert InfractionKind.YIELD_EMERGENCY.specification.ends is None

@@ -4,17 +4,17 @@ import dataclasses
 
 import pytest
 
-from dohyo.evaluation.criteria import ENDS, RouteTimeout, criteria_for
-from dohyo.evaluation.criteria.timeout import travel_time
-from dohyo.evaluation.records.record import InfractionKind, Status
+from dohyo.evaluation.criteria import criteria_for
+from dohyo.evaluation.criteria.route_timeout import RouteTimeout, travel_time
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
-from tests.worlds import run, straight_road
+from tests.worlds import kinds, run, straight_road
 
 
 @pytest.mark.parametrize(("seconds", "count"), [(4.9, 0), (5.1, 1), (8.0, 1)])
 def test_the_given_limit_counts_once(seconds: float, count: int) -> None:
     verdict = run(straight_road().with_ego(x=50, speed=10), RouteTimeout(limit_s=5.0), seconds=seconds)
-    assert verdict.kinds == [InfractionKind.ROUTE_TIMEOUT] * count
+    assert kinds(verdict) == [InfractionKind.ROUTE_TIMEOUT] * count
     assert [one.magnitude for one in verdict.infractions] == pytest.approx([5.1] * count)
     assert all(one.unit == "s" for one in verdict.infractions)
 
@@ -38,7 +38,7 @@ def test_the_scenarios_limit_is_used() -> None:
     mission = Mission(start=Place(lane="a"), goal=Place(lane="b"))
     scenario = Scenario(network="x", missions=(mission,), time_limit_s=3.0)
     verdict = run(straight_road().with_ego(x=50, speed=10), *criteria_for(scenario), seconds=4)
-    assert verdict.kinds == [InfractionKind.ROUTE_TIMEOUT]
+    assert kinds(verdict) == [InfractionKind.ROUTE_TIMEOUT]
 
 
 def test_criteria_are_fresh_each_time() -> None:
@@ -48,4 +48,4 @@ def test_criteria_are_fresh_each_time() -> None:
 
 
 def test_it_ends_the_episode() -> None:
-    assert ENDS[InfractionKind.ROUTE_TIMEOUT] is Status.TIMED_OUT
+    assert InfractionKind.ROUTE_TIMEOUT.specification.ends is Status.TIMED_OUT

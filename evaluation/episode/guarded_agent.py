@@ -1,0 +1,119 @@
+"""GuardedAgent: an agent behind its deadlines, whose every failure becomes a status."""
+
+from __future__ import annotations
+
+import re
+import time
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from dohyo.evaluation.agent import Agent, Observation
+from dohyo.evaluation.episode.deadline import deadline
+from dohyo.evaluation.records.specifications import Status
+from dohyo.sumo_networks.ego.control import InvalidActionError
+from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, SimulationError
+from dohyo.sumo_networks.scenario import Mission
+
+ACT_DEADLINE_S = 10.0
+RESET_DEADLINE_S = 60.0
+LONGEST_FAILURE = 500
+
+T = TypeVar("T")
+
+
+class AgentFailedError(AgentError):
+    """An agent's failure ends its ego's episode.
+
+    Attributes:
+        status: How the episode ended.
+    """
+
+    def __init__(self, status: Status, message: str) -> None:
+        super().__init__(message)
+        self.status = status
+
+
+class GuardedAgent:
+    """Calls an agent, and says with which status it failed.
+
+    Attributes:
+        agent: The agent.
+        latencies_s: Wall-clock time of every decision, s.
+    """
+
+    def __init__(self, agent: Agent, act_deadline_s: float, watch: Callable[[float], None]) -> None:
+        """Calls nothing yet.
+
+        Args:
+            agent: Which agent.
+            act_deadline_s: Wall-clock time it may take for one decision.
+            watch: Called with the deadline in seconds before every call of the agent, and with 0 after it.
+        """
+        self.agent, self.latencies_s = agent, list[float]()
+        self._act_deadline_s, self._watch = act_deadline_s, watch
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        """Prepares the agent for an episode.
+
+        Raises:
+            AgentFailedError: It raised, or took too long.
+            SimulationError: The machine is at fault.
+        """
+        self._call(lambda: self.agent.reset(mission, seed), RESET_DEADLINE_S, Status.AGENT_SETUP)
+
+    def act(self, observation: Observation, check: Callable[[object], None]) -> np.ndarray:
+        """One decision.
+
+        Args:
+            observation: What the ego's sensors read.
+            check: Raises InvalidActionError for an action that cannot be driven.
+
+        Raises:
+            AgentFailedError: It raised, took too long, or the action is invalid.
+            SimulationError: The machine is at fault.
+        """
+        began = time.perf_counter()
+        action = self._call(lambda: self.agent.act(observation), self._act_deadline_s, Status.AGENT_RAISED)
+        self.latencies_s.append(time.perf_counter() - began)
+        try:
+            check(action)
+        except InvalidActionError as error:
+            raise AgentFailedError(Status.AGENT_ACTION, str(error)) from error
+        return action
+
+    def decision_ms(self) -> tuple[float, float, float]:
+        """Milliseconds per decision: p50, p95, p99; zeros without any."""
+        if not self.latencies_s:
+            return 0.0, 0.0, 0.0
+        p50, p95, p99 = np.percentile(np.array(self.latencies_s) * 1000.0, [50, 95, 99]).round(3)
+        return float(p50), float(p95), float(p99)
+
+    def _call(self, call: Callable[[], T], seconds: float, failed: Status) -> T:
+        self._watch(seconds)
+        try:
+            with deadline(seconds, f"agent '{self.agent.spec.name}'"):
+                return call()
+        except AgentTimeoutError as error:
+            raise AgentFailedError(Status.AGENT_DEADLINE, str(error)) from error
+        except InvalidActionError as error:
+            raise AgentFailedError(Status.AGENT_ACTION, str(error)) from error
+        except SimulationError:  # the machine's fault, such as a policy's sandbox that cannot be started
+            raise
+        except AgentError as error:  # worded where the fault was found
+            raise AgentFailedError(failed, str(error)[:LONGEST_FAILURE]) from error
+        except Exception as error:  # an agent may raise anything; the batch must survive
+            raise AgentFailedError(failed, describe(error)) from error
+        finally:
+            self._watch(0.0)
+
+
+def describe(error: Exception) -> str:
+    """Type, message and place of an error, without addresses that would differ from run to run."""
+    frames = traceback.extract_tb(error.__traceback__)
+    where = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
+    text = f"{type(error).__name__}: {error}{where}"
+    return re.sub(r"0x[0-9a-f]+", "0x", text)[:LONGEST_FAILURE]

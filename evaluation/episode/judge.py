@@ -1,0 +1,94 @@
+"""Judge: what went wrong in one ego's episode, and when and how it ends; criteria in, findings and status out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dohyo.evaluation.criteria import Criterion, criteria_for
+from dohyo.evaluation.criteria.collision import Collision
+from dohyo.evaluation.criteria.outside_lanes import OutsideLanes
+from dohyo.evaluation.records.record import Infraction
+from dohyo.evaluation.records.specifications import COLLISIONS, Status
+from dohyo.sumo_networks.rules.episode_end import is_played_out, reached_goal
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.world import World
+
+
+class Judge:
+    """Judges one ego for one episode. It reads worlds and changes nothing in them.
+
+    Attributes:
+        infractions: Found so far; in the order of time once the episode has ended.
+        progress_m: Furthest progress along the route.
+        driven_m: Distance driven.
+        duration_s: Simulated time judged.
+        status: How the episode ended; None while it goes on.
+    """
+
+    def __init__(self, scenario: Scenario, ego: int, criteria: Sequence[Criterion] | None = None) -> None:
+        """Prepares the criteria.
+
+        Args:
+            scenario: What is driven.
+            ego: Index of the ego.
+            criteria: Which ones to ask; by default all of them.
+        """
+        self.infractions: list[Infraction] = []
+        self.progress_m = self.driven_m = self.duration_s = 0.0
+        self.status: Status | None = None
+        self._scenario, self._ego = scenario, ego
+        self._criteria = tuple(criteria_for(scenario) if criteria is None else criteria)
+        self._world: World | None = None
+
+    @property
+    def contacts(self) -> int:
+        """Number of distinct actors ever touched, at fault or not."""
+        return sum(one.touched for one in self._criteria if isinstance(one, Collision))
+
+    @property
+    def outside_lanes_m(self) -> float:
+        """Distance driven with the centre outside the lanes, m."""
+        return sum(one.metres for one in self._criteria if isinstance(one, OutsideLanes))
+
+    def start(self, world: World) -> None:
+        """Looks at the world in which the episode begins."""
+        self._world = world
+        for criterion in self._criteria:
+            criterion.start(world, self._ego)
+
+    def update(self, before: World, after: World) -> Status | None:
+        """Judges one tick.
+
+        Args:
+            before: The world before the tick.
+            after: The world after it.
+
+        Returns:
+            How the episode ends with this tick, for `end`; None: it goes on.
+        """
+        egos, ego = after.egos, self._ego
+        self._world = after
+        self.progress_m = max(self.progress_m, float(egos.progress[ego]))
+        self.driven_m, self.duration_s = float(egos.driven[ego]), after.time
+        found = [one for criterion in self._criteria for one in criterion.update(before, after, ego)]
+        self.infractions += found
+        return self._ending(found, after)
+
+    def end(self, status: Status) -> None:
+        """Ends the episode, and adds the infractions that are only known then."""
+        if self._world is not None:
+            for criterion in self._criteria:
+                self.infractions += criterion.finish(self._world, self._ego)
+        self.infractions.sort(key=lambda infraction: infraction.time_s)
+        flawless = status is Status.COMPLETED and not self.infractions
+        self.status = Status.PERFECT if flawless else status
+
+    def _ending(self, found: Sequence[Infraction], world: World) -> Status | None:
+        ending = next((status for one in found if (status := one.kind.specification.ends)), None)
+        if ending is not None:
+            return ending
+        if self._scenario.stop_on_collision and any(one.kind in COLLISIONS for one in found):
+            return Status.COLLIDED
+        if reached_goal(world, self._ego):
+            return Status.COMPLETED
+        return Status.FINISHED if is_played_out(world, self._scenario.duration_s) else None

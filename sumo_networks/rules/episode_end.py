@@ -1,0 +1,30 @@
+"""When an episode is over: at the goal, later than its time limit, or after its planned duration.
+
+Environments and the judge of an evaluation ask the same functions, so that an agent is trained on the episodes that it
+is judged by.
+"""
+
+from __future__ import annotations
+
+from dohyo.sumo_networks.units import TICK_S
+from dohyo.sumo_networks.world import World
+
+GOAL_SHARE = 0.99
+GOAL_DISTANCE_M = 10.0
+
+
+def reached_goal(world: World, ego: int) -> bool:
+    """Whether an ego is at its goal: over 99 % of the route driven and less than 10 m left (CARLA Leaderboard)."""
+    route, progress = world.routes[ego], float(world.egos.progress[ego])
+    aside = abs(float(world.egos.lateral[ego]))
+    return progress > GOAL_SHARE * route.length and route.length - progress + aside < GOAL_DISTANCE_M
+
+
+def is_late(world: World, limit_s: float | None) -> bool:
+    """Whether more time has passed than a time limit allows, s; never without a limit."""
+    return limit_s is not None and world.time > limit_s
+
+
+def is_played_out(world: World, duration_s: float | None) -> bool:
+    """Whether a scenario's planned duration, s, has passed; never without one."""
+    return duration_s is not None and world.time >= duration_s - TICK_S / 2
