@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from gymnasium.wrappers import FlattenObservation
+from gymnasium.wrappers import FlattenObservation, RenderCollection
 from gymnasium.wrappers.vector import FlattenObservation as FlattenVectorObservation
 
 import dohyo
@@ -34,6 +34,17 @@ def test_gymnasium_makes_the_benchmark_with_its_missions() -> None:
     ends = [flat.step(flat.action_space.sample())[2:4] for _ in range(10)]
     assert any(ends[-1])
     flat.close()
+
+
+def test_gymnasiums_wrappers_collect_a_frame_per_step() -> None:
+    env = RenderCollection(gymnasium.make("dohyo/Quickstart-v0", time_limit_s=1.0, render_mode="rgb_array"))
+    env.reset(seed=1)
+    for _ in range(3):
+        env.step(env.action_space.sample())
+    frames = env.render()
+    assert frames is not None
+    assert [frame.shape for frame in frames] == [(480, 480, 3)] * 4
+    env.close()
 
 
 def test_gymnasium_makes_missions_of_ones_own() -> None:
