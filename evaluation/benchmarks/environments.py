@@ -11,7 +11,7 @@ from typing import Any
 from gymnasium.vector import AutoresetMode
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
-from dohyo.evaluation.criteria.timeout import RouteTimeout, travel_time
+from dohyo.evaluation.criteria.route_timeout import RouteTimeout, travel_time
 from dohyo.sumo_networks.envs.single_env import SingleDrivingEnv, check_single
 from dohyo.sumo_networks.envs.vector_env import VectorDrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError

@@ -24,7 +24,7 @@ MISSION = {
 
 
 def test_gymnasium_makes_the_benchmark_with_its_missions() -> None:
-    env = gymnasium.make("dohyo/Quickstart-v0", time_limit_s=1.0)
+    env = gymnasium.make("dohyo/Quickstart-v0", time_limit_s=0.95)
     assert isinstance(env.unwrapped, SingleDrivingEnv)
     assert len(env.unwrapped.scenarios) == 6
     flat = FlattenObservation(env)
@@ -37,7 +37,7 @@ def test_gymnasium_makes_the_benchmark_with_its_missions() -> None:
 
 
 def test_gymnasiums_wrappers_collect_a_frame_per_step() -> None:
-    env = RenderCollection(gymnasium.make("dohyo/Quickstart-v0", time_limit_s=1.0, render_mode="rgb_array"))
+    env = RenderCollection(gymnasium.make("dohyo/Quickstart-v0", time_limit_s=0.95, render_mode="rgb_array"))
     env.reset(seed=1)
     for _ in range(3):
         env.step(env.action_space.sample())
@@ -58,7 +58,7 @@ def test_gymnasium_makes_missions_of_ones_own() -> None:
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_gymnasium_makes_two_at_once_for_its_wrappers() -> None:
-    env = gymnasium.make_vec("dohyo/Quickstart-v0", num_envs=2, time_limit_s=0.5, render_mode="rgb_array")
+    env = gymnasium.make_vec("dohyo/Quickstart-v0", num_envs=2, time_limit_s=0.45, render_mode="rgb_array")
     assert env.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
     flat = FlattenVectorObservation(env)
     observations, _ = flat.reset(seed=1)
@@ -76,7 +76,7 @@ def test_gymnasium_makes_two_at_once_for_its_wrappers() -> None:
 
 
 def test_gymnasium_makes_processes_of_its_own() -> None:
-    env = gymnasium.make_vec("dohyo/Quickstart-v0", num_envs=2, vectorization_mode="async", time_limit_s=0.5)
+    env = gymnasium.make_vec("dohyo/Quickstart-v0", num_envs=2, vectorization_mode="async", time_limit_s=0.45)
     observations, infos = env.reset(seed=1)
     assert observations["speedometer"].shape == (2, 2)
     assert len(set(infos["seed"].tolist())) == 2

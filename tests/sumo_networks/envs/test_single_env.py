@@ -17,11 +17,11 @@ from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
 from tests.sumo_networks.simulation.drives import in_ingolstadt
 
 LIGHT_TRAFFIC = Traffic(vehicles=6, pedestrians=6, warm_up_s=2.0)
-FIRST = in_ingolstadt(name="first", traffic=LIGHT_TRAFFIC, time_limit_s=1.0)
+FIRST = in_ingolstadt(name="first", traffic=LIGHT_TRAFFIC, time_limit_s=0.95)
 SECOND = in_ingolstadt(
     name="second",
     traffic=LIGHT_TRAFFIC,
-    time_limit_s=0.5,
+    time_limit_s=0.45,
     missions=(Mission(start=Place(lane="29119849#1_2", position_m=8.0), goal=Place(lane="54169280#2_2")),),
 )
 
