@@ -90,7 +90,7 @@ def summarise(records: Iterable[EpisodeRecord], *, rules: Rules = "2.0", irs_len
     drives = [ego for record in counted for ego in record.egos]
     scored = [score_drive(ego, rules=rules, irs_length=irs_length) for ego in drives]
     statuses = Counter(ego.status for ego in drives)
-    lost_drives = sum(len(record.egos) for record in records if _lost(record))
+    lost_drives = sum(len(record.egos) for record in records if record.lost)
     return Summary(
         agent=agent.name,
         benchmark=benchmark[0] if benchmark else None,

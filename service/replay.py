@@ -78,7 +78,7 @@ def encode(replay: dict[str, Any]) -> bytes:
 
 
 def infraction_document(one: Infraction, rules: Rules) -> dict[str, Any]:
-    """An infraction as plain JSON, with its `unit` and with `factor`: the infraction penalty of a drive with only this infraction."""
+    """An infraction as plain JSON, with its `unit` and `factor`, the penalty of a drive with only this infraction."""
     return one.model_dump(mode="json") | {"unit": one.unit, "factor": infraction_penalty([one], rules, 0.0)}
 
 

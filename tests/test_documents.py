@@ -244,7 +244,18 @@ def test_context_has_the_factors_and_costs_in_use() -> None:
         if said[1] == "none":
             assert (factor, cost) == (1.0, 0.0)
         else:
-            assert (float(said[0]), float(said[1])) == pytest.approx((factor, cost))
+            assert (float(said[0].partition(",")[0]), float(said[1])) == pytest.approx((factor, cost))
+
+
+def test_context_specifies_each_kind_as_the_code_does() -> None:
+    source = text("CONTEXT.md")
+    sizes, penalties = table(source, "kind"), table(source, "infraction | p (1.0, 2.0)")
+    for kind in InfractionKind:
+        when, size = sizes[kind.value]
+        unit = kind.specification.unit
+        assert re.search(rf"(^|, ){re.escape(unit)}($| of)", size), (kind, size)
+        assert (kind.specification.ends is not None) == ("ends the drive" in when), kind
+        assert (kind.specification.since != "1.0") == ("not in 1.0" in penalties[kind.value][0]), kind
 
 
 def test_context_speaks_of_record_fields_that_exist() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 from gymnasium.vector import AutoresetMode
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
-from dohyo.evaluation.criteria.route_timeout import RouteTimeout, travel_time
+from dohyo.evaluation.criteria.route_timeout import RouteTimeout
 from dohyo.sumo_networks.envs.single_env import SingleDrivingEnv, check_single
 from dohyo.sumo_networks.envs.vector_env import VectorDrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -111,9 +111,8 @@ def _limit(scenario: Scenario) -> float:
     """The scenario's own limit, else that of `RouteTimeout`, s."""
     if scenario.time_limit_s is not None:
         return scenario.time_limit_s
-    timeout = RouteTimeout()
     route = plan_route(load_network(scenario.network), scenario.missions[0])
-    return round(timeout.fixed_s + travel_time(route) / timeout.speed_share, 1)
+    return round(RouteTimeout().allowed_s(route), 1)
 
 
 def _split(source: Source | None, options: Mapping[str, Any]) -> tuple[tuple[Scenario, ...], dict[str, Any]]:

@@ -42,10 +42,13 @@ class RouteTimeout(Criterion):
         """With the scenario's own time limit, if it has one."""
         return cls(limit_s=scenario.time_limit_s)
 
+    def allowed_s(self, route: Route) -> float:
+        """Time allowed on a route, s."""
+        return self.fixed_s + travel_time(route) / self.speed_share if self.limit_s is None else self.limit_s
+
     def start(self, world: World, ego: int) -> None:
         """Works out the time allowed."""
-        driving_s = travel_time(world.routes[ego]) / self.speed_share
-        self._limit = self.fixed_s + driving_s if self.limit_s is None else self.limit_s
+        self._limit = self.allowed_s(world.routes[ego])
 
     def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
         """Yields one infraction when the time is up."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dohyo.evaluation.records.record import Status
+from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.scores.nuplan.score import ClosedLoop
 from dohyo.evaluation.scores.nuplan.summary import ScoredDrive, summarise_closed_loop
 from dohyo.evaluation.summary import summarise

@@ -210,7 +210,7 @@ def test_the_next_step_may_start_the_next_episode() -> None:
     same.reset(seed=2)
     following.reset(seed=2)
     go = np.float32([[6.0, 0.0]])
-    for _ in range(9):
+    for _ in range(10):
         np.testing.assert_equal(following.step(go)[:4], same.step(go)[:4])
     fresh, reward, _, truncated, infos = same.step(go)
     last, its_reward, _, its_truncated, _ = following.step(go)
