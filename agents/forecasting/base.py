@@ -1,4 +1,4 @@
-"""Forecaster: the one interface of everything that looks ahead; and how one is kept on disk."""
+"""Forecaster: interface of all forecasters, and their files."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from dohyo.sumo_networks.files import write_atomically
 
 FREE_QUANTILE = 0.999
 Progress = Callable[[int, int, float], None]
-"""Told the steps done, all steps, and the last validation's error."""
+"""Called with: steps done, all steps, and the last validation's error."""
 
 
 class Forecaster(ABC):
-    """Says the speeds of the next three rows from those of the last eight.
+    """Forecasts the speeds of the next three rows from the last eight.
 
     Attributes:
         name: Of the kind.
         segments: Number of columns, N.
         step_s: Seconds between two rows.
-        free_mps: What a normalised speed of 1 is: 99.9 % of the speeds learned from are below it.
+        free_mps: Speed with the normalised value 1: the 99.9 % quantile of the training speeds.
     """
 
     name: ClassVar[str]
@@ -69,12 +69,12 @@ class Forecaster(ABC):
         return np.asarray(np.maximum(self.predict_many(rows[None], when)[0], 0.0), dtype=np.float64)
 
     def nowcast(self, history: ArrayLike, lag_min: float, time_s: float | None = None) -> FloatArray:
-        """The speeds of now, (N,), m/s, where the last row is of `lag_min` minutes ago.
+        """Present speeds, (N,), m/s, if the last row is `lag_min` minutes old.
 
-        Between two rows it takes the line; time_s is that of the last row.
+        Linear between two rows; time_s is that of the last row.
 
         Raises:
-            InvalidInputError: A lag that three rows do not bridge, or as `predict`.
+            InvalidInputError: The lag is longer than three rows, or as `predict`.
         """
         rows_late = 60.0 * lag_min / self.step_s
         if not 0.0 <= rows_late <= HORIZON:
@@ -88,7 +88,7 @@ class Forecaster(ABC):
 
     @abstractmethod
     def learn(self, train: Windows, validation: Windows, progress: Progress | None) -> None:
-        """What `fit` does after its checks."""
+        """Trains; called by `fit` after its checks."""
 
     @abstractmethod
     def predict_many(self, histories: Float32Array, time_s: FloatArray | None = None) -> Float32Array:
@@ -96,18 +96,18 @@ class Forecaster(ABC):
 
     @abstractmethod
     def tensors(self) -> dict[str, np.ndarray]:
-        """What was learned, by name."""
+        """Learned tensors, by name."""
 
     @abstractmethod
     def restore(self, tensors: Mapping[str, np.ndarray]) -> None:
-        """Takes what was learned.
+        """Restores learned tensors.
 
         Raises:
             InvalidInputError: Tensors are missing, or have another shape.
         """
 
     def facts(self) -> dict[str, str]:
-        """What else a file says."""
+        """Other facts in a file."""
         return {
             "forecaster": self.name,
             "segments": str(self.segments),

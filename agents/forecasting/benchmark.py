@@ -1,4 +1,4 @@
-"""The benchmarks `forecast-easy` and `forecast-hard`: one forecaster on days that nobody has learned from.
+"""Benchmarks `forecast-easy` and `forecast-hard`: one forecaster on held-out days.
 
 The days are made on first use and kept. A forecaster is a shipped name, a .safetensors or .onnx file, `persistence`,
 or "module:Class" of a `Forecaster` that needs no training.
@@ -32,7 +32,7 @@ from dohyo.sumo_networks.freeway.road import load_freeway
 
 TIMED, WARM_UPS = 2000, 200
 Progress = Callable[[int, int, float], None]
-"""Days that are there, their number, and the share of the one being made."""
+"""Called with: finished days, their number, and the share of the present one."""
 
 METRICS = (
     Metric("mse", "MSE of normalised speed, mean of three minutes", "x 10^3", "lower"),
@@ -53,12 +53,12 @@ def evaluate_forecaster(
     """Measures a forecaster beside persistence, and writes the result.
 
     Args:
-        benchmark: Which days.
+        benchmark: Set of days.
         name: Of the forecaster; see the module.
         settings: `exported` for a shipped name: its ONNX model instead; else of the class's constructor.
         out: Folder of the result.
         workers: Processes that make missing days.
-        progress: Told while they are made.
+        progress: Called while they are made.
 
     Raises:
         InvalidInputError: There is no such forecaster, it forecasts another road, or the folder holds another result.
@@ -92,7 +92,7 @@ def evaluate_forecaster(
 def benchmark_windows(
     benchmark: ForecastBenchmark, workers: int = 1, progress: Progress = lambda _done, _of, _share: None
 ) -> tuple[Windows, tuple[str, ...]]:
-    """The windows of a benchmark's days, made where they are missing; and the days' names, by number of stretch."""
+    """Windows of a benchmark's days, which are made if missing; and the days' names, by number of stretch."""
     folder = days_folder(benchmark)
     make_dataset(benchmark.order, folder, progress, workers)
     days = read_set(folder, benchmark.days)[: benchmark.number]
@@ -100,10 +100,10 @@ def benchmark_windows(
 
 
 def forecaster_named(name: str, segments: int, settings: Mapping[str, Any]) -> tuple[Forecaster, AgentFacts]:
-    """A forecaster, and what a result says of it.
+    """Forecaster, and its description in a result.
 
     Raises:
-        InvalidInputError: There is none of that name, or it cannot be made.
+        InvalidInputError: There is no such forecaster, or it cannot be made.
     """
     if ":" in name:
         return _of_class(name, segments, settings)
@@ -122,7 +122,7 @@ def _of_class(entry: str, segments: int, settings: Mapping[str, Any]) -> tuple[F
     maker = load_entry(entry, "forecaster")
     try:
         made = maker(segments, MINUTE_S, **settings)
-    except Exception as error:  # whatever a stranger's constructor does
+    except Exception as error:  # a foreign constructor may raise anything
         raise InvalidInputError(f"forecaster '{entry}' cannot be made: {type(error).__name__}: {error}") from error
     if not isinstance(made, Forecaster):
         raise InvalidInputError(
@@ -148,7 +148,7 @@ def _units(got: Errors, names: tuple[str, ...]) -> Units:
 
 
 def _latency(forecaster: Forecaster, windows: Windows) -> dict[str, float]:
-    """Of one forecast from one history, one core."""
+    """Latency of one forecast from one history, one core."""
     history, time_s = windows.history[0].astype(np.float64), float(windows.time_s[0])
     took = measure(lambda: forecaster.predict(history, time_s), TIMED, WARM_UPS)
     return {"latency_core_ms": round(took.core_ms, 4), "latency_wall_ms": round(took.wall_ms, 4)}

@@ -2,8 +2,8 @@
 
 A folder has `dataset.json` and one Parquet file per day in `train/`, `easy/` and `hard/`, with the columns `minute`,
 `segment_00`, ... and, where the simulation knows them, `truth_00`, ... A table is one CSV or Parquet file, from
-anywhere. Both become `Stretch`es: rows at equal steps, in m/s, NaN where nothing was measured. What would mislead a
-forecaster is refused here, in `reading.py` for what a file can get wrong and in `check_speeds` for what values can.
+anywhere. Both become `Stretch`es: rows at equal steps, in m/s, NaN where nothing was measured. Misleading data are
+refused: by `reading.py` for errors of a file, and by `check_speeds` for errors of values.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ UNITS = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704}
 """Metres per second in one unit."""
 DAY_S = 86400
 MIN_ROWS = 120
-"""Of a table that is to be learned from."""
+"""Fewest rows of a table to learn from."""
 FREE_MPS = (5.0, 42.0)
-"""Where the speed lies that 95 % of the values do not exceed: an alley at 18 km/h, a motorway without limit at 151."""
+"""Range of the 95 % quantile of speeds: an alley has 18 km/h, a motorway without limit 151."""
 STANDS_STILL_MPS = 1e-3
 SHARES = (0.7, 0.1, 0.2)
-"""Of a single table: to train, to validate, to test; in time's order."""
+"""Shares of a single table to train, to validate and to test, in time's order."""
 SETS = ("train", "validation", "easy", "hard", "test")
 
 
@@ -34,10 +34,10 @@ class Stretch:
     """Rows without interruption, mostly one day.
 
     Attributes:
-        name: Where it is from.
+        name: Source.
         start_s: Time of day of the first row.
         speeds: (T, N) measured, m/s, NaN where missing.
-        truth: (T, N) of all vehicles, m/s, where it is known.
+        truth: (T, N) of all vehicles, m/s, if known.
     """
 
     name: str
@@ -46,20 +46,20 @@ class Stretch:
     truth: Float32Array | None = None
 
     def part(self, begin: int, end: int, step_s: float) -> Stretch:
-        """Its rows [begin, end), with their own time of day."""
+        """Rows [begin, end), with their own time of day."""
         truth = None if self.truth is None else self.truth[begin:end]
         return Stretch(self.name, (self.start_s + begin * step_s) % DAY_S, self.speeds[begin:end], truth)
 
 
 @dataclass(frozen=True)
 class SpeedData:
-    """What forecasters learn from and are measured on.
+    """Data for training and evaluation of forecasters.
 
     Attributes:
         segments: Names of the N columns, in the order in which they lie along the road.
         step_s: Seconds between two rows.
         sets: Stretches by set: `train` and `validation`, and `easy` and `hard` of a folder or `test` of a table.
-        lag_min: How late the feed is, minutes, at most.
+        lag_min: Largest delay of the feed, minutes.
         source: Path.
     """
 
@@ -70,7 +70,7 @@ class SpeedData:
     source: str = ""
 
     def stretches(self, name: str) -> Sequence[Stretch]:
-        """Those of one set.
+        """Stretches of one set.
 
         Raises:
             UnknownNameError: There is no such set.
@@ -81,7 +81,7 @@ class SpeedData:
 
     @property
     def measured_sets(self) -> tuple[str, ...]:
-        """Those that nothing was learned from."""
+        """Sets for evaluation."""
         return tuple(name for name in ("easy", "hard", "test") if name in self.sets)
 
 
@@ -132,7 +132,7 @@ def check_speeds(
         stretches: In m/s.
         segments: Names of the columns.
         where: Path, for the message.
-        unit: As which the speeds were read.
+        unit: Unit in which the speeds were read.
         max_missing: Share of a column that may be missing.
 
     Raises:

@@ -1,4 +1,4 @@
-"""A forecaster in ONNX Runtime, on one thread: the fast path, for planners and workers."""
+"""Forecaster in ONNX Runtime, on one thread, for planners and workers."""
 
 from __future__ import annotations
 
@@ -52,11 +52,11 @@ class Exported(Forecaster):
         return out if out.ndim == 2 else out[:, 1]
 
     def learn(self, train: Windows, validation: Windows, progress: Progress | None) -> Never:
-        """An exported model learns no more."""
+        """Refused: an exported model cannot be trained."""
         raise InvalidInputError(f"'{self.path}' is exported and cannot be trained; train its safetensors file")
 
     def tensors(self) -> Never:
-        """An exported model is a file already."""
+        """Refused: an exported model is a file already."""
         raise InvalidInputError(f"'{self.path}' is exported and cannot be saved again")
 
     def restore(self, tensors: Mapping[str, np.ndarray]) -> Never:

@@ -26,9 +26,9 @@ from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import InvalidInputError
 
 SLOW_TO_FAST = ((0.0, "#5C0A12"), (0.25, "#B3362E"), (0.5, "#E08A4F"), (0.75, "#F3CF9B"), (1.0, "#FAF3E3"))
-"""Dark where traffic stands, pale where it flows."""
+"""Colours: dark for standing traffic, pale for free flow."""
 JAM_SHARE = 0.5
-"""Of the free speed; slower is congested."""
+"""Share of the free speed below which traffic is congested."""
 STAGES = ("free flow", "onset", "congestion", "dissipation")
 SHOWN = (
     ("SA-LSTM, 1 minute ahead", "sa-lstm", 0),
@@ -42,7 +42,7 @@ def stages(measured: Float32Array, free_mps: float) -> dict[str, int]:
     """Rows (T, N) at which traffic flows, a queue begins, is longest, and has shrunk to a half.
 
     Raises:
-        InvalidInputError: Nothing is ever congested.
+        InvalidInputError: There is no congestion.
     """
     slow = np.convolve((measured < JAM_SHARE * free_mps).mean(axis=1), np.ones(5) / 5, mode="same")
     worst = int(slow.argmax())
@@ -56,7 +56,7 @@ def stages(measured: Float32Array, free_mps: float) -> dict[str, int]:
 
 
 def forecasts(windows: Windows, forecasters: Mapping[str, Forecaster]) -> dict[str, Float32Array]:
-    """(B, N) what was measured three rows after each history, and what was forecast of it, km/h."""
+    """(B, N) measured speeds three rows after each history, and their forecasts, km/h."""
     after = windows.target[:, HORIZON - 1]
     out = {"measured": np.where(np.isnan(after), fill(windows.target)[:, HORIZON - 1], after)}
     for label, name, row in SHOWN:

@@ -1,8 +1,8 @@
-"""Gaps: what stands in for a speed nobody measured, known from the past alone.
+"""Gaps: replacement of missing speeds from the past alone.
 
 The rule has a name, `hold-neighbour`: a missing value is the last earlier one of its segment within the history; before
-the first, that first one; and a segment that is silent for the whole history lies on the straight line between the
-nearest segments that are not. A history is all that a forecast may see, so nothing of the future enters.
+the first, that first one; and a segment without values in the whole history is interpolated between the nearest
+segments with values. Only the history is used, so nothing of the future enters.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ RULE = "hold-neighbour"
 
 
 def fillable(histories: Float32Array) -> BoolArray:
-    """(B,) which histories (B, s, N) have at least one value."""
+    """(B,) whether histories (B, s, N) have at least one value."""
     return np.asarray(np.isfinite(histories).any(axis=(1, 2)))
 
 
@@ -34,7 +34,7 @@ def fill(histories: Float32Array) -> Float32Array:
     if np.isfinite(histories).all():
         return histories
     held = _hold(_hold(histories)[:, ::-1])[:, ::-1]
-    silent = np.isnan(held[:, 0])  # after holding both ways, a segment is known throughout or not at all
+    silent = np.isnan(held[:, 0])  # after holding in both directions, a segment has all values or none
     for one in np.flatnonzero(silent.any(axis=1)):
         known = np.flatnonzero(~silent[one])
         for segment in np.flatnonzero(silent[one]).tolist():

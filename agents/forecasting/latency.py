@@ -1,4 +1,4 @@
-"""Latency: how long one forecast takes, batch 1, one core, mean of 50,000 after 1,000 to warm up."""
+"""Latency of one forecast: batch 1, one core, mean of 50,000 after 1,000 to warm up."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class Latency:
     """Milliseconds of one call.
 
     Attributes:
-        wall_ms: By the clock; what else runs on the machine counts in.
-        core_ms: Of the core itself.
+        wall_ms: Wall-clock time, including other load of the machine.
+        core_ms: Processor time.
     """
 
     wall_ms: float
@@ -39,8 +39,8 @@ class Ahead(nn.Module):
     """The first rows ahead of a network.
 
     Attributes:
-        network: It.
-        rows: How many.
+        network: The network.
+        rows: Number of rows.
     """
 
     def __init__(self, network: SpeedNetwork, rows: int) -> None:
@@ -53,7 +53,7 @@ class Ahead(nn.Module):
 
 
 def measure(call: Callable[[], object], runs: int = RUNS, warm_ups: int = WARM_UPS) -> Latency:
-    """The mean of many calls."""
+    """Mean of many calls."""
     for _ in range(warm_ups):
         call()
     wall, core = time.perf_counter(), time.thread_time()
@@ -63,9 +63,9 @@ def measure(call: Callable[[], object], runs: int = RUNS, warm_ups: int = WARM_U
 
 
 def of_network(name: str, segments: int, rows: int, runs: int = RUNS, warm_ups: int = WARM_UPS) -> dict[str, Latency]:
-    """Of a network of `networks.registry` for so many rows ahead: in torch, and exported to ONNX Runtime.
+    """Latency of a network of `networks.registry` by rows ahead: in torch, and exported to ONNX Runtime.
 
-    Weights do not matter to the time, so they are random.
+    Weights are random, since they do not change the time.
     """
     threads = torch.get_num_threads()
     torch.set_num_threads(1)

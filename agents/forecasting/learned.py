@@ -1,4 +1,4 @@
-"""Forecasters that are networks: trained here, run by torch, exported to ONNX."""
+"""Forecasters with networks: training, torch, and export to ONNX."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class Learned(Forecaster):
     """A network of `networks.registry`.
 
     Attributes:
-        network: It.
-        settings: How it is trained.
-        scale: What it reads as 0 and 1.
+        network: The network.
+        settings: Of the training.
+        scale: Standardisation of its input.
     """
 
     name: ClassVar[str] = "network"

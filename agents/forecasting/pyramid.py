@@ -1,6 +1,6 @@
 """Laplacian pyramid over the segments of a road, and the loss that compares two of them level by level.
 
-Level j of a pyramid of depth n is what the j-th blurring takes away; level n is what is left. The kernel is Burt and
+Level j of a pyramid of depth n is what the j-th blurring removes; level n is the rest. The kernel is Burt and
 Adelson's binomial one, (1, 4, 6, 4, 1) / 16. Segments are padded with zeros to a multiple of 2^n, because each level
 halves them: 21 become 22, 24, 24 and 32 for n = 1 to 4. Source: thesis A, section 6.4.1; Ling and Okada 2006.
 """
@@ -22,11 +22,11 @@ def padded_length(segments: int, depth: int) -> int:
 
 
 def pyramid(speeds: Tensor, depth: int) -> list[Tensor]:
-    """Levels 0 (finest) to depth (what is left).
+    """Levels 0 (finest) to depth (the rest).
 
     Args:
         speeds: (..., N).
-        depth: How often to halve; 0 gives the speeds themselves.
+        depth: Number of halvings; 0 gives the speeds themselves.
 
     Returns:
         depth + 1 tensors; level j is (..., P / 2^j) for the padded length P.
@@ -52,11 +52,11 @@ def expand(speeds: Tensor) -> Tensor:
     """(..., 2 P) twice as many segments: zeros between them, blurred, doubled."""
     apart = torch.stack([speeds, torch.zeros_like(speeds)], dim=-1).flatten(-2)
     weight = _blurred(torch.stack([torch.ones_like(speeds), torch.zeros_like(speeds)], dim=-1).flatten(-2))
-    return _blurred(apart) / weight  # 1/2 inside; at the ends it is what keeps a constant constant
+    return _blurred(apart) / weight  # 1/2 inside; at the ends it keeps constants constant
 
 
 def _blurred(speeds: Tensor) -> Tensor:
-    """(..., P) the kernel's mean; what would lie beyond the ends is zero, like the padding."""
+    """(..., P) mean by the kernel; zero beyond the ends, like the padding."""
     kernel = speeds.new_tensor(KERNEL)[None, None] / sum(KERNEL)
     return functional.conv1d(speeds.reshape(-1, 1, speeds.shape[-1]), kernel, padding=2).reshape(speeds.shape)
 

@@ -1,10 +1,10 @@
-"""Intervals: how sure a forecast is, calibrated on days it has not learned from.
+"""Intervals of a forecast, calibrated on validation days.
 
-The n-step SA-LSTM says the middle. From each layer's last hidden state, the last row and how much each segment moved
-within the history, a small perceptron says how far the 5 % and 95 % quantiles lie from it (pinball loss). Then
+The n-step SA-LSTM gives the middle. From each layer's last hidden state, the last row and the change of each segment
+within the history, a small perceptron gives the distances of the 5 % and 95 % quantiles (pinball loss). Then
 conformalised quantile regression (Romano et al. 2019): per segment and row ahead, both are moved by the same amount so
-that 90 % of the validation days' values lie between them. That holds for days like those; on other days it is
-measured, not promised.
+that 90 % of the validation days' values lie between them. This holds for similar days; on other days it has
+to be measured.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class IntervalNetwork(nn.Module):
 
     Attributes:
         middle: The point forecast.
-        spread: From what is known to the distances of both ends, (B, 3, 2 N).
-        moved: (3, N) by how much calibration moved both ends outwards.
+        spread: Perceptron from features to the distances of both ends, (B, 3, 2 N).
+        moved: (3, N) calibration: outward shift of both ends.
     """
 
     moved: Tensor
@@ -54,7 +54,7 @@ class IntervalNetwork(nn.Module):
         self.register_buffer("moved", torch.zeros(HORIZON, segments))
 
     def known(self, history: Tensor) -> tuple[Tensor, Tensor]:
-        """The point forecast (B, 3, N), and what tells how sure it is (B, 3, K)."""
+        """Point forecast (B, 3, N), and features of its uncertainty (B, 3, K)."""
         middle, hidden = self.middle.read(history)
         now = torch.cat([history[:, -1], (history[:, 1:] - history[:, :-1]).abs().mean(1)], -1)[:, None].expand(
             -1, HORIZON, -1
@@ -76,12 +76,12 @@ class IntervalNetwork(nn.Module):
 
 
 class Quantiles(Forecaster):
-    """Forecasts with intervals that hold 90 % of what comes.
+    """Forecasts with 90 % intervals.
 
     Attributes:
         network: See `IntervalNetwork`.
         settings: Of the point forecast's training.
-        scale: What the network reads as 0 and 1.
+        scale: Standardisation of its input.
     """
 
     name: ClassVar[str] = "sa-lstm-quantiles"
@@ -100,7 +100,7 @@ class Quantiles(Forecaster):
         self.learn_ends(train, validation)
 
     def learn_ends(self, train: Windows, validation: Windows) -> None:
-        """Trains the ends around a point forecast that stays as it is, and calibrates them."""
+        """Trains the ends around a fixed point forecast, and calibrates them."""
         self.network.middle.requires_grad_(False)
         self._train_ends(Examples(train, self.scale, self.free_mps))
         self._calibrate(Examples(validation, self.scale, self.free_mps))
@@ -120,7 +120,7 @@ class Quantiles(Forecaster):
 
     @torch.no_grad()
     def _calibrate(self, examples: Examples) -> None:
-        """Moves both ends by the 90 % quantile of how far a value lies outside of them."""
+        """Moves both ends by the 90 % quantile of the distances of values outside of them."""
         middle, known = self._known(examples)
         lower, upper = self.network.ends(middle, known).unbind(2)
         outside = torch.maximum(lower - examples.target, examples.target - upper)

@@ -1,4 +1,4 @@
-"""Reading speed tables: CSV, Parquet, or a folder of days; one clear line for each thing a file can get wrong."""
+"""Reading speed tables: CSV, Parquet, or a folder of days; with a one-line message for each error of a file."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 TIME_NAMES = ("", "time", "timestamp", "datetime", "date", "minute", "minutes", "t", "index", "unnamed: 0")
 FOLDER_SETS = ("train", "easy", "hard")
 LONGEST_GAP_ROWS = 60
-"""A longer hole in the clock begins a new stretch."""
+"""Gap in time after which a new stretch begins, s."""
 NULLS = ["", "nan", "NaN", "NA", "null", "None", "-"]
 
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """How to read a table.
+    """Settings for reading a table.
 
     Attributes:
         unit: Of its speeds, a name of `data.UNITS`.
-        step_s: Seconds between rows; None: from its column of times, or a minute where it has none.
+        step_s: Seconds between rows; None: from its column of times, or a minute without one.
         max_missing: Share of a column that may be missing.
         missing_value: A number that stands for a missing value, such as 0 in METR-LA.
     """
@@ -59,7 +59,7 @@ def read_set(path: Path, name: str) -> list[Stretch]:
     """The days of one set of a folder, in the order of their numbers.
 
     Raises:
-        InvalidInputError: There is none, or one is broken.
+        InvalidInputError: There is no day, or one is damaged.
     """
     _dataset_facts(path / "dataset.json")
     days = [_read_day(file, Format())[0] for file in sorted((path / name).glob("*.parquet"))]
@@ -215,7 +215,7 @@ def _parsed(path: Path, column: pl.Series) -> pl.Series:
 
 
 def _stretches(path: Path, time_s: FloatArray, step_s: float, speeds: Float32Array) -> list[Stretch]:
-    """Rows on an even clock, a new stretch each day; skipped rows are missing values, long holes begin a new one."""
+    """Rows at equal steps, a new stretch each day; skipped rows are missing values, long gaps begin a new one."""
     place = np.round((time_s - time_s[0]) / step_s).astype(int)
     off = np.abs((time_s - time_s[0]) / step_s - place)
     if off.max() > 0.25 or (np.diff(place) < 1).any():

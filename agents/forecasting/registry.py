@@ -1,4 +1,4 @@
-"""Forecasters by name: to fit, and those that are shipped."""
+"""Forecasters by name: untrained ones, and shipped ones."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ NAMES = (*SIMPLE, *NETWORKS, Quantiles.name)
 def make_forecaster(
     name: str, segments: int, step_s: float = 60.0, settings: TrainSettings | None = None
 ) -> Forecaster:
-    """One that has learned nothing yet.
+    """Untrained forecaster.
 
     Args:
         name: Of `NAMES`.
         segments: N.
         step_s: Seconds between rows.
-        settings: Of the training, where there is one.
+        settings: Of the training, if there is one.
 
     Raises:
-        UnknownNameError: There is none of that name.
+        UnknownNameError: There is no such forecaster.
     """
     if name in SIMPLE:
         return SIMPLE[name](segments, step_s)
@@ -43,19 +43,19 @@ def make_forecaster(
 
 
 def shipped() -> tuple[str, ...]:
-    """Names of those that come trained, for the road `freeway`."""
+    """Names of shipped forecasters, trained for the road `freeway`."""
     return tuple(sorted(path.stem for path in CHECKPOINTS.glob("*.safetensors")))
 
 
 def load_forecaster(name: str | Path, exported: bool = False) -> Forecaster:
-    """A trained one: the name of a shipped one, or the path of a .safetensors or .onnx file.
+    """Trained forecaster: the name of a shipped one, or the path of a .safetensors or .onnx file.
 
     Args:
         name: Of `shipped()`, or a path.
-        exported: Take the shipped one's ONNX model, which is faster for a single history.
+        exported: Use the shipped ONNX model, which is faster for a single history.
 
     Raises:
-        InvalidInputError: There is no such file, or it is of no forecaster.
+        InvalidInputError: There is no such file, or it holds no forecaster.
     """
     path = Path(name)
     if path.suffix not in (".safetensors", ".onnx"):

@@ -1,4 +1,4 @@
-"""Scale: between metres per second and what a network reads, speeds with mean 0 and standard deviation 1."""
+"""Scale: between metres per second and a network's speeds with mean 0 and standard deviation 1."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ LEAST_SPREAD_MPS = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """Centre and spread of the speeds learned from, one of each for all segments, so that jams stay where they are.
+    """Centre and spread of the speeds learned from, one of each for all segments.
 
     Attributes:
-        centre_mps: What a network reads as 0.
-        spread_mps: What it reads as 1 more.
+        centre_mps: Speed with the value 0.
+        spread_mps: Difference of speed with the value 1.
     """
 
     centre_mps: float = 0.0
@@ -28,25 +28,25 @@ class Scale:
 
     @classmethod
     def of(cls, windows: Windows) -> Scale:
-        """That of some windows."""
+        """Scale of some windows."""
         return cls(float(windows.history.mean()), max(float(windows.history.std()), LEAST_SPREAD_MPS))
 
     def standard(self, speeds: Float32Array) -> Tensor:
-        """Speeds in m/s as a tensor that a network reads."""
+        """Standardised tensor of speeds in m/s."""
         flat = np.ascontiguousarray(speeds, dtype=np.float32)
         return (torch.from_numpy(flat) - self.centre_mps) / self.spread_mps
 
     def metres(self, standard: Tensor) -> Float32Array:
-        """Back."""
+        """Speeds in m/s of a standardised tensor."""
         return np.asarray((standard * self.spread_mps + self.centre_mps).numpy(), dtype=np.float32)
 
     def facts(self) -> dict[str, str]:
-        """For a file."""
+        """Values for a file."""
         return {"centre_mps": repr(self.centre_mps), "spread_mps": repr(self.spread_mps)}
 
 
 class InMetres(nn.Module):
-    """A network between metres per second, for one history (8, N); forecasts are not below 0.
+    """Network with input and output in m/s, for one history (8, N); forecasts are not below 0.
 
     Attributes:
         network: Between standardised speeds.
@@ -58,7 +58,7 @@ class InMetres(nn.Module):
         self.network, self.scale = network, scale
 
     def forward(self, history: Tensor) -> Tensor:
-        """What the network gives of one history, (3, N) or (3, 3, N)."""
+        """Output of the network for one history, (3, N) or (3, 3, N)."""
         standard = (history[None] - self.scale.centre_mps) / self.scale.spread_mps
         out: Tensor = self.network(standard)[0] * self.scale.spread_mps + self.scale.centre_mps
         return out.clamp_min(0.0)

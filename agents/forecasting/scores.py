@@ -1,4 +1,4 @@
-"""How good forecasts are: squared errors on normalised speed, errors in km/h and mph, coverage; per stretch and row."""
+"""Scores of forecasts: squared errors on normalised speed, errors in km/h and mph, coverage; per stretch and row."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class Errors:
 
     Attributes:
         squared: (S, 3) m^2/s^2 against what was measured.
-        squared_true: (S, 3) the same against all vehicles; None where that is not known.
-        free_mps: What a normalised speed of 1 is.
+        squared_true: (S, 3) the same against all vehicles; None if that is not known.
+        free_mps: Speed with the normalised value 1.
     """
 
     squared: FloatArray
@@ -62,7 +62,7 @@ def coverage(intervals: Float32Array, windows: Windows) -> tuple[FloatArray, Flo
 def crossed(values: FloatArray, resamples: int = 2000) -> tuple[float, float, float]:
     """Mean and 95 % interval of values (seeds, stretches) that share both their rows and their columns.
 
-    Seeds and stretches are resampled independently, so that neither is taken for more than there is. With one seed
+    Seeds and stretches are resampled independently, since values share both. With one seed
     only the stretches are resampled, and with one stretch only the seeds. Source: Owen 2007, the pigeonhole bootstrap.
     """
     rng = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""Forecasters without a network: what every network has to beat."""
+"""Forecasters without a network: the baselines."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 BIN_S = 900.0
 RIDGES = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
 MOST_ROWS = 20_000
-"""Of a linear regression; every n-th window beyond."""
+"""Largest number of windows of a linear regression; beyond, every n-th is used."""
 
 
 class Persistence(Forecaster):
-    """What is now will be."""
+    """Persistence: the last row stays."""
 
     name = "persistence"
 
     def learn(self, train: Windows, validation: Windows, progress: Progress | None) -> None:
-        """Nothing."""
+        """Persistence has nothing to learn."""
 
     def predict_many(self, histories: Float32Array, time_s: FloatArray | None = None) -> Float32Array:
         """See `Forecaster.predict_many`."""
         return np.repeat(histories[:, -1:], HORIZON, axis=1)
 
     def tensors(self) -> dict[str, np.ndarray]:
-        """A file needs one."""
+        """One tensor, since a file needs one."""
         return {"nothing": np.zeros(1, dtype=np.float32)}
 
     def restore(self, tensors: Mapping[str, np.ndarray]) -> None:
@@ -40,10 +40,10 @@ class Persistence(Forecaster):
 
 
 class HistoricalMean(Forecaster):
-    """The mean of each segment in each quarter of an hour of the day; of the whole day where no time is given.
+    """The mean of each segment in each quarter of an hour of the day; of the whole day without a time.
 
     Attributes:
-        by_time: (96, N), m/s; quarters nothing was measured in have the mean of the day.
+        by_time: (96, N), m/s; quarters without a measurement have the mean of the day.
         always: (N,) mean of the day.
     """
 
@@ -56,7 +56,7 @@ class HistoricalMean(Forecaster):
         self.always = np.zeros(segments, dtype=np.float32)
 
     def learn(self, train: Windows, validation: Windows, progress: Progress | None) -> None:
-        """Takes the means."""
+        """Computes the means."""
         target = train.target[:, 0].astype(np.float64)
         known = np.isfinite(target)
         sums, counts = np.zeros((2, self.BINS, self.segments))
@@ -87,7 +87,7 @@ class HistoricalMean(Forecaster):
 
 
 class Linear(Forecaster):
-    """Ridge regression of the next rows on the history, both relative to now: a vector autoregression.
+    """Ridge regression of the next rows on the history, both relative to the last row: a vector autoregression.
 
     Attributes:
         weights: (8 N + 1, 3 N) from the history and a 1.
@@ -100,7 +100,7 @@ class Linear(Forecaster):
         self.weights = np.zeros((HISTORY * segments + 1, HORIZON * segments), dtype=np.float32)
 
     def learn(self, train: Windows, validation: Windows, progress: Progress | None) -> None:
-        """Solves for each strength of the ridge, and keeps the one that validates best."""
+        """Solves for each strength of the ridge, and keeps the best on the validation windows."""
         every = max(1, len(train) // MOST_ROWS)
         inputs, change = self._inputs(train.history[::every]), self._changes(train, every)
         gram, cross = inputs.T @ inputs / len(inputs), inputs.T @ change / len(inputs)
@@ -128,7 +128,7 @@ class Linear(Forecaster):
         self.weights = tensors["weights"]
 
     def _inputs(self, histories: Float32Array) -> FloatArray:
-        """(B, 8 N + 1) how the rows differ from the last one, the last one, and a 1; normalised."""
+        """(B, 8 N + 1) differences of the rows to the last one, the last one, and a 1; normalised."""
         relative = (histories - histories[:, -1:]) / self.free_mps
         relative[:, -1] = histories[:, -1] / self.free_mps
         flat = relative.reshape(len(histories), -1)

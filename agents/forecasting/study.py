@@ -37,13 +37,13 @@ from dohyo.sumo_networks.files import write_atomically
 COMPARED = ("lstm", "sa-lstm", "transformer", "convlstm", "sa-convlstm")
 DEPTH, DEPTHS = 3, (0, 1, 2, 3, 4)
 BALANCED = 0.001
-"""Weight of the Laplacian loss at which it is of the squared error's size."""
+"""Weight of the Laplacian loss that makes it as large as the squared error."""
 SHIPPED = {"sa-lstm": "sa-lstm-lap3-balanced", "sa-lstm-n-step": "sa-lstm-n-step-lap3-balanced"}
 SHIPPED |= {name: name for name in ("linear", "historical-mean", "sa-lstm-quantiles")} | {"tsmixer": "tsmixer-mse"}
 LATENCY = (*((name, 1) for name in COMPARED), *((f"sa-lstm{way}", 3) for way in ("", "-all-at-once", "-n-step")))
 QUICK_RUNS = 2000
 LONG = 10
-"""Times the usual steps: is what the Laplacian loss does a matter of how long one trains?"""
+"""Factor of the steps in the long runs, which show whether the Laplacian loss needs longer training."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class Run:
         depth: Of the Laplacian loss; None: squared error alone.
         weight: Of that loss.
         seed: Of the training.
-        length: Times the study's steps.
+        length: Factor of the study's steps.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Run:
 
     @property
     def arm(self) -> str:
-        """What seeds share."""
+        """Name shared by all seeds."""
         if self.name in SIMPLE or self.name == Quantiles.name:
             return self.name
         loss = "mse" if self.depth is None else f"lap{self.depth}"
@@ -76,7 +76,7 @@ class Run:
 
 
 def runs(seeds: Sequence[int]) -> Iterator[Run]:
-    """All of them; what others start from before these, and of each part all seeds before the next part begins."""
+    """All runs, in the order of their dependencies; all seeds of a part before the next part."""
     for name in SIMPLE:
         yield Run(name, None, 1.0, seeds[0])
     for part in (_main_arms, _other_networks, _costly_arms):
@@ -107,7 +107,7 @@ def _other_networks() -> Iterator[tuple[str, int | None, float]]:
 
 
 def _costly_arms() -> Iterator[tuple[str, int | None, float]]:
-    """What takes half of the time."""
+    """Arms that take half of the time."""
     yield "sa-convlstm", None, 1.0
     yield "sa-convlstm", DEPTH, 1.0
     yield "sa-lstm-n-step", DEPTH, 1.0
@@ -117,7 +117,7 @@ class Study:
     """The data in windows, and a folder in which finished runs stay.
 
     Attributes:
-        data: What is learned from.
+        data: To learn from.
         out: The folder.
         steps: Of each phase of a training.
     """
@@ -130,13 +130,13 @@ class Study:
         (out / "runs").mkdir(parents=True, exist_ok=True)
 
     def _fingerprint(self, *sets: str) -> str:
-        """Of the windows of some sets, and of the length of the training."""
+        """Fingerprint of the windows of some sets, and of the length of the training."""
         shapes = [list(self.windows[name].history.shape) for name in sets]
         sums = [float(np.nansum(self.windows[name].target, dtype=np.float64)) for name in sets]
         return hashlib.sha256(json.dumps([shapes, sums, self.steps]).encode()).hexdigest()[:12]
 
     def is_trained(self, run: Run) -> bool:
-        """Whether the forecaster of one run is there, and of this data."""
+        """Whether the forecaster of one run is stored, and of this data."""
         facts = self.out / "runs" / f"{run.arm}-{run.seed}.training.json"
         return facts.exists() and json.loads(facts.read_text())["of"] == self.learned_from
 
@@ -171,7 +171,7 @@ class Study:
     def trained(self, run: Run) -> Forecaster:
         """Trains one; the n-step starts from the one-step of its seed, intervals from the n-step."""
         settings = TrainSettings(depth=run.depth, weight=run.weight, steps=self.steps, seed=run.seed)
-        # Patience counts validations, so these become as rare as the training is long.
+        # Patience counts validations, so their interval grows with the length.
         settings = replace(
             settings, steps=run.length * settings.steps, validate_every=run.length * settings.validate_every
         )
@@ -211,7 +211,7 @@ class Study:
 
 
 def start_from(forecaster: Learned, first: Forecaster) -> None:
-    """Takes a trained one-step network for the first layer and the head, as the first phase would leave them."""
+    """Copies a trained one-step network into the first layer and the head, the result of the first phase."""
     assert isinstance(first, Learned)
     assert isinstance(forecaster.network, NStep)
     assert isinstance(first.network, Recursive)
@@ -225,7 +225,7 @@ def _rounded(values: np.ndarray) -> Any:
 
 
 def study(data: SpeedData, seeds: Sequence[int], out: Path, steps: int, trained_only: bool = False) -> dict[str, Any]:
-    """Runs what is missing, unless only what is trained is wanted, and gathers all of it."""
+    """Runs what is missing, or with `trained_only` nothing more, and collects all results."""
     torch.set_num_threads(1)
     own = Study(data, out, steps)
     if not data.measured_sets:
@@ -260,7 +260,7 @@ def ship(out: Path, seed: int) -> None:
 
 
 def main() -> None:
-    """Runs the study; writes results, and tables or checkpoints where asked to."""
+    """Command-line entry point."""
     from dohyo.agents.forecasting.tables import RESULTS, write_results
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -268,7 +268,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--out", type=Path, default=Path("out/forecasting"))
     parser.add_argument("--steps", type=int, default=600, help="of each phase of a training")
-    parser.add_argument("--trained-only", action="store_true", help="train nothing more")
+    parser.add_argument("--trained-only", action="store_true", help="do not train missing runs")
     parser.add_argument("--results", action="store_true", help="store the results, and write RESULTS.md")
     parser.add_argument("--ship", action="store_true")
     arguments = parser.parse_args()

@@ -65,7 +65,7 @@ def values(
 
 
 def scale(result: Result) -> str:
-    """What was learned from, in a sentence."""
+    """Data and scale of the study, in a sentence."""
     days, windows = result["stretches"], result["windows"]
     sets = ", ".join(f"{name} {days[name]} ({windows[name]:,} windows)".replace(",", " ", 1) for name in days)
     seconds = sum(run["seconds"] for runs in result["arms"].values() for run in runs)
@@ -105,7 +105,7 @@ def depths(result: Result) -> str:
 
 
 def lengths(result: Result) -> str:
-    """Whether the loss as printed only needs longer to train."""
+    """Whether the loss as printed needs longer training."""
     rows = [
         [label, shown, *(_cell(result, f"sa-lstm-{loss}{suffix}", kind) for kind in ("easy", "hard"))]
         for loss, label in (("mse", "MSE alone"), ("lap3", "MSE + Lap3"))
@@ -130,7 +130,7 @@ def ways(result: Result) -> str:
 
 
 def others(result: Result) -> str:
-    """What the thesis does not have."""
+    """Comparison beyond the thesis."""
     rows = []
     shown = ("persistence", "historical-mean", "linear", "tsmixer-mse", "tsmixer-lap3", "sa-lstm-n-step-lap3-balanced")
     for name in shown:
@@ -167,7 +167,7 @@ def intervals(result: Result) -> str:
 
 
 def claims(result: Result) -> str:
-    """What became of the thesis's directions: the smaller error is on the left."""
+    """Verdicts on the thesis's directions: the smaller error is on the left."""
     rows = []
     for what, *arms in _directions():
         difference, said = verdict(result, *arms)
@@ -180,7 +180,7 @@ def claims(result: Result) -> str:
 
 
 def _directions() -> list[tuple[Any, ...]]:
-    """What is claimed, then the arm with the smaller error, the other one, set and row."""
+    """Claim, arm with the smaller error, other arm, set and row."""
     out: list[tuple[Any, ...]] = [
         ((f"SA-LSTM < {NAMES[name]}", "Hard"), "sa-lstm-mse", f"{name}-mse", "hard", 0)
         for name in ("lstm", "convlstm", "sa-convlstm", "transformer")
@@ -218,7 +218,7 @@ def _directions() -> list[tuple[Any, ...]]:
 
 
 def verdict(result: Result, better: str, worse: str, kind: str, row: int) -> tuple[str, str]:
-    """The paired difference better - worse with its interval, and what it says of the claim."""
+    """Paired difference better - worse with its interval, and the verdict on the claim."""
     seeds = [frozenset(run["seed"] for run in result["arms"].get(arm, [])) for arm in (better, worse)]
     common = None if worse in SIMPLE else seeds[0] & seeds[1]
     if not seeds[0] or not seeds[1] or (common is not None and not common):
@@ -242,7 +242,7 @@ def _has_truth(runs: Sequence[Mapping[str, Any]]) -> bool:
 
 
 def _cell(result: Result, arm: str, kind: str, row: int = 0) -> str:
-    """Mean and interval, and how many seeds where it is not all."""
+    """Mean and interval, with the number of seeds if some are missing."""
     some = values(result, arm, kind, row)
     few = 0 < len(some) < len(result["seeds"]) and arm not in SIMPLE
     return _interval(some) + (f" ({len(some)} seed{'s' * (len(some) > 1)})" if few else "")

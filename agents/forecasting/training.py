@@ -1,4 +1,4 @@
-"""Training of a network, phase by phase: what a phase does not name stays as it is, to the bit."""
+"""Training of a network by phases: modules that a phase does not name stay unchanged."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 PATIENCE, DECAY, LAST_RATE = 3, 0.1, 2e-5
 COOLING = 0.8
-"""Share of the steps after which the rate is at most a tenth of the first, stagnation or not."""
+"""Share of the steps after which the rate is at most a tenth of the first."""
 FINE_TUNING = 0.1
-"""Of the learning rate, in a phase that trains everything after others."""
+"""Factor of the learning rate in a fine-tuning phase."""
 VALIDATED = 4096
 """Windows at most."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainSettings:
-    """How a network is trained.
+    """Settings of a training.
 
     Attributes:
         depth: Of the Laplacian pyramid's loss, beside the squared error; None: without it.
         weight: Of that loss; 1 as printed in the thesis, where it outweighs the squared error a thousand times.
         rate: Of AdamW; a tenth after three validations in a row without a new best.
         batch: Windows per step; 0, or as many as there are: all of them, each step; None: see `batch_for`.
-        steps: At most, in each phase.
+        steps: Upper bound in each phase.
         validate_every: Steps.
         clip: Largest norm of a gradient.
-        seed: Decides everything random.
+        seed: Of all randomness.
     """
 
     depth: int | None = 3
@@ -51,7 +51,7 @@ class TrainSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Refuses what cannot be.
+        """Refuses impossible settings.
 
         Raises:
             InvalidInputError: A number is out of its range.
@@ -104,7 +104,7 @@ def train_network(
     progress: Progress | None = None,
     first: int = 0,
 ) -> None:
-    """Trains all phases from the first on; each ends with the weights that validated best."""
+    """Trains all phases from the first on; each ends with its best weights on the validation windows."""
     torch.manual_seed(settings.seed)
     few = np.linspace(0, len(validation) - 1, min(len(validation), VALIDATED)).astype(np.int64)
     examples, held_out = (Examples(some, scale, free_mps) for some in (train, validation.chosen(few)))
@@ -189,7 +189,7 @@ def _loss(
 
 @torch.no_grad()
 def validation_error(network: SpeedNetwork, phase: Phase, held_out: Examples) -> float:
-    """The mean squared error of the rows a phase is about, x 10^3."""
+    """Mean squared error of a phase's rows, x 10^3."""
     difference, mask = held_out.difference(network, phase, slice(None))
     return 1e3 * float(difference.square().sum() / mask.sum().clamp_min(1.0))
 

@@ -1,4 +1,4 @@
-"""Windows: the last s rows of a road, and the rows that came after them."""
+"""Windows: the last s rows of a road, and the next rows."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ HISTORY, HORIZON = 8, 3
 
 @dataclass(frozen=True)
 class Windows:
-    """B pieces of a table; none reaches over the end of a stretch.
+    """B pieces of a table, each within one stretch.
 
     Attributes:
         history: (B, s, N) measured speeds, gaps filled by `gaps.fill`, m/s.
         target: (B, 3, N) measured speeds of the next rows, NaN where missing, m/s.
-        truth: (B, 3, N) the same of all vehicles, where it is known.
+        truth: (B, 3, N) the same of all vehicles, if known.
         time_s: (B,) time of day of the last row of each history.
         stretch: (B,) number of the stretch.
         row: (B,) of the history's last row in its stretch.
@@ -39,7 +39,7 @@ class Windows:
         return len(self.history)
 
     def chosen(self, which: IntArray) -> Windows:
-        """Some of them."""
+        """Selected windows."""
         truth = None if self.truth is None else self.truth[which]
         return Windows(
             self.history[which], self.target[which], truth, self.time_s[which], self.stretch[which], self.row[which]
@@ -52,7 +52,7 @@ def make_windows(
     """All windows of some stretches; those whose history, or whose next row, has no value at all are left out.
 
     Raises:
-        InvalidInputError: There is none.
+        InvalidInputError: There is no window.
     """
     parts = [part for i, one in enumerate(stretches) if (part := _of_one(one, i, step_s, history, horizon)) is not None]
     if not parts:

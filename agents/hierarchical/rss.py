@@ -79,7 +79,8 @@ EGO = RssConstants(
     side_margin_m=0.2,
 )
 """Ours, from the ego's properties: it decides every 0.1 s, its drive and brakes lag by 0.1 s. Traction and hardest
-braking are those of `VehicleParameters`, heavy rain leaves a grip of 0.6 x 0.9 x g = 5.3 m/s^2. Laterally as `LITERATURE`."""
+braking are those of `VehicleParameters`, heavy rain leaves a grip of 0.6 x 0.9 x g = 5.3 m/s^2. Laterally as
+`LITERATURE`."""
 LITERATURE = RssConstants(
     reaction_s=0.5,
     acceleration=3.5,

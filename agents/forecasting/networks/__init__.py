@@ -1,1 +1,1 @@
-"""Networks: what reads a history, how it looks ahead, and both by name."""
+"""Networks: trunks that read a history, ways to look ahead, and a registry."""

@@ -17,10 +17,10 @@ BLOCKS, MIXER_WIDTH = 2, 64
 
 
 class TransformerTrunk(nn.Module):
-    """Tokens are the minutes; what the last of them knows is the result.
+    """Tokens are the minutes; the result is the last token.
 
     Attributes:
-        features: Width of what it gives.
+        features: Width of the output.
     """
 
     def __init__(self, segments: int) -> None:
@@ -40,7 +40,7 @@ class TransformerTrunk(nn.Module):
 
 
 class _Block(nn.Module):
-    """Attention over time, then a perceptron, each added to what came in."""
+    """Attention over time, then a perceptron, each with a residual connection."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -63,7 +63,7 @@ class TsMixerTrunk(nn.Module):
     """Minutes and segments mixed by perceptrons in turn; it gives three rows, flat.
 
     Attributes:
-        features: Width of what it gives, all of the mixed history.
+        features: Width of the output, the whole mixed history.
     """
 
     def __init__(self, segments: int) -> None:
@@ -74,7 +74,7 @@ class TsMixerTrunk(nn.Module):
 
     def forward(self, history: Tensor, state: None = None) -> tuple[Tensor, None]:
         """Reads a history (B, s, N); gives (B, s N)."""
-        mixed = history - history[:, -1:]  # relative to now, as the heads are
+        mixed = history - history[:, -1:]  # relative to the last row, as the heads are
         for over_time, over_space in zip(self.over_time, self.over_space, strict=True):
             mixed = mixed + over_time(mixed.transpose(1, 2)).transpose(1, 2)
             mixed = mixed + over_space(mixed + history)

@@ -17,14 +17,14 @@ class ConvLstmTrunk(nn.Module):
     """A ConvLSTM over the rows of a history.
 
     Attributes:
-        features: Width of what it gives, channels times segments.
+        features: Width of the output, channels times segments.
     """
 
     def __init__(self, segments: int) -> None:
         super().__init__()
         self.features = CHANNELS * segments
         self.gates = nn.Conv1d(1 + CHANNELS, 4 * CHANNELS, KERNEL, padding=KERNEL // 2)
-        nn.init.ones_(self.gates.get_parameter("bias")[CHANNELS : 2 * CHANNELS])  # remember, until told otherwise
+        nn.init.ones_(self.gates.get_parameter("bias")[CHANNELS : 2 * CHANNELS])  # the forget gate is open at first
 
     def forward(self, history: Tensor, state: None = None) -> tuple[Tensor, None]:
         """Reads a history (B, s, N); gives the last h, flat (B, C N)."""
@@ -37,7 +37,7 @@ class ConvLstmTrunk(nn.Module):
         return h.flatten(1), None
 
     def remember(self, h: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
-        """What follows each cell: nothing here."""
+        """Hook after each cell; none here."""
         return h, memory
 
 
@@ -63,6 +63,6 @@ class SaConvLstmTrunk(ConvLstmTrunk):
 
 
 def _attend(query: Tensor, key: Tensor, value: Tensor) -> Tensor:
-    """(B, C, N) what each segment takes from all; query and key are (B, d, N), value is (B, C, N)."""
+    """(B, C, N) attention of each segment to all; query and key are (B, d, N), value is (B, C, N)."""
     weights = torch.softmax(query.transpose(1, 2) @ key / math.sqrt(query.shape[1]), dim=-1)
     return value @ weights.transpose(1, 2)

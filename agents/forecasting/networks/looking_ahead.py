@@ -1,7 +1,7 @@
 """Three ways to look three rows ahead: recursive, all at once, n-step.
 
-Every head is one linear layer, and gives the change from the last row it has seen: it starts from zero, so an untrained
-network is persistence. A network says in which phases it is trained: what may change, and which rows count.
+Every head is one linear layer that gives the change from the last row it has read. It starts from zero, so an untrained
+network is persistence. A network has phases of training: the modules that may change, and the rows that count.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from torch import Tensor, nn
 from dohyo.agents.forecasting.windows import HORIZON
 
 Trunk = Callable[[int], nn.Module]
-"""Makes what reads a history, for so many segments."""
+"""Makes a trunk for a number of segments."""
 
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """A part of a training.
+    """A phase of a training.
 
     Attributes:
         name: For reports.
         trained: Modules whose parameters may change; all others are frozen.
-        rows: Which of the rows ahead enter the loss, from 0.
+        rows: Rows ahead that enter the loss, from 0.
     """
 
     name: str
@@ -43,15 +43,15 @@ class SpeedNetwork(nn.Module, ABC):
 
     @abstractmethod
     def ahead(self, history: Tensor, rows: int) -> Tensor:
-        """(B, rows, N) the first rows ahead only, as cheaply as the network can."""
+        """(B, rows, N) first rows ahead only, without the cost of the others if possible."""
 
     def phases(self) -> Sequence[Phase]:
-        """One after the other; one phase of everything unless said otherwise."""
+        """Successive phases; by default one with all modules."""
         return [Phase("all", [self], range(HORIZON))]
 
 
 def zero_head(features: int, outputs: int) -> nn.Linear:
-    """A linear layer that says 0 until it has learned something."""
+    """Linear layer that starts from zero."""
     head = nn.Linear(features, outputs)
     nn.init.zeros_(head.weight)
     nn.init.zeros_(head.bias)
@@ -90,7 +90,7 @@ class Recursive(SpeedNetwork):
         return self.ahead(history, HORIZON)
 
     def phases(self) -> Sequence[Phase]:
-        """One, for the next row alone."""
+        """One phase, for the next row alone."""
         return [Phase("one row", [self], range(1))]
 
 
@@ -122,7 +122,7 @@ class NStep(SpeedNetwork):
     """A layer for each row: layer i reads the history and the forecasts of the layers before it, s + i - 1 rows.
 
     It starts from the last (h, c) of the layer before, and all layers share one head. Trained layer by layer,
-    everything else frozen; the head learns with the first layer; at the end all of it is fine-tuned. Source: thesis A,
+    all others frozen; the head learns with the first layer; at the end everything is fine-tuned. Source: thesis A,
     section 6.4.2.
 
     Attributes:

@@ -1,13 +1,13 @@
-"""LSTM and SA-LSTM: the recurrent trunks that read a history minute by minute.
+"""LSTM and SA-LSTM: recurrent trunks that read a history minute by minute.
 
 An SA-LSTM is an LSTM whose output gate attends over **space**. Its H = N k hidden units belong to the N segments, k to
 each; the pre-activations of the output gate, reshaped to N tokens of width k, attend to each other before the sigmoid:
 
-    z_t = W_o [v_t, h_{t-1}] + b_o                     (N, k) after reshaping; b_o tells the segments apart
+    z_t = W_o [v_t, h_{t-1}] + b_o                     (N, k) after reshaping; b_o distinguishes the segments
     o_t = sigmoid(z_t + softmax(z_t Q K^T z_t^T / sqrt(d)) z_t V)
-    h_t = o_t * tanh(c_t),   input, forget and cell gates as ever
+    h_t = o_t * tanh(c_t),   input, forget and cell gates as usual
 
-Source: thesis A, section 6.4.1 and figure 6.8, which draws the gate and leaves its wiring open.
+Source: thesis A, section 6.4.1 and figure 6.8, which shows the gate, but not its wiring.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ UNITS_PER_SEGMENT = 3
 """21 segments have 63 hidden units, close to the usual 64."""
 ATTENTION_WIDTH = 8
 MOST_UNITS = 256
-"""Of a road with many segments: each then has fewer units, but at least one."""
+"""Upper bound of hidden units: segments of a long road have fewer, but at least one."""
 
 
 def units_for(segments: int) -> int:
@@ -34,7 +34,7 @@ def units_for(segments: int) -> int:
 
 
 class SpatialAttention(nn.Module):
-    """Self-attention among segments; exchange two tokens, and the same two of the result are exchanged.
+    """Self-attention among segments, equivariant to permutations of the tokens.
 
     Attributes:
         query: (k, d).
@@ -54,7 +54,7 @@ class SpatialAttention(nn.Module):
         return self.query @ self.key.T / math.sqrt(self.query.shape[1])
 
     def forward(self, tokens: Tensor) -> Tensor:
-        """(B, N, k) the tokens, and what each took from the others."""
+        """(B, N, k) tokens plus their attention to the others."""
         return attend(tokens, self.product(), self.value)
 
 
@@ -70,7 +70,7 @@ class LstmTrunk(nn.Module):
     """An LSTM over the rows of a history.
 
     Attributes:
-        features: Width of what it gives, H.
+        features: Width of the output, H.
         weight: (N + H + 1, 4 H) from the speeds, h and 1 to the input, forget, cell and output gates.
     """
 
@@ -81,7 +81,7 @@ class LstmTrunk(nn.Module):
         bound = 1.0 / math.sqrt(self.features)
         self.weight = nn.Parameter(torch.empty(segments + self.features + 1, 4 * self.features).uniform_(-bound, bound))
         with torch.no_grad():
-            self.weight[-1, self.features : 2 * self.features] = 1.0  # remember, until told otherwise
+            self.weight[-1, self.features : 2 * self.features] = 1.0  # the forget gate is open at first
 
     def forward(self, history: Tensor, state: State | None = None) -> tuple[Tensor, State]:
         """Reads a history (B, s, N), from a state or from zeros; gives the last h (B, H), and the state."""
@@ -99,12 +99,12 @@ class LstmTrunk(nn.Module):
         return h, (h, c)
 
     def start(self, history: Tensor) -> State:
-        """Zeros."""
+        """Initial state of zeros."""
         zeros = history.new_zeros(history.shape[0], self.features)
         return zeros, zeros
 
     def output_gate(self) -> Callable[[Tensor], Tensor]:
-        """What makes the gate (B, H) of what enters it (B, H)."""
+        """Output gate (B, H) from its pre-activation (B, H)."""
         return torch.sigmoid
 
 
@@ -120,7 +120,7 @@ class SaLstmTrunk(LstmTrunk):
         self.attention = SpatialAttention(self.units)
 
     def output_gate(self) -> Callable[[Tensor], Tensor]:
-        """See `LstmTrunk.output_gate`; here the segments look at each other first."""
+        """See `LstmTrunk.output_gate`; with attention among segments first."""
         product, value = self.attention.product(), self.attention.value  # once for all rows
 
         def gate(before: Tensor) -> Tensor:

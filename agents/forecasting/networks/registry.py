@@ -29,7 +29,7 @@ def make_network(name: str, segments: int) -> SpeedNetwork:
     """An untrained network.
 
     Raises:
-        UnknownNameError: There is none of that name.
+        UnknownNameError: There is no such network.
     """
     if name not in NETWORKS:
         raise UnknownNameError("network", name, NETWORKS)
