@@ -1,4 +1,4 @@
-"""Datasets in shards: one compressed .npz file per episode, and beside them what the dataset was made of."""
+"""Datasets in shards: one compressed .npz file per episode, and a file with the dataset's order."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def pack_shard(version: int, arrays: Mapping[str, NDArray[Any]]) -> bytes:
-    """The file of some arrays; the same arrays give the same bytes."""
+    """Bytes of a shard; the same arrays give the same bytes."""
     buffer = io.BytesIO()
     np.savez_compressed(buffer, schema=np.int32(version), **arrays)  # type: ignore[arg-type]
     return buffer.getvalue()
 
 
 def read_shard(path: Path, kind: str, version: int, names: set[str]) -> Arrays:
-    """The arrays of a file.
+    """Arrays of a file.
 
     Args:
         path: Of the shard.
-        kind: What it is a shard of, for the errors.
+        kind: Kind of dataset, for error messages.
         version: Of its schema.
         names: Of its arrays.
 
     Raises:
-        InvalidInputError: It is missing, damaged, or not of this schema.
+        InvalidInputError: The file is missing, damaged, or of another schema.
     """
     try:
         with np.load(path, allow_pickle=False) as file:
@@ -54,7 +54,7 @@ def read_shard(path: Path, kind: str, version: int, names: set[str]) -> Arrays:
 
 
 def check_array(path: Path, kind: str, name: str, array: NDArray[Any], shape: tuple[int, ...], dtype: str) -> None:
-    """Raises InvalidInputError where an array has not the shape and dtype of its schema, or holds no numbers."""
+    """Raises InvalidInputError if an array differs from the schema's shape and dtype, or contains NaN or infinity."""
     if array.shape != shape or array.dtype != dtype:
         raise InvalidInputError(
             f"{kind} shard '{path}': expected {name} as {dtype} {shape}, got {array.dtype} {array.shape}"
@@ -76,10 +76,10 @@ def find_shards(folder: Path, split: str, kind: str) -> list[Path]:
 
 
 def claim_folder(out: Path, document: Mapping[str, Any]) -> None:
-    """Writes dataset.json, or checks that the one there says the same.
+    """Writes dataset.json, or checks that the existing one is equal.
 
     Raises:
-        InvalidInputError: It is damaged, or says that the dataset was made otherwise.
+        InvalidInputError: The file is damaged, or has another order.
     """
     path = out / "dataset.json"
     if not path.exists():

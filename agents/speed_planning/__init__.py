@@ -1,1 +1,1 @@
-"""The speed planner, the connected vehicles' controllers, and what they do to all traffic."""
+"""Speed planner, controllers of connected vehicles, and their effect on all traffic."""

@@ -1,8 +1,8 @@
-"""The ACC-based controller: a policy sets speed and gap of a car's own cruise control, which drives and keeps it safe.
+"""ACC-based controller: a policy sets speed and gap of a car's own cruise control, which drives safely.
 
-So it was in 97 of the 100 cars of the field test. The cruise control takes 20 to 80 mph in steps of 1 mph and three
-gaps; below 20 mph a car only follows. Its equations are ours, for those of a real car are not public: a speed and a
-time-gap regulator, the lower of the two, and an emergency brake over both.
+97 of the 100 cars of the field test had it. The cruise control takes 20 to 80 mph in steps of 1 mph and three gaps;
+below 20 mph a car only follows. Its equations are ours, for those of a real car are not public: a speed and a time-gap
+regulator, the lower of the two, and an emergency brake over both.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 MPH = 0.44704
 SLOWEST_MPH, FASTEST_MPH = 20, 80
 TIME_GAPS_S = (1.2, 1.6, 2.2)
-"""Of the settings 1, 2, 3; ours."""
+"""Time gaps of the settings 1, 2, 3; ours."""
 STANDING_GAP_M = 3.0
 ACCELERATES, BRAKES, EMERGENCY = 1.5, -3.0, -8.0
 """Limits of the cruise control, and of the emergency brake, m/s^2."""
 EMERGENCY_TTC_S = 1.8
 SEEN_M = 80.0
-"""Up to where a leader is seen."""
+"""Range in which a leader is seen, m."""
 DECISION_S = 0.5
 OBSERVATIONS, ACTIONS = 34, 2
 PAST_ACCELERATIONS, PAST_PAIRS = 5, 10
@@ -49,7 +49,7 @@ def stock_acc(speed: float, gap: float, leader: float, setting: float, time_gap:
     wanted = min(max(wanted, BRAKES), ACCELERATES)
     closing = speed - leader
     if gap < np.inf and closing > 0:
-        # What it takes to lose the difference before half a metre is left.
+        # Braking that removes the difference of speeds before half a metre is left.
         needed = closing * closing / (2 * max(gap - 0.5, 0.01))
         if gap / closing < EMERGENCY_TTC_S or needed > -BRAKES:
             wanted = min(wanted, -needed * 1.3)
@@ -60,7 +60,7 @@ def stock_acc(speed: float, gap: float, leader: float, setting: float, time_gap:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What the policy set.
+    """Settings chosen by the policy.
 
     Attributes:
         speed: (N,) m/s, whole mph.
@@ -81,7 +81,7 @@ def settings_of(action: FloatArray) -> Settings:
 
 @dataclass
 class Memory:
-    """What the policy remembers of N cars, most recent first.
+    """Memory of the policy for N cars, most recent first.
 
     Attributes:
         accelerations: (N, 5) m/s^2.
@@ -97,20 +97,20 @@ class Memory:
 
     @classmethod
     def of(cls, speed: FloatArray) -> Memory:
-        """Of cars that begin at these speeds, set to them."""
+        """Memory of cars that begin at these speeds, with them as settings."""
         n = len(speed)
         pairs = np.repeat(speed[:, None], PAST_PAIRS, axis=1)
         return cls(np.zeros((n, PAST_ACCELERATIONS)), pairs, pairs.copy(), np.ones(n))
 
     def remember(self, acceleration: FloatArray, speed: FloatArray, settings: Settings) -> None:
-        """Adds a decision's outcome in front; the oldest is forgotten."""
+        """Adds a decision's outcome in front, and drops the oldest."""
         self.accelerations = np.concatenate([acceleration[:, None], self.accelerations[:, :-1]], axis=1)
         self.speeds = np.concatenate([speed[:, None], self.speeds[:, :-1]], axis=1)
         self.requests = np.concatenate([settings.speed[:, None], self.requests[:, :-1]], axis=1)
         self.gap = settings.gap
 
     def observation(self, speed: FloatArray, gap: FloatArray, plan: FloatArray, open_gap: BoolArray) -> FloatArray:
-        """(N, 34) what the policy sees.
+        """(N, 34) input of the policy.
 
         Args:
             speed: (N,) m/s.
@@ -143,13 +143,13 @@ class SetPointPolicy:
 
     @classmethod
     def shipped(cls) -> SetPointPolicy:
-        """The one trained in `acc_training`.
+        """Shipped policy, trained in `acc_training`.
 
         Raises:
-            InvalidInputError: Its checkpoint is not there.
+            InvalidInputError: Its checkpoint is missing.
         """
         return cls(Actor.load(CHECKPOINT))
 
     def settings(self, observation: FloatArray) -> Settings:
-        """(N, 34) -> what it sets."""
+        """(N, 34) -> settings."""
         return settings_of(self.actor.act(observation))

@@ -1,7 +1,7 @@
-"""Learning the set-points: `python -m dohyo.agents.speed_planning.acc_training --seeds 0 1 2 --out out/acc`.
+"""Training of the set-points: `python -m dohyo.agents.speed_planning.acc_training --seeds 0 1 2 --out out/acc`.
 
 The field test's policy took 33 million steps of 0.1 s; this is the same algorithm on the same kind of platoon for
-fewer, with a decision every 0.5 s. `--ship` copies the seed that does best behind held-out leaders.
+fewer, with a decision every 0.5 s. `--ship` copies the best seed behind held-out leaders.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def follows_traffic(observation: FloatArray) -> FloatArray:
 
 
 def follows_plan(observation: FloatArray) -> FloatArray:
-    """The plan's speed, rounded up to whole m/s, and the middle gap: what a driver could set by hand."""
+    """The plan's speed, rounded up to whole m/s, and the middle gap, as a driver could set them by hand."""
     plan = observation[:, 7] * 40
     return np.stack([np.ceil(plan) / 20 - 1 + 1e-6, np.zeros(len(plan))], axis=1)
 

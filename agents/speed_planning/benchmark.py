@@ -1,6 +1,6 @@
-"""The benchmark `dissipation`: one controller of connected cars on its mornings, beside the same mornings untouched.
+"""Benchmark `dissipation`: one controller of connected cars on its mornings, beside the same mornings without control.
 
-A run that is done is not driven again; what nobody controls is driven once for all results, and kept.
+A finished run is not driven again; uncontrolled runs are driven once for all results, and stored.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from dohyo.sumo_networks.scenario import content_hash
 
 PLANNER, NOBODY = "speed-planner", "none"
 DEFAULTS: Mapping[str, str] = {"design": "limit", "forecast": "sa-lstm", "forecaster": "sa-lstm", "set_points": "none"}
-"""Of `speed-planner`: an arm's design and forecast, the network behind the forecast, who sets cruise controls."""
+"""Settings of `speed-planner`: design, forecast, network of the forecast, and source of the set-points."""
 
 METRICS = (
     Metric("speed_std_mps", "standard deviation of all speeds", "m/s", "lower"),
@@ -40,7 +40,7 @@ METRICS = (
     Metric("collisions", "collisions", "per morning", "lower"),
 )
 Progress = Callable[[int, int, float], None]
-"""Runs that are there, their number, and 0."""
+"""Called with: finished runs, their number, and 0."""
 
 
 def evaluate_controller(
@@ -52,19 +52,19 @@ def evaluate_controller(
     workers: int = 1,
     progress: Progress = lambda _done, _of, _share: None,
 ) -> FreewayResult:
-    """Drives a controller's mornings and the untouched ones that are missing, and writes the result.
+    """Drives missing mornings, with the controller and without control, and writes the result.
 
     Args:
-        benchmark: Which mornings.
+        benchmark: Set of mornings.
         name: `speed-planner`, or `none`.
         settings: Of the planner, see `DEFAULTS`.
         seeds: One morning each; None: the benchmark's.
         out: Folder of the result.
         workers: Processes.
-        progress: Told as runs end.
+        progress: Called as runs end.
 
     Raises:
-        InvalidInputError: An unknown name or setting, a network that is not there, or a folder of another result.
+        InvalidInputError: An unknown name or setting, a missing network, or a folder of another result.
         SimulationError: SUMO failed.
     """
     arm, morning, forecaster = controller(benchmark, name, settings)
@@ -97,7 +97,7 @@ def controller(benchmark: TrafficBenchmark, name: str, settings: Mapping[str, An
     """Name of the arm, morning, and network of a controller by its name and settings.
 
     Raises:
-        InvalidInputError: There is none, or its network is not there.
+        InvalidInputError: There is no such controller, or its network is missing.
     """
     if name not in (PLANNER, NOBODY):
         raise UnknownNameError("controller of connected cars", name, (PLANNER, NOBODY))
@@ -111,7 +111,7 @@ def controller(benchmark: TrafficBenchmark, name: str, settings: Mapping[str, An
     set_points: SetPoints | None = next((one for one in get_args(SetPoints) if one == given["set_points"]), None)
     if set_points is None:
         raise UnknownNameError("set-points", given["set_points"], get_args(SetPoints))
-    segment_speeds(ARMS[arm].forecast, given["forecaster"])  # these say what is missing, before anything is driven
+    segment_speeds(ARMS[arm].forecast, given["forecaster"])  # these raise before anything is driven
     buffer_policy(ARMS[arm].design)
     morning = dataclasses.replace(morning_of(benchmark), set_points=set_points)
     return arm, morning, given["forecaster"]
@@ -128,7 +128,7 @@ def morning_of(benchmark: TrafficBenchmark) -> Morning:
 
 
 def untouched_folder(benchmark: TrafficBenchmark, versions: Mapping[str, str]) -> Path:
-    """Where the runs that nobody controls are kept: $DOHYO_HOME/freeway, else in the user's data folder."""
+    """Folder of uncontrolled runs: $DOHYO_HOME/freeway, else in the user's data folder."""
     decides = {"benchmark": benchmark.sha256, "versions": dict(versions)}
     return user_catalog().with_name("freeway") / content_hash(decides)[:16]
 

@@ -1,4 +1,4 @@
-"""Standing bottlenecks: where congestion ends, and whether that place stays or travels upstream as a jam does."""
+"""Standing bottlenecks: ends of congestion, and whether they stay or travel upstream as jams do."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def heads(speed_mps: FloatArray, free_mps: float, cell_m: float, shift_m: float 
         speed_mps: (X,) smoothed speed along the road.
         free_mps: Free speed.
         cell_m: Length of a cell.
-        shift_m: How far the smoothing has moved an end upstream: half the width of a forward kernel.
+        shift_m: Upstream shift of an end by the smoothing: half the width of a forward kernel.
     """
     slow = speed_mps < CONGESTED * free_mps
     ends = np.flatnonzero(slow[:-1] & ~slow[1:])
@@ -29,16 +29,16 @@ def heads(speed_mps: FloatArray, free_mps: float, cell_m: float, shift_m: float 
 
 @dataclass
 class BottleneckWatch:
-    """Remembers the last publications' ends of congestion, and tells the standing one from moving ones.
+    """Stores the last publications' ends of congestion, and separates the standing one from moving ones.
 
     An end that was within `near_m` of where it is now in `of` of the last `last` publications stands; the end of a
     moving jam has travelled a kilometre by then.
 
     Attributes:
-        near_m: How far a standing one may seem to move.
-        last: Publications looked at.
-        of: In how many of them it must have been there.
-        hold: Publications for which it is kept once it is not seen any more.
+        near_m: Largest apparent movement of a standing one.
+        last: Number of publications.
+        of: Number of them with the same end.
+        hold: Number of publications for which it is kept after it is not seen any more.
     """
 
     near_m: float = 400.0
@@ -50,9 +50,9 @@ class BottleneckWatch:
     _missed: int = field(default=0, init=False)
 
     def update(self, positions_m: FloatArray) -> float | None:
-        """Takes one publication's ends of congestion; the standing bottleneck's position if there is one, m.
+        """Adds one publication's ends of congestion; position of the standing bottleneck, if there is one, m.
 
-        Of several the one farthest downstream: what stands upstream of it is in its queue.
+        Of several, the one farthest downstream: those upstream of it are in its queue.
         """
         self._seen.append(np.asarray(positions_m, dtype=np.float64))
         while len(self._seen) > self.last:

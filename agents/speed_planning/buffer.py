@@ -1,4 +1,4 @@
-"""The buffer: a segment before a standing bottleneck in which traffic is asked to be denser, and so slower, in advance.
+"""Buffer: a segment before a standing bottleneck in which traffic is made denser, and so slower, in advance.
 
 A policy chooses the buffer's density; the fundamental diagram turns it into a speed.
 """
@@ -17,19 +17,19 @@ from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
 RELEASE_M = 600.0
-"""Stretch after the buffer in which vehicles get up to speed before the bottleneck; ours.
+"""Stretch after the buffer in which vehicles speed up before the bottleneck, m; ours.
 
 A buffer that reached the bottleneck would itself be the queue that makes its capacity drop.
 """
 UPSTREAM_M, DOWNSTREAM_M, CELL_M = 6000.0, 1200.0, 300.0
-"""Which part of the road around the bottleneck a policy sees, and how finely."""
+"""Part of the road around the bottleneck that a policy sees, and its resolution."""
 WATCHED_M = 900.0
 """Stretch before the bottleneck that the rule watches."""
 CELLS = round((UPSTREAM_M + DOWNSTREAM_M) / CELL_M)
 TRAINED_M = 2400.0
 """Length of the buffer whose density is learned."""
 SLOWEST_MPS = 4.0
-"""The speed of the densest buffer a policy may ask for."""
+"""Speed of the densest buffer that a policy may request, m/s."""
 CHECKPOINT = Path(__file__).with_name("checkpoints") / "buffer.safetensors"
 
 
@@ -39,7 +39,7 @@ class Squeeze:
 
     Attributes:
         before: Lanes upstream of it.
-        inside: Lanes in it; the same number where something else holds traffic up.
+        inside: Lanes in it; the same number for other kinds of bottlenecks.
     """
 
     before: int
@@ -47,16 +47,16 @@ class Squeeze:
 
 
 class BufferPolicy(Protocol):
-    """Chooses the density of the buffer, and has a length for it."""
+    """Policy of the buffer: its density, and its length."""
 
     @property
     def length_m(self) -> float:
-        """Of the buffer."""
+        """Length of the buffer, m."""
 
     def density(self, profile: FloatArray, squeeze: Squeeze, diagram: FundamentalDiagram) -> FloatArray:
-        """(..., CELLS) veh/m and lane around the bottleneck -> (...) veh/m and lane asked for in the buffer.
+        """(..., CELLS) veh/m and lane around the bottleneck -> (...) veh/m and lane requested in the buffer.
 
-        The critical density asks for nothing: its speed is the free one.
+        The critical density is no request: its speed is the free one.
         """
 
 
@@ -64,17 +64,16 @@ class BufferPolicy(Protocol):
 class RuleBuffer:
     """Holds the last stretch before the bottleneck at a density at which it does not break down, by integral feedback.
 
-    What arrives too much is stored in the buffer: as long as the stretch is denser than it should be the buffer gets
-    denser too, minute by minute, and what leaves it stays below what enters it. So a buffer can hold back only while it
-    slows down, and what it holds back is its length times the change: a long one slows down for as long as demand
-    exceeds the capacity, a little each minute; a short one would be at its slowest after a few minutes, having starved
-    the bottleneck first.
+    The buffer stores the excess of the demand: while the stretch is too dense, the buffer becomes denser every minute,
+    and its outflow stays below its inflow. It stores its length times the change of its density. So a long buffer can
+    slow down a little each minute for as long as demand exceeds the capacity. A short one would reach its lowest speed
+    after a few minutes.
 
     Attributes:
         wanted_mps: Speed of the last `WATCHED_M` before the bottleneck, somewhat above that of its greatest flow.
         gain: Change of the buffer's density per minute, over the stretch's density above the wanted one.
         fastest: Greatest such change, veh/m; on 6 km of 4 lanes 0.0005 hold back 720 veh/h, if all follow.
-        slowest_mps: The buffer is never asked to be slower: it would be the queue that it is to prevent.
+        slowest_mps: Lowest speed of the buffer; below, it would be the queue that it should prevent.
         length_m: Of the buffer.
 
     Source: the feedback is ALINEA's, as in mainstream traffic flow control (Carlson, Papamichail, Papageorgiou 2011).
@@ -88,7 +87,7 @@ class RuleBuffer:
     _asked: FloatArray = field(default_factory=lambda: np.zeros(()), init=False)
 
     def density(self, profile: FloatArray, squeeze: Squeeze, diagram: FundamentalDiagram) -> FloatArray:
-        """One publication's, for any number of roads; the next one goes on from it."""
+        """Densities of one publication, for any number of roads; the next one continues from them."""
         tail = profile[..., bottleneck_cell() - round(WATCHED_M / CELL_M) : bottleneck_cell()].mean(axis=-1)
         wanted, most = diagram.density(np.array([self.wanted_mps, self.slowest_mps]))
         change = np.clip(self.gain * (tail - wanted), -self.fastest, self.fastest)
@@ -111,15 +110,15 @@ class LearnedBuffer:
 
     @classmethod
     def shipped(cls) -> LearnedBuffer:
-        """The one trained in `buffer_training`.
+        """Shipped policy, trained in `buffer_training`.
 
         Raises:
-            InvalidInputError: Its checkpoint is not there.
+            InvalidInputError: Its checkpoint is missing.
         """
         return cls(Actor.load(CHECKPOINT))
 
     def density(self, profile: FloatArray, squeeze: Squeeze, diagram: FundamentalDiagram) -> FloatArray:
-        """What the network chooses, between the critical density and that of the slowest buffer."""
+        """Density chosen by the network, between the critical one and that of the slowest buffer."""
         return density_of_action(self.actor.act(observation(profile, squeeze, diagram))[..., 0], diagram)
 
 
@@ -147,7 +146,7 @@ def observation(profile: FloatArray, squeeze: Squeeze, diagram: FundamentalDiagr
 
 
 def density_of_action(action: FloatArray, diagram: FundamentalDiagram) -> FloatArray:
-    """An action in [-1, 1] as a density: -1 asks for nothing, 1 for the slowest buffer."""
+    """An action in [-1, 1] as a density: -1 is no request, 1 the slowest buffer."""
     most = diagram.density(np.asarray(SLOWEST_MPS))
     share = (np.clip(action, -1, 1) + 1) / 2
     return np.asarray(diagram.critical_density + share * (most - diagram.critical_density))

@@ -1,8 +1,10 @@
-"""Learns the buffer's density: `python -m dohyo.agents.speed_planning.buffer_training --seeds 0 1 2 --out out/buffer`.
+"""Training of the buffer's density.
+
+    python -m dohyo.agents.speed_planning.buffer_training --seeds 0 1 2 --out out/buffer
 
 The world is the macroscopic model with random demand and random shares of connected vehicles; the state is the profile
-of density around the bottleneck, the action the buffer's density for the next minute, the reward what passes the
-bottleneck in it. The checkpoint of the seed that does best on held-out demands is the one shipped (`--ship`).
+of density around the bottleneck, the action the buffer's density for the next minute, the reward the flow through
+the bottleneck. The checkpoint of the seed that does best on held-out demands is the one shipped (`--ship`).
 """
 
 from __future__ import annotations
@@ -22,14 +24,14 @@ DECISION_S = 60.0
 EPISODE_S = 5400.0
 WARM_UP_S = 600.0
 SLOTS = 96
-"""Places for controlled vehicles on each road; one that finds none drives uncontrolled."""
+"""Slots for controlled vehicles on each road; a vehicle without a slot drives uncontrolled."""
 HELD_OUT = 10_000
 CONFIG = PpoConfig(iterations=40, learning_rate=1e-3, batch=720, gamma=0.97, entropy=2e-3)
 
 
 @dataclass
 class BufferEnv:
-    """R roads on which a morning's peak comes, with a buffer before the bottleneck.
+    """R roads with a morning's peak, and a buffer before the bottleneck.
 
     Attributes:
         seed: Of demands and shares.
@@ -52,7 +54,7 @@ class BufferEnv:
         self._begin()
 
     def reset(self) -> FloatArray:
-        """A new morning on every road, at a moment at which traffic is on it."""
+        """Starts a new morning on every road, with traffic on it."""
         self._begin()
         free = np.full(self.roads, self.road.diagram.free_speed_mps)
         while self._time_s < WARM_UP_S:
@@ -73,7 +75,7 @@ class BufferEnv:
 
     @property
     def profile(self) -> FloatArray:
-        """(R, CELLS) veh/m and lane around the bottleneck, as a planner sees it, who knows speeds alone."""
+        """(R, CELLS) veh/m and lane around the bottleneck, as a planner sees it, which knows speeds alone."""
         first = self.road.bottleneck - buffer.bottleneck_cell()
         cells = slice(first, first + buffer.CELLS)
         return self.road.diagram.density(macroscopic.speeds(self.road, self.traffic)[:, cells])
@@ -112,7 +114,7 @@ class BufferEnv:
         return passed
 
     def _enter(self, entered: FloatArray) -> None:
-        """Every so manieth vehicle that enters is a controlled one."""
+        """Makes every n-th entering vehicle a controlled one."""
         self._due += entered * self._share
         ready = np.flatnonzero(self._due >= 1)
         if not len(ready):
@@ -126,7 +128,7 @@ class BufferEnv:
 
 
 def discharge(policy: BufferPolicy | None, seed: int, roads: int = 64) -> FloatArray:
-    """(R,) mean flow into the bottleneck over its capacity in the episodes of one seed; None leaves all alone."""
+    """(R,) mean flow into the bottleneck over its capacity in the episodes of one seed; None: without control."""
     env = BufferEnv(seed, roads, length_m=buffer.TRAINED_M if policy is None else policy.length_m)
     env.reset()
     total, minutes = np.zeros(roads), round(EPISODE_S / DECISION_S)

@@ -1,7 +1,7 @@
-"""Measures the freeway for the planner: `python -m dohyo.agents.speed_planning.calibration --seeds 100 101`.
+"""Calibration of the freeway for the planner: `python -m dohyo.agents.speed_planning.calibration --seeds 100 101`.
 
-Mornings without control give the fundamental diagram of the lanes before the bottleneck, and what passes the bottleneck
-at each speed before it: whether there is a capacity drop, without which no control can raise throughput.
+Mornings without control give the fundamental diagram of the lanes before the bottleneck, and the flow through the
+bottleneck at each speed before it. Without a capacity drop, no control can raise throughput.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from dohyo.sumo_networks.freeway.world import FreewayWorld
 
 CELL_M = 200.0
 FROM_M = 1000.0
-"""Where the diagram's cells begin: by then those who come have found their speed."""
+"""Begin of the diagram's cells, m: vehicles have reached their speed there."""
 LAST_M = 900.0
-"""Stretch before the bottleneck whose speed is set against what passes it."""
+"""Stretch before the bottleneck whose speed is compared with the flow through it, m."""
 CLASSES_MPS = (0.0, 6.0, 10.0, 14.0, 18.0, 22.0, 26.0, 40.0)
 FOLLOWING_MINUTES = 3
 
@@ -62,7 +62,7 @@ class Surveyor:
         self._lanes = min(road.lanes[: road.mainline.bottleneck])
 
     def observe(self, world: FreewayWorld) -> None:
-        """Takes in one world; call it once per second."""
+        """Adds one world; called once per second."""
         minute = int((world.time_s - self._start_s) // MINUTE_S)
         if not 0 <= minute < len(self._passed):
             return
@@ -75,7 +75,7 @@ class Surveyor:
         self._passed[minute] += self._passage.observe(world)
 
     def survey(self) -> MorningGrid:
-        """Of all worlds until now."""
+        """Survey of all worlds so far."""
         speed = np.divide(self._sum, self._count, out=np.full_like(self._sum, np.nan), where=self._count > 0)
         density = self._count / (MINUTE_S * CELL_M * self._lanes)
         return MorningGrid(density, speed, self._last[1] / np.maximum(self._last[0], 1), self._passed)
@@ -98,21 +98,21 @@ def surveyed(seed: int, start_s: float, minutes: int) -> MorningGrid:
 
 
 def diagram(surveys: Sequence[MorningGrid]) -> Triangle:
-    """The triangle of all mornings' cells; see `fundamental_diagram.calibrated`.
+    """Triangle fitted to all mornings' cells; see `fundamental_diagram.calibrated`.
 
     Raises:
-        InvalidInputError: No congestion in them.
+        InvalidInputError: There is no congestion.
     """
     density = np.concatenate([one.density.ravel() for one in surveys])
     return calibrated(density, np.concatenate([one.speed_mps.ravel() for one in surveys]))
 
 
 def discharge(surveys: Sequence[MorningGrid], demanded: int = 0) -> FloatArray:
-    """What passes the bottleneck in the next three minutes, by the speed before it now.
+    """Flow through the bottleneck in the next three minutes, by the present speed before it.
 
     Args:
         surveys: Mornings.
-        demanded: Minutes at their beginning that are left out, in which less than the capacity wants to pass.
+        demanded: Minutes at their beginning that are left out, with a demand below the capacity.
 
     Returns:
         (K, 3) for each pair of neighbours in `CLASSES_MPS` minutes seen, mean veh/h (NaN without any) and its standard
@@ -129,7 +129,7 @@ def discharge(surveys: Sequence[MorningGrid], demanded: int = 0) -> FloatArray:
 
 
 def main() -> None:
-    """The command."""
+    """Command-line entry point."""
     parser = argparse.ArgumentParser(prog="python -m dohyo.agents.speed_planning.calibration", description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=[100, 101])
     parser.add_argument("--start", type=float, default=21000.0, help="time of day, s")

@@ -1,7 +1,7 @@
 """One run of the benchmark `dissipation`: a morning's congestion under one design of the plan and one forecast.
 
 The chain is the field's, delays included: segment speeds reach the planner up to three minutes late, connected vehicles
-tell their state once a second, a plan is published once a minute, and vehicles read it as it ages.
+report their state once a second, a plan is published once a minute, and vehicles read it as it ages.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ DESIGNS: tuple[str, ...] = get_args(Design)
 FORECASTS: tuple[str, ...] = get_args(Forecast)
 SetPoints = Literal["none", "plan", "learned"]
 OBSERVED_BEFORE_S = 720.0
-"""So long the feed runs before anything is controlled: eight minutes of history and the lag."""
+"""Time of the feed before control begins, s: eight minutes of history and the lag."""
 
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """What is tried.
+    """Arm of the study.
 
     Attributes:
-        design: Nothing is controlled; the smoothed state is a speed limit; or a buffer besides, by rule or learned.
-        forecast: Of the segments: only pings are used; the last report is taken for now; a network brings it up to now;
-            or the planner is told the truth.
+        design: No control; the smoothed state as a speed limit; or a buffer besides, by rule or learned.
+        forecast: Of the segments: only pings; the last report as the present; a network that brings it up to the
+            present; or the true speeds.
     """
 
     design: Design = "none"
@@ -52,23 +52,23 @@ class Arm:
 
     @property
     def name(self) -> str:
-        """Such as "rule+oracle"; "none" where nothing is controlled."""
+        """Such as "rule+oracle"; "none" without control."""
         return "none" if self.design == "none" else f"{self.design}+{self.forecast}"
 
 
 @dataclass(frozen=True, slots=True)
 class Morning:
-    """When, and for how long.
+    """Time and length of a run, and its fleet.
 
     Attributes:
         start_s: Time of day at which control and measurement begin.
-        duration_s: Of both.
-        warm_up_s: Before the feed begins.
+        duration_s: Duration of both.
+        warm_up_s: Time before the feed begins.
         penetration: Share of connected cars.
         acceleration_based: Share of the fleet with FollowerStopper.
-        set_points: Who sets the cruise controls of the rest: nobody, the plan then is the limit within which a driver
-            follows; the plan itself; or the learned policy that reads it.
-        planner: Its settings.
+        set_points: Source of the other cars' set-points: none, so that the plan is a speed limit for the driver; the
+            plan itself; or the learned policy that reads it.
+        planner: Settings of the planner.
     """
 
     start_s: float = 6.75 * 3600
@@ -80,7 +80,7 @@ class Morning:
     planner: PlannerConfig = field(default_factory=PlannerConfig)
 
     def scenario(self, seed: int) -> FreewayScenario:
-        """With the lead-in during which the feed runs."""
+        """Scenario with the lead-in during which the feed runs."""
         return FreewayScenario(
             seed=seed,
             start_s=self.start_s - OBSERVED_BEFORE_S,
@@ -94,10 +94,10 @@ def run(arm: Arm, seed: int, morning: Morning | None = None, forecaster: str | P
     """One run; the same arm, seed and morning give the same outcome.
 
     Args:
-        arm: What is tried.
+        arm: The arm.
         seed: Of the traffic, the feed's errors and the fleet.
-        morning: When.
-        forecaster: Which one the forecast "sa-lstm" is: shipped, or a file.
+        morning: The morning.
+        forecaster: Network of the forecast "sa-lstm": shipped, or a file.
 
     Raises:
         InvalidInputError: The arm needs a trained network that is not there.
@@ -107,7 +107,7 @@ def run(arm: Arm, seed: int, morning: Morning | None = None, forecaster: str | P
 
 
 def watched(driven: Iterable[FreewayWorld]) -> Outcome:
-    """What became of all traffic in these worlds."""
+    """Outcome of all traffic in these worlds."""
     watch = OutcomeWatch()
     for world in driven:
         if is_observed(world.time_s):
@@ -128,9 +128,9 @@ class LeadIn:
     Attributes:
         simulation: At that moment.
         seed: Of the fleet.
-        feed: What the planner has been told of the segments.
-        pings: What the connected vehicles told.
-        truth: What the oracle knows.
+        feed: Reports of the segments.
+        pings: Of the connected vehicles.
+        truth: True speeds for the oracle.
     """
 
     simulation: FreewaySimulation
@@ -141,7 +141,7 @@ class LeadIn:
 
     @classmethod
     def driven(cls, simulation: FreewaySimulation, seed: int, until_s: float) -> LeadIn:
-        """Lets a started simulation run, uncontrolled and observed, until a time of day."""
+        """Runs a started simulation until a time of day, observed and without control."""
         lead_in = cls(simulation, seed, SegmentFeed(simulation.road, seed), PingLog(), Truth())
         while simulation.world.time_s < until_s:
             lead_in.observe(simulation.world)
@@ -158,7 +158,7 @@ class LeadIn:
 def controlled(
     lead_in: LeadIn, arm: Arm, morning: Morning, forecaster: str | Path = "sa-lstm"
 ) -> Iterator[FreewayWorld]:
-    """The worlds from there on under one arm; the lead-in goes on with it, and serves no other arm afterwards."""
+    """Worlds after the lead-in under one arm; the lead-in cannot be used again."""
     simulation = lead_in.simulation
     speeds_now = segment_speeds(arm.forecast, forecaster) if arm.design != "none" else None
     planner = SpeedPlanner(simulation.road, buffer_policy(arm.design), morning.planner)
@@ -180,12 +180,12 @@ def controlled(
 
 
 def is_observed(time_s: float) -> bool:
-    """Whether the outcome is watched at this time of day."""
+    """Whether the outcome is measured at this time of day."""
     return time_s % OBSERVED_EVERY_S < 1e-6
 
 
 class Truth:
-    """What the oracle knows: the mean speed of all vehicles on each segment now."""
+    """Oracle: present mean speed of all vehicles on each segment."""
 
     def __init__(self) -> None:
         self._world: FreewayWorld | None = None
@@ -210,10 +210,10 @@ SegmentSpeeds = Callable[[SegmentFeed, Truth, float], "FloatArray | None"]
 
 
 def segment_speeds(forecast: Forecast, forecaster: str | Path = "sa-lstm") -> SegmentSpeeds:
-    """How a kind of forecast gets the segments' speeds of now.
+    """Source of the segments' present speeds for a kind of forecast.
 
     Raises:
-        InvalidInputError: Its network is not there.
+        InvalidInputError: Its network is missing.
     """
     if forecast == "none":
         return lambda feed, truth, time_s: None
@@ -225,7 +225,7 @@ def segment_speeds(forecast: Forecast, forecaster: str | Path = "sa-lstm") -> Se
 
 
 def _last_report(feed: SegmentFeed, time_s: float) -> FloatArray:
-    """The last reported speed of each segment, however old."""
+    """Last reported speed of each segment, of any age."""
     _, rows = feed.reported(time_s)
     last = np.full(feed.road.segments, np.nan)
     for row in rows:
@@ -235,7 +235,7 @@ def _last_report(feed: SegmentFeed, time_s: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Nowcast:
-    """A network's forecast, from the last eight reports to now; persistence until there are eight."""
+    """Network's forecast of the present from the last eight reports; persistence until there are eight."""
 
     forecaster: Forecaster
 
@@ -248,7 +248,7 @@ class _Nowcast:
 
 
 def controller(set_points: SetPoints) -> Controller:
-    """Of the cars without FollowerStopper.
+    """Controller of the cars without FollowerStopper.
 
     Raises:
         InvalidInputError: The learned one's checkpoint is not there.
@@ -259,7 +259,7 @@ def controller(set_points: SetPoints) -> Controller:
 
 
 def buffer_policy(design: Design) -> BufferPolicy | None:
-    """Of a design; None without a buffer.
+    """Buffer policy of a design; None without a buffer.
 
     Raises:
         InvalidInputError: The learned one's checkpoint is not there.

@@ -1,8 +1,8 @@
 """The freeway as an environment of agents: a forecaster, a planner, and every connected vehicle (PettingZoo, parallel).
 
-Any of them may be a policy of one's own; the others can be played by this folder's parts. One step is a tick of the
-freeway. What the forecaster and the planner answer counts once a minute, when a plan is published; in between it is
-ignored. A vehicle is an agent from its departure until it leaves the road.
+Any of them may be a custom policy, and this folder's parts can be the others. One step is a tick of the freeway.
+Actions of the forecaster and the planner count once a minute, when a plan is published; in between they are ignored. A
+vehicle is an agent from its departure until it leaves the road.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ FORECASTER, PLANNER = "forecaster", "planner"
 HISTORY_MINUTES = 8
 FASTEST_MPS = 45.0
 UNKNOWN_MPS = -1.0
-"""In observations: nothing was reported."""
+"""Value in observations without a report."""
 Observations = dict[str, Float32Array]
 
 
@@ -41,21 +41,21 @@ class DissipationEnv(ParallelEnv):  # type: ignore[misc]
 
     Agents, their observations and actions, speeds in m/s:
 
-    * `forecaster`: (8, S) the last reports of the segments, -1 where there is none -> (S,) their speeds now.
+    * `forecaster`: (8, S) last reports of the segments, -1 for missing ones -> (S,) their present speeds.
     * `planner`: (L, X) the forecaster's answer fused with the pings -> (L, X) target speeds.
     * a vehicle, by its name: (7,) own speed, gap up to 80 m, leader's speed, the plan at 0, 200, 500 and 1000 m; then
-      whether to open a gap -> (1,) speed it wants; SUMO's driver keeps it from driving into others.
+      whether to open a gap -> (1,) desired speed; SUMO's driver model prevents collisions.
 
-    Everybody's reward is the vehicles that passed into the bottleneck in the tick; a shared one, as the aim is.
+    All agents share the reward: the number of vehicles that passed into the bottleneck in the tick.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"name": "dissipation_v0", "render_modes": []}
 
     def __init__(self, morning: Morning | None = None, seed: int = 0) -> None:
-        """An environment; `reset` starts SUMO.
+        """Makes the environment; `reset` starts SUMO.
 
         Args:
-            morning: When, and how many are connected.
+            morning: Time, and share of connected cars.
             seed: Of the traffic, unless `reset` is given one.
         """
         self.morning = Morning() if morning is None else morning
@@ -84,7 +84,7 @@ class DissipationEnv(ParallelEnv):  # type: ignore[misc]
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, dict[str, dict[str, Any]]]:
-        """Starts the morning, and lets the feed run until control begins."""
+        """Starts the morning, and runs the feed until control begins."""
         self.close()
         self._seed = self._seed if seed is None else seed
         self.possible_agents = self._everybody()
@@ -125,7 +125,7 @@ class DissipationEnv(ParallelEnv):  # type: ignore[misc]
         everybody = [*self.agents, *new]
         reward = float(_passed(now, world))
         observations = self._observations()
-        # An agent that left still gets a last observation, of nothing.
+        # An agent that left still gets a last, empty observation.
         gone = [agent for agent in everybody if agent not in observations]
         nothing = {agent: np.asarray(self.observation_space(agent).low, dtype=np.float32) for agent in gone}
         self.agents = [] if over else [agent for agent in everybody if not terminated.get(agent, False)]
@@ -139,7 +139,7 @@ class DissipationEnv(ParallelEnv):  # type: ignore[misc]
 
     @property
     def world(self) -> FreewayWorld:
-        """What is true now; there is none before `reset`."""
+        """True state; there is none before `reset`."""
         return self._world
 
     def close(self) -> None:
@@ -171,7 +171,7 @@ class DissipationEnv(ParallelEnv):  # type: ignore[misc]
         return np.clip(given, 0.0, FASTEST_MPS)
 
     def _publish(self, told: dict[str, Float32Array]) -> None:
-        """Takes the forecaster's and the planner's answers when a plan is due."""
+        """Uses the forecaster's and the planner's actions when a plan is due."""
         if self._world.time_s < self._due_s:
             return
         self._due_s += PUBLISHED_EVERY_S

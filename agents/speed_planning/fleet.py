@@ -1,9 +1,8 @@
-"""The connected vehicles: each reads the plan where it is, sees its own leader, and is told a speed for the next tick.
+"""Connected vehicles: each reads the plan at its place and its own leader, and gets a speed for the next tick.
 
-A mixed fleet, as in the field: of 100 cars 97 limit or set their own cruise control, 3 are told speeds by
-FollowerStopper. All speeds are bounded by the safe one, and by what SUMO's driver would do. And where a leader comes
-near, nothing is commanded: a person closes up to a queue, and opens a gap that a cut-in shortened, more smoothly than a
-speed can say.
+A mixed fleet, as in the field: of 100 cars 97 limit or set their own cruise control, 3 get speeds from
+FollowerStopper. All speeds are bounded by the safe one, and by SUMO's driver model. Near a leader nothing is commanded:
+the driver model approaches a queue, and reopens a gap after a cut-in, more smoothly than a commanded speed.
 """
 
 from __future__ import annotations
@@ -25,12 +24,12 @@ from dohyo.sumo_networks.freeway.world import FreewayWorld
 ACCELERATION_BASED = 0.03
 """Share of the fleet, as in the field test."""
 NEAR_M, NEAR_S, COMFORT_MPS2 = 3.0, 0.6, 0.8
-"""A gap below 3 m + 0.6 s is too near; and no command may need more braking than this."""
+"""Least gap for commands, 3 m + 0.6 s; and highest braking that a command may need, m/s^2."""
 
 
 @dataclass(frozen=True, eq=False)
 class Cars:
-    """What N connected vehicles on the mainline see.
+    """Inputs of N connected vehicles on the mainline.
 
     Attributes:
         names: Of them.
@@ -52,7 +51,7 @@ class Cars:
 
     @classmethod
     def seen(cls, world: FreewayWorld, plan: SpeedPlan | None) -> Cars:
-        """The connected vehicles of a world that are on the mainline; those on ramps drive as people do."""
+        """The connected vehicles of a world that are on the mainline; those on ramps are not controlled."""
         rows = np.flatnonzero(world.connected & (world.lane >= 0))
         ahead = world.leader[rows]
         return cls(
@@ -66,7 +65,7 @@ class Cars:
         )
 
     def of(self, rows: IntArray) -> Cars:
-        """Some of them."""
+        """Selected vehicles."""
         return Cars(
             names=tuple(self.names[row] for row in rows),
             speed=self.speed[rows],
@@ -79,7 +78,7 @@ class Cars:
 
 
 class Controller(Protocol):
-    """Turns what cars see into the speeds they are told."""
+    """Maps inputs of cars to commanded speeds."""
 
     def speeds(self, cars: Cars) -> FloatArray:
         """(N,) commanded speeds, m/s."""
@@ -106,7 +105,7 @@ class AccelerationBased:
 
 @dataclass(frozen=True, slots=True)
 class Limiter:
-    """The plan is a limit, and within it the driver drives: no distance is kept for him."""
+    """The plan is a speed limit; the driver keeps his own distance."""
 
     def speeds(self, cars: Cars) -> FloatArray:
         """(N,) commanded speeds, m/s."""
@@ -120,8 +119,8 @@ class AccBased:
     """A cruise control whose settings a policy chooses, for any number of vehicles.
 
     Attributes:
-        policy: Trained; without one the set speed is the plan's, and the gap the least, or the widest where the plan
-            asks for one to be opened.
+        policy: Trained; without one the set speed is the plan's, and the gap the least, or the widest if the plan
+            requests a gap.
     """
 
     policy: SetPointPolicy | None = None
@@ -143,7 +142,7 @@ class AccBased:
         return np.maximum(cars.speed + wanted * TICK_S, 0.0)
 
     def _kept(self, cars: Cars) -> Memory:
-        """The memory, with the rows of these vehicles in their order; who is new begins with what he drives now."""
+        """The memory, with the rows of these vehicles in their order; new vehicles begin with their present speed."""
         fresh = Memory.of(cars.speed)
         known = np.array([self._memory.get(name, -1) for name in cars.names], dtype=np.int64)
         old = known >= 0
@@ -199,7 +198,7 @@ class Fleet:
 
 
 def handed_back(cars: Cars) -> BoolArray:
-    """(N,) who is left to his own driver: too near to his leader, or closing in so fast that comfort will not do."""
+    """(N,) vehicles without a command: too near to their leader, or closing in too fast for comfort."""
     there = np.isfinite(cars.gap)
     gap, leader = np.where(there, cars.gap, 1e9), np.where(there, cars.leader, np.inf)
     closing = np.maximum(cars.speed - leader, 0.0)

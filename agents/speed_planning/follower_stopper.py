@@ -1,9 +1,8 @@
-"""The acceleration-based controller: FollowerStopper, made gentle where a vehicle cuts in or moves out.
+"""Acceleration-based controller: FollowerStopper, with gentle reactions to cut-ins and cut-outs.
 
 FollowerStopper drives the target speed while there is room, and less as the gap closes (Stern et al. 2018). A cut-in
-shortens the gap at once and would make it brake hard for no danger: recovery then lets the envelopes shrink to the gap
-that is there and grow back. What no recovery touches is the safe speed, from which a leader's full braking can still be
-met.
+shortens the gap at once and would make it brake hard without danger. Recovery then shrinks the envelopes to the actual
+gap and lets them grow back. Recovery does not change the safe speed, which allows for a leader's full braking.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ DECELERATIONS_MPS2 = (1.5, 1.0, 0.5)
 def follower_stopper(
     target: FloatArray, gap: FloatArray, leader: FloatArray, own: FloatArray, ease: FloatArray
 ) -> FloatArray:
-    """The commanded speed.
+    """Commanded speed.
 
     Args:
         target: (N,) speed to drive with room ahead, m/s.
@@ -53,7 +52,7 @@ def follower_stopper(
 
 
 def envelope(gap: FloatArray, leader: FloatArray, own: FloatArray) -> FloatArray:
-    """(N,) the gap beyond which the target is driven, m; see `follower_stopper`."""
+    """(N,) gap beyond which the target is driven, m; see `follower_stopper`."""
     closing = np.where(np.isfinite(gap), np.minimum(leader - own, 0.0), 0.0)
     return np.asarray(GAPS_M[2] + closing**2 / (2 * DECELERATIONS_MPS2[2]))
 
@@ -68,28 +67,28 @@ def safe_speed(
     Args:
         gap: (N,) m, infinite without a leader.
         leader: (N,) its speed, m/s; ignored without one.
-        delay_s: Until the command acts.
+        delay_s: Delay of the command.
         braking: Of both, m/s^2.
         keep_m: Gap that must be left when both stand.
     """
     there = np.isfinite(gap)
     room = np.maximum(np.where(there, gap, 0.0) - keep_m, 0.0)
     ahead = np.where(there, np.maximum(leader, 0.0), 0.0)
-    # Less than the leader's own stopping distance can be left: then the root is what remains, never negative.
+    # The gap can be shorter than the leader's own stopping distance; the root is bounded by 0.
     square = (braking * delay_s) ** 2 + ahead**2 + 2 * braking * room
     return np.where(there, np.maximum(np.sqrt(square) - braking * delay_s, 0.0), np.inf)
 
 
 @dataclass(slots=True)
 class LaneChangeRecovery:
-    """Sees cut-ins and cut-outs of one vehicle, and says how far the envelopes and the command give way.
+    """Detects cut-ins and cut-outs of one vehicle, and adapts the envelopes and the command.
 
     Attributes:
-        grow: By which share of the full envelope it grows back in 1 s.
-        least: Below which share it never shrinks.
+        grow: Growth of the envelope in 1 s, as a share of the full one.
+        least: Least share of the full envelope.
         accelerate: Greatest increase of the command after a cut-out, m/s^2.
         brake: Greatest decrease of the command while recovering from a cut-in, m/s^2.
-        urgent_s: Time to collision below which there is nothing to be gentle about.
+        urgent_s: Time to collision below which the command is not softened.
     """
 
     grow: float = 0.15
@@ -101,13 +100,13 @@ class LaneChangeRecovery:
     _ease: float = field(default=1.0, init=False)
 
     def ease(self, leader: str | None, gap_m: float, envelope_m: float, step_s: float) -> float:
-        """The factor on the envelopes now.
+        """Present factor on the envelopes.
 
         Args:
             leader: Its name, None without one.
-            gap_m: To it.
+            gap_m: To the leader.
             envelope_m: The farthest full envelope.
-            step_s: Since the last call.
+            step_s: Time since the last call.
         """
         if leader is not None and leader != self._leader and gap_m < envelope_m:
             self._ease = max(self.least, min(self._ease, gap_m / envelope_m))
@@ -117,7 +116,7 @@ class LaneChangeRecovery:
         return self._ease
 
     def softened(self, command: float, own: float, gap_m: float, leader_mps: float, step_s: float) -> float:
-        """The command, within gentle accelerations; only braking in need is not held back."""
+        """Command within gentle accelerations; urgent braking is not bounded."""
         upper = own + self.accelerate * step_s
         closing = own - leader_mps
         urgent = closing > 0 and gap_m / closing < self.urgent_s

@@ -1,4 +1,4 @@
-"""Fundamental diagrams: what flow and speed belong to a density, all per lane; and the way back from a speed.
+"""Fundamental diagrams: flow and speed by density, per lane; and density by speed.
 
 Two shapes: Greenshields' parabola, in which the PDE-ODE of moving bottlenecks was first written, and the triangle,
 which fits a freeway better and is what the planner uses, calibrated on (density, speed) pairs.
@@ -43,10 +43,10 @@ class FundamentalDiagram(Protocol):
         """Speed, m/s."""
 
     def density(self, speed: FloatArray) -> FloatArray:
-        """The density that goes with a speed, veh/m: the congested one, from the critical one up to the jam's."""
+        """Density of a speed, veh/m: the congested one, from the critical one up to the jam's."""
 
     def passing_flow(self, speed: FloatArray) -> FloatArray:
-        """The most that can overtake a vehicle of that speed, veh/s: the maximum of flow(r) - speed r over r."""
+        """Highest flow past a vehicle of that speed, veh/s: the maximum of flow(r) - speed r over r."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,7 @@ class Greenshields:
         return self.free_speed_mps * (1 - np.clip(density / self.jam_density, 0, 1))
 
     def density(self, speed: FloatArray) -> FloatArray:
-        """The line, read backwards; not below the critical density."""
+        """Inverse of the line; not below the critical density."""
         density = self.jam_density * (1 - np.clip(speed / self.free_speed_mps, 0, 1))
         return np.maximum(density, self.critical_density)
 
@@ -92,7 +92,7 @@ class Greenshields:
 
 @dataclass(frozen=True, slots=True)
 class Triangle:
-    """All drive at the free speed up to the critical density; from there disturbances travel back at one speed.
+    """Free speed up to the critical density; beyond, disturbances travel upstream at one speed.
 
     Attributes:
         free_speed_mps: Speed on an empty lane.
@@ -106,7 +106,7 @@ class Triangle:
 
     @property
     def critical_density(self) -> float:
-        """Where the two sides meet."""
+        """Density at which the two sides meet, veh/m."""
         return self.wave_speed_mps * self.jam_density / (self.free_speed_mps + self.wave_speed_mps)
 
     @property
@@ -124,7 +124,7 @@ class Triangle:
         return self.flow(density) / np.maximum(density, 1e-9) + self.free_speed_mps * (density <= 0)
 
     def density(self, speed: FloatArray) -> FloatArray:
-        """Of the congested side; the critical density for the free speed and above."""
+        """Density of the congested side; the critical density for the free speed and above."""
         kept = np.clip(speed, 0, self.free_speed_mps)
         return self.wave_speed_mps * self.jam_density / (kept + self.wave_speed_mps)
 
@@ -135,7 +135,7 @@ class Triangle:
 
 FREEWAY = Triangle(free_speed_mps=30.0, wave_speed_mps=4.0, jam_density=0.1146)
 """Of the network `freeway`, measured by `python -m dohyo.agents.speed_planning.calibration`. Its tip is the flow out of
-congestion; before a breakdown a lane carries a third more, which no triangle can say."""
+congestion; before a breakdown a lane carries a third more, which no triangle can represent."""
 
 
 def calibrated(density: FloatArray, speed: FloatArray) -> Triangle:

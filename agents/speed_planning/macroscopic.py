@@ -1,11 +1,11 @@
-"""Freeways as cells of traffic, many at once: a bottleneck whose capacity drops, and slow vehicles that hold others up.
+"""Freeways as cells of traffic, many at once: a bottleneck with a capacity drop, and moving bottlenecks.
 
-The cell transmission model (Daganzo 1994) with two additions. Once a queue stands before the bottleneck less passes it
-(the capacity drop). And a controlled vehicle that drives slower than the traffic is a moving bottleneck: past one at
+The cell transmission model (Daganzo 1994) with two additions. Once a queue stands before the bottleneck, less passes it
+(the capacity drop). A controlled vehicle that drives slower than the traffic is a moving bottleneck: past one at
 speed y' flows at most alpha max_r(f(r) - y' r) + y' rho (the PDE-ODE of Delle Monache and Goatin 2014), where alpha is
 the share of lanes that it leaves free.
 
-What is ours: each further controlled vehicle in the same cell shuts another lane; vehicles that find the first cell
+Ours: each further controlled vehicle in the same cell closes another lane; vehicles that find the first cell
 full wait before it; and all roads are advanced by one set of array operations, so that a policy learns in minutes.
 """
 
@@ -22,7 +22,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 @dataclass(frozen=True)
 class CellRoad:
-    """The road, the same for all R copies.
+    """Road, the same for all R copies.
 
     Attributes:
         cell_m: Length of one cell.
@@ -67,12 +67,12 @@ class CellRoad:
 
 @dataclass(frozen=True)
 class CellTraffic:
-    """What is on R roads at one moment.
+    """Traffic on R roads at one moment.
 
     Attributes:
         density: (R, C) veh/m on all lanes of a cell together.
         waiting: (R,) vehicles before the first cell.
-        controlled_m: (R, K) positions of the controlled vehicles, m from the road's start; NaN where there is none.
+        controlled_m: (R, K) positions of the controlled vehicles, m from the road's start; NaN for unused slots.
     """
 
     density: FloatArray
@@ -82,10 +82,10 @@ class CellTraffic:
 
 @dataclass(frozen=True)
 class StepFlows:
-    """What one step moved.
+    """Flows of one step.
 
     Attributes:
-        entered: (R,) vehicles that came onto the first cell.
+        entered: (R,) vehicles that entered the first cell.
         left: (R,) vehicles that left the last cell.
         discharged: (R,) vehicles that passed into the bottleneck.
     """
@@ -96,7 +96,7 @@ class StepFlows:
 
 
 def empty(road: CellRoad, roads: int, controlled: int = 0) -> CellTraffic:
-    """No vehicle on any road, and room for so many controlled ones on each."""
+    """Empty roads, with slots for controlled vehicles."""
     return CellTraffic(np.zeros((roads, road.cells)), np.zeros(roads), np.full((roads, controlled), np.nan))
 
 
@@ -106,7 +106,7 @@ def speeds(road: CellRoad, traffic: CellTraffic) -> FloatArray:
 
 
 def vehicles(road: CellRoad, traffic: CellTraffic) -> FloatArray:
-    """(R,) vehicles on a road and before it."""
+    """(R,) vehicles on a road and waiting before it."""
     return np.asarray(traffic.density.sum(axis=1) * road.cell_m + traffic.waiting)
 
 
@@ -118,11 +118,11 @@ def advance(
     Args:
         road: The road.
         traffic: Before the step.
-        demand: (R,) vehicles per second that want to enter.
-        advised: (R, K) speed that each controlled vehicle keeps where the traffic allows it, m/s.
+        demand: (R,) arriving vehicles per second.
+        advised: (R, K) speed of each controlled vehicle if the traffic allows it, m/s.
 
     Returns:
-        The traffic after it, and what passed.
+        The traffic after it, and the flows.
     """
     per_lane = traffic.density / road.lanes
     sending, receiving = _demand_and_supply(road, per_lane)
@@ -145,7 +145,7 @@ def advance(
 
 
 def _demand_and_supply(road: CellRoad, per_lane: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(R, C) the most a cell can send and take, veh/s, for all lanes; the bottleneck takes less behind a queue."""
+    """(R, C) highest outflow and inflow of each cell, veh/s, all lanes; lower into the bottleneck with a queue."""
     diagram, critical = road.diagram, road.diagram.critical_density
     sending = diagram.flow(np.minimum(per_lane, critical)) * road.lanes
     receiving = diagram.flow(np.maximum(per_lane, critical)) * road.lanes
@@ -163,7 +163,7 @@ def _cell_of(road: CellRoad, traffic: CellTraffic) -> tuple[BoolArray, IntArray]
 
 
 def _driven(road: CellRoad, traffic: CellTraffic, speed: FloatArray, advised: FloatArray) -> FloatArray:
-    """(R, K) y' = min(u, V(rho(y+))), m/s: nobody drives faster than the traffic ahead of him."""
+    """(R, K) y' = min(u, V(rho(y+))), m/s: no vehicle drives faster than the traffic ahead."""
     _, cell = _cell_of(road, traffic)
     ahead = np.minimum(cell + 1, road.cells - 1)
     # Within a cell the traffic of that cell is ahead; only at its end the next one's.
@@ -173,7 +173,7 @@ def _driven(road: CellRoad, traffic: CellTraffic, speed: FloatArray, advised: Fl
 
 
 def _passing(road: CellRoad, traffic: CellTraffic, driven: FloatArray) -> FloatArray:
-    """(R, C) the most that leaves each cell past the controlled vehicles in it, veh/s; infinite where there is none."""
+    """(R, C) highest outflow of each cell past its controlled vehicles, veh/s; infinite without any."""
     roads = len(traffic.density)
     there, cell = _cell_of(road, traffic)
     flat = (cell + np.arange(roads)[:, None] * road.cells)[there]

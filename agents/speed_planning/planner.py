@@ -1,9 +1,9 @@
-"""The speed planner: once a minute, from late segment speeds and fresh pings, a target speed for each lane and place.
+"""Speed planner: once a minute, from late segment speeds and recent pings, a target speed for each lane and place.
 
-One publication: (1) the segments' speeds, brought up to now by a forecaster, (2) overwritten lane by lane by what the
-connected vehicles met in the last minute, (3) smoothed by a kernel that looks ahead, (4) searched for a standing
-bottleneck, unless the road's own is known, (5) before which a buffer is prescribed; the target is the lower of the two
-at each position. Until the next publication the plan is read as if it travelled upstream with the congestion.
+One publication: (1) the segments' speeds, brought up to the present by a forecaster, (2) overwritten lane by lane by
+the speeds of connected vehicles in the last minute, (3) smoothed by a kernel that looks ahead, (4) searched for a
+standing bottleneck, unless the road's own is known, (5) before which a buffer is prescribed; the target is the lower of
+the two at each position. Until the next publication the plan is read as if it travelled upstream with the congestion.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ PUBLISHED_EVERY_S = 60.0
 ADVECTION_MPS = 4.2
 """Speed at which a plan travels upstream between publications."""
 NO_PLAN_MPS, OFF_MAINLINE_MPS = 30.0, 15.0
-"""What is read before the first publication, and on ramps."""
+"""Speeds that vehicles read before the first publication, and on ramps, m/s."""
 LOOK_AHEAD_M = (0.0, 200.0, 500.0, 1000.0)
 OPEN_GAP_MPS = 3.0
-"""Where the target falls by more than this over the next 500 m vehicles are asked to open a gap; ours."""
+"""Fall of the target over the next 500 m above which vehicles should open a gap, m/s; ours."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class SpeedPlan:
         state_mps: (L, X) the traffic state it was made of, before smoothing.
         cell_m: Length of a sub-segment.
         bottleneck_m: The bottleneck that the plan is for, if there is one.
-        buffer_mps: The speed asked for in its buffer.
+        buffer_mps: Speed in its buffer.
     """
 
     published_s: float
@@ -53,12 +53,12 @@ class SpeedPlan:
     buffer_mps: float | None = None
 
     def at(self, position_m: FloatArray, lane: IntArray, time_s: float) -> FloatArray:
-        """(N, 4) target where each vehicle is and 200, 500 and 1000 m ahead, m/s.
+        """(N, 4) target at each vehicle and 200, 500 and 1000 m ahead, m/s.
 
         Args:
             position_m: (N,) along the mainline, NaN on ramps.
             lane: (N,) from the left, -1 on ramps.
-            time_s: Now.
+            time_s: Present time.
         """
         shifted = position_m + ADVECTION_MPS * max(time_s - self.published_s, 0.0)
         off = ~np.isfinite(shifted) | (lane < 0)
@@ -69,7 +69,7 @@ class SpeedPlan:
 
 
 def targets(plan: SpeedPlan | None, position_m: FloatArray, lane: IntArray, time_s: float) -> FloatArray:
-    """(N, 4) what vehicles read from the plan of now, if there is one, m/s."""
+    """(N, 4) speeds that vehicles read from the present plan, if there is one, m/s."""
     if plan is not None:
         return plan.at(position_m, lane, time_s)
     speed = np.where(lane < 0, OFF_MAINLINE_MPS, NO_PLAN_MPS)
@@ -88,12 +88,12 @@ class PlannerConfig:
     Attributes:
         kernel_m: Width of the forward kernel.
         headroom: Factor on the smoothed state, ours. The fleet's own speeds are in that state and never above the
-            target, so that plans may grow slower and slower; above 1 there is room to rise, and less is evened out.
-        searched_m: Width of the kernel behind which the standing bottleneck is searched for; a wide one would hide a
-            short queue, and it is the first minutes of a queue that count.
+            target, so that plans may become slower and slower; above 1, speeds can rise, and are smoothed less.
+        searched_m: Width of the kernel for the search of the standing bottleneck; a wide one would hide a short queue,
+            and the first minutes of a queue count.
         diagram: Of the freeway, as `calibration` fits it.
-        bottleneck: Before which one the buffer is: that of the road's description, known before it breaks down; or
-            the standing one that is found, from when it is found.
+        bottleneck: Bottleneck of the buffer: that of the road's description, known in advance; or the standing one,
+            once it is found.
     """
 
     kernel_m: float = 3000.0
@@ -107,7 +107,7 @@ class SpeedPlanner:
     """Publishes plans; remembers the last ones' ends of congestion."""
 
     def __init__(self, road: FreewayRoad, policy: BufferPolicy | None, config: PlannerConfig | None = None) -> None:
-        """A planner for one road and one day.
+        """Makes a planner for one road and one day.
 
         Args:
             road: The freeway.
@@ -124,8 +124,8 @@ class SpeedPlanner:
 
         Args:
             time_s: Time of day.
-            segment_mps: (S,) speed of the segments as of now, NaN where unknown; None where no feed is used. What is
-                unknown is taken for free.
+            segment_mps: (S,) speed of the segments as of now, NaN where unknown; None without a feed. Unknown
+                segments count as free.
             pings: Those of the last minute.
         """
         free = self.config.diagram.free_speed_mps
@@ -148,7 +148,7 @@ class SpeedPlanner:
         return SpeedPlan(time_s, target, state, self.grid.cell_m, standing, asked)
 
     def _buffer_speed(self, policy: BufferPolicy, state: FloatArray, standing: float) -> float:
-        """The speed that belongs to the density the policy asks for, m/s."""
+        """Speed of the density that the policy requests, m/s."""
         diagram = self.config.diagram
         places = standing - buffer.UPSTREAM_M + (np.arange(buffer.CELLS) + 0.5) * buffer.CELL_M
         speed = np.interp(places, self.grid.centres_m, state)

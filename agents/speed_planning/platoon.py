@@ -1,7 +1,8 @@
-"""Platoons on one lane: a leader that is replayed, a car with cruise control behind it, then 24 human drivers.
+"""Platoons on one lane: a given leader, a car with cruise control, then 24 human drivers.
 
-The world in which the ACC-based controller learns; all copies advance in one compiled loop. The configuration is the
-public one of the field test's controller; leaders are ours, drawn at random, since its recordings cannot be shipped.
+The environment in which the ACC-based controller learns; all copies advance in one compiled loop. The configuration is
+the public one of the field test's controller; leaders are ours, drawn at random, since its recordings cannot be
+shipped.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ STEP_S = 0.1
 HORIZON_S = 200.0
 LENGTH_M = 5.0
 SMOOTHED_S = 60.0
-"""The plan shows the leader's mean speed over so long a time to come: a forward kernel, as the planner's."""
+"""Time over which the plan shows the leader's mean speed, s: a forward kernel, as the planner's."""
 IDM = (33.0, 1.3, 1.0, 2.0, 2.2)
 """Human drivers: desired speed m/s, time gap s, acceleration and comfortable braking m/s^2, standing gap m."""
 
@@ -51,7 +52,7 @@ def advance(
     setting: FloatArray,
     time_gap: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Moves R platoons by the S steps for which their leaders are given.
+    """Simulates R platoons for the S given steps of their leaders.
 
     Args:
         position: (R, N) m, front car first; changed in place.
@@ -92,7 +93,7 @@ def advance(
 
 
 def draw_leaders(rng: np.random.Generator, roads: int, steps: int) -> FloatArray:
-    """(R, T) speeds of leaders in stop-and-go traffic, m/s, at `STEP_S`: random wishes, reached as people do."""
+    """(R, T) speeds of leaders in stop-and-go traffic, m/s, at `STEP_S`: random targets, reached as people do."""
     wishes = np.zeros((roads, steps))
     for road in range(roads):
         mean, spread, at = rng.uniform(5, 28), rng.uniform(1, 8), 0
@@ -112,9 +113,9 @@ def draw_leaders(rng: np.random.Generator, roads: int, steps: int) -> FloatArray
 class PlatoonEnv:
     """R platoons; the first car's cruise control is set every half second.
 
-    Reward per decision: minus the mean fuel of the platoon (g/s), 0.02 times the squared acceleration, 0.05 times what
-    the gap exceeds 4 s by (s), 0.001 times the squared difference from the plan, and 1 where a headway falls below 1 s
-    or a time to collision below 6 s. The weights are the public configuration's, their arguments ours.
+    Reward per decision: minus the mean fuel of the platoon (g/s), 0.02 times the squared acceleration, 0.05 times the
+    excess of the gap over 4 s (s), 0.001 times the squared difference from the plan, and 1 for a headway below 1 s or a
+    time to collision below 6 s. The weights are the public configuration's, their arguments ours.
 
     Attributes:
         seed: Of leaders.
@@ -130,7 +131,7 @@ class PlatoonEnv:
         self._rng = np.random.default_rng(self.seed)
 
     def reset(self) -> FloatArray:
-        """A new leader for every platoon; cars stand in equilibrium behind it."""
+        """Draws a new leader for every platoon; cars begin in equilibrium behind it."""
         ahead_s = SMOOTHED_S + 120.0
         steps = round((HORIZON_S + ahead_s) / STEP_S)
         self._leader_mps = draw_leaders(self._rng, self.roads, steps)
@@ -148,7 +149,7 @@ class PlatoonEnv:
         return self._observed()
 
     def step(self, action: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
-        """Half a second."""
+        """Simulates half a second."""
         settings = settings_of(action)
         steps = slice(self._step, self._step + round(DECISION_S / STEP_S))
         before, plan = self._speed[:, 0].copy(), self._look_ahead()[:, 0]
@@ -170,7 +171,7 @@ class PlatoonEnv:
         return np.asarray(self._leader_m[:, max(self._step - 1, 0)] - self._position[:, 0] - LENGTH_M)
 
     def _look_ahead(self) -> FloatArray:
-        """(R, 4) the plan where the first car is and ahead of it, m/s."""
+        """(R, 4) plan at the first car and ahead of it, m/s."""
         plan = np.empty((self.roads, len(LOOK_AHEAD_M)))
         for road in range(self.roads):
             at = np.searchsorted(self._leader_m[road], self._position[road, 0] + np.array(LOOK_AHEAD_M))

@@ -1,7 +1,6 @@
 """Proximal policy optimisation (Schulman et al. 2017) on environments that step many copies at once, with torchrl.
 
-An environment here is three arrays in, three arrays out; episodes of all copies begin and end together, at a horizon
-that cuts them off without ending them.
+Episodes of all copies begin and end together, at a horizon that truncates them.
 """
 
 from __future__ import annotations
@@ -58,8 +57,8 @@ class PpoConfig:
         epochs: Passes over a round.
         batch: Transitions per gradient step.
         gamma: Discount per step.
-        lambda_: Of the generalised advantage.
-        clip: Of the probability ratio.
+        lambda_: Lambda of the generalised advantage.
+        clip: Bound of the probability ratio.
         entropy: Weight of the entropy bonus.
         spread: Standard deviation of the action at the start, before tanh.
     """
@@ -77,7 +76,7 @@ class PpoConfig:
 
 
 class Actor(nn.Module):
-    """Observation -> action in [-1, 1], without randomness: what is shipped."""
+    """Shipped policy: observation -> action in [-1, 1], without randomness."""
 
     def __init__(self, observations: int, actions: int, hidden: tuple[int, ...]) -> None:
         super().__init__()
@@ -90,7 +89,7 @@ class Actor(nn.Module):
         return torch.tanh(self.body(observation)[..., : self.actions])
 
     def act(self, observation: FloatArray) -> FloatArray:
-        """The same for arrays."""
+        """Action of an array."""
         with torch.no_grad():
             return np.asarray(self(torch.as_tensor(observation, dtype=torch.float32)).numpy(), dtype=np.float64)
 
@@ -100,10 +99,10 @@ class Actor(nn.Module):
 
     @classmethod
     def load(cls, path: Path) -> Actor:
-        """Reads what `save` wrote.
+        """Reads a file of `save`.
 
         Raises:
-            InvalidInputError: There is no such file, or it holds something else.
+            InvalidInputError: The file is missing, or holds no policy.
         """
         try:
             with safe_open(path, framework="pt") as file:
@@ -124,7 +123,7 @@ def train(
         env: Draws its own episodes.
         config: Settings.
         seed: Of weights, exploration and batches.
-        report: Told each iteration and its mean reward per step.
+        report: Called with each iteration and its mean reward per step.
 
     Returns:
         The policy without exploration, and the mean reward per step of each iteration.
@@ -147,7 +146,7 @@ def train(
 
 
 def as_json(config: PpoConfig, seed: int, curve: list[float]) -> str:
-    """What a training was, for the file beside its checkpoint."""
+    """Facts of a training, for the file beside its checkpoint."""
     return json.dumps({"config": asdict(config), "seed": seed, "mean_reward_per_step": curve}, indent=1)
 
 
@@ -173,7 +172,7 @@ def _stochastic(actor: Actor, spread: float) -> ProbabilisticActor:
         module,
         in_keys=["loc", "scale"],
         distribution_class=TanhNormal,
-        # tanh_loc would bend the mean a second time: the shipped actor is tanh(loc).
+        # tanh_loc would apply tanh to the mean twice: the shipped actor is tanh(loc).
         distribution_kwargs={"tanh_loc": False},
         return_log_prob=True,
     )
@@ -201,7 +200,7 @@ def _with_advantage(round_: TensorDict, critic: ValueOperator, config: PpoConfig
         after = critic.module(round_["after"])
     done = torch.zeros_like(value, dtype=torch.bool)
     done[-1] = True
-    # The horizon cuts an episode off; it does not end it: the value of what comes after still counts.
+    # The horizon truncates an episode: the value of later steps still counts.
     advantage, target = generalized_advantage_estimate(
         config.gamma, config.lambda_, value, after, round_["reward"], done, torch.zeros_like(done), time_dim=0
     )

@@ -1,7 +1,7 @@
 """Benchmark `dissipation`, paired: `python -m dohyo.agents.speed_planning.study --seeds 0 1 2 --out out/dissipation`.
 
-Every arm drives the same mornings; a run that is done is not driven again. Seeds come one after the other, so that a
-study that is cut off has whole ones. Results go to OUT/study.json, and with --results into RESULTS.md.
+Every arm drives the same mornings; finished runs are not driven again. Seeds are driven in order, so that an
+interrupted study has complete ones. Results go to OUT/study.json, and with --results into RESULTS.md.
 """
 
 from __future__ import annotations
@@ -64,15 +64,15 @@ ARMS: Mapping[str, Arm] = {
 
 
 def run_path(out: Path, arm: str, seed: int) -> Path:
-    """Where the outcome of one run is."""
+    """File of the outcome of one run."""
     return out / arm / f"seed-{seed:03}.json"
 
 
 def drive_seed(out: Path, arms: Sequence[str], seed: int, morning: Morning, forecaster: str) -> int:
-    """The runs of one seed that are not there yet; how many there were to drive.
+    """Drives the missing runs of one seed; their number.
 
-    The lead-in is the same for every arm, so it is driven once, and each arm goes on from a copy of the process that
-    drove it: what SUMO leaves behind reaches no other run, and each is the run that `dissipation.run` gives.
+    The lead-in is the same for every arm, so it is driven once, and each arm continues in a copy of the process: SUMO's
+    state reaches no other run, and each run equals that of `dissipation.run`.
 
     Raises:
         InvalidInputError: A run is there, but of another morning or network.
@@ -89,7 +89,7 @@ def drive_seed(out: Path, arms: Sequence[str], seed: int, morning: Morning, fore
 
 
 def drive(out: Path, name: str, seed: int, morning: Morning, forecaster: str) -> None:
-    """One run with a lead-in of its own, unless it is there already; it takes a process to itself.
+    """Drives one run with its own lead-in, unless it is stored; needs a process of its own.
 
     Raises:
         InvalidInputError: It is there, but of another morning or network.
@@ -100,7 +100,7 @@ def drive(out: Path, name: str, seed: int, morning: Morning, forecaster: str) ->
 
 
 def drive_on(out: Path, name: str, lead_in: LeadIn, morning: Morning, forecaster: str) -> None:
-    """The same from a lead-in, and says what became of it."""
+    """Drives one run from a lead-in, and prints the outcome."""
     outcome = watched(controlled(lead_in, ARMS[name], morning, forecaster))
     keep(out, name, lead_in.seed, morning, forecaster, outcome)
     found = f"{outcome.throughput_vph:.0f} veh/h, deviation {outcome.speed_std_mps:.2f} m/s"
@@ -116,7 +116,7 @@ def keep(out: Path, name: str, seed: int, morning: Morning, forecaster: str, out
 
 
 def is_done(path: Path, settings: dict[str, Any]) -> bool:
-    """Whether a run is there already.
+    """Whether a run is stored.
 
     Raises:
         InvalidInputError: It is, but of another morning or network.
@@ -129,10 +129,10 @@ def is_done(path: Path, settings: dict[str, Any]) -> bool:
 
 
 def in_a_copy(what: str, work: Callable[[], None]) -> None:
-    """Does something in a copy of this process, waits for it, and keeps nothing of what it did here.
+    """Runs work in a copy of this process, and waits for it; this process stays unchanged.
 
     Raises:
-        SimulationError: It failed; the copy has printed why.
+        SimulationError: The work failed; the copy has printed why.
     """
     sys.stdout.flush()
     copy = os.fork()
@@ -152,7 +152,7 @@ def in_a_copy(what: str, work: Callable[[], None]) -> None:
 
 
 def settings_of(morning: Morning, forecaster: str) -> dict[str, Any]:
-    """What a run depends on besides arm and seed, as plain JSON."""
+    """Settings of a run besides arm and seed, as plain JSON."""
     rule = {one.name: getattr(RuleBuffer(), one.name) for one in dataclasses.fields(RuleBuffer) if one.init}
     settings = {**dataclasses.asdict(morning), "rule": rule, "forecaster": forecaster}
     plain: dict[str, Any] = json.loads(json.dumps(settings))
@@ -165,12 +165,12 @@ def drive_all(
     """All runs, seed by seed.
 
     Raises:
-        InvalidInputError: An arm needs a trained network that is not there; before anything is driven.
+        InvalidInputError: An arm needs a trained network that is missing; before anything is driven.
     """
     for name in arms:
         segment_speeds(ARMS[name].forecast, forecaster)
         buffer_policy(ARMS[name].design)
-    # SUMO is global in a process, and what it leaves behind must not reach the next seed: one process each.
+    # SUMO is global in a process, and its state must not reach the next seed: one process each.
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
         jobs = {seed: pool.submit(drive_seed, out, arms, seed, morning, forecaster) for seed in seeds}
         for seed, job in jobs.items():
@@ -178,7 +178,7 @@ def drive_all(
 
 
 def collect(out: Path, arms: Iterable[str] = ARMS) -> Runs:
-    """The outcomes that are there."""
+    """Stored outcomes."""
     found: Runs = {}
     for name in arms:
         for path in sorted((out / name).glob("seed-*.json")):
@@ -188,7 +188,7 @@ def collect(out: Path, arms: Iterable[str] = ARMS) -> Runs:
 
 
 def compared(runs: Runs, arm: str, other: str, metric: str) -> tuple[Comparison, float] | None:
-    """An arm against another on the seeds of both, and the other's mean; None without two such seeds."""
+    """Arm against another on common seeds, and the other's mean; None without two such seeds."""
     seeds = sorted(runs.get(arm, {}).keys() & runs.get(other, {}).keys())
     if len(seeds) < 2:
         return None
@@ -197,7 +197,7 @@ def compared(runs: Runs, arm: str, other: str, metric: str) -> tuple[Comparison,
 
 
 def tables(runs: Runs) -> str:
-    """The study as Markdown: every arm, every arm against none, and what a better forecast brings."""
+    """The study as Markdown: every arm, every arm against none, and the effect of a better forecast."""
     heads = [head for head, _ in SHOWN.values()]
     lines = ["| arm | n | " + " | ".join(heads) + " |", "|---" * (len(heads) + 2) + "|"]
     for name, by_seed in runs.items():
@@ -249,7 +249,7 @@ def _shown(estimate: Estimate, digits: int) -> str:
 
 
 def main() -> None:
-    """The command."""
+    """Command-line entry point."""
     default = Morning()
     parser = argparse.ArgumentParser(prog="python -m dohyo.agents.speed_planning.study", description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="*", default=list(range(10)))

@@ -1,4 +1,4 @@
-"""The lane-level traffic state: a forecast of the segments, overwritten where connected vehicles have just driven."""
+"""Lane-level traffic state: a forecast of the segments, overwritten by the recent speeds of connected vehicles."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class LaneGrid:
 
     @classmethod
     def of(cls, road: FreewayRoad) -> LaneGrid:
-        """The grid of a road, as wide as the road is anywhere, ramps' lanes included."""
+        """Grid of a road, with the largest number of lanes, including ramps'."""
         return cls(road.bounds_m, 1 + max(track.lane for track in road.tracks.values()))
 
     @property
@@ -48,7 +48,7 @@ class LaneGrid:
         """(S,) speeds of segments -> (L, X), the same for every lane and all of a segment.
 
         Raises:
-            InvalidInputError: Another number of segments.
+            InvalidInputError: The number of segments differs.
         """
         if segment_mps.shape != (len(self.bounds_m) - 1,):
             raise InvalidInputError(f"expected speeds of {len(self.bounds_m) - 1} segments, got {segment_mps.shape}")
@@ -58,15 +58,15 @@ class LaneGrid:
 
 
 def fuse(grid: LaneGrid, state: FloatArray, pings: Pings, time_s: float, window_s: float = MINUTE_S) -> FloatArray:
-    """Overwrites a sub-segment by the mean speed of the connected vehicles that were in it.
+    """Overwrites sub-segments by the mean speed of the connected vehicles that were in them.
 
-    A vehicle counts once in a sub-segment, with the mean of its own pings there: who crawls would else count more.
+    A vehicle counts once in a sub-segment, with the mean of its pings there; otherwise slow ones would count more.
 
     Args:
         grid: The sub-segments.
         state: (L, X) m/s, left as it is.
-        pings: What the vehicles told.
-        time_s: Now.
+        pings: Of the vehicles.
+        time_s: Present time.
         window_s: Pings older than this are left out.
 
     Returns:
@@ -90,7 +90,7 @@ def fuse(grid: LaneGrid, state: FloatArray, pings: Pings, time_s: float, window_
 def forward_kernel(state: FloatArray, width_m: float, cell_m: float) -> FloatArray:
     """Mean speed of the road ahead: U(x) = integral of K(s) v(x + s) over [0, w] / integral of K, K uniform.
 
-    Near the road's end only what is left of it counts.
+    Near the road's end only the rest of it counts.
 
     Args:
         state: (..., X) m/s.

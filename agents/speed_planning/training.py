@@ -1,6 +1,6 @@
-"""One command for each policy learned here: some seeds, each judged on what none of them saw, and the best shipped.
+"""Command of each training in this folder: several seeds, judged on held-out episodes, of which the best is shipped.
 
-A seed whose checkpoint is there, learned with the same settings, is not learned again.
+A seed with a stored checkpoint of the same settings is not trained again.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from dohyo.sumo_networks.files import write_atomically
 
 @dataclass(frozen=True)
 class Lesson:
-    """What is learned, and how it is judged.
+    """Learning problem, and its evaluation.
 
     Attributes:
         command: Module that runs it.
-        checkpoint: Where the best policy is shipped.
+        checkpoint: File of the shipped policy.
         config: Settings of the training.
-        world: Of a seed.
-        judged: (R,) what a policy earns in worlds that no training saw.
-        others: The same of what it must beat, by name.
-        unit: Of these earnings.
+        world: Environment of a seed.
+        judged: (R,) score of a policy in held-out environments.
+        others: Scores of the baselines, by name.
+        unit: Of these scores.
     """
 
     command: str
@@ -44,10 +44,10 @@ class Lesson:
 
 
 def learned(lesson: Lesson, config: PpoConfig, seed: int, out: Path) -> Actor:
-    """The policy of one seed: read where it is there, else learned and written to OUT/NAME-SEED.safetensors.
+    """Policy of one seed: read from OUT/NAME-SEED.safetensors, or trained and written there.
 
     Raises:
-        InvalidInputError: What is there is no policy.
+        InvalidInputError: The file holds no policy.
     """
     path = out / f"{lesson.checkpoint.stem}-{seed}.safetensors"
     notes = path.with_suffix(".json")
@@ -60,7 +60,7 @@ def learned(lesson: Lesson, config: PpoConfig, seed: int, out: Path) -> Actor:
 
 
 def run(lesson: Lesson, description: str | None = None) -> None:
-    """The command."""
+    """Command-line entry point."""
     parser = argparse.ArgumentParser(prog=f"python -m {lesson.command}", description=description)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--iterations", type=int, default=lesson.config.iterations)
