@@ -50,6 +50,10 @@ class ObjectStates:
         """(N, 5) x, y [m], heading [rad], length, width [m]."""
         return stack_boxes(self.position, self.heading, self.length, self.width)
 
+    def box(self, row: int) -> FloatArray:
+        """(5,) x, y [m], heading [rad], length, width [m] of one object."""
+        return np.array([*self.position[row], self.heading[row], self.length[row], self.width[row]], dtype=np.float64)
+
     def columns(self) -> BoxColumns:
         """The same boxes, and their speeds, for numba kernels."""
         return BoxColumns(self.position, self.heading, self.speed, self.length, self.width)

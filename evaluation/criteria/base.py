@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from typing import ClassVar, Self
@@ -10,9 +9,7 @@ from typing import ClassVar, Self
 from dohyo.evaluation.records.record import Infraction
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.scenario import Scenario
-from dohyo.sumo_networks.world import Egos, World
-
-Point = tuple[float, float]
+from dohyo.sumo_networks.world import World
 
 
 class Criterion(ABC):
@@ -76,51 +73,3 @@ def infraction(
         magnitude=magnitude,
         at_fault=at_fault,
     )
-
-
-def axis_point(egos: Egos, ego: int, ahead: float) -> Point:
-    """Point on an ego's longitudinal axis.
-
-    Args:
-        egos: All egos.
-        ego: Which one.
-        ahead: m ahead of the centre of its box, negative behind.
-
-    Returns:
-        x, y, m, network frame.
-    """
-    heading = egos.heading.item(ego)
-    x, y = egos.position[ego].tolist()
-    return x + ahead * math.cos(heading), y + ahead * math.sin(heading)
-
-
-def front(egos: Egos, ego: int) -> Point:
-    """Middle of an ego's front bumper, m, network frame."""
-    return axis_point(egos, ego, 0.5 * egos.length.item(ego))
-
-
-def crossed_stop_lines(world: World, ego: int, start: Point, end: Point) -> list[int]:
-    """Stop lines that a motion of the ego crosses in driving direction.
-
-    Networks are flat: a road may pass over or under another one's stop line. An ego on its route therefore meets only
-    the lines of its route and of the edge it is on.
-
-    Args:
-        world: The world after the motion.
-        ego: Index of the ego.
-        start: Where the motion begins, m, network frame.
-        end: Where it ends.
-
-    Returns:
-        Rows of `RoadNetwork.stop_lines`.
-    """
-    rows = world.network.crossed_stop_lines(*start, *end)
-    if not len(rows):
-        return []
-    lanes, on_route = world.network.lanes, world.routes[ego].on_route
-    here = world.egos.lane.item(ego)
-    if here < 0 or lanes.internal[here] or not on_route[here]:
-        return [int(row) for row in rows]
-    guarded = world.network.stop_lines.lane[rows]
-    meets = on_route[guarded] | (lanes.edge[guarded] == lanes.edge[here])
-    return [int(row) for row in rows[meets]]

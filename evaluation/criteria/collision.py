@@ -7,13 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-import numpy as np
-
-from dohyo.evaluation.criteria.base import Criterion, axis_point, infraction
+from dohyo.evaluation.criteria.base import Criterion, infraction
 from dohyo.evaluation.criteria.fault import is_at_fault, keeps_to_one_lane
 from dohyo.evaluation.records.record import Infraction
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.rules.stop_lines import axis_point
 from dohyo.sumo_networks.world import ActorKind, Contact, World
 
 _KINDS = {
@@ -99,5 +98,4 @@ def _other(world: World, contact: Contact) -> tuple[FloatArray, float]:
     if contact.kind is ActorKind.EGO:
         return world.egos.box(contact.row), world.egos.speed.item(contact.row)
     actors, row = world.actors, contact.row
-    box = np.array([*actors.position[row], actors.heading[row], actors.length[row], actors.width[row]])
-    return box, actors.speed.item(row)
+    return actors.box(row), actors.speed.item(row)

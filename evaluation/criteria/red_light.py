@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
-import numpy as np
-
-from dohyo.evaluation.criteria.base import Criterion, Point, axis_point, crossed_stop_lines, front, infraction
+from dohyo.evaluation.criteria.base import Criterion, infraction
 from dohyo.evaluation.records.record import Infraction
 from dohyo.evaluation.records.specifications import InfractionKind
-from dohyo.sumo_networks.world import LightState, World
+from dohyo.sumo_networks.rules.red_signal import red_signal
+from dohyo.sumo_networks.rules.stop_lines import Point, axis_point, crossed_stop_lines, front
+from dohyo.sumo_networks.world import World
 
 
 @dataclass(slots=True)
@@ -57,20 +57,6 @@ class RedLight(Criterion):
             light = str(network.signals.light_ids[network.signals.light[signal]])
             speed = after.egos.speed.item(ego)
             yield infraction(InfractionKind.RED_LIGHT, after, ego, speed, actor=light)
-
-
-def red_signal(world: World, ego: int, lane: int) -> int:
-    """The signal that is red for an ego at the end of a lane, -1 if none is."""
-    connections, progress = world.network.connections, world.egos.progress[ego]
-    through = [p for p in world.routes[ego].passages if connections.source[p.connection] == lane]
-    if through:
-        signals = np.array([min(through, key=lambda p: abs(p.entry - progress)).signal])
-    else:
-        signals = connections.signal[world.network.connections_from(lane)]
-    signals = signals[signals >= 0]
-    if len(signals) and bool((world.signals[signals] == LightState.RED).all()):
-        return int(signals[0])
-    return -1
 
 
 def _front_motion(before: World, after: World, ego: int) -> tuple[Point, Point]:

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from dohyo.evaluation.criteria.base import Criterion, crossed_stop_lines, front, infraction
+from dohyo.evaluation.criteria.base import Criterion, infraction
 from dohyo.evaluation.records.record import Infraction
 from dohyo.evaluation.records.specifications import InfractionKind
+from dohyo.sumo_networks.rules.stop_lines import crossed_stop_lines, distance_to_line, front
 from dohyo.sumo_networks.world import World
 
 
@@ -47,13 +48,7 @@ class StopSign(Criterion):
         fore = front(before.egos, ego)
         for row in crossed_stop_lines(after, ego, fore, front(after.egos, ego)):
             stop_lines = after.network.stop_lines
-            to_line = _distance_to_line(*fore, *stop_lines.segment[row].tolist())
+            to_line = distance_to_line(*fore, *stop_lines.segment[row].tolist())
             if stop_lines.stop_sign[row] and before.egos.driven[ego] - self._stood_at + to_line > self.within_m:
                 lane = str(after.network.lanes.ids[stop_lines.lane[row]])
                 yield infraction(InfractionKind.STOP_SIGN, after, ego, after.egos.speed.item(ego), actor=lane)
-
-
-def _distance_to_line(x: float, y: float, right_x: float, right_y: float, left_x: float, left_y: float) -> float:
-    """Distance of a point from the straight line through two others, m."""
-    along_x, along_y = left_x - right_x, left_y - right_y
-    return abs(along_x * (y - right_y) - along_y * (x - right_x)) / math.hypot(along_x, along_y)
