@@ -72,11 +72,13 @@ def nocrash() -> Iterator[str]:
         'name = "nocrash"',
         'description = "NoCrash on our towns: 25 missions x 3 traffic levels x train and test conditions x 2 towns"',
         'headline = "nocrash_success"',
-        'metric = "NoCrash success: share of episodes that reach the goal in time without a collision"',
+        'metric = "NoCrash success: share of episodes that reach the goal without a collision, in the time that the '
+        "route takes at 5 km/h and 20 s more (original: at 10 km/h); conditions are dealt out to the missions in turn "
+        '(original: each mission under every one)"',
         'rules = "2.0"',
         "stop_on_collision = true",
         "seeds = [0, 1, 2]",
-        # As in the original's code; papers write 10 km/h, the mean speed of the traffic itself where it is dense.
+        # As in the original's code. Papers write 10 km/h, which is the mean speed of dense traffic itself.
         "time_limit = { speed_kmh = 5.0, extra_s = 20.0 }",
     )
     for town, levels in TOWNS.items():

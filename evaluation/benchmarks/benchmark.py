@@ -128,6 +128,7 @@ class Benchmark(Config):
         seeds: Driven by default; missions with an excerpt have their own.
         duration_s: Of every episode; None: to the goal.
         replay: All but the egos replay the log of the mission's excerpt, whatever the egos do.
+        every_condition: Drive every mission under each of its cell's conditions, instead of dealing them out in turn.
         reference_agent: "module:Class" of the agent that drove where logs were made, and drives where one is missing.
     """
 
@@ -143,6 +144,7 @@ class Benchmark(Config):
     seeds: Annotated[tuple[int, ...], Field(min_length=1)] = (0, 1, 2)
     duration_s: Annotated[float | None, Field(gt=0, exclude_if=lambda duration: duration is None)] = None
     replay: Annotated[bool, Field(exclude_if=lambda replay: not replay)] = False
+    every_condition: Annotated[bool, Field(exclude_if=lambda every: not every)] = False
     reference_agent: Annotated[str | None, Field(pattern=ENTRY, exclude_if=lambda agent: agent is None)] = None
 
     @model_validator(mode="before")
@@ -194,6 +196,15 @@ class Benchmark(Config):
         from dohyo.evaluation.benchmarks.scenarios import make_scenarios  # reads networks; a list of names must not
 
         return make_scenarios(self, seeds)
+
+    @property
+    def size(self) -> int:
+        """Number of scenarios of one seed."""
+        return sum(
+            (1 if cell.together else len(self.missions[cell.missions]))
+            * (len(cell.conditions) if self.every_condition else 1)
+            for cell in self.cells
+        )
 
     @property
     def excerpts(self) -> bool:

@@ -39,15 +39,23 @@ def _scenarios(benchmark: Benchmark, cell: Cell, seed: int) -> Iterator[Scenario
             for number, mission in enumerate(missions)
             for event in _events(benchmark, cell, number, mission, mission.name, seed, together=True)
         ]
-        conditions = cell.conditions[seed % len(cell.conditions)]
-        yield _scenario(benchmark, cell, cell.name, egos, events, conditions, max(lengths), seed)
+        for conditions, name in _conditions(benchmark, cell, cell.name, turn=seed):
+            yield _scenario(benchmark, cell, name, egos, events, conditions, max(lengths), seed)
         return
     for number, (mission, length) in enumerate(zip(missions, lengths, strict=True)):
-        name = mission.name if len(benchmark.cells) == 1 else f"{cell.name}.{mission.name}"
-        conditions = cell.conditions[number % len(cell.conditions)]
+        plain = mission.name if len(benchmark.cells) == 1 else f"{cell.name}.{mission.name}"
         events = _events(benchmark, cell, number, mission, "ego", seed, together=False)
-        scenario = _scenario(benchmark, cell, name, (mission.mission("ego"),), events, conditions, length, seed)
-        yield scenario if mission.excerpt is None else _excerpted(benchmark, scenario, mission.excerpt)
+        for conditions, name in _conditions(benchmark, cell, plain, turn=number):
+            scenario = _scenario(benchmark, cell, name, (mission.mission("ego"),), events, conditions, length, seed)
+            yield scenario if mission.excerpt is None else _excerpted(benchmark, scenario, mission.excerpt)
+
+
+def _conditions(benchmark: Benchmark, cell: Cell, name: str, turn: int) -> Iterator[tuple[str, str]]:
+    """Conditions to drive under, each with the scenario's name: all of the cell's, or those whose turn it is."""
+    if benchmark.every_condition:
+        yield from ((conditions, f"{name}.{conditions}") for conditions in cell.conditions)
+    else:
+        yield cell.conditions[turn % len(cell.conditions)], name
 
 
 def _excerpted(benchmark: Benchmark, scenario: Scenario, excerpt: Excerpt) -> Scenario:

@@ -36,6 +36,7 @@ class Evaluation:
         benchmark_hash: Content hash of the benchmark.
         records: Of all episodes, lost ones included.
         record_paths: Their JSON files, in the same order.
+        metric: How the headline score is computed, in words.
     """
 
     agent: str
@@ -43,6 +44,7 @@ class Evaluation:
     benchmark_hash: str
     records: tuple[EpisodeRecord, ...]
     record_paths: tuple[Path, ...]
+    metric: str = ""
 
     def __post_init__(self) -> None:
         if len(self.records) != len(self.record_paths):

@@ -22,7 +22,7 @@ def road_completed(ego: EgoRecord) -> float:
     """Percent in [0, 100] of the route completed before the first collision.
 
     100 * progress at the first collision / route length; route completion where there was none. Some theses print this
-    under the name NoCrash beside others' success rates; it is another number.
+    number under the name NoCrash, beside success rates of others.
     """
     collision = first_collision(ego)
     if collision is None:
@@ -34,8 +34,8 @@ def road_completed(ego: EgoRecord) -> float:
 def drove(ego: EgoRecord, metres: float = 2500.0) -> bool:
     """Whether the ego came so far along its route before the first collision.
 
-    Source: Albilani 2023, where 2500 m on routes between random points count as success; a third number under NoCrash's
-    name. Routes must be at least so long.
+    Routes must be at least so long. Source: Albilani 2023, where 2500 m on routes between random points count as
+    success; this is the third number that is printed under NoCrash's name.
     """
     return road_completed(ego) / 100.0 * ego.route_length_m >= metres
 

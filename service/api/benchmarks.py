@@ -63,6 +63,6 @@ def _view(benchmark: Benchmark) -> BenchmarkView:
         rules=benchmark.rules,
         networks=list(benchmark.networks),
         cells=[cell.name for cell in benchmark.cells],
-        scenarios=sum(1 if cell.together else len(benchmark.missions[cell.missions]) for cell in benchmark.cells),
+        scenarios=benchmark.size,
         seeds=list(benchmark.seeds),
     )

@@ -76,7 +76,7 @@ def _benchmark(name: str) -> dict[str, Any]:
         "name": name,
         "version": benchmark.sha256[:12],
         "cells": len(benchmark.cells),
-        "scenarios": sum(len(benchmark.missions[cell.missions]) for cell in benchmark.cells),
+        "scenarios": benchmark.size,
         "networks": list(benchmark.networks),
         "headline": benchmark.headline.label,
         "metric": benchmark.metric,

@@ -66,6 +66,7 @@ def report(
             benchmark_hash=result.manifest.benchmark_sha256,
             records=result.records,
             record_paths=result.paths,
+            metric=result.manifest.benchmark.metric,
         )
         for name, result in zip(names, results, strict=True)
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -47,6 +48,7 @@ def test_every_scenario_can_be_driven_and_says_what_it_measures(name: str) -> No
     ("name", "count"),
     [
         ("nocrash", 300),
+        ("nocrash-original", 900),
         ("corl2017", 400),
         ("obstacles", 159),
         ("precrash", 84),
@@ -56,7 +58,20 @@ def test_every_scenario_can_be_driven_and_says_what_it_measures(name: str) -> No
     ],
 )
 def test_they_are_as_long_as_they_say(name: str, count: int) -> None:
-    assert len(load_benchmark(name).scenarios([0])) == count
+    benchmark = load_benchmark(name)
+    assert len(benchmark.scenarios([0])) == benchmark.size == count
+
+
+def test_the_original_protocol_drives_every_mission_under_every_condition_at_10_km_h() -> None:
+    ours, original = (load_benchmark(name).scenarios([1]) for name in ("nocrash", "nocrash-original"))
+    driven = Counter((one.cell, one.missions[0].start.lane, one.missions[0].goal.lane) for one in original)
+    assert Counter(driven.values()) == {4: 150, 2: 150}
+    assert len({(one.cell, one.missions, one.conditions) for one in original}) == 900
+    for one in ours:
+        twin = next(other for other in original if other.name == f"{one.name}.{one.conditions}")
+        assert (twin.missions, twin.traffic, twin.stop_on_collision) == (one.missions, one.traffic, True)
+        assert twin.time_limit_s is not None
+        assert one.time_limit_s == pytest.approx(2.0 * twin.time_limit_s + 20.0, abs=0.2)
 
 
 def test_obstacles_are_81_vehicles_and_78_pedestrians() -> None:

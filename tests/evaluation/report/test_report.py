@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import json
 import re
@@ -253,6 +254,12 @@ def test_with_lost_episodes_only(tmp_path: Path) -> None:
     assert "No drive counts yet" in page.text
     assert page.text.count("SUMO lost the ego") == 2
     assert {found["title"] for found in page.having("span", "missing")} == {"no drive counts: every episode was lost"}
+
+
+def test_the_headline_is_explained_where_the_benchmark_says_it(tmp_path: Path) -> None:
+    one = evaluation(drives("tester", [red()]), tmp_path)
+    _, page = report(tmp_path, dataclasses.replace(one, metric="success: reaches the goal at 5 km/h"))
+    assert "success: reaches the goal at 5 km/h." in page.text
 
 
 def test_with_one_episode(tmp_path: Path) -> None:
