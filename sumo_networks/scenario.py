@@ -69,10 +69,9 @@ class Traffic(Config):
         bicycles: Bicycles.
         pedestrians: People on foot.
         warm_up_s: Simulated time before the egos start.
-        jaywalkers: Share of the pedestrians who cross roads away from crossings, see
-        `dohyo.sumo_networks.traffic.jaywalkers`. impatience: Of the drivers: how far those who must give way push into
-        gaps that make others brake; 0 never, 1
-            always. SUMO's, and its default is 0.
+        jaywalkers: Share of the pedestrians that cross roads away from crossings, see `traffic.jaywalkers`.
+        impatience: Of the drivers: how far those that must give way push into gaps that make others brake; 0 never, 1
+            always. It is SUMO's, and its default is 0.
         flows: Vehicles that follow each other along one way.
     """
 
@@ -126,7 +125,7 @@ class Scenario(Config):
         seed: Decides everything random in the world.
         duration_s: Ends the episode wherever the ego is then, which is no failure; None: it goes on to the goal.
         reference_m: How far a reference came in that time, for scores that compare with it.
-        log: Content hash of the log that everybody but the egos replays; None: they live, in SUMO.
+        log: Content hash of the log that all actors but the egos replay; None: SUMO simulates them.
     """
 
     name: Name = "scenario"

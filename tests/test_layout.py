@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 FLOORS = ("sumo_networks", "evaluation", "agents", "service")
 LOWER = ("sumo_networks", "evaluation")
 MODULES_AT_MOST = 15
-OF_ONE_KIND = {"sumo_networks/sensors", "sumo_networks/events"}
+OF_ONE_KIND = {"sumo_networks/sensors", "sumo_networks/events/kinds"}
 """Folders that hold one module per sensor or per kind of event."""
 
 

@@ -1,4 +1,4 @@
-"""ScriptedActor: an actor that a script moves. It is in the world like any other actor; SUMO sees an image of it."""
+"""ScriptedActor: an actor that a script moves. It is in the world like any other actor; SUMO sees its proxy."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ class ScriptedActor:
         speed: Along the path, m/s.
         drift: To the left, m/s.
         skew: Its heading minus the path's, for things that stand askew, rad.
-        across: Whether it moves across the road; its image is then turned along the lane.
-        indicator: 1 left, -1 right; 0: off, but for who drifts.
+        across: Whether it moves across the road; its SUMO proxy is then turned along the lane.
+        indicator: 1 left, -1 right; 0: off, or that of its drift.
         present: Whether it is in the world.
     """
 

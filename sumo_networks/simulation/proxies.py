@@ -34,7 +34,7 @@ class SumoProxies:
         self._shown: set[str] = set()
 
     def add_ego(self, name: str, route: Route) -> None:
-        """Tells SUMO the route of an ego's proxy."""
+        """Adds the route of an ego's proxy to SUMO."""
         libsumo.route.add(name, route.edges)
 
     def show_ego(self, name: str, centre: _Point, heading: float, route: Route, behind_m: float = 0.0) -> None:

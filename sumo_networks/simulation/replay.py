@@ -78,7 +78,7 @@ class Replay:
     def _lights(self, log: Log) -> IntArray:
         changes = log.signals
         stop = int(np.searchsorted(changes[:, 0], self._tick, side="right"))
-        if stop > self._next_change:  # else the same array: who reads it may skip what did not change
+        if stop > self._next_change:  # else the same array, so that readers may skip it
             self._signals = self._signals.copy()
             for _, row, state in changes[self._next_change : stop].tolist():
                 self._signals[row] = state

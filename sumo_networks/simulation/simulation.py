@@ -134,7 +134,7 @@ class Simulation:
         names, actors = self._survey.read(self._proxies.names, self._scripted, self._registry.obstacles())
         recorder.append(names, actors, self.world.signals)
 
-    def everybody(self) -> Actors:
+    def all_actors(self) -> Actors:
         """Everything in the whole network but the egos; keys are those of rows."""
         everywhere = Survey(self.plan.network, None)
         return everywhere.read(self._proxies.names, self._scripted, self._registry.obstacles())[1]
@@ -175,7 +175,7 @@ class Simulation:
             libsumo.simulationStep()
 
     def _place_egos(self) -> None:
-        """Shows the egos to SUMO for the first time, on starts that nobody else stands on."""
+        """Shows the egos to SUMO for the first time, on starts that no other vehicle stands on."""
         for name, route in zip(self._proxy_names, self.plan.routes, strict=True):
             self._proxies.add_ego(name, route)
             self._surroundings.add(name)

@@ -1,4 +1,4 @@
-"""Surroundings: what SUMO tells of the actors near the egos, by the way that costs least."""
+"""Surroundings: the actors near the egos, read from SUMO in the way that costs least."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Surroundings:
     def add(self, viewpoint: str) -> None:
         """Begins to look around a point, which `move` brings to its place."""
         self._viewpoints[viewpoint] = (0.0, 0.0)
-        # A context around a point of interest outlives whatever SUMO does to an ego's image.
+        # A context around a point of interest outlives whatever SUMO does to an ego's proxy.
         libsumo.poi.add(viewpoint, 0.0, 0.0, (0, 0, 0, 0))
         for domain, variables in self._subscriptions():
             libsumo.poi.subscribeContext(viewpoint, domain, SIGHT_M + SPARE_M, variables)
@@ -62,19 +62,19 @@ class Surroundings:
         del self._viewpoints[viewpoint]
 
     def read(self) -> list[Reading]:
-        """Everyone in sight; one who is near several egos may come several times."""
+        """All actors in sight; an actor near several egos may come several times."""
         points = list(self._viewpoints.values())
         few_vehicles, few_people = self._few
         self._reads += 1
         if libsumo.simulation.getEndingTeleportNumber():
-            self._not_before.clear()  # those whom SUMO has moved on
+            self._not_before.clear()  # SUMO has moved some on
         found: list[Reading] = []
         if few_vehicles:
             self._ask(libsumo.vehicle, points, libsumo.vehicle.getSignals, found)
         if few_people:
             self._ask(libsumo.person, points, lambda _: _NO_SIGNALS, found)
         if not (few_vehicles and few_people):
-            found.extend(self._told(points))
+            found.extend(self._collected(points))
         return found
 
     def _ask(self, domain: Any, points: Sequence[_Point], signals: Callable[[str], int], found: list[Reading]) -> None:
@@ -91,7 +91,7 @@ class Surroundings:
                 away_m = math.sqrt(nearest) - SIGHT_M
                 not_before[name] = now + int(away_m / (2.0 * FASTEST_MPS * TICK_S))
 
-    def _told(self, points: Sequence[_Point]) -> Iterator[Reading]:
+    def _collected(self, points: Sequence[_Point]) -> Iterator[Reading]:
         # SUMO measures a context's range in ways of its own, so it is asked for more, and both ways tell the same.
         for viewpoint in self._viewpoints:
             for name, values in libsumo.poi.getContextSubscriptionResults(viewpoint).items():

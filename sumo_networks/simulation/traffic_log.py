@@ -1,4 +1,4 @@
-"""Log: a recorded run of everybody but the egos, which `simulation.replay` plays back whatever an ego does.
+"""Log: a recorded run of all actors but the egos, which `simulation.replay` plays back whatever an ego does.
 
 A log is known by the hash of its content, so that a scenario which names one cannot be driven against another.
 """
@@ -23,9 +23,9 @@ from dohyo.sumo_networks.networks.entries import user_catalog
 from dohyo.sumo_networks.world import Actors
 
 SHIPPED = Path(__file__).parents[1] / "logs"
-"""Logs that come with dohyo, so that its benchmarks outlive every change of whoever drove where they were recorded."""
+"""Logs that come with dohyo, so that its benchmarks stay the same when the agent that drove there changes."""
 DECIMALS = {"x": 2, "y": 2, "heading": 3, "speed": 2}
-"""To which logs round, so that a last bit of somebody's arithmetic does not make another log."""
+"""To which logs round, so that the last bit of another machine's arithmetic does not make another log."""
 _DTYPES = {
     "kind": "|u1",
     "length": "<f4",
@@ -44,7 +44,7 @@ _DTYPES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Log:
-    """Who was where in each of T ticks, the first of them tick 0; N actors, R rows in the order of time, read-only.
+    """Where N actors were in each of T ticks, from tick 0 on; R rows in the order of time, read-only.
 
     Attributes:
         names: SUMO id by key.
@@ -89,7 +89,7 @@ class Log:
         return digest.hexdigest()
 
     def actors(self, tick: int) -> Actors:
-        """Everybody in one tick."""
+        """All actors in one tick."""
         rows = slice(int(self.first[tick]), int(self.first[tick + 1]))
         key = self.key[rows].astype(np.int64)
         return Actors(
@@ -120,7 +120,7 @@ class LogRecorder:
 
         Args:
             names: SUMO id of each row of `actors`; their keys are not used.
-            actors: Everybody.
+            actors: All actors.
             signals: (K,) LightState.
         """
         for i, name in enumerate(names):

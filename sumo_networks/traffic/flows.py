@@ -41,7 +41,7 @@ class FlowSource:
         self._next_s = float(self.rng.uniform(0.0, self.mean_s))
 
     def due(self, time_s: float) -> Iterator[None]:
-        """One item for everyone who has come up to a time."""
+        """One item for each vehicle that is due by a time."""
         while self._next_s <= time_s:
             self._next_s += float(self.rng.uniform(*self.gap_s) if self.gap_s else self.rng.exponential(self.mean_s))
             yield

@@ -55,7 +55,7 @@ class FlowBehavior(EventBehavior["FlowEvent"]):
         return context.distance_to(self.meeting) < -self.event.past_m
 
     def withdraw(self, context: EventContext) -> None:
-        """Nobody enters any more; those on the road drive on, and leave it as the traffic does."""
+        """Cancels the vehicles that wait; those on the road drive on, and leave it as the traffic does."""
         self.source.stop(context)
 
 
