@@ -16,8 +16,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from dohyo.sumo_networks.arrays import BoolArray, Float32Array
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array, IntArray
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.objects import ObjectStates
 from dohyo.sumo_networks.world import ActorKind, World
 
 _DTYPES: Final[Mapping[str, str]] = MappingProxyType(
@@ -81,6 +82,18 @@ class Trajectory:
 
     def __len__(self) -> int:
         return len(self.tick)
+
+    def states(self, rows: IntArray) -> ObjectStates:
+        """Some rows as float64: with the tick left out, and what only egos have."""
+        return ObjectStates(
+            key=self.key[rows].astype(np.int64),
+            kind=self.kind[rows].astype(np.int64),
+            position=np.column_stack([self.x[rows], self.y[rows]]).astype(np.float64),
+            heading=self.heading[rows].astype(np.float64),
+            speed=self.speed[rows].astype(np.float64),
+            length=self.length[rows].astype(np.float64),
+            width=self.width[rows].astype(np.float64),
+        )
 
     def sha256(self) -> str:
         """Hex digest of the values: little-endian bytes of every column, the names by key, the signals.

@@ -16,29 +16,13 @@ from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.geometry import boxes_overlap
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.objects import ObjectStates
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind
 
 _AROUND_M = 20.0
-
-
-@dataclass(frozen=True, slots=True)
-class Others:
-    """Everybody but the ego in one tick, M of them; other egos are among them.
-
-    Attributes:
-        key: (M,) as in the trajectory.
-        kind: (M,) ActorKind.
-        boxes: (M, 5) x, y [m], heading [rad], length, width [m].
-        speed: (M,), m/s.
-    """
-
-    key: IntArray
-    kind: IntArray
-    boxes: FloatArray
-    speed: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +52,7 @@ class Frames:
         boxes: (T, 5) the ego's: x, y [m], heading [rad], length, width [m].
         speed: (T,), m/s.
         progress: (T,), m along the route.
-        others: T of them.
+        others: Everybody else in each of the T ticks; other egos are among them, with their keys of the trajectory.
     """
 
     network: RoadNetwork
@@ -76,7 +60,7 @@ class Frames:
     boxes: FloatArray
     speed: FloatArray
     progress: FloatArray
-    others: tuple[Others, ...]
+    others: tuple[ObjectStates, ...]
 
     def __len__(self) -> int:
         return len(self.speed)
@@ -112,7 +96,7 @@ class Frames:
         """Everybody the ego touches, each at the first tick, in the order of time."""
         found: dict[int, Touch] = {}
         for tick, others in enumerate(self.others):
-            for i in np.flatnonzero(boxes_overlap(self.boxes[tick : tick + 1], others.boxes)[0]):
+            for i in np.flatnonzero(boxes_overlap(self.boxes[tick : tick + 1], others.boxes())[0]).tolist():
                 key, kind = int(others.key[i]), int(others.kind[i])
                 if key not in found:
                     # An ego that brakes to a stop in the tick of the impact was moving.
@@ -121,7 +105,7 @@ class Frames:
                     fault = is_at_fault(
                         self.boxes[tick],
                         speed,
-                        others.boxes[i],
+                        others.box(i),
                         other_speed,
                         tick_s=TICK_S,
                         in_one_lane=bool(self.keeps_lane[tick]),
@@ -147,17 +131,13 @@ def frames_of(record: EpisodeRecord, trajectory: Trajectory, network: RoadNetwor
     ticks = trajectory.tick[rows]
     if not np.array_equal(ticks, np.arange(len(ticks))):
         raise InvalidInputError(f"scenario '{record.scenario.name}': expected every tick of ego {ego} from 0 on")
-    table = np.column_stack(
-        [trajectory.x, trajectory.y, trajectory.heading, trajectory.length, trajectory.width]
-    ).astype(np.float64)
     first = np.searchsorted(trajectory.tick, np.arange(len(ticks) + 1))
     others = []
     for start, stop in pairwise(first.tolist()):
         some = start + np.flatnonzero(trajectory.key[start:stop] != -1 - ego)
-        key, kind = trajectory.key[some].astype(np.int64), trajectory.kind[some].astype(np.int64)
-        others.append(Others(key, kind, table[some], trajectory.speed[some].astype(np.float64)))
-    speed, progress = trajectory.speed[rows].astype(np.float64), trajectory.progress[rows].astype(np.float64)
-    return Frames(network, route, table[rows], speed, progress, tuple(others))
+        others.append(trajectory.states(some))
+    own, progress = trajectory.states(rows), trajectory.progress[rows].astype(np.float64)
+    return Frames(network, route, own.boxes(), own.speed, progress, tuple(others))
 
 
 def corners(boxes: FloatArray) -> FloatArray:

@@ -206,10 +206,11 @@ def times_to_collision(frames: Frames) -> FloatArray:
     for tick, others in enumerate(frames.others):
         if frames.speed[tick] > TTC_STANDING_MPS and len(others.key):
             gone = np.array([touched.get(int(key), len(frames)) <= tick for key in others.key], dtype=np.bool_)
-            rows = np.flatnonzero(_ahead(frames.boxes[tick], others.boxes, bool(wide[tick])) & ~gone)
+            boxes = others.boxes()
+            rows = np.flatnonzero(_ahead(frames.boxes[tick], boxes, bool(wide[tick])) & ~gone)
             if len(rows):
                 times[tick] = _first_meeting(
-                    frames.boxes[tick], float(frames.speed[tick]), others.boxes[rows], others.speed[rows]
+                    frames.boxes[tick], float(frames.speed[tick]), boxes[rows], others.speed[rows]
                 )
     for touch in frames.touches:
         if touch.at_fault:

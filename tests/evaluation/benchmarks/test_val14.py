@@ -11,10 +11,11 @@ from dohyo.agents.experts.autopilot import Autopilot
 from dohyo.evaluation.authoring.scenario_types import TYPES, Run
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.episode.runner import drive_episode
-from dohyo.evaluation.scores.nuplan.frames import Frames, Others
+from dohyo.evaluation.scores.nuplan.frames import Frames
 from dohyo.evaluation.scores.nuplan.score import OUTSIDE_M, drivable_area, driving_direction
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.objects import ObjectStates
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.simulation.traffic_log import SHIPPED, read_log
@@ -47,8 +48,7 @@ def on_its_path(scenario: Scenario) -> Frames:
     rows = min(len(route.position), int(((scenario.reference_m or 0.0) + BEYOND_M) / spacing) + 1)
     size = np.full((rows, 2), (car.length, car.width))
     boxes = np.column_stack([route.position[:rows], route.heading[:rows], size])
-    no = np.zeros(0, dtype=np.int64)
-    nobody = Others(no, no, np.zeros((0, 5)), np.zeros(0))
+    nobody = ObjectStates.empty()
     return Frames(network, route, boxes, np.full(rows, 10.0), np.arange(rows) * spacing, (nobody,) * rows)
 
 
