@@ -5,6 +5,7 @@ REPORT ?= report.html
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+EXTRAS ?= dev
 RESULTS := out/quickstart
 SYSTEM_PACKAGES := libgl1 libx11-6 libxext6 libxrender1 libatomic1
 
@@ -62,10 +63,9 @@ $(INSTALLED): pyproject.toml
 		"(make PYTHON=python3.12 $(MAKECMDGOALS))" >&2; exit 2; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
 		{ echo "dohyo: '$(PYTHON)' has no venv module (Debian: apt-get install python3-venv)" >&2; exit 2; }
-	@echo "dohyo: installing into $(VENV) (minutes, the first time)"
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
 	@$(BIN)/python -m pip install -qq --no-input --disable-pip-version-check -e '.[dev,docs]'
 	@$(BIN)/python -c 'import libsumo' || \
 		{ echo "dohyo: libsumo cannot be loaded (Debian: apt-get install $(SYSTEM_PACKAGES))" >&2; exit 2; }
-	@$(BIN)/dohyo networks list --json >/dev/null
+	@$(BIN)/python -m dohyo.sumo_networks.networks.catalog
 	@touch $@

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import ProcessPoolExecutor
 from functools import lru_cache
 from pathlib import Path
 
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.networks.entries import network_path
+from dohyo.sumo_networks.networks.entries import builtin_names, network_path
 from dohyo.sumo_networks.networks.network import RoadNetwork, read_network
 from dohyo.sumo_networks.networks.xml_guard import LIMIT_MB
 
@@ -32,3 +33,17 @@ def load_network(name: str) -> RoadNetwork:
 @lru_cache(maxsize=8)
 def _load(path: Path, label: str, limit_mb: float, _mtime_ns: int, _size: int) -> RoadNetwork:
     return read_network(path, label, limit_mb)
+
+
+def parse_all() -> None:
+    """Parses the networks that come with dohyo, so that the first use of each finds it in the cache."""
+    with ProcessPoolExecutor() as pool:
+        list(pool.map(_parse, builtin_names()))
+
+
+def _parse(name: str) -> None:
+    load_network(name)
+
+
+if __name__ == "__main__":
+    parse_all()
