@@ -33,18 +33,8 @@ lint: $(INSTALLED)  ## Check style, types, the four floors and the Dockerfile
 	@$(BIN)/lint-imports --no-logo
 	@$(BIN)/hadolint Dockerfile
 
-bench: $(INSTALLED)  ## Measure the world, the senses, the planners, the learned parts and the wire; write bench.json
-	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.bench
-	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.senses
-	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.planners
-	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.forecasting --quick
-	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.rules
-	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.state
-	@$(BIN)/python -m tests.performance.wire --quick
-
-docs: $(INSTALLED)  ## Build the documentation site in build/docs; every warning is an error
-	@$(BIN)/python -m sphinx -q -W --keep-going -b html -d build/doctrees docs build/docs
-	@echo "documentation: build/docs/index.html"
+bench: $(INSTALLED)  ## Measure speed against bare SUMO, peers and a calibration kernel; one table, and bench.json
+	@$(BIN)/python -m tests.performance
 
 picture: $(INSTALLED)  ## Draw the README's picture from a drive of each demo agent
 	@$(BIN)/python docs/pictures/picture.py

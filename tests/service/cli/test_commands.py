@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+from dohyo.service.cli import main
+
 ROOT = Path(__file__).parents[3]
 STEADY = "tests.evaluation.agents:Steady"
 
@@ -38,6 +40,18 @@ def dohyo(*arguments: str, cwd: Path = ROOT, columns: int = 160) -> subprocess.C
     return subprocess.run(
         command, cwd=cwd, capture_output=True, text=True, timeout=300, env=os.environ | environment, check=False
     )
+
+
+def here(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str
+) -> subprocess.CompletedProcess[str]:
+    """The same in this process, which need not import everything again."""
+    monkeypatch.setattr(sys, "argv", ["dohyo", *arguments])
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    with pytest.raises(SystemExit) as ended:
+        main()
+    printed = capsys.readouterr()
+    return subprocess.CompletedProcess(arguments, int(ended.value.code or 0), printed.out, printed.err)
 
 
 def document(result: subprocess.CompletedProcess[str]) -> Any:
@@ -157,7 +171,13 @@ def broken(tmp_path: Path, name: str) -> str:
         (["--agent", "no.such:Agent", "--benchmark", "quickstart"], "No module named"),
     ],
 )
-def test_bad_input_is_one_line_and_writes_nothing(arguments: list[str], says: str, tmp_path: Path) -> None:
+def test_bad_input_is_one_line_and_writes_nothing(
+    arguments: list[str],
+    says: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     variants = {
         "no_toml": "name = [",
         "unknown_key": SHORT.replace("vehicles =", "vehicels ="),
@@ -170,7 +190,7 @@ def test_bad_input_is_one_line_and_writes_nothing(arguments: list[str], says: st
         paths[name] = str(tmp_path / f"{name}.toml")
         Path(paths[name]).write_text(text)
     out = tmp_path / "out"
-    result = dohyo("evaluate", *[part.format(**paths) for part in arguments], "--out", str(out))
+    result = here(monkeypatch, capsys, "evaluate", *[part.format(**paths) for part in arguments], "--out", str(out))
     assert result.returncode == 2
     assert says in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1

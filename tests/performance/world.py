@@ -1,4 +1,4 @@
-"""How fast the world turns: DrivingEnv against bare libsumo, in one run. `make bench` writes bench.json.
+"""How fast the world turns: DrivingEnv against bare libsumo, in one run: `python -m tests.performance world`.
 
 Both simulate the same traffic from the same seed. The bare arm only calls simulationStep; the other drives its egos
 with all criteria and vector observations. Blocks of all arms alternate, so that a slow moment of the machine hits all.
@@ -7,15 +7,11 @@ Two workers are two such processes whose blocks begin together; VectorDrivingEnv
 
 from __future__ import annotations
 
-import json
 import multiprocessing
-import platform
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
-from pathlib import Path
 
 import gymnasium
 import highway_env
@@ -240,21 +236,3 @@ def one_by_one() -> dict[str, float]:
     results = localization.report(env.world)
     env.close()
     return results
-
-
-def main() -> None:
-    """Prints the table and writes bench.json."""
-    document = {
-        "python": sys.version.split()[0],
-        "machine": platform.machine(),
-        "one_ego": one_ego(),
-        "eight_egos": eight_egos(),
-        "two_workers": two_workers(),
-        "highway_env": against_a_peer(),
-        "localization": one_by_one(),
-    }
-    Path("bench.json").write_text(json.dumps(document, indent=1) + "\n")
-
-
-if __name__ == "__main__":
-    main()

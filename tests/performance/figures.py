@@ -1,0 +1,156 @@
+"""The figures of `make bench`: what each part measures, and what it is compared with. One function per part."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from tests.performance.calibration import kernel_ms
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One line of the table.
+
+    Attributes:
+        name: What was measured.
+        value: The number that has a goal.
+        unit: Of the value; "x" for a ratio.
+        goal: What it should be.
+        at_most: The goal is an upper bound; else a lower one.
+        peer: What the ratio is to: bare libsumo, another environment, or the calibration kernel.
+        ratio: To the peer, taken in the same run.
+    """
+
+    name: str
+    value: float
+    unit: str
+    goal: float | None
+    at_most: bool
+    peer: str
+    ratio: float
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the goal is met; None without one."""
+        if self.goal is None:
+            return None
+        return self.value <= self.goal if self.at_most else self.value >= self.goal
+
+
+def ratio(name: str, value: float, peer: str, goal: float | None, *, at_most: bool = False) -> Figure:
+    """A figure that is a ratio itself."""
+    return Figure(name, value, "x", goal, at_most, peer, value)
+
+
+def duration(name: str, value_ms: float, goal_ms: float, kernel: float) -> Figure:
+    """Milliseconds, and how many calibration kernels that is."""
+    return Figure(name, value_ms, "ms", goal_ms, True, "calibration kernel", value_ms / kernel)
+
+
+def world() -> list[Figure]:
+    """The environment against bare libsumo and a peer."""
+    from tests.performance import world as parts
+
+    goals = {50: 0.35, 200: 0.7, 1000: 0.85}
+    figures = []
+    for case, row in parts.one_ego().items():
+        network, _, vehicles = case.rpartition("-")
+        figures.append(
+            ratio(f"DrivingEnv, {network}, {vehicles} vehicles", row["ratio"], "bare libsumo", goals[int(vehicles)])
+        )
+    figures.append(ratio("eight egos, steps of an ego", parts.eight_egos()["ratio"], "bare libsumo", 1.0))
+    workers = parts.two_workers()
+    figures.append(ratio("two processes", workers["ratio"], "one process", 1.5))
+    figures.append(ratio("VectorDrivingEnv of two", workers["vector_ratio"], "of one", 1.3))
+    figures.append(ratio("DrivingEnv, 50 vehicles", parts.against_a_peer()["ratio"], "highway-env", 10.0))
+    return figures
+
+
+def senses() -> list[Figure]:
+    """Pictures, radar, positioning and the localization filters."""
+    from tests.performance import senses as parts
+    from tests.performance import world as worlds
+
+    kernel, scenes = kernel_ms(), parts.junction(40)
+    presets = {preset.name: preset for preset in parts.PRESETS}
+    figures = [
+        duration(f"{name}, 40 actors", parts.measure(presets[name], scenes)["median"], goal, kernel)
+        for name, goal in (("birdseye", 1.0), ("camera_rgb", 5.0), ("camera_semantic", 5.0))
+        if name in presets
+    ]
+    micro = worlds.one_by_one()
+    for name, goal_us in (("radar_us", 50.0), ("es-ekf_imu_us", 10.0), ("es-ekf_fix_us", 100.0)):
+        figures.append(duration(name.removesuffix("_us").replace("_", ", "), micro[name] / 1e3, goal_us / 1e3, kernel))
+    return figures
+
+
+def planners() -> list[Figure]:
+    """Decisions of the planners among 30 actors."""
+    from dohyo.agents.experts.pdm import PdmClosed
+    from dohyo.agents.mcts.mbappe import Mbappe
+    from tests.performance.planners import milliseconds
+
+    kernel = kernel_ms()
+    return [
+        duration("MBAPPE, one decision", milliseconds(Mbappe(), 30, 300)["median_ms"], 10.0, kernel),
+        duration("PDM-Closed, one decision", milliseconds(PdmClosed(), 30, 300)["median_ms"], 15.0, kernel),
+    ]
+
+
+def rules() -> list[Figure]:
+    """Rules, RSS and the decisions of the hierarchical agents."""
+    from tests.performance import rules as parts
+
+    kernel, got = kernel_ms(), parts.measure()
+    return [
+        duration("rules, one critical moment solved", got["solve_ms"]["median"], 2.0, kernel),
+        duration("RSS, 30 actors", got["rss_us"]["median"] / 1e3, 0.05, kernel),
+        duration("rules, one decision", got["decision_ms"]["median"], 10.0, kernel),
+        duration("GHRL-R, one decision", got["ghrl_ms"]["median"], 10.0, kernel),
+    ]
+
+
+def state() -> list[Figure]:
+    """One picture encoded for GHRL."""
+    from tests.performance import state as parts
+
+    kernel = kernel_ms()
+    return [duration("GHRL, one picture encoded", parts.measure()["picture"][0], 3.0, kernel)]
+
+
+def forecasts() -> list[Figure]:
+    """Networks that forecast speeds, batch 1."""
+    from dohyo.agents.forecasting.latency import of_network
+    from tests.performance.forecasting import GOALS_MS, SEGMENTS
+
+    kernel = kernel_ms()
+    return [
+        duration(f"{name}, {where}", one.core_ms, goal, kernel)
+        for (name, rows), goals in GOALS_MS.items()
+        for (where, one), goal in zip(of_network(name, SEGMENTS, rows, 500, 100).items(), goals, strict=True)
+    ]
+
+
+def wire() -> list[Figure]:
+    """Steps of a remote agent over HTTP."""
+    from tests.performance import wire as parts
+
+    kernel = kernel_ms()
+    one, real = parts.measure_null(1, 1000), parts.measure_real(True)
+    name = "remote step with 200 readers, 99th percentile"
+    return [
+        duration("remote step, 12 kB each way", one["p50_ms"], 2.0, kernel),
+        ratio(name, real["p99_ratio"], "the same alone", 3.0, at_most=True),
+    ]
+
+
+PARTS: dict[str, Callable[[], list[Figure]]] = {
+    part.__name__: part for part in (world, senses, planners, rules, state, forecasts, wire)
+}
+
+
+def as_document(figure: Figure) -> dict[str, Any]:
+    """For bench.json."""
+    return {name: getattr(figure, name) for name in (*Figure.__slots__, "met")}
