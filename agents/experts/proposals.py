@@ -44,12 +44,12 @@ STATE = 11
 x, y [m], demanded wheel angle [rad] and acceleration [m/s^2]."""
 NC, DAC, DDC, EP, TTC, COMFORT, TOTAL, MET_AT, OFF_AT = range(9)
 SCORES = 9
-"""Multipliers NC, DAC, DDC; shares EP, TTC, C; the score; when it meets somebody, and when it leaves the road, s
+"""Multipliers NC, DAC, DDC; shares EP, TTC, C; the score; times of the first collision and of leaving the road, s
 (infinite: never)."""
 STOPPING_S, HALTING = 0.8, 0.5
 """Braking of the last metres: speed over that time, at least so much, m/s^2, without a jolt (ours)."""
 YIELD_S, PERSON_GAP_M = 4.0, 1.0
-"""Time and distance for pedestrians about to step into the ego's way, for whom it waits (ours)."""
+"""Time and distance within which the ego waits for pedestrians about to step into its way (ours)."""
 STANDING = 0.05
 BEHIND_COS = -math.sqrt(3.0) / 2.0
 TTC_AHEAD_S = (0.0, 0.3, 0.6, 0.9)

@@ -182,7 +182,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", type=Path, nargs="?", default=RESULTS)
     parser.add_argument("--measure", choices=[*MEASURES], default="return")
-    parser.add_argument("--arms", nargs="+", help="default: all that are there")
+    parser.add_argument("--arms", nargs="+", help="default: all in RUNS")
     parser.add_argument("--policies", nargs="+", choices=POLICIES, default=POLICIES)
     parser.add_argument("--training", action="store_true", help="also the episodes of training, as thin lines")
     parser.add_argument("--table", action="store_true", help="print a table, and draw nothing")

@@ -152,7 +152,7 @@ def deviation(path: Float32Array) -> tuple[float, float]:
 
 
 def lane_is_free(around: Surroundings, offset: float, speed: float) -> bool:
-    """Whether nobody in a lane is beside the ego, would have to brake, or is too near ahead.
+    """Whether a lane is free: no actor beside the ego, none that would have to brake, none too near ahead.
 
     Args:
         around: Along the route.

@@ -260,12 +260,12 @@ def _go_on(path: Path, who: Sequence[Driver], scenarios: Sequence[Scenario], wor
 def main(arguments: Sequence[str] | None = None) -> None:
     """Command-line entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--benchmark", help="with --table: its tables alone")
-    parser.add_argument("--cells", nargs="*", default=[], help="beginnings of their names; default: all")
+    parser.add_argument("--benchmark", help="name; with --table only its tables")
+    parser.add_argument("--cells", nargs="*", default=[], help="prefixes of their names; default: all")
     parser.add_argument("--seeds", nargs="*", type=int, default=[0], help="of the scenarios")
     parser.add_argument("--every", type=int, default=1, help="drive every n-th scenario")
     parser.add_argument("--arms", nargs="+", choices=[*ARMS], help="default: rules, ghrl and ghrl-r; with --table: all")
-    parser.add_argument("--runs", type=Path, help="folder of ARM/seed-N; default: what ships")
+    parser.add_argument("--runs", type=Path, help="folder of ARM/seed-N; default: shipped policies")
     parser.add_argument("--seeds-of-training", nargs="*", type=int, default=[0, 1, 2], help="N; only with --runs")
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--out", type=Path, default=Path("out/hierarchical"))

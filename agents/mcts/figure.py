@@ -33,7 +33,7 @@ def draw_search(
         why: Result of `explain`.
         pose: x, y [m], heading [rad] of the ego, network frame.
         lanes: Centrelines (P, 2) [m] and widths [m], network frame.
-        boxes: (N, 5) x, y, heading, length, width of everybody at that moment, the ego first, network frame.
+        boxes: (N, 5) x, y, heading, length, width of all actors at that moment, the ego first, network frame.
         title: Of the picture.
     """
     nodes: list[dict[str, Any]] = why["nodes"]

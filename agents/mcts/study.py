@@ -333,7 +333,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m dohyo.agents.mcts.study", description=__doc__)
     parser.add_argument("--benchmark", default="val14")
     parser.add_argument("--arms", nargs="*", default=list(ARMS), choices=list(ARMS), metavar="ARM")
-    parser.add_argument("--seeds", type=int, nargs="*", help="by default the benchmark's own")
+    parser.add_argument("--seeds", type=int, nargs="*", help="default: the benchmark's own")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--part", choices=get_args(Part), default="all", help="of a benchmark of excerpts")

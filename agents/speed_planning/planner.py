@@ -124,7 +124,7 @@ class SpeedPlanner:
 
         Args:
             time_s: Time of day.
-            segment_mps: (S,) speed of the segments as of now, NaN where unknown; None without a feed. Unknown
+            segment_mps: (S,) present speed of the segments, NaN where unknown; None without a feed. Unknown
                 segments count as free.
             pings: Those of the last minute.
         """

@@ -215,7 +215,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True, help="folder of the motion dataset")
     parser.add_argument("--split", default="test")
     parser.add_argument("--predictor", type=Path, default=SHIPPED, help="ONNX model of the learned predictor")
-    parser.add_argument("--stride", type=int, default=1, help="look at every so many samples")
+    parser.add_argument("--stride", type=int, default=1, help="use every n-th sample")
     parser.add_argument("--out", type=Path, help="JSON file")
     arguments = parser.parse_args()
     shards = shards_of(arguments.data, arguments.split)
