@@ -49,7 +49,7 @@ class Summary:
         benchmark: Name of the benchmark, or None.
         benchmark_hash: Content hash of the benchmark, or None.
         rules: Version of the leaderboard's rules behind the penalty and the driving score.
-        irs_length: What length the infraction rate score divides by.
+        irs_length: The length that the infraction rate score divides by.
         episodes: Number of episodes in the means.
         lost: Number of episodes lost to gridlocks and infrastructure faults.
         scores: Estimate by name (`SCORES`): percent, except infraction_penalty in [0, 1]. Lost drives are left out.
@@ -77,8 +77,8 @@ class Summary:
 def summarise(records: Iterable[EpisodeRecord], *, rules: Rules = "2.0", irs_length: IrsLength = "driven") -> Summary:
     """Scores every drive of every record, and gives the means with their intervals.
 
-    A lost episode is lost for all of its egos, whatever the other egos did. The result does not depend on the order of
-    the records.
+    A lost episode is lost for all of its egos, also for those that had finished. The result does not depend on the
+    order of the records.
 
     Raises:
         InvalidInputError: If there is no record, they mix agents or benchmarks, or one scenario comes twice.

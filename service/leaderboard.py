@@ -70,7 +70,7 @@ class Row:
     Attributes:
         rank: Shared by all entries that do not differ significantly from the best of the rank.
         entry: Ranked evaluation.
-        above: Comparison with the row above: "<" told apart, "=" not; None for the first, or without common drives.
+        above: Comparison with the row above: "<" significantly lower, "=" not; None for the first, or without common drives.
     """
 
     rank: int
@@ -81,8 +81,8 @@ class Row:
 def rank(entries: Sequence[Entry], metric: str) -> list[Row]:
     """Entries by the mean of a score, highest first; equal means in the order of agent, version and evaluation.
 
-    A rank is shared with the best one above that holds it as long as the paired comparison with that one leaves the
-    question open; without drives in common, means alone decide.
+    An entry shares the rank above it unless the paired comparison with the best entry of that rank is significantly
+    lower. Without drives in common, means alone decide.
 
     Args:
         entries: Evaluations of one benchmark version, with at least one drive each.

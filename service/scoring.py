@@ -1,4 +1,4 @@
-"""What the database keeps of an episode: the numbers that pages rank and count by, recomputable from the record."""
+"""Summary of an episode in the database: the numbers that pages rank and count by, recomputable from the record."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SCORE_KEYS: Final[Mapping[str, str]] = {
     "road_completed": "road",
     "drove_2500m": "drove",
 }
-"""Names of the scores, as `dohyo score` prints them, and what a summary calls them."""
+"""Key of each score in a summary, by its name in `dohyo score`."""
 
 CLOSED_LOOP_SCORES: Final = ("closed_loop", *TERMS)
 """Scores of drives whose scenario has a reference, in percent: nuPlan's score, and its terms."""
@@ -37,7 +37,7 @@ CLOSED_LOOP_SCORES: Final = ("closed_loop", *TERMS)
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """What one ego did in one episode, as a summary tells it.
+    """Drive of one ego in one episode, from a summary.
 
     Attributes:
         episode: Its id.
@@ -55,7 +55,7 @@ class Drive:
 
     @property
     def key(self) -> tuple[str, int, str]:
-        """What makes drives of two agents comparable: the same scenario, seed and ego."""
+        """Scenario, seed and ego: drives of two agents with the same key are comparable."""
         return self.scenario, self.seed, self.facts["name"]
 
     @property
@@ -87,7 +87,7 @@ def summary_of(
     """A record as plain JSON, small enough that a leaderboard reads thousands.
 
     Args:
-        record: Of any status; one that was lost is summarised too, and told by its egos' statuses.
+        record: Of any status; a lost one is summarised too, and its egos' statuses show it.
         rules: Of the driving score, those of the benchmark.
         closed_loop: By ego, where it has that score.
 

@@ -39,7 +39,7 @@ VEHICLES: Mapping[str, tuple[str, tuple[tuple[float, float], ...]]] = {
     "truck": ("truck", ((6.8, 2.3), (7.5, 2.4), (8.5, 2.5), (9.5, 2.5), (11.0, 2.55))),
     "bus": ("bus", ((9.0, 2.4), (12.0, 2.55), (13.5, 2.55))),
 }
-"""27 vehicles: what they are to SUMO; length and width, m."""
+"""27 vehicles: class in SUMO; length and width, m."""
 
 WALKERS = tuple(product((0.35, 0.5), (0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.8, 2.0, 2.5, 3.0)))
 """26 pedestrians: width of shoulders [m], pace [m/s]; children and adults, from a shuffle to a run."""

@@ -70,7 +70,7 @@ def draw(
         first_seed: Of the traffic.
         train: Whether to use the edges of training, not those of the benchmark.
         reference_agent: "module:Class" of the agent that is the measure.
-        there: What was found before.
+        there: Scenarios found before.
 
     Raises:
         InvalidInputError: Some type could not be found so often.
@@ -82,7 +82,7 @@ def draw(
     # Seeds that were searched before would only fail again.
     begin = max((seed - first_seed + 1 for seed, _ in moments), default=0)
     for number in range(begin, begin + LONGEST_SEARCH):
-        # Each network gives its quarter first; what one has not, the others may give.
+        # Each network gives its quarter first; the other networks fill what it lacks.
         share = per_type if number >= QUARTERS_UNTIL else math.ceil(per_type / len(TRAFFIC))
         for network_name in SEARCHED:
             wanted = [one for one in TYPES if found[one] < per_type and local[one, network_name] < share]
@@ -204,7 +204,7 @@ VARIANTS = {
 
 
 def missions_of(benchmark: Benchmark) -> list[Found]:
-    """What a benchmark's file holds."""
+    """Type, network and mission of every scenario in a benchmark's file."""
     return [
         (cell.name.partition(".")[0], cell.network, mission)
         for cell in benchmark.cells
@@ -213,7 +213,7 @@ def missions_of(benchmark: Benchmark) -> list[Found]:
 
 
 def write(name: str, reference_agent: str, pin: bool, workers: int) -> None:
-    """Draws what a benchmark's file lacks, or pins what it has; what was found is kept if this is interrupted."""
+    """Draws the missing scenarios of a benchmark's file, or pins those in it; an interruption keeps what was found."""
     file = BENCHMARKS / f"{name}.toml"
     found = missions_of(load_benchmark(name)) if file.exists() and not pin else []
     draws = (

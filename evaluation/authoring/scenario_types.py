@@ -1,4 +1,4 @@
-"""Scenario types: the 14 of nuPlan's planning challenge, each as a test of what happens in a recorded run.
+"""Scenario types: the 14 of nuPlan's planning challenge, each as a test of a recorded run.
 
 nuPlan mines its types from logs of human drivers by tags whose thresholds are not all public; the thresholds here are
 ours, fixed before the benchmark was drawn, and suit traffic that keeps to SUMO's lanes. A run may be of several types.
@@ -45,12 +45,12 @@ _VEHICLES = (ActorKind.CAR, ActorKind.VAN, ActorKind.TRUCK, ActorKind.BUS, Actor
 
 @dataclass(frozen=True)
 class Run:
-    """What one ego did among others, in T ticks, the first of them tick 0.
+    """Drive of one ego among others, in T ticks from tick 0.
 
     Attributes:
         network: The roads.
         route: The ego's.
-        log: Of everybody else.
+        log: Motion of all others.
         heading: (T,), rad.
         speed: (T,), m/s.
         position: (T, 2), m: centre of the box.

@@ -1,4 +1,4 @@
-"""The search behind `val14`: cars whose place the ego may take, and what the reference makes of it."""
+"""The search behind `val14`: cars that the ego may replace, and the reference's drive from there."""
 
 from __future__ import annotations
 
@@ -192,7 +192,7 @@ def promising(kind: str, snapshot: Snapshot, one: Candidate, staged: bool) -> bo
 
 
 def suits(kind: str, route: Route) -> bool:
-    """Whether a route has what its type needs."""
+    """Whether a route suits a scenario type."""
     if kind == "changing-lane":
         return bool(route.lane_changes) and route.lane_changes[0].start <= CHANGE_WITHIN_M
     if kind == "starting-straight-traffic-light-intersection-traversal":
@@ -221,7 +221,7 @@ def confirm(
 
 
 def scenario_of(cell: Cell, mission: ScriptedMission, seed: int) -> Scenario:
-    """What the reference drives."""
+    """The scenario that the reference drives."""
     return Scenario(
         name=mission.name,
         cell=cell.name,
@@ -246,7 +246,7 @@ def run_of(scenario: Scenario, reference: Reference) -> Run:
 
 
 def excerpt_of(seed: int, reference: Reference) -> Excerpt:
-    """What the benchmark's file says of a reference; its log is kept."""
+    """The excerpt of a reference's drive for the benchmark's file; keeps its log."""
     write_log(reference.log)
     return Excerpt(seed=seed, warm_up_s=WARM_UP_S, reference_m=reference.progress_m, log=reference.log.sha256())
 

@@ -33,13 +33,13 @@ class AutoEvents(Config):
 
 
 class Excerpt(Config):
-    """A stretch of traffic, known to the last vehicle, and what the reference did in it.
+    """A stretch of recorded traffic, and the reference's drive in it.
 
     Attributes:
-        seed: Of the traffic; the mission has no other.
-        warm_up_s: After which the mission begins; replaces that of the cell's traffic.
-        reference_m: How far the reference came.
-        log: Content hash of everybody else's motion around the reference.
+        seed: Of the traffic; it replaces the seed of the evaluation.
+        warm_up_s: Time of traffic before the mission begins; replaces that of the cell's traffic.
+        reference_m: Progress of the reference, m.
+        log: Content hash of the motion of all others around the reference.
     """
 
     seed: Annotated[int, Field(ge=0, lt=2**31)]
@@ -53,7 +53,7 @@ class ScriptedMission(Mission):
 
     Attributes:
         events: By hand; they come before those of the cell. Their `ego` is this mission's.
-        excerpt: From the midst of which traffic it was taken; None: it begins at rest, in any.
+        excerpt: The recorded traffic in which it begins; None: it begins at rest, in any traffic.
     """
 
     # Left out where there are none, so that benchmarks without events keep their hashes.
@@ -79,7 +79,7 @@ class Cell(Config):
         missions: Name of a set of missions.
         traffic: Around every mission.
         conditions: Dealt out to the missions in turn, so that a cell covers all of them.
-        together: Drive all missions at once, an ego each, instead of one after the other.
+        together: Whether all missions are driven at once, by an ego each.
         events: "auto": scripted events, placed by dohyo along every mission; or how; None: only those of the missions.
     """
 
@@ -98,11 +98,11 @@ class Cell(Config):
 
 
 class TimeLimit(Config):
-    """Time allowed for a mission: that of its route at a steady speed, and a bit.
+    """Time allowed for a mission: that of its route at a steady speed, plus a constant.
 
     Attributes:
         speed_kmh: Steady speed.
-        extra_s: The bit.
+        extra_s: The constant.
     """
 
     speed_kmh: Annotated[float, Field(gt=0)]
@@ -127,8 +127,8 @@ class Benchmark(Config):
         time_limit: None: the CARLA Leaderboard's (see `criteria.route_timeout`).
         seeds: Driven by default; missions with an excerpt have their own.
         duration_s: Of every episode; None: to the goal.
-        replay: All but the egos replay the log of the mission's excerpt, whatever the egos do.
-        every_condition: Drive every mission under each of its cell's conditions, instead of dealing them out in turn.
+        replay: All but the egos replay the log of the mission's excerpt, even where the egos drive otherwise.
+        every_condition: Whether each mission is driven under all conditions of its cell, not under one of them in turn.
         reference_agent: "module:Class" of the agent that drove where logs were made, and drives where one is missing.
     """
 
@@ -208,7 +208,7 @@ class Benchmark(Config):
 
     @property
     def excerpts(self) -> bool:
-        """Whether its missions begin in the midst of traffic."""
+        """Whether its missions begin in recorded traffic."""
         return any(mission.excerpt is not None for missions in self.missions.values() for mission in missions)
 
     @property
@@ -218,7 +218,7 @@ class Benchmark(Config):
 
 
 def _document(path: Path) -> dict[str, Any]:
-    """A file's tables; where it is `like` another one beside it, what it does not say is said there."""
+    """A file's tables; a file that is `like` another one takes the keys it lacks from that one."""
     document = tomllib.loads(path.read_text())
     if (like := document.pop("like", None)) is None:
         return document

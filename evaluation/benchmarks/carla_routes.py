@@ -147,10 +147,10 @@ def write_benchmark(benchmark: Benchmark, path: Path) -> Path:
 
 
 def net_offset(network: RoadNetwork) -> tuple[float, float]:
-    """What was added to the source's coordinates to give the network's, m.
+    """Offset from the source's coordinates to the network's, m.
 
     Raises:
-        InvalidInputError: The net does not say.
+        InvalidInputError: The net states no offset.
     """
     with gzip.open(network.path, "rb") if network.path.suffix == ".gz" else network.path.open("rb") as file:
         head = file.read(1 << 18)

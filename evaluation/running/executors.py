@@ -1,8 +1,8 @@
 """Executors: how the episodes of an evaluation are spread over processes. One libsumo per process.
 
-A worker writes each record itself, so that what is finished survives whatever happens to anybody else. The parent only
-hands out jobs and watches: a dead worker is replaced and its job tried once more, a worker whose agent never returns is
-ended, and a worker whose parent has died ends itself.
+A worker writes each record itself, so that finished records survive the death of any other process. The parent hands
+out jobs and watches: it replaces a dead worker and tries its job once more, and it ends a worker whose agent never
+returns. A worker whose parent has died ends itself.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ POLL_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One episode to drive and where its record goes.
+    """One episode to drive, and the place of its record.
 
     Attributes:
-        scenario: What to drive.
-        info: Who drives.
+        scenario: To drive.
+        info: The agent.
         benchmark: Name and content hash.
         directory: Folder of the records.
         stem: File name without suffix.
@@ -158,7 +158,7 @@ class Worker:
         return lost_episode(job, Status.SIMULATION, failure)
 
     def _answer(self) -> EpisodeRecord | InvalidInputError | str | None:
-        """What the worker sent: a record, or why there is none; None where it died silently."""
+        """The worker's message: a record, or the reason for its absence; None where it died without one."""
         try:
             return self.pipe.recv() if self.pipe.poll() else None
         except (EOFError, OSError):
@@ -227,7 +227,7 @@ def _work(pipe: Connection, must_end_by: Synchronized[float]) -> None:
             pipe.send(drive_job(job, watch))
         except InvalidInputError as error:  # no second attempt would go better, nor would the other jobs
             pipe.send(InvalidInputError(str(error)))
-        except Exception as error:  # an error of ours: the batch survives it, and the record says what it was
+        except Exception as error:  # an error of dohyo itself: the batch survives, and the record states it
             traceback.print_exc()
             pipe.send(f"{type(error).__name__}: {error}")
 

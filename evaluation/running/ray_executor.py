@@ -1,8 +1,8 @@
 """RayExecutor: an evaluation spread over a Ray cluster. Ray is the extra `cluster`, and only imported when it is used.
 
-On each machine, small Ray actors keep one worker process each, the same as the process pool's: what an agent does
-wrong, and what kills a worker, is dealt with there. What Ray itself loses (an actor, a machine) is tried once more
-elsewhere. Machines need not share a disk: actors send records and trajectories, and the driver writes them.
+On each machine, small Ray actors keep one worker process each. The worker is the process pool's, which handles failures
+of agents and deaths of workers. A job that Ray itself loses, with an actor or a machine, is tried once more elsewhere.
+Machines need not share a disk: actors send records and trajectories, and the driver writes them.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def connect(ray: Any, address: str | None) -> None:
 
 
 def _knock(address: str) -> None:
-    """Refuses an address where nobody listens; Ray would try for minutes."""
+    """Refuses an address without a listener; Ray would try for minutes."""
     host, colon, port = address.removeprefix("ray://").rpartition(":")
     if not colon or not port.isdigit():
         return  # such as "auto"
@@ -123,7 +123,9 @@ class _Crew:
     def __init__(self, ray: Any, count: int) -> None:
         self._ray = ray
         self._actor = ray.remote(num_cpus=1, max_restarts=0)(Station)
-        self._tasks: dict[Any, tuple[Any, Job | None, int]] = {}  # by what Ray will answer: actor, its job, attempt
+        self._tasks: dict[
+            Any, tuple[Any, Job | None, int]
+        ] = {}  # by Ray's reference to the answer: actor, its job, attempt
         self._failed_starts = 0
         for _ in range(count):
             self._start_actor()
@@ -148,7 +150,7 @@ class _Crew:
         self._tasks[actor.ready.remote()] = (actor, None, 0)
 
     def _collect(self, answer: Any, pending: deque[tuple[Job, int]]) -> EpisodeRecord | None:
-        """The record of a job that has ended, if one has; its actor goes on with the next."""
+        """The record of a job that has ended, if any; gives its actor the next job."""
         actor, job, attempt = self._tasks.pop(answer)
         try:
             result = self._ray.get(answer)
@@ -168,7 +170,7 @@ class _Crew:
     def _without_actor(
         self, job: Job | None, attempt: int, pending: deque[tuple[Job, int]], error: Exception
     ) -> EpisodeRecord | None:
-        """What becomes of the job of an actor that Ray has lost."""
+        """Tries the job of an actor that Ray has lost once more, or gives the record of a lost episode."""
         reason = first_line(error)
         if job is None:
             self._failed_starts += 1

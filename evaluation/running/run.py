@@ -28,10 +28,10 @@ RECORDS = "records"
 
 
 class Manifest(Config):
-    """What a result folder holds.
+    """Description of a result folder.
 
     Attributes:
-        agent: Who drives.
+        agent: The agent.
         benchmark: The whole benchmark, so that the folder explains itself.
         benchmark_sha256: Its content hash.
     """
@@ -46,7 +46,7 @@ class Result:
     """One agent on one benchmark.
 
     Attributes:
-        manifest: What was evaluated.
+        manifest: Agent and benchmark.
         records: One per scenario and seed, in the benchmark's order.
         paths: Of the records, in the same order.
         resumed: How many of them an earlier run had finished.
@@ -71,7 +71,7 @@ def run_benchmark(
     preparing: Callable[[int, int], None] = lambda done, total: None,
     reverse: bool = False,
 ) -> Result:
-    """Evaluates an agent; run again with the same arguments, it does only what is missing.
+    """Evaluates an agent; a second call with the same arguments drives only the missing episodes.
 
     Args:
         benchmark: Name, path of a .toml, or the benchmark itself.
@@ -121,7 +121,7 @@ def run_benchmark(
 
 
 def read_result(out: Path) -> Result:
-    """What a result folder holds.
+    """The evaluation in a result folder.
 
     Raises:
         InvalidInputError: No result folder, or a broken record in it.
@@ -147,7 +147,7 @@ def _read_manifest(out: Path) -> Manifest:
 
 
 def _claim(out: Path, manifest: Manifest) -> None:
-    """Writes the manifest, or makes sure that the one there says the same."""
+    """Writes the manifest, or checks that the one there is the same."""
     if (out / MANIFEST).exists():
         there = _read_manifest(out)
         if there.benchmark_sha256 != manifest.benchmark_sha256:

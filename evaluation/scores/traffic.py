@@ -1,4 +1,4 @@
-"""What a control did to all traffic: throughput, speed and its spread, fuel, headways; of every vehicle."""
+"""Effects of a control on all traffic: throughput, speed and its spread, fuel, headways."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from dohyo.sumo_networks.freeway.world import FreewayWorld
 
 OBSERVED_EVERY_S = 1.0
 MOVING_MPS = 1.0
-"""A headway of a vehicle slower than this says nothing."""
+"""Headways of slower vehicles are left out, m/s."""
 CLOSE_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Of one run, over all vehicles between the first segment's start and the last one's end.
+    """Outcome of one run, over all vehicles between the first segment's start and the last one's end.
 
     Attributes:
         throughput_vph: Vehicles that passed into the bottleneck, per hour.
         speed_mps: Mean over vehicles and seconds.
         speed_std_mps: Standard deviation over vehicles and seconds.
-        speed_std_within_mps: The same within each minute, root of the mean of squares: what drivers feel of others.
+        speed_std_within_mps: The same within each minute, root of the mean of squares: the spread that drivers notice.
         travelled_km: Vehicle kilometres.
         fuel_sumo_g_km: By SUMO's emission model.
         fuel_circles_g_km: By the CIRCLES model, all taken for mid-size SUVs.
@@ -49,20 +49,20 @@ class Outcome:
     waiting: int
 
     def as_dict(self) -> dict[str, float]:
-        """For JSON; what no vehicle gave is None."""
+        """The numbers by name, for JSON."""
         return asdict(self)
 
 
 class PassageCount:
-    """Counts who passes into the bottleneck."""
+    """Counts the vehicles that pass into the bottleneck."""
 
     def __init__(self) -> None:
         self._before: set[str] = set()
 
     def observe(self, world: FreewayWorld) -> int:
-        """How many passed since the last world; call it once per second.
+        """Number of vehicles that passed since the last world; call it once per second.
 
-        Who was within 100 m before the bottleneck a second ago and is within 100 m beyond it now has passed it.
+        A vehicle has passed if it was at most 100 m before the bottleneck a second ago and is at most 100 m beyond it.
         """
         away = world.position_m - world.road.bottleneck_m
         beyond = {world.names[row] for row in np.flatnonzero((away >= 0) & (away < 100))}
@@ -72,7 +72,7 @@ class PassageCount:
 
 
 class OutcomeWatch:
-    """Sums up worlds into an outcome."""
+    """Accumulates worlds into an outcome."""
 
     def __init__(self) -> None:
         self._seconds = self._passed = self._close = self._waiting = 0
@@ -99,7 +99,7 @@ class OutcomeWatch:
         self._waiting = world.waiting
 
     def outcome(self) -> Outcome:
-        """Of all worlds until now."""
+        """Outcome of all worlds so far."""
         sums = np.array(list(self._minutes.values())).reshape(-1, 3)
         count, total, squares = sums.sum(axis=0)
         mean = total / max(count, 1)

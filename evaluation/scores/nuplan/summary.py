@@ -1,4 +1,4 @@
-"""Closed-loop summary: what an agent's records come to under nuPlan's score, as a whole and by type of scenario."""
+"""Closed-loop summary: nuPlan's score of an agent's records, as a whole and by type of scenario."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class ClosedLoopSummary:
 
 
 def applies(record: EpisodeRecord) -> bool:
-    """Whether a record can be scored so: its scenario says how far the reference came."""
+    """Whether a record has a closed-loop score: its scenario states the reference's progress."""
     return record.scenario.reference_m is not None
 
 
@@ -119,7 +119,7 @@ def summarise_closed_loop(drives: Sequence[ScoredDrive], lost: int = 0) -> Close
 
 
 def _estimate(percents: Sequence[float]) -> Estimate:
-    """The mean; a share, to whose extremes resampling is blind, with Wilson's interval."""
+    """The mean; a share has Wilson's interval, since resampling shows no spread at 0 and 100 %."""
     if all(value in (0.0, 100.0) for value in percents):
         return share_estimate([value > 0.0 for value in percents])
     return mean_estimate(percents)
