@@ -145,9 +145,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--policies", nargs="+", choices=POLICIES, default=POLICIES, help="default: all of each arm")
     parser.add_argument("--workers", type=int, default=1, help="processes, one core each")
     parser.add_argument("--out", type=Path, default=Path("runs/study"))
-    parser.add_argument(
-        "--set", nargs="+", dest="more", default=[], metavar="KEY=VALUE", help="of all trainings"
-    )
+    parser.add_argument("--set", nargs="+", dest="more", default=[], metavar="KEY=VALUE", help="of all trainings")
     given = parser.parse_args(arguments)
     jobs = jobs_of(given.out, given.arms, given.seeds, given.policies, given.more)
     signal.signal(signal.SIGTERM, _stop)
