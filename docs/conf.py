@@ -19,6 +19,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
     "command_reference",
+    "every_module",
     "included_documents",
     "model_signatures",
 ]

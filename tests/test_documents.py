@@ -1,4 +1,4 @@
-"""What the documents say exists: commands, options, targets, links, names, numbers; and the README's agent drives."""
+"""What the documents say exists: commands, options, targets, links, names, numbers; and the example agent drives."""
 
 from __future__ import annotations
 
@@ -28,15 +28,17 @@ from dohyo.service.cli import app
 from dohyo.service.cli.lazy import LazyCommand
 from dohyo.sumo_networks.ego.control import CONTROLS
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
+from dohyo.sumo_networks.networks.entries import builtin_names
 from dohyo.sumo_networks.sensors import SENSORS
 
 ROOT = Path(__file__).parents[1]
+FLOORS = ("service", "agents", "evaluation", "sumo_networks")
 DOCUMENTS = [
     *(ROOT / name for name in ("README.md", "CONTEXT.md", "CONTRIBUTING.md", "CHANGELOG.md")),
-    *sorted(path for floor in ("agents", "sumo_networks") for path in (ROOT / floor).rglob("*.md")),
+    *sorted(path for top in (*FLOORS, "docs") for path in (ROOT / top).rglob("*.md")),
 ]
+API = ROOT / "docs/reference/api"
 EXAMPLE = "examples.lane_keeper:LaneKeeper"
-FLOORS = ("service", "agents", "evaluation", "sumo_networks")
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 document = pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
@@ -117,12 +119,14 @@ def test_every_agent_and_benchmark_of_a_command_exists(path: Path) -> None:
     for words in dohyo_commands(path.read_text()):
         named = dict(pairwise(words))
         agent, benchmark = named.get("--agent", "NAME"), named.get("--benchmark", "NAME")
+        if words[:1] == ["worker"]:
+            agent = named.get("--entry", "module:Class")  # --agent is its name at a service
         if is_freeway_benchmark(benchmark):
             assert agent in ("NAME", "persistence", *shipped(), PLANNER, NOBODY)
             continue
-        if agent not in ("NAME", "module:Class"):
+        if agent not in ("NAME", "module:Class", "my_module:MyAgent"):
             make_agent(agent_entries().get(agent, agent))
-        assert benchmark == "NAME" or benchmark in benchmark_names()
+        assert benchmark in ("NAME", "mine.toml", *benchmark_names())
 
 
 def test_every_option_in_the_readme_exists() -> None:
@@ -137,7 +141,7 @@ def test_every_make_target_exists(path: Path) -> None:
 
 def test_the_readmes_two_commands_are_targets() -> None:
     assert {"make demo\n", "make test\n"} <= set(fences(text("README.md")))
-    assert {"setup", "demo", "test", "lint", "bench"} <= defined_targets()
+    assert {"setup", "demo", "test", "lint", "bench", "docs"} <= defined_targets()
 
 
 def test_make_knows_its_targets() -> None:
@@ -159,16 +163,23 @@ def test_every_path_named_exists(path: Path) -> None:
     source = path.read_text()
     to_be_made = set(re.findall(r"New file `([^`]+)`:", source))
     for name in set(inline(source)) - to_be_made:
-        if re.search(r"[A-Z]{4}|^out/|^\.venv/", name):
-            continue  # a placeholder, or made by a command
+        if re.search(r"[A-Z]{4}|^out/|^\.venv/|^application/", name):
+            continue  # a placeholder, made by a command, or a media type
         if re.fullmatch(r"[\w.]+(/[\w.]+)+/?", name):
             assert (ROOT / name).exists(), name
         elif re.fullmatch(r"\w+\.(py|toml|yaml)", name):
             assert any(list(ROOT.glob(pattern + name)) for pattern in ("", *(f"{top}/**/" for top in FLOORS))), name
 
 
-def test_the_readme_shows_the_example_as_it_is() -> None:
-    assert fences(text("README.md"), "python") == [text("examples/lane_keeper.py")]
+def test_the_readmes_environment_steps() -> None:
+    (block,) = fences(text("README.md"), "python")
+    names: dict[str, Any] = {}
+    exec(block, names)
+    try:
+        assert set(names["observation"]) == set(names["env"].observation_space)
+        assert (names["terminated"], names["truncated"]) == (False, False)
+    finally:
+        names["env"].close()
 
 
 def test_the_example_drives() -> None:
@@ -205,13 +216,40 @@ def test_the_example_stops_for_red_and_for_people() -> None:
     assert light == 0.0
 
 
-def test_the_readmes_tables_of_sensors_and_controls() -> None:
-    sensors = table(text("README.md"), "sensor")
+def test_the_tables_of_sensors_and_controls() -> None:
+    source = text("docs/researchers/sensors.md")
+    sensors = table(source, "sensor")
     assert set(sensors) <= set(SENSORS)
     for name, (shape, track, _) in sensors.items():
         sensor = SENSORS[name]  # space and track belong to the class
         assert (str(sensor.space.shape), sensor.track.name.lower()) == (shape, track), name
-    assert set(table(text("README.md"), "control")) == set(CONTROLS)
+    assert set(table(source, "control")) == set(CONTROLS)
+
+
+def test_the_page_of_benchmarks_has_all() -> None:
+    freeway = {path.stem for path in (ROOT / "evaluation/benchmarks/freeway").glob("*.toml")}
+    found = set(table(text("docs/reference/benchmarks.md"), "benchmark"))
+    assert found == {*benchmark_names(), *freeway, "localization"}
+
+
+def test_the_page_of_networks_has_all() -> None:
+    assert set(table(text("docs/engineers/networks.md"), "network")) == set(builtin_names())
+
+
+def test_every_module_of_the_api_reference_exists() -> None:
+    named = [name for path in API.glob("*.md") for name in re.findall(r"automodule:: (\S+)", path.read_text())]
+    assert len(named) == len(set(named))
+    for name in named:
+        module = ROOT / name.removeprefix("dohyo.").replace(".", "/")
+        assert module.with_suffix(".py").exists() or (module / "__init__.py").exists(), name
+
+
+@pytest.mark.parametrize("floor", FLOORS)
+def test_a_floors_readme_names_every_room(floor: str) -> None:
+    rooms = {path.parent.name + "/" for path in (ROOT / floor).glob("*/__init__.py")}
+    named = set(table(text(f"{floor}/README.md"), "room"))
+    assert rooms <= named
+    assert all((ROOT / floor / room).is_dir() for room in named)
 
 
 def test_the_experts_readme_has_their_specs() -> None:
@@ -277,11 +315,11 @@ def test_the_container_does_what_the_readme_says() -> None:
     assert f"./out:{home[1]}/out" in compose
 
 
-def test_ci_runs_lint_and_tests_without_a_terminal() -> None:
+def test_ci_runs_lint_site_and_tests_without_a_terminal() -> None:
     ci = ROOT / ".ci/run"
     assert ci.stat().st_mode & 0o111
     assert "set -euo pipefail" in ci.read_text()
-    assert ci.read_text().rstrip().endswith("make lint test")
+    assert ci.read_text().rstrip().endswith("make lint docs test")
     subprocess.run(["bash", "-n", str(ci)], check=True)
 
 
@@ -290,4 +328,6 @@ def test_licence_and_version_agree_everywhere() -> None:
     assert project["license"] == "Apache-2.0"
     assert "Apache License" in text("LICENSE")
     assert f"## [{project['version']}]" in text("CHANGELOG.md")
+    citation = text("CITATION.cff")
+    assert {f"version: {project['version']}", f"license: {project['license']}"} <= set(citation.splitlines())
     assert "torch==2.13.0" in project["dependencies"]

@@ -12,10 +12,12 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from dohyo.service.cli import app as program
+from dohyo.service.cli.lazy import LazyCommand
 
 
 def commands(command: Any, words: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Every command with the words that call it, groups opened."""
+    """Every command with the words that call it, groups opened and lazy commands loaded."""
+    command = command.load() if isinstance(command, LazyCommand) else command
     below = getattr(command, "commands", None)
     if below is None:
         yield words, command
