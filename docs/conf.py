@@ -41,7 +41,11 @@ autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
 add_module_names = False
-autodoc_default_options = {"members": True, "ignore-module-all": True, "exclude-members": "model_config, model_post_init"}
+autodoc_default_options = {
+    "members": True,
+    "ignore-module-all": True,
+    "exclude-members": "model_config, model_post_init",
+}
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 90
 
