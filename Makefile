@@ -36,6 +36,10 @@ lint: $(INSTALLED)  ## Check style, types, the four floors and the Dockerfile
 bench: $(INSTALLED)  ## Measure speed against bare SUMO, peers and a calibration kernel; one table, and bench.json
 	@$(BIN)/python -m tests.performance
 
+docs: $(INSTALLED)  ## Build the documentation site in build/docs; every warning is an error
+	@$(BIN)/python -m sphinx -q -W --keep-going -b html -d build/doctrees docs build/docs
+	@echo "documentation: build/docs/index.html"
+
 picture: $(INSTALLED)  ## Draw the README's picture from a drive of each demo agent
 	@$(BIN)/python docs/pictures/picture.py
 
@@ -54,7 +58,7 @@ $(INSTALLED): pyproject.toml
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
 		{ echo "dohyo: '$(PYTHON)' has no venv module (Debian: apt-get install python3-venv)" >&2; exit 2; }
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
-	@$(BIN)/python -m pip install -qq --no-input --disable-pip-version-check -e '.[dev,docs]'
+	@$(BIN)/python .ci/install.py $(EXTRAS)
 	@$(BIN)/python -c 'import libsumo' || \
 		{ echo "dohyo: libsumo cannot be loaded (Debian: apt-get install $(SYSTEM_PACKAGES))" >&2; exit 2; }
 	@$(BIN)/python -m dohyo.sumo_networks.networks.catalog
