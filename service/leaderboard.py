@@ -70,7 +70,7 @@ class Row:
     Attributes:
         rank: Shared by all entries that do not differ significantly from the best of the rank.
         entry: Ranked evaluation.
-        above: Comparison with the row above: "<" significantly lower, "=" not; None for the first, or without common drives.
+        above: Comparison with the row above: "<" significantly lower, "=" not; None for the first row.
     """
 
     rank: int

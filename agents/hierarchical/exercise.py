@@ -18,11 +18,12 @@ from dohyo.agents.hierarchical.rules_only import RulesOnly
 from dohyo.agents.hierarchical.scenarios import draw_scenario
 from dohyo.agents.hierarchical.state import StateEncoder
 from dohyo.agents.hierarchical.views import rows_seen
-from dohyo.agents.training.task import HELD_OUT_FROM, Array
+from dohyo.agents.training.task import Array
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
 if TYPE_CHECKING:
     from dohyo.agents.hierarchical.tasks import ManoeuvreTask

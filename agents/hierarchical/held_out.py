@@ -29,13 +29,13 @@ from dohyo.agents.hierarchical.exercise import Exercise
 from dohyo.agents.hierarchical.hierarchy import read_sub_policies
 from dohyo.agents.hierarchical.tasks import ManoeuvreTask
 from dohyo.agents.results_page import PAGE, write_section
-from dohyo.agents.training.task import HELD_OUT_FROM
 from dohyo.evaluation.report.style import interval, markdown
 from dohyo.evaluation.running.lock import held
 from dohyo.evaluation.statistics import mean_estimate
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, SimulationError
 from dohyo.sumo_networks.files import read_lines, write_atomically
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
 logger = logging.getLogger(__name__)
 

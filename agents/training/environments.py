@@ -11,10 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from dohyo.agents.training.task import HELD_OUT_FROM, Array, Task
+from dohyo.agents.training.task import Array, Task
 from dohyo.agents.training.worker import Seat, View
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array
 from dohyo.sumo_networks.errors import SimulationError
+from dohyo.sumo_networks.seeds import training_seed
 
 logger = logging.getLogger(__name__)
 
@@ -253,11 +254,6 @@ class Environments:
     def _stacked(self, actions: list[Array]) -> Array:
         space = self._task.action_space
         return np.stack(actions) if actions else np.zeros((0, *space.shape), np.float32)
-
-
-def training_seed(seed: int, episode: int) -> int:
-    """Seed of one training episode of a run, below `HELD_OUT_FROM`."""
-    return int(np.random.SeedSequence(seed, spawn_key=(episode,)).generate_state(1)[0] % HELD_OUT_FROM)
 
 
 def _digest(observation: Array, total: float) -> str:

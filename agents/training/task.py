@@ -10,12 +10,10 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
 Array = NDArray[Any]
 Env = gymnasium.Env[Array, Array]
-
-HELD_OUT_FROM = 2**30
-"""Seeds below are for training; seeds from here to 2^31 are held out, and never trained on."""
 
 
 class Task(Protocol):

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from dohyo.sumo_networks.envs.driving_env import DEFAULT_SENSORS, RENDERING, DrivingEnv, Observation, SensorNames
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
-TRAINING_SEEDS = 2**30
 """Seeds from here on are held out from training."""
 
 
@@ -94,7 +94,7 @@ class SingleDrivingEnv(gymnasium.Env[Observation, NDArray[Any]]):
         """
         super().reset(seed=seed)
         drawn = int(self.np_random.integers(len(self.scenarios)))
-        scenario_seed = int(self.np_random.integers(TRAINING_SEEDS))
+        scenario_seed = int(self.np_random.integers(HELD_OUT_FROM))
         if drawn != self._drawn:
             self._env.close()
             self._env, self._drawn = DrivingEnv(self.scenarios[drawn], *self._options), drawn

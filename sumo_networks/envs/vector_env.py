@@ -39,7 +39,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
     """N environments that step together.
 
     Environment w drives the episodes w, w + N, w + 2N... of the run. Episode k has scenario k (of a list, cycled
-    through) and seed `episode_seed(seed, k)`, whatever N is: with another N the same episodes are driven elsewhere.
+    through) and seed `training_seed(seed, k)`, whatever N is: with another N the same episodes are driven elsewhere.
 
     With one ego per scenario, arrays start with (N,); with E > 1 egos with (N, E), in the order of the missions. An
     environment's episode ends with its last ego. Until then, an ego whose own episode has ended is masked: its action

@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
-import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from dohyo.sumo_networks.arrays import Float32Array
@@ -17,21 +16,12 @@ from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.envs.vector_memory import SharedMemory, WorkerPipe
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.seeds import training_seed
 from dohyo.sumo_networks.sensors import SensorConfig
 
 ScenarioSource = Sequence[Scenario] | Callable[[int], Scenario]
 
 RESET, STEP, RENDER = b"reset", b"step", b"render"
-
-
-def episode_seed(seed: int, episode: int) -> int:
-    """Seed of the scenario of one episode, in [0, 2^31); different episodes are statistically independent.
-
-    Args:
-        seed: Of the whole run, as given to `VectorDrivingEnv.reset`.
-        episode: Its number within the run.
-    """
-    return int(np.random.SeedSequence(seed, spawn_key=(episode,)).generate_state(1)[0] % 2**31)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +65,7 @@ class VectorWorker:
         """Starts the episode whose number is in the shared memory."""
         episode = int(self.arrays.episode[self.worker])
         scenario = self.plan.scenario(episode, len(self.active))
-        seed = episode_seed(int(self.arrays.seed[0]), episode)
+        seed = training_seed(int(self.arrays.seed[0]), episode)
         if self.env is None or self.env.scenario != scenario.model_copy(update={"seed": self.env.scenario.seed}):
             self.close()
             plan = self.plan

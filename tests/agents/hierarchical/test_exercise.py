@@ -20,8 +20,9 @@ from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre, deviation, le
 from dohyo.agents.hierarchical.outlook import CRITICAL, FRESH, OPTIONS
 from dohyo.agents.hierarchical.rewards import INFRACTION
 from dohyo.agents.hierarchical.tasks import ManoeuvreTask
-from dohyo.agents.training.task import HELD_OUT_FROM, check_task
+from dohyo.agents.training.task import check_task
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 from tests.agents.hierarchical.untrained import TWIN
 
 ROOT = Path(__file__).parents[3]

@@ -14,12 +14,12 @@ from dohyo.agents.hierarchical.scenarios import (
     careful_speed,
     draw_scenario,
 )
-from dohyo.agents.training.task import HELD_OUT_FROM
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
 SEEDS = range(12)
 

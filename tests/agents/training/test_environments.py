@@ -15,11 +15,12 @@ import pytest
 from gymnasium.spaces import Box
 
 from dohyo.agents.training import environments as environments_module
-from dohyo.agents.training.environments import Environments, training_seed
+from dohyo.agents.training.environments import Environments
 from dohyo.agents.training.evaluate import evaluate
-from dohyo.agents.training.task import HELD_OUT_FROM, Task, check_task
+from dohyo.agents.training.task import Task, check_task
 from dohyo.agents.training.worker import HereSeat, TaskError, take_seats
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM, training_seed
 from tests.agents.training.problems import LENGTH, STEP, Lock, Point
 
 ROOT = Path(__file__).parents[3]

@@ -19,9 +19,9 @@ from gymnasium.vector import AutoresetMode
 from dohyo.sumo_networks.ego.control import InvalidActionError
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.envs.vector_env import VectorDrivingEnv
-from dohyo.sumo_networks.envs.vector_worker import episode_seed
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from dohyo.sumo_networks.seeds import training_seed
 
 ROOT = Path(__file__).parents[3]
 
@@ -76,7 +76,7 @@ class Alone:
         if self.env is not None:
             self.env.close()
         self.env = DrivingEnv(numbered(self.episode))
-        observations, _ = self.env.reset(seed=episode_seed(self.seed, self.episode))
+        observations, _ = self.env.reset(seed=training_seed(self.seed, self.episode))
         return observations["ego-0"]
 
     def step(self, action: np.ndarray) -> tuple[float, bool, bool, dict[str, np.ndarray] | None]:

@@ -1,0 +1,20 @@
+"""Seeds of episodes: which ones are for training, and how a run draws them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+HELD_OUT_FROM: Final = 2**30
+"""Seeds below are for training; seeds from here to 2^31 are held out, and never trained on."""
+
+
+def training_seed(run_seed: int, episode: int) -> int:
+    """Seed of one training episode, in [0, `HELD_OUT_FROM`); different episodes are statistically independent.
+
+    Args:
+        run_seed: Seed of the whole run.
+        episode: Number of the episode within the run.
+    """
+    return int(np.random.SeedSequence(run_seed, spawn_key=(episode,)).generate_state(1)[0] % HELD_OUT_FROM)
