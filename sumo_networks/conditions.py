@@ -1,6 +1,6 @@
 """Conditions: what stands for weather. Four to train under and two kept for testing, as NoCrash has.
 
-SUMO has no rain to look at; what rain does to driving can be stated: tyres grip less, everybody drives slower, others
+SUMO has no rain to look at; what rain does to driving can be stated: tyres grip less, all drivers slow down, others
 are seen later, less exactly, and sometimes not at all.
 """
 

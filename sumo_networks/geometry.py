@@ -168,7 +168,7 @@ def nearest_lane(
                     best, best_segment = cost, i
     if best_segment < 0:
         return -1, math.nan, math.nan
-    # The heading has chosen the lane; where on it the point is, only the distance tells.
+    # The heading has chosen the lane; the place on it depends on the distance alone.
     lane, i = segment_lane[best_segment], best_segment
     while i > 0 and segment_lane[i - 1] == lane:
         i -= 1
@@ -192,7 +192,7 @@ def _to_segment(x: float, y: float, segment: FloatArray) -> tuple[float, float]:
 
 @njit(cache=True)
 def _direction(segment: FloatArray) -> float:
-    """Of a segment, rad."""
+    """Direction of a segment, rad."""
     return math.atan2(segment[3] - segment[1], segment[2] - segment[0])
 
 

@@ -50,7 +50,7 @@ class EgoFleet:
         self._length, self._width = np.full(len(names), vehicle.length), np.full(len(names), vehicle.width)
 
     def heading(self, ego: int) -> float:
-        """Of one ego, rad."""
+        """Heading of one ego, rad."""
         return self._vehicles.states.item(ego, HEADING)
 
     def advance(self, commands: FloatArray, seconds: float) -> None:

@@ -218,7 +218,7 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         self._running.retire(self._index[name])
 
     def record(self, recorder: LogRecorder) -> None:
-        """Adds the last tick to a log of everybody but the egos.
+        """Adds the last tick to a log of all actors; the egos are not in it.
 
         Raises:
             InvalidInputError: The scenario replays a log itself.

@@ -38,7 +38,7 @@ class Arrays:
         rewards: (N, E).
         terminations: (N, E).
         truncations: (N, E).
-        active: (N, E) who drove in the last tick.
+        active: (N, E) whether the ego drove in the last tick.
         observations: (N, E, ...) by sensor.
         finals: The same, of the last tick of the episode before; valid where `renewed`.
         frames: (N, H, W, 3) the pictures drawn last; N is 0 without a render mode.

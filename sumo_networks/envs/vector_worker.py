@@ -1,4 +1,4 @@
-"""A worker of a VectorDrivingEnv: one DrivingEnv in a process, which steps when it is told to."""
+"""A worker of a VectorDrivingEnv: one DrivingEnv in a process, which steps on request."""
 
 from __future__ import annotations
 

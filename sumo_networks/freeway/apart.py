@@ -22,7 +22,7 @@ def drive_apart(drive: Callable[[Progress], Result], progress: Progress) -> Resu
     """Calls a function in a fresh process.
 
     Args:
-        drive: What to call, with what it tells its progress to; both it and its result can be pickled.
+        drive: What to call, with the function that takes its progress; it and its result can be pickled.
         progress: Told the same, here.
 
     Returns:
@@ -56,10 +56,10 @@ def drive_apart(drive: Callable[[Progress], Result], progress: Progress) -> Resu
 
 def _answer(connection: Connection, drive: Callable[[Progress], Result]) -> None:
     """Sends each progress, a float, and at last (result, error)."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who waits for the answer is interrupted, and ends this
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the waiting parent is interrupted, and ends this process
     try:
         connection.send((drive(lambda share: connection.send(float(share))), None))
     except BrokenPipeError:
-        pass  # nobody waits any more
+        pass  # the parent has gone
     except Exception as error:
         connection.send((None, error))

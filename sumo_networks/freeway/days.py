@@ -40,7 +40,7 @@ class Measured:
     """What SUMO measured of one group of vehicles, T minutes and S segments.
 
     Attributes:
-        speed_mps: (T, S) space-mean speed; NaN where nobody of the group was.
+        speed_mps: (T, S) space-mean speed; NaN where no vehicle of the group was.
         seconds: (T, S) time that the group spent there, summed over vehicles.
         left: (T, S) vehicles that left the segment downstream, or by its ramp.
     """

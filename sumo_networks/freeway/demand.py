@@ -1,4 +1,4 @@
-"""Demand: who comes when, from where, and where to; drawn from the scenario's seed, written as a SUMO route file."""
+"""Demand: departures, origins and destinations, drawn from the scenario's seed and written as a SUMO route file."""
 
 from __future__ import annotations
 

@@ -103,11 +103,11 @@ class SegmentFeed:
 
 @dataclass(frozen=True, eq=False)
 class Pings:
-    """What connected vehicles told, K pings in the order in which they came.
+    """States that connected vehicles sent: K pings in the order in which they came.
 
     Attributes:
         time_s: (K,) time of day.
-        name: (K,) who.
+        name: (K,) SUMO id of the vehicle.
         position_m: (K,) along the mainline.
         lane: (K,) from the left.
         speed_mps: (K,).
@@ -121,7 +121,7 @@ class Pings:
 
 
 class PingLog:
-    """The pings of the last seconds: every connected vehicle on the mainline tells its state once per second."""
+    """The pings of the last seconds: every connected vehicle on the mainline sends its state once per second."""
 
     def __init__(self, keep_s: float = MINUTE_S) -> None:
         self._keep_s = keep_s
@@ -174,7 +174,7 @@ class SpaceTimeMap:
         np.add.at(self._count[row], column, 1.0)
 
     def speed_mps(self) -> FloatArray:
-        """(time, space) mean speed, NaN where nobody was."""
+        """(time, space) mean speed, NaN where no vehicle was."""
         some = self._count > 0
         return np.asarray(np.divide(self._speed, self._count, out=np.full_like(self._speed, np.nan), where=some))
 

@@ -36,7 +36,7 @@ class OffRamp(Config):
 
     Attributes:
         segment: At whose end it goes.
-        share: Of those who pass it, who take it.
+        share: Of the vehicles that pass it, those that take it.
     """
 
     segment: int

@@ -40,7 +40,7 @@ class Day(Config):
         peak_shift_s: How much later than usual the morning peak comes.
         peak_width: Factor on how long it lasts.
         trucks: Share of trucks.
-        tau_factor: Factor on everybody's time gap: above 1 on a wet or dark morning.
+        tau_factor: Factor on every driver's time gap: above 1 on a wet or dark morning.
         incidents: Breakdowns.
     """
 
@@ -58,7 +58,7 @@ class FreewayScenario(Config):
 
     Attributes:
         network: A freeway of the catalog.
-        seed: Decides who drives when, how, and what SUMO's drivers get wrong.
+        seed: Decides departures, driver types, and the errors of SUMO's drivers.
         day: What kind of day it is.
         start_s: Time of day at which the reported time begins, s since midnight.
         duration_s: How long the demand lasts from then on.

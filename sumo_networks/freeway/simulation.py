@@ -28,7 +28,7 @@ from dohyo.sumo_networks.simulation.process import failing_as_simulation_error
 
 NOTHING: Final[Mapping[str, float]] = MappingProxyType({})
 HUMAN: Final = -1.0
-"""SUMO's speed of a vehicle that nobody commands."""
+"""SUMO's value for a vehicle whose speed is not commanded."""
 SAFE: Final = 0b11011
 """SUMO's speed mode of a commanded vehicle: every check but that of its deceleration, which would keep it from braking
 harder than is comfortable where its driver must."""

@@ -27,10 +27,10 @@ class FreewayWorld:
         speed_mps: (N,).
         acceleration_mps2: (N,).
         length_m: (N,).
-        connected: (N,) who may be commanded.
+        connected: (N,) whether it may be commanded.
         probe: (N,) whose speed the segment measurements are made of.
         vtype: (N,) row in `drivers.KINDS`.
-        fuel_mg_s: (N,) by SUMO's emission model; NaN where the simulation was told not to read it.
+        fuel_mg_s: (N,) by SUMO's emission model; NaN where the simulation does not read it.
         departed: How many vehicles came since the simulation's start, warm-up included.
         arrived: Names of those that left the road in this tick.
         waiting: How many could not enter yet, because the road is full.

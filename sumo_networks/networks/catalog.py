@@ -18,7 +18,7 @@ def load_network(name: str) -> RoadNetwork:
 
     Raises:
         InvalidInputError: Unknown name, or a file that is missing, harmful, larger than 200 MB (packed or unpacked), or
-            no SUMO net with roads for cars. A network of the catalog may be larger: its import was told so.
+            no SUMO net with roads for cars. A network of the catalog may be larger: its import allowed it.
     """
     path = network_path(name)
     raw = path == Path(name)

@@ -174,7 +174,7 @@ class RoadNetwork:
 
     @cached_property
     def gives_way_to(self) -> set[tuple[int, int]]:
-        """Pairs of connections (a, b): whoever takes a must give way to whoever takes b."""
+        """Pairs of connections (a, b): a vehicle on a must give way to a vehicle on b."""
         return {(int(a), int(b)) for a, b in self.connections.yields}
 
     def edge_id(self, lane: int) -> str:

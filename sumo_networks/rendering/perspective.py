@@ -331,7 +331,7 @@ def block(
         farthest = max(farthest, corners[i, 0])
     if farthest < NEAR_M:
         return
-    # Where the camera is in the body's frame tells which sides of a plain box it cannot see.
+    # Where the camera is in the body's frame decides which sides of a plain box it cannot see.
     ex, ey, ez = 0.0, 0.0, 0.0
     for i in range(3):
         ex -= frame[0, i] * frame[1, i]

@@ -119,7 +119,7 @@ def build_route(network: RoadNetwork, lanes: list[int], start: float, goal: floa
     """The route along lanes, each of which leads into the next or lies beside it.
 
     Args:
-        network: Theirs.
+        network: The network of the lanes.
         lanes: Row numbers.
         start: m along the first.
         goal: m along the last.

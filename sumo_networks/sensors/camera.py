@@ -238,7 +238,7 @@ class _Surroundings:
 
 
 def _bodies(world: World, ego: int) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-    """Boxes, kinds, indicators and keys of everybody but oneself."""
+    """Boxes, kinds, indicators and keys of all actors and of the other egos."""
     actors, egos = world.actors, world.egos
     bodies, kind, indicator, key = actors.boxes(), actors.kind, actors.indicator, actors.key
     if len(egos.names) > 1:

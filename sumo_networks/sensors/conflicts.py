@@ -1,4 +1,4 @@
-"""Conflicts: who will cross or join the ego's path, where, and who has the right of way.
+"""Conflicts: actors that will cross or join the ego's path, where they do, and who has the right of way.
 
 What an attentive driver who knows the junction sees: others follow their lane, turn where their indicator says, and
 people on foot keep walking the way they walk, on a crossing to its other side.
@@ -52,7 +52,7 @@ class Conflicts(Sensor):
         if self._network is not world.network:
             self._network, self._paths = world.network, {}
         route, egos, actors = world.routes[ego], world.egos, world.actors
-        # The path starts under the rear bumper: who walks into the ego's side is a conflict too.
+        # The path starts under the rear bumper: a pedestrian who walks into the ego's side is a conflict too.
         length, half_width = float(egos.length[ego]), float(egos.width[ego]) / 2
         rear = float(egos.progress[ego]) - length / 2
         first = route.index(rear)
@@ -142,7 +142,7 @@ def _passage_at(passages: tuple[Passage, ...], s: float) -> Passage | None:
 
 
 def _lane_path(network: RoadNetwork, lane: int, indicator: int) -> tuple[FloatArray, int, float]:
-    """The path of somebody on a lane: points a metre apart, its first connection, metres to that."""
+    """The expected path of an actor on a lane: points a metre apart, its first connection, metres to that."""
     connections, here = network.connections, lane
     shapes, length = [network.lane_shape(lane)], float(network.lanes.length[lane])
     enough, connection, to_junction = length + ACTOR_LOOKAHEAD_M, -1, 1000.0

@@ -1,4 +1,4 @@
-"""Detections: what a good detector reports of those around, under the conditions of the day."""
+"""Detections: what a good detector reports of the objects around, under the conditions of the episode."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ REFERENCE_M = 20.0
 class Detections(Sensor):
     """(48, 8) as `Objects`, but only within sight, with noise in position and speed, and some missing.
 
-    The noise of a position grows in proportion to the distance. Nobody is hidden behind anybody, and nobody is seen who
-    is not there.
+    The noise of a position grows in proportion to the distance. No occlusion and no false positives.
     """
 
     name = "detections"
@@ -40,7 +39,7 @@ class Detections(Sensor):
         """See the class."""
         conditions, rng = self._conditions, self._rng
         true = self._objects.read(world, ego)
-        # Drawn for all rows, so that who else is there does not shift everybody's noise.
+        # Drawn for all rows, so that the noise of one row does not depend on how many others there are.
         missing = rng.random(ROWS) < conditions.dropout
         error = rng.standard_normal((ROWS, 3)).astype(np.float32)
         distance = np.hypot(true[:, 1], true[:, 2])

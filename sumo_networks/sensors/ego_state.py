@@ -17,7 +17,7 @@ class EgoState(Sensor):
     """(9,) x, y [m], heading [rad], speed, acceleration, yaw rate, steering [rad], length, width [m] of the ego.
 
     x, y and heading are the box centre's in the frame of the route's first point (x along the route there, y to its
-    left), so that motion can be told from tick to tick, but not the place on the map. Speed is in m/s, acceleration in
+    left), which shows motion from tick to tick, but not the place on the map. Speed is in m/s, acceleration in
     m/s^2, yaw rate in rad/s; steering is the front wheel angle.
     """
 

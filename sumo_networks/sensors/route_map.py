@@ -18,7 +18,7 @@ class RouteMap(Sensor):
 
     Columns: x, y [m, network frame], heading [rad], curvature [1/m, left positive], speed limit [m/s], lane width [m],
     navigation command (`routing.Command`), metres from the route's start. The page begins at a multiple of 50 m that
-    lies 50 to 100 m behind the ego, and so tells where the ego is no better than that. Past the goal the last point
+    lies 50 to 100 m behind the ego, and so locates the ego no better than that. Past the goal the last point
     repeats; its last column does not grow.
     """
 
