@@ -46,9 +46,9 @@ class TorchDrivingEnv(EnvBase):  # type: ignore[misc]
     """A VectorDrivingEnv of N environments with batch size (N,), on the CPU.
 
     With one ego, the keys are those of the sensors, "action" (N, ...), "reward", "done", "terminated" and "truncated"
-    (N, 1). With E > 1 egos all these lie under "agents", with (N, E, ...), beside "mask" (N, E): whether an ego drives in the
-    next step. At the root, "done" (N, 1) then says that the last ego's episode has ended, "terminated" that all have
-    terminated.
+    (N, 1). With E > 1 egos all these lie under "agents", with (N, E, ...), beside "mask" (N, E): whether an ego
+    drives in the next step. At the root, "done" (N, 1) then says that the last ego's episode has ended, "terminated"
+    that all have terminated.
 
     Source: TorchRL's EnvBase, and its PettingZooWrapper for the names with many egos.
     """

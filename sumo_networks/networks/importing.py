@@ -226,11 +226,9 @@ def _guessed(kind: Kind, before: Census, network: RoadNetwork, warnings: Sequenc
         ("crossings", int(lanes.crossing.sum()) - before.crossings),
         ("traffic lights", len(network.signals.light_ids) - before.lights),
     )
-    counted = [
-        f"{count} {what} {'added' if kind == 'net' else 'read or guessed'}" for what, count in counts if count > 0
-    ]
+    lines = [f"{count} {what} {'added' if kind == 'net' else 'read or guessed'}" for what, count in counts if count > 0]
     kinds = Counter(re.sub(r"'[^']*'|-?\d+(\.\d+)?", "…", warning) for warning in warnings)
-    return (*counted, *(f"netconvert, {count} x: {text}" for text, count in kinds.most_common(12)))
+    return (*lines, *(f"netconvert, {count} x: {text}" for text, count in kinds.most_common(12)))
 
 
 def _entry(file: Path, kind: Kind, net: str, licence: str | None, guessed: Sequence[str], size: NetworkSize) -> str:
