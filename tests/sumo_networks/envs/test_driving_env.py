@@ -292,3 +292,15 @@ def test_spaces_are_known_before_the_first_episode(make_env: MakeEnv) -> None:
         assert env.observation_space(name) is env.observation_space(name)
         assert env.action_space(name).contains(env.action_space(name).sample())
     assert set(REWARDS) >= {"roach", "progress"}
+
+
+def test_there_is_a_world_from_the_first_reset_on_and_also_after_the_end(make_env: MakeEnv) -> None:
+    env = make_env(on(straight_road(), standing_at(100.0)), reward=None)
+    assert not env.started
+    with pytest.raises(SimulationError, match="has not started; call reset"):
+        _ = env.world
+    env.reset()
+    assert env.started
+    env.close()
+    assert env.started
+    assert env.world.tick == 0
