@@ -12,7 +12,7 @@ from motion import Motion
 from dohyo.agents.registry import agent_entries
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
-from dohyo.evaluation.criteria import criteria_for
+from dohyo.evaluation.episode.judge import Judge
 from dohyo.evaluation.records.record import Infraction
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.scenario import Scenario
@@ -51,16 +51,14 @@ def drive(agent: str, scenario: Scenario) -> Drive:
     env = DrivingEnv(scenario, driver.spec.sensors, driver.spec.control, reward=None)
     observations, _ = env.reset()
     driver.reset(scenario.missions[0], scenario.seed)
-    criteria = criteria_for(scenario)
-    for criterion in criteria:
-        criterion.start(env.world, 0)
-    worlds, infractions = [env.world], []
+    judge, worlds = Judge(scenario, 0), [env.world]
+    judge.start(env.world)
     while env.agents and env.world.time < LAST_S - 0.05:
         observations = env.step({"ego": driver.act(observations["ego"])})[0]
         worlds.append(env.world)
-        infractions += [found for one in criteria for found in one.update(worlds[-2], worlds[-1], 0)]
+        judge.update(worlds[-2], worlds[-1])
     env.close()
-    return Drive(agent, [world for world in worlds if world.time > FIRST_S - 0.05], infractions)
+    return Drive(agent, [world for world in worlds if world.time > FIRST_S - 0.05], judge.infractions)
 
 
 def ground(world: World) -> Iterator[str]:

@@ -46,8 +46,8 @@ class Blocked(Criterion):
     """Detects an ego that stands for minutes; once per standstill.
 
     An ego that queues behind a vehicle of the traffic which drove before and has stood for two minutes itself is in a
-    gridlock of the simulator's making: that says nothing about the agent, and is told apart. A vehicle that never moved
-    is parked, and to be passed.
+    gridlock of the simulator's making: that says nothing about the agent, and is a kind of its own. A vehicle that
+    never moved is parked, and the ego has to pass it.
 
     Attributes:
         standing_mps: Slower than this is standing, m/s.

@@ -18,7 +18,7 @@ from numba import njit
 
 from dohyo.evaluation.criteria.fault import BEHIND_RAD
 from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord
-from dohyo.evaluation.records.specifications import InfractionKind, Status
+from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.evaluation.scores.nuplan.frames import Frames, frames_of
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
@@ -48,7 +48,6 @@ JERK: Final = 8.37
 ACCELERATION_WINDOW: Final = 7
 JERK_WINDOW: Final = 15
 _WEIGHTS: Final = {"progress": 5.0, "time_to_collision": 5.0, "speed_limit": 4.0, "comfort": 2.0}
-_AGENT_FAULTS: Final = (Status.AGENT_SETUP, Status.AGENT_RAISED, Status.AGENT_ACTION, Status.AGENT_DEADLINE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +108,7 @@ def closed_loop(
     if not 0.0 <= reference_m < math.inf:
         raise InvalidInputError(f"expected the reference's progress in metres, got {reference_m}")
     facts = record.egos[ego]
-    if facts.status in _AGENT_FAULTS:
+    if facts.status.agent_fault:
         return ClosedLoop(0, 0, 0, 0, 0, 0, 0, 0, red_lights(facts))
     frames = frames_of(record, trajectory, network, ego)
     if not len(frames):
