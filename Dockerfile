@@ -6,9 +6,7 @@ RUN apt-get update \
     && apt-get install -y --no-install-recommends make libgl1 libx11-6 libxext6 libxrender1 libatomic1 \
     && rm -rf /var/lib/apt/lists/*
 
-# PyPI's torch for Linux requires the CUDA libraries; this index has the same version for CPUs.
-ENV PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu \
-    PIP_NO_CACHE_DIR=1 \
+ENV PIP_NO_CACHE_DIR=1 \
     ORT_DISABLE_TELEMETRY=1
 
 RUN useradd --create-home --uid 1000 dohyo && install -d -o dohyo -g dohyo /home/dohyo/dohyo
