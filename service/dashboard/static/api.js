@@ -1,8 +1,8 @@
-/** The service's REST interface as pages read it. The browser's session cookie comes along by itself. */
+/** Client of the service's REST interface. The browser sends the session cookie by itself. */
 
 import { byId, fill, h } from "./dom.js";
 
-/** What the service answered instead of data. */
+/** An error answer of the service. */
 export class ApiError extends Error {
   constructor(status, title, detail) {
     super(detail || title);
@@ -11,7 +11,7 @@ export class ApiError extends Error {
   }
 }
 
-/** Reads JSON; 202 with Retry-After is waited for. */
+/** Reads JSON; repeats the request after an answer 202, as its header Retry-After says. */
 export async function get(path) {
   for (let attempt = 0; ; attempt++) {
     const answer = await fetch(path, { headers: { accept: "application/json" } });
@@ -24,7 +24,7 @@ export async function get(path) {
   }
 }
 
-/** Reads all items of a list that comes in pages, up to `most`. */
+/** Reads all items of a list, page by page, up to `most`. */
 export async function getAll(path, most = 10_000) {
   const items = [];
   let after = null;
@@ -46,7 +46,7 @@ async function problem(answer) {
   return new ApiError(answer.status, body.title ?? answer.statusText, detail);
 }
 
-/** Listens to server-sent events of some names; the browser connects again by itself. Returns what ends it. */
+/** Listens to server-sent events of some names; the browser reconnects by itself. Returns a function that stops it. */
 export function listen(path, names, listener) {
   const source = new EventSource(path);
   for (const name of names) {
@@ -55,7 +55,7 @@ export function listen(path, names, listener) {
   return () => source.close();
 }
 
-/** Runs what fills a page; where that fails, the page says what came instead, and what to do. */
+/** Runs the function that fills a page; if it fails, the page shows the error and what the user can do. */
 export async function page(run) {
   try {
     await run();
@@ -72,13 +72,13 @@ function failure(error) {
   const status = error instanceof ApiError ? error.status : 0;
   const back = encodeURIComponent(location.pathname + location.search);
   const says = {
-    0: ["This page could not be built", "The service did not answer, or answered something unexpected."],
+    0: ["This page could not be loaded", "The service did not answer, or its answer was not as expected."],
     401:
       document.body.dataset.signedIn === "yes"
         ? ["Your token is no longer accepted", "Sign out, or sign in with another one."]
-        : ["This needs a token", "The service is private."],
-    403: ["This needs another token", "Yours may not see it."],
-    404: ["Nothing here", "It does not exist, or is somebody else's and private."],
+        : ["A token is needed", "The service is private."],
+    403: ["Not allowed", "Your token may not read this."],
+    404: ["Not found", "It does not exist, or is private and belongs to another owner."],
     429: ["Too many requests", "Wait a moment and load the page again."],
   }[status] ?? [`The service answered ${status}`, ""];
   return h(

@@ -1,4 +1,4 @@
-/** Elements without markup in strings: whatever an agent calls itself stays text. */
+/** Makes elements without parsing markup, so that names given by users stay text. */
 
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -27,7 +27,7 @@ function filled(element, attributes, children) {
 
 export const byId = (id) => document.getElementById(id);
 
-/** Replaces what an element holds. */
+/** Replaces the content of an element. */
 export function fill(element, ...children) {
   element.replaceChildren(
     ...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false),
@@ -35,7 +35,7 @@ export function fill(element, ...children) {
   element.removeAttribute("aria-busy");
 }
 
-/** A mark of an infraction as an icon. */
+/** The mark of an infraction as an icon; `innocent`: hollow, since the agent was not at fault. */
 export function mark(kind, path, innocent = false) {
   return s(
     "svg",

@@ -1,4 +1,4 @@
-/** A score: mean, interval and n, as text and as a dot with a whisker on an axis that a whole column shares. */
+/** Estimates: mean, interval and n as text and as a dot with a whisker; paired comparisons. */
 
 import { h, s } from "./dom.js";
 import { MISSING, interval, number } from "./format.js";
@@ -7,7 +7,7 @@ import { MISSING, interval, number } from "./format.js";
  * @param {{mean: number|null, low: number|null, high: number|null, n: number}|undefined} estimate
  * @param {number} top upper end of the axis; the lower is 0 unless `bottom` is given
  */
-export function whisker(estimate, top, { bottom = 0, reason = "nothing to average" } = {}) {
+export function whisker(estimate, top, { bottom = 0, reason = "no drive counts" } = {}) {
   if (!estimate || estimate.mean === null || estimate.mean === undefined) return missing(reason);
   const at = (value) => `${(100 * Math.min(1, Math.max(0, (value - bottom) / (top - bottom)))).toFixed(2)}%`;
   const ends = estimate.low !== null && estimate.low !== undefined;
@@ -42,7 +42,7 @@ export function scale(bottom, top) {
   );
 }
 
-/** A dash that says why. */
+/** A dash for a missing value, with the reason on hover. */
 export function missing(reason) {
   return h("span", { class: "missing", title: reason }, MISSING);
 }
@@ -67,25 +67,35 @@ export function agentName(name, colour, href = `/agents/${encodeURIComponent(nam
   );
 }
 
+/** The probability that A scores higher than B, such as `P(A > B) = 0.873`; reports write it in the same form. */
+export function probabilityText(probability) {
+  if (probability >= 0.9995) return "P(A > B) > 0.999";
+  if (probability < 0.0005) return "P(A > B) < 0.001";
+  return `P(A > B) = ${probability.toFixed(3)}`;
+}
+
 /**
- * The verdict of a paired test as a sign, and how probable that sign is.
- * @param comparison its `probability` is that of a higher score
+ * The verdict of a paired test as a sign, and the probability that A scores higher than B.
+ * @param comparison A - B, with `probability` that of a difference above 0
+ * @param {string} subject A and B in words
  */
 export function verdict(comparison, subject) {
   if (!comparison) return null;
   const { verdict: sign, probability, difference } = comparison;
   if (difference?.low === 0 && difference?.high === 0) {
-    const title = `${subject}: the same on every drive`;
-    return h("span", { class: "verdict even", title }, sign, h("span", { class: "quiet" }, " same"));
+    const title = `${subject}: equal on every drive`;
+    return h("span", { class: "verdict even", title }, sign, h("span", { class: "quiet" }, " equal"));
   }
-  const word = { "=": "not told apart", "<": "lower", ">": "higher" }[sign];
-  const sure = sign === "<" ? 1 - probability : probability;
-  const text = sure > 0.9995 ? ">0.999" : sure < 0.0005 ? "<0.001" : sure.toFixed(3);
-  const title = `${subject}: ${word}; probability that it is ${sign === "<" ? "lower" : "higher"}: ${text}`;
+  const word = {
+    "=": "no significant difference",
+    "<": "A is significantly lower",
+    ">": "A is significantly higher",
+  }[sign];
+  const title = `${subject}: ${word}`;
   return h(
     "span",
     { class: sign === "=" ? "verdict even" : "verdict", title },
     sign,
-    h("span", { class: "quiet" }, ` ${text}`),
+    h("span", { class: "quiet" }, ` ${probabilityText(probability)}`),
   );
 }

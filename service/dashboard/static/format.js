@@ -1,4 +1,4 @@
-/** Numbers and times as the whole project writes them. */
+/** Numbers and times, written as in reports. */
 
 export const MISSING = "—";
 
@@ -32,7 +32,7 @@ export function seconds(value) {
   return minutes ? `${minutes}:${rest.padStart(4, "0")}` : rest;
 }
 
-/** A span such as `3 min 20 s`. */
+/** A duration such as `3 min 20 s`. */
 export function span(seconds_) {
   const s = Math.max(0, Math.round(seconds_));
   if (s < 60) return `${s} s`;
@@ -48,5 +48,5 @@ export function moment(iso) {
   return `${at.getFullYear()}-${two(at.getMonth() + 1)}-${two(at.getDate())} ${two(at.getHours())}:${two(at.getMinutes())}`;
 }
 
-/** The first characters of a hash, enough to tell versions apart. */
+/** The first characters of a hash, enough to distinguish versions. */
 export const short = (hash) => (hash ? hash.slice(0, 8) : MISSING);

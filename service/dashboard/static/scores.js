@@ -22,13 +22,13 @@ const SCORES = {
 const OPEN = ["driving_score", "route_completion", "irs", "success", "infraction_penalty", "nocrash_success"];
 const CLOSED = ["closed_loop", "no_collision", "drivable_area", "progress", "time_to_collision", "comfort"];
 
-/** One score's facts, by name. */
+/** Title, unit and upper end of the axis of a score. */
 export function scoreOf(key) {
   const [title, unit, top] = SCORES[key] ?? [key, ...PERCENT];
   return { key, title, unit, top };
 }
 
-/** The scores to show of those there are, the most telling first; `headline`, where given, before all. */
+/** The scores to show, at most `most`, the most important first; `headline`, if given, before all others. */
 export function shown(scores, most, headline = null) {
   const keys = scores.closed_loop ? CLOSED : OPEN;
   return [...new Set([headline ?? keys[0], ...keys])].slice(0, most).map(scoreOf);

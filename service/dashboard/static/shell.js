@@ -1,4 +1,4 @@
-/** What every page does: says who is signed in, and copies the examples. */
+/** Code of every page: shows the owner of the token, and lets examples be copied. */
 
 import { get } from "./api.js";
 import { byId, h } from "./dom.js";
@@ -9,7 +9,7 @@ if (document.body.dataset.signedIn === "yes") {
     (me) => byId("who").prepend(h("span", { class: "quiet" }, `${me.owner} (${me.role})`)),
     (error) =>
       error.status === 401 &&
-      byId("who").prepend(h("span", { class: "problem", role: "alert" }, "token no longer accepted")),
+      byId("who").prepend(h("span", { class: "problem", role: "alert" }, "your token is no longer accepted")),
   );
 }
 

@@ -1,9 +1,9 @@
-/** What to paste into a shell where a page has nothing to show yet. */
+/** Commands for a shell, shown where a page is still empty. */
 
 import { h } from "./dom.js";
 import { copyText } from "./table.js";
 
-/** Submits the built-in autopilot and evaluates it, by the REST interface alone. */
+/** Commands that submit the built-in autopilot and evaluate it, with curl alone. */
 export function startCommand(benchmark) {
   const post = (path, body) =>
     `curl -s ${location.origin}/v1/${path} -H "Authorization: Bearer $TOKEN" --json '${JSON.stringify(body)}'`;

@@ -1,4 +1,4 @@
-/** Tables: built from columns, narrow screens included, and copied as CSV. */
+/** Tables made from columns, for wide and narrow screens, with a copy as CSV. */
 
 import { h } from "./dom.js";
 
@@ -42,7 +42,7 @@ export function table(columns, rows, { caption, css = "" } = {}) {
   );
 }
 
-/** Several nodes as one, so that a cell on a narrow screen has one label and one value. */
+/** Several nodes in one element, so that a cell on a narrow screen has one label and one value. */
 const whole = (content) => (Array.isArray(content) ? h("div", {}, content) : content);
 
 function classes(column) {
@@ -60,7 +60,7 @@ export function copyButton(columns, rows) {
   return button;
 }
 
-/** The rows as CSV; a column with `csv: null` is left out, one with several values gives an object. */
+/** The rows as CSV. A column with `csv: null` is left out; one whose `csv` returns an object gives several columns. */
 export function csv(columns, rows) {
   const lines = rows.map((row) => {
     const line = {};
@@ -86,7 +86,7 @@ function quoted(value) {
   return /[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 }
 
-/** Copies text; also where the page is not from a secure origin. */
+/** Copies text, also where the page does not come from a secure origin. */
 export async function copyText(text) {
   if (navigator.clipboard && window.isSecureContext) return navigator.clipboard.writeText(text);
   const area = h("textarea", { class: "sr" }, text);

@@ -1,21 +1,21 @@
-/** The project's words and marks, put into every page by the server, so that they exist in one place. */
+/** Labels and marks of infractions and outcomes of statuses, which the server writes into every page. */
 
 const source = document.getElementById("words");
 
 /** @type {{marks: Object<string, {label: string, path: string}>, endings: Object<string, string>}} */
 export const words = source ? JSON.parse(source.textContent) : { marks: {}, endings: {} };
 
-/** What an infraction is called. */
+/** The label of a kind of infraction. */
 export const label = (kind) => words.marks[kind]?.label ?? kind.replaceAll("_", " ");
 
-/** A status without the word before its colon, which colour and sign already say. */
+/** A status without the word before its colon, which repeats its colour and sign. */
 export const ending = (status) =>
   status
     .split(": ")
     .pop()
     .replace(/^agent('s)? /, "");
 
-/** What a drive's status means: success, infraction, warning or infrastructure. */
+/** The outcome of a status: success, infraction, warning or infrastructure. */
 export const meaning = (status) => words.endings[status] ?? "infrastructure";
 
 export const SIGNS = { success: "✓", infraction: "✕", warning: "!", infrastructure: "∅", running: "▸", waiting: "·" };

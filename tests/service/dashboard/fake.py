@@ -70,13 +70,15 @@ class Fake:
     Attributes:
         records: Episodes by id, such as "reckless-right-to-south-s0".
         queued: Ids of episodes of evaluation "ev-live" that are not done.
+        lost: Number of lost drives of every evaluation, by cell.
         empty: Whether to know nothing at all.
         explained: Whether the reasons of an episode have been found out.
-        events: Server-sent events of "ev-live", as they come.
+        events: Server-sent events of "ev-live", in their order.
     """
 
     records: dict[str, EpisodeRecord] = field(default_factory=dict)
     queued: list[str] = field(default_factory=list)
+    lost: dict[str, int] = field(default_factory=dict)
     empty: bool = False
     explained: bool = False
     events: list[dict[str, Any]] = field(default_factory=list)
@@ -102,7 +104,7 @@ class Fake:
     def entry(self, agent: str) -> Entry:
         return Entry(
             f"ev-{agent}", f"su-{agent}", agent, 1, "lab", "builtin", "map" if agent == "autopilot" else "privileged",
-            "quickstart", VERSION, (0, 1), WHEN, self.drives(agent),
+            "quickstart", VERSION, (0, 1), WHEN, self.drives(agent), self.lost,
         )  # fmt: skip
 
     def evaluation(self, name: str) -> EvaluationView:

@@ -45,7 +45,7 @@ def test_the_leaderboard_shows_mean_interval_and_n_best_first(visit: Visitor) ->
     score = rows.nth(0).locator("td").first
     expect(score).to_contain_text("n=12")
     assert score.locator("circle").count() == 1
-    assert rows.nth(1).locator(".verdict").inner_text().startswith("<")
+    assert rows.nth(1).locator(".verdict").inner_text() == "< P(A > B) < 0.001"
 
 
 def test_the_leaderboard_of_another_track_and_benchmark_is_chosen_by_the_address(visit: Visitor) -> None:
@@ -111,6 +111,19 @@ def test_an_evaluation_lists_its_worst_episode_first_with_marks_that_open_the_re
     assert marks.first.get_attribute("href") == "/episodes/reckless-right-to-south-s0#t=12.6"
 
 
+def test_an_evaluation_that_lost_drives_also_shows_the_means_that_count_them_as_0(visit: Visitor, site: Site) -> None:
+    page = visit().go("/evaluations/ev-autopilot")
+    assert page.locator("#scores .measure").count() == 4
+    site.fake.lost = {"all": 12}
+    page.reload()
+    page.wait_for_selector("main[data-state=ready]")
+    score = page.locator("#scores .measures > div").first
+    expect(score.locator("p")).to_have_text("counting 12 lost drives as 0")
+    without, as_zero = (float(text) for text in score.locator(".measure b").all_inner_texts())
+    assert as_zero == pytest.approx(without / 2, rel=0.01)
+    expect(score.locator(".measure").last).to_contain_text("n=24")
+
+
 def test_a_running_evaluation_moves_its_bar_as_episodes_end(visit: Visitor, site: Site) -> None:
     page = visit().go("/evaluations/ev-live")
     bar = page.locator("[role=progressbar]")
@@ -160,7 +173,7 @@ def test_hostile_names_stay_text(visit: Visitor, site: Site) -> None:
 def test_keyboard_alone_reaches_content_navigation_and_choices(visit: Visitor) -> None:
     page = visit().go("/")
     page.keyboard.press("Tab")
-    assert page.evaluate("document.activeElement.textContent") == "to the content"
+    assert page.evaluate("document.activeElement.textContent") == "Skip to the content"
     seen = []
     for _ in range(14):
         page.keyboard.press("Tab")

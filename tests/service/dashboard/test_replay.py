@@ -153,21 +153,21 @@ def test_why_it_decides_so_is_found_out_once_and_follows_the_time(visit: Visitor
     one = visit()
     page = one.go(f"{EPISODE}#t=5.0")
     plain = page.locator("canvas").screenshot()
-    page.get_by_role("button", name="show why it decides so").click()
+    page.get_by_role("button", name="show the agent's reasons").click()
     why = page.locator(".reasons dl")
     expect(why).to_contain_text("target speed60.0rulefree roadroot · n7")
-    expect(page.locator(".reasons")).to_contain_text("3 branches of its search")
+    expect(page.locator(".reasons")).to_contain_text("3 branches of the search")
     assert page.locator("canvas").screenshot() != plain  # its plan is on the road
     page.keyboard.press("ArrowRight")
     expect(why).to_contain_text("target speed61.0")
     page.keyboard.press("i")  # at 12.6 s
-    expect(page.locator(".reasons")).to_contain_text("it has nothing to say")
+    expect(page.locator(".reasons")).to_contain_text("gave no reason for this moment")
     assert one.complaints == []
 
 
 def test_reasons_that_cannot_be_had_are_told(visit: Visitor) -> None:
     page = visit().go("/episodes/autopilot-right-to-south-s0")
-    page.get_by_role("button", name="show why it decides so").click()
+    page.get_by_role("button", name="show the agent's reasons").click()
     expect(page.locator(".reasons .reason")).to_contain_text("has changed since")
 
 

@@ -88,7 +88,7 @@ def test_signing_out_forgets_the_token(client: httpx.Client) -> None:
 def test_a_browser_gets_errors_as_pages_and_a_program_as_documents(client: httpx.Client) -> None:
     page = client.get("/nothing", headers=HTML)
     assert page.status_code == 404
-    assert "Nothing here" in page.text
+    assert "Page not found" in page.text
     assert client.get("/nothing").headers["content-type"].startswith("application/")
     assert client.get("/v1/nothing", headers=HTML).headers["content-type"].startswith("application/")
 

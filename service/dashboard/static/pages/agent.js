@@ -1,11 +1,11 @@
-/** One agent: its scores, the cells it masters, its infractions beside the field's, its evaluations. */
+/** One agent: its scores, its score in each cell, its infractions beside the median of all agents, its evaluations. */
 
 import { get, getAll, page } from "../api.js";
 import { byId, fill, h, mark } from "../dom.js";
 import { missing, whisker } from "../estimate.js";
-import { bar, standing } from "../evaluation.js";
+import { bar, measures, standing } from "../evaluation.js";
 import { moment, number, short } from "../format.js";
-import { scoreOf, shown } from "../scores.js";
+import { scoreOf } from "../scores.js";
 import { colours, subject } from "../subject.js";
 import { copyButton, table } from "../table.js";
 import { label, words } from "../words.js";
@@ -50,7 +50,7 @@ page(async () => {
           "section",
           { class: "state" },
           h("h2", {}, "No finished evaluation yet"),
-          h("p", {}, "Scores appear when the first evaluation has ended."),
+          h("p", {}, "Scores appear when the first evaluation has finished."),
         ),
     history(evaluations),
     versions(submissions),
@@ -74,13 +74,7 @@ async function benchmarkPart(evaluation) {
       h("h2", {}, name),
       h("a", { href: `/evaluations/${encodeURIComponent(evaluation.id)}` }, "latest evaluation"),
     ),
-    h(
-      "div",
-      { class: "panel measures" },
-      shown(whole.scores, 6).map(({ key, title, unit, top }) =>
-        h("div", {}, h("h3", {}, title, h("span", { class: "unit" }, ` ${unit}`)), whisker(whole.scores[key], top)),
-      ),
-    ),
+    measures(whole, 6),
     h("div", { class: "columns" }, infractionsPart(whole, board.rows), cellsPart(Object.entries(metrics.cells))),
   );
 }
@@ -97,7 +91,7 @@ function infractionsPart(whole, field) {
       csv: (row) => row.kind,
     },
     { title: "per km", css: "estimate", cell: (row) => whisker(row.own, top), csv: (row) => row.own?.mean },
-    { title: "field median", numeric: true, cell: (row) => number(row.median), csv: (row) => row.median },
+    { title: "median of all agents", numeric: true, cell: (row) => number(row.median), csv: (row) => row.median },
   ];
   return h(
     "div",
@@ -105,7 +99,7 @@ function infractionsPart(whole, field) {
     h("div", { class: "heading sub" }, h("h3", {}, "Infractions per km"), rows.length > 0 && copyButton(columns, rows)),
     rows.length
       ? h("div", { class: "panel wide" }, table(columns, rows))
-      : h("p", { class: "note" }, "None, in any drive."),
+      : h("p", { class: "note" }, "No infraction in any drive."),
   );
 }
 
@@ -115,7 +109,7 @@ function median(values) {
   return (sorted[Math.floor((sorted.length - 1) / 2)] + sorted[Math.ceil((sorted.length - 1) / 2)]) / 2;
 }
 
-/** Cells as a grid shaded by a score, the number inside: town by task and conditions where the names tell them. */
+/** A grid of cells, each with its name and mean score; the higher the score, the stronger the shade. */
 function cellsPart(cells) {
   const { key, title } = scoreOf(cells.some(([, cell]) => cell.scores.closed_loop) ? "closed_loop" : "success");
   return h(
@@ -143,7 +137,7 @@ function cellsPart(cells) {
 /** Hash of the uploaded policy, or of the file that defines the agent. */
 function source(submission) {
   const hash = submission.policy_sha256 ?? submission.source_sha256;
-  return hash ? h("code", { title: hash }, short(hash)) : missing("a remote agent keeps its source to itself");
+  return hash ? h("code", { title: hash }, short(hash)) : missing("the source of a remote agent is not known to the service");
 }
 
 function history(evaluations) {

@@ -1,4 +1,4 @@
-/** Evaluations side by side: paired differences, the scenarios that tell them apart, and two replays in lockstep. */
+/** Evaluations side by side: paired differences, the scenarios with the largest ones, and two replays in lockstep. */
 
 import { ApiError, get, page } from "../api.js";
 import { byId, fill, h } from "../dom.js";
@@ -10,7 +10,7 @@ import { copyButton, table } from "../table.js";
 import { SIGNS, ending, meaning } from "../words.js";
 import { load, play } from "../replay/player.js";
 
-const PLAYED = 2; // more replays side by side than two are too small to see
+const PLAYED = 2; // replays side by side; more would be too small
 
 const query = new URLSearchParams(location.search);
 
@@ -24,7 +24,7 @@ page(async () => {
         "section",
         { class: "state" },
         h("h2", {}, "Choose what to compare"),
-        h("p", {}, "Tick two to eight finished evaluations of one benchmark version."),
+        h("p", {}, "Select two to eight finished evaluations of one benchmark version."),
         h("p", {}, h("a", { class: "button", href: "/evaluations" }, "to the evaluations")),
       ),
     );
@@ -58,7 +58,7 @@ page(async () => {
   if (chosen) await watch(given, chosen, colour, false);
 });
 
-/** Evaluations that cannot be compared are no failure of the page. */
+/** Says why the evaluations cannot be compared; any other error is raised again. */
 function refused(error) {
   if (!(error instanceof ApiError) || ![400, 409, 422].includes(error.status)) throw error;
   fill(
@@ -67,7 +67,7 @@ function refused(error) {
     h(
       "section",
       { class: "state", role: "alert" },
-      h("h2", {}, "These cannot be compared"),
+      h("h2", {}, "These evaluations cannot be compared"),
       h("p", {}, error.message),
       h("p", {}, h("a", { class: "button", href: "/evaluations" }, "choose others")),
     ),
@@ -110,7 +110,7 @@ function pairs(given, colour) {
   return h(
     "section",
     {},
-    h("h2", {}, "Differences on the same drives"),
+    h("h2", {}, "Differences on the same drives (A minus B)"),
     h(
       "div",
       { class: "columns" },
@@ -126,7 +126,7 @@ function pairs(given, colour) {
             cell: (row) => whisker(row.difference, row.top, { bottom: -row.top }),
             csv: (row) => estimateCells("difference", row.difference),
           },
-          { title: "verdict", cell: (row) => verdict(row, name.get(pair.a)), csv: (row) => row.verdict },
+          { title: "verdict", cell: (row) => verdict(row, `A: ${name.get(pair.a)}, B: ${name.get(pair.b)}`), csv: (row) => row.verdict },
         ];
         return h(
           "div",
@@ -152,18 +152,18 @@ function pairs(given, colour) {
     h(
       "p",
       { class: "note" },
-      "Axes run from the largest possible loss to the largest possible gain. ",
+      "A is the first agent, B the second. Axes run from the largest possible loss to the largest possible gain. ",
       h("b", {}, "<"),
       " or ",
       h("b", {}, ">"),
-      " only where the 95 % interval leaves out 0; beside it the probability of that sign.",
+      " means a significant difference: its 95 % interval excludes 0. P(A > B) is the probability that A scores higher.",
     ),
   );
 }
 
 const closed = (given) => given.metric === "closed_loop";
 
-/** The number that tells one side's drive of a scenario best. */
+/** Score of one side in a scenario: the closed-loop score where that is the headline, else the driving score. */
 const told = (given, scenario, i) => (closed(given) ? scenario.values[i] : scenario.driving_scores[i]);
 
 const key = (one) => `${one.scenario}-s${one.seed}`;
@@ -174,7 +174,7 @@ function scenarios(given, colour) {
       "section",
       {},
       h("h2", {}, "Where they differ most"),
-      h("p", { class: "note" }, "On no scenario that all of them have driven."),
+      h("p", { class: "note" }, "No scenario was driven by all of these agents."),
     );
   const columns = [
     { title: "scenario", cell: (row) => row.scenario },
@@ -219,7 +219,7 @@ function how(statuses) {
   );
 }
 
-/** Shows the first two replays of a scenario in lockstep; the address keeps which. */
+/** Shows the first two replays of a scenario in lockstep; the address keeps the scenario. */
 async function watch(given, scenario, colour, move = true) {
   const section = byId("lockstep");
   if (move) {
@@ -250,6 +250,6 @@ function title(given, scenario, i, colour) {
     {},
     agentName(agent, colour[agent], null),
     h("span", { class: "quiet" }, `  ${closed(given) ? "closed loop" : "DS"} ${number(told(given, scenario, i))} %  `),
-    h("a", { href: `/episodes/${encodeURIComponent(scenario.episodes[i])}` }, "alone"),
+    h("a", { href: `/episodes/${encodeURIComponent(scenario.episodes[i])}` }, "open replay"),
   );
 }

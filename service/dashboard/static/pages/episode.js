@@ -1,4 +1,4 @@
-/** One episode: its replay, and why it scored as it did. */
+/** One episode: its replay, its score factor by factor, and the reasons of its agent. */
 
 import { get, page } from "../api.js";
 import { byId, fill, h, mark } from "../dom.js";
@@ -28,13 +28,13 @@ page(async () => {
     h("div", { class: "episode" }, theatre, facts),
   );
   const player = play(theatre, [{ replay, map }]);
-  const reasons = h("section", { class: "reasons", "aria-label": "Why it decides so" });
+  const reasons = h("section", { class: "reasons", "aria-label": "Why the agent decides so" });
   const show = (ego) =>
     fill(
       facts,
       egoChoice(replay, player, show),
       ...why(ego, replay, player, episode),
-      h("h2", {}, "Why it decides so"),
+      h("h2", {}, "Why the agent decides so"),
       reasons,
       links(id, episode),
     );
@@ -70,9 +70,9 @@ function heading(episode, agent) {
 function waiting(episode) {
   const text =
     {
-      queued: "It waits for its turn.",
-      running: "It is being driven; the replay can be seen when it has ended.",
-      lost: "The infrastructure failed twice, which says nothing about the agent. It counts in no score.",
+      queued: "It is waiting for a worker.",
+      running: "It is being driven; the replay is available when it has ended.",
+      lost: "It was lost to a fault of the infrastructure or a gridlock, not to the agent. It counts in no score, except means that count lost drives as 0.",
       cancelled: "Its evaluation was cancelled before it was driven.",
     }[episode.status] ?? "It has no record.";
   return h(

@@ -1,11 +1,10 @@
-/** One evaluation: live progress by cell, its scores, and its episodes, the worst first. */
+/** One evaluation: live progress by cell, its scores, and its episodes, the lowest score first. */
 
 import { get, getAll, listen, page } from "../api.js";
 import { byId, fill, h, mark, s } from "../dom.js";
-import { agentName, missing, whisker } from "../estimate.js";
-import { bar, standing } from "../evaluation.js";
-import { moment, number, seconds, short, span } from "../format.js";
-import { shown } from "../scores.js";
+import { agentName, missing } from "../estimate.js";
+import { bar, measures, standing } from "../evaluation.js";
+import { moment, number, seconds, span } from "../format.js";
 import { colours, subject } from "../subject.js";
 import { copyButton, table } from "../table.js";
 import { SIGNS, ending, label, meaning, words } from "../words.js";
@@ -41,7 +40,7 @@ page(async () => {
   if (!finished(state.evaluation.status)) live();
 });
 
-/** Reads everything anew; the list of episodes is small enough to come whole. */
+/** Reads the evaluation, all of its episodes and its metrics again. */
 async function read() {
   [state.evaluation, state.episodes, state.metrics] = await Promise.all([
     get(base),
@@ -50,7 +49,7 @@ async function read() {
   ]);
 }
 
-/** Follows the progress: each event moves a bar at once, the tables follow when it calms down. */
+/** Follows the progress: each event moves a bar at once; the tables change when no event has come for a while. */
 function live() {
   let timer = 0;
   const refresh = () => {
@@ -107,10 +106,10 @@ function showProgress() {
     [
       ["status", standing(evaluation.status)],
       ["episodes", `${count("done")} / ${episodes.length}`],
-      ["lost to infrastructure", String(count("lost"))],
-      ["time left", finished(evaluation.status) ? "—" : rate > 0 ? `about ${span(left / rate)}` : "not known yet"],
+      ["lost", String(count("lost"))],
+      ["time left", finished(evaluation.status) ? "—" : rate > 0 ? `about ${span(left / rate)}` : "unknown"],
       ["seeds", String(evaluation.seeds.length)],
-      ["began", moment(evaluation.started ?? evaluation.created)],
+      ["started", moment(evaluation.started ?? evaluation.created)],
     ].map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value))),
   );
   const cells = [...new Set(episodes.map((one) => one.cell))];
@@ -144,19 +143,8 @@ function showProgress() {
 }
 
 function showScores() {
-  const scores = state.metrics?.all.scores;
-  if (!scores) return;
-  fill(
-    byId("scores"),
-    h("h2", {}, "Scores"),
-    h(
-      "div",
-      { class: "panel measures" },
-      shown(scores, 4).map(({ key, title, unit, top }) =>
-        h("div", {}, h("h3", {}, title, h("span", { class: "unit" }, ` ${unit}`)), whisker(scores[key], top)),
-      ),
-    ),
-  );
+  const summary = state.metrics?.all;
+  if (summary) fill(byId("scores"), h("h2", {}, "Scores"), measures(summary, 4));
 }
 
 function showEpisodes() {
@@ -171,7 +159,7 @@ function showEpisodes() {
       csv: (row) => row.scenario,
     },
     { title: "seed", numeric: true, cell: (row) => row.seed },
-    { title: "ended", cell: (row) => how(row), csv: (row) => row.ego?.status ?? row.status },
+    { title: "ending", cell: (row) => how(row), csv: (row) => row.ego?.status ?? row.status },
     closed && {
       title: "closed loop",
       unit: "%",
@@ -193,20 +181,20 @@ function showEpisodes() {
   ].filter(Boolean);
   fill(
     byId("episodes"),
-    h("div", { class: "heading" }, h("h2", {}, "Episodes, worst first"), copyButton(columns, rows)),
-    h("div", { class: "panel wide" }, table(columns, rows, { caption: "Episodes, worst first" })),
+    h("div", { class: "heading" }, h("h2", {}, "Episodes, lowest score first"), copyButton(columns, rows)),
+    h("div", { class: "panel wide" }, table(columns, rows, { caption: "Episodes, lowest score first" })),
     key(rows),
   );
 }
 
-/** A score of a drive; a lost or unfinished one has none. */
+/** A score of a drive; an unfinished or lost episode has none. */
 const score = (row, name, scores = row.ego) =>
-  scores && row.status === "done" ? number(scores[name]) : missing("no finished drive");
+  scores && row.status === "done" ? number(scores[name]) : missing("the episode has not ended, or was lost");
 
-/** What an ego is ranked by. */
+/** The score by which episodes are sorted. */
 const headline = (ego) => ego?.closed_loop?.closed_loop ?? ego?.ds;
 
-/** The ego of an episode that scored least; most have only one. */
+/** The ego with the lowest score of an episode; most episodes have only one ego. */
 function worst(episode) {
   const egos = episode.summary?.egos ?? [];
   return egos.length ? egos.reduce((a, b) => (headline(b) < headline(a) ? b : a)) : null;
@@ -218,7 +206,7 @@ function how(row) {
   return h("span", { class: `status ${kind}` }, h("i", { "aria-hidden": "true" }, SIGNS[kind]), ending(row.ego.status));
 }
 
-/** The route as a line, driven part thick, with each infraction as a mark that opens the replay at its moment. */
+/** The route as a line with the driven part thick. The mark of each infraction opens the replay at that moment. */
 function route(row) {
   if (!row.ego) return "";
   const length = row.ego.route_m || 1;
@@ -255,7 +243,7 @@ function key(rows) {
       "p",
       { class: "note key" },
       kinds.map((kind) => h("span", {}, mark(kind, words.marks[kind].path), label(kind))),
-      h("span", {}, "a mark opens the replay at its moment"),
+      h("span", {}, "a mark opens the replay at the time of its infraction"),
     )
   );
 }

@@ -23,7 +23,7 @@ page(async () => {
         "section",
         { class: "state" },
         h("h2", {}, "No evaluation yet"),
-        h("p", {}, "One paste into a shell submits the built-in autopilot and evaluates it:"),
+        h("p", {}, "These commands submit the built-in autopilot and evaluate it:"),
         startCommand("quickstart"),
       ),
     );
@@ -81,7 +81,7 @@ page(async () => {
       "p",
       { class: "links" },
       compare,
-      h("span", { class: "quiet" }, " two to eight finished evaluations of one benchmark version"),
+      h("span", { class: "quiet" }, " select two to eight finished evaluations of one benchmark version"),
     ),
   );
   form.addEventListener("change", () => {

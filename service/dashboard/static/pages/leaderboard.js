@@ -1,4 +1,4 @@
-/** Who drives best on one benchmark version, by track. */
+/** Ranking of the agents on one benchmark version, by track. */
 
 import { get, getAll, page } from "../api.js";
 import { byId, fill, h, mark } from "../dom.js";
@@ -41,7 +41,7 @@ page(async () => {
   );
 });
 
-/** The benchmark to open with: the first that anybody finished. */
+/** The benchmark of a finished evaluation, else quickstart. */
 async function firstDriven(benchmarks) {
   const done = await getAll("/v1/evaluations?status=done&limit=1", 1).catch(() => []);
   return done[0]?.benchmark ?? benchmarks.find((one) => one.name === "quickstart")?.name;
@@ -124,8 +124,8 @@ function columnsOf(rows, headline, colour) {
       title: "vs above",
       cell: (row) =>
         row.above
-          ? verdict(row.above, `${row.agent} against the row above`)
-          : missing("nobody above on the same drives"),
+          ? verdict(row.above, `A: ${row.agent}, B: the row above`)
+          : missing("no row above has the same drives"),
       csv: (row) => ({ verdict: row.above?.verdict, probability: row.above?.probability }),
     },
     { title: "seeds", numeric: true, cell: (row) => row.seeds },
@@ -157,7 +157,7 @@ function who(row, colour) {
   );
 }
 
-/** One bar per kind of infraction that anybody on the board committed, on a scale that all rows share. */
+/** One bar per kind of infraction on this board, on a scale that all rows share. */
 function rates(row, rows) {
   const kinds = Object.keys(words.marks).filter((kind) => rows.some((one) => rate(one, kind) > 0));
   const top = Math.max(...rows.flatMap((one) => kinds.map((kind) => rate(one, kind))), 1e-9);
@@ -202,7 +202,7 @@ function notes(board, rows, asked) {
       "p",
       { class: "note" },
       `Ranked by ${board.description}. `,
-      "Rows that a paired test on the same drives cannot tell apart share a rank. Vs above: the paired test against the row above, and the probability of its sign. ",
+      "Rows without a significant difference on the same drives share a rank. Vs above: the paired test of this row (A) against the row above (B); P(A > B) is the probability that A scores higher. ",
       "Version ",
       h("code", {}, short(board.version)),
       ".",
@@ -229,16 +229,16 @@ function empty(name, track) {
   return h(
     "section",
     { class: "state" },
-    h("h2", {}, track ? `Nobody on the ${track} track yet` : `Nobody has finished ${name} yet`),
-    h("p", {}, "One paste into a shell fills this board with the built-in autopilot, in a few minutes:"),
+    h("h2", {}, track ? `No agent on the ${track} track yet` : `No finished evaluation of ${name} yet`),
+    h("p", {}, "These commands evaluate the built-in autopilot, which takes a few minutes:"),
     startCommand(name),
     h(
       "p",
       { class: "quiet" },
       h("code", {}, "TOKEN"),
-      " was printed when the service first started. Running evaluations are ",
-      h("a", { href: "/evaluations" }, "here"),
-      "; submitting by HTTP is explained under ",
+      " was printed when the service first started. Running evaluations are listed under ",
+      h("a", { href: "/evaluations" }, "evaluations"),
+      "; the HTTP interface is explained under ",
       h("a", { href: "/api" }, "API"),
       ".",
     ),

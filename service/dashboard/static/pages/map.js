@@ -1,4 +1,4 @@
-/** Where an evaluation's infractions happened: on the roads, by kind, crowds counted; each opens its replay 5 s before. */
+/** Map of an evaluation's infractions, by kind; marks that overlap are counted. A mark opens the replay 5 s earlier. */
 
 import { get, page } from "../api.js";
 import { byId, fill, h, mark } from "../dom.js";
@@ -53,8 +53,8 @@ page(async () => {
       h(
         "section",
         { class: "state" },
-        h("h2", {}, "No infraction so far"),
-        h("p", {}, "Not in any episode that has ended."),
+        h("h2", {}, "No infraction"),
+        h("p", {}, "No infraction happened in the episodes that have ended."),
       ),
     );
     return;
@@ -152,7 +152,7 @@ const open = (one) => location.assign(replayOf(one));
 
 function describe(cluster) {
   const [one] = cluster.items;
-  if (cluster.items.length > 1) return `${cluster.items.length} × ${label(one.kind)}: press to look closer`;
+  if (cluster.items.length > 1) return `${cluster.items.length} × ${label(one.kind)}: press to zoom in`;
   return `${label(one.kind)} · ${one.scenario}, seed ${one.seed}, at ${seconds(one.time_s)} s: press to open the replay`;
 }
 

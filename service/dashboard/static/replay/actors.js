@@ -1,11 +1,11 @@
-/** What moves: boxes with a heading notch, discs for people, trails of two seconds, lights on their stop lines. */
+/** Draws actors: boxes with a heading notch, discs for people, trails of two seconds; and lights on their stop lines. */
 
 const TRAIL_S = 2;
 const FADES = [0.07, 0.14, 0.24, 0.36]; // from the oldest quarter of a trail to the newest
 const NOTICE_S = 3; // before and after an infraction its actor is outlined
-const SMALLEST_PX = 6; // of a person, however far away
+const SMALLEST_PX = 6; // diameter of a person at any zoom
 
-/** Draws the trails of all that move; four strokes, whatever their number. */
+/** Draws the trails of all moving actors in four strokes, one per shade. */
 export function drawTrails(c, drive, time_s, colours, px) {
   const ticks = Math.round(TRAIL_S / drive.dt);
   const now = Math.floor(time_s / drive.dt + 1e-6);
@@ -40,7 +40,7 @@ function moved2(one, from, to) {
   return dx * dx + dy * dy;
 }
 
-/** Draws everything that is in the world, people last. */
+/** Draws all actors, people last. */
 export function drawActors(c, drive, colours, px) {
   c.fillStyle = colours.actor;
   c.beginPath();
@@ -74,7 +74,7 @@ export function drawActors(c, drive, colours, px) {
   c.stroke();
 }
 
-/** Outlines who was part of an infraction, shortly before and after it. */
+/** Outlines the actors of an infraction, shortly before and after it. */
 export function drawInvolved(c, drive, infractions, time_s, colours, px) {
   c.strokeStyle = colours.infraction;
   c.lineWidth = 2 * px;
@@ -90,7 +90,7 @@ export function drawInvolved(c, drive, infractions, time_s, colours, px) {
   c.stroke();
 }
 
-/** Draws the lights on their stop lines: red thick, yellow dashed, green thin, so that colour is not all that tells. */
+/** Draws the lights on their stop lines: red thick, yellow dashed, green thin, since colour alone is not enough. */
 export function drawSignals(c, drive, colours, px, dash) {
   for (let state = 1; state <= 3; state++) {
     c.strokeStyle = state === 1 ? colours.infraction : state === 2 ? colours.warning : colours.success;
@@ -130,7 +130,7 @@ function box(c, drive, i, grown) {
   c.closePath();
 }
 
-/** Adds the notch that shows where a box heads: a wedge at its front. */
+/** Adds the notch that shows the heading of a box: a wedge at its front. */
 function notch(c, drive, i) {
   const length = drive.tracks[i].length;
   const v = drive.tracks[i].width * 0.36;

@@ -1,4 +1,4 @@
-/** The address after #: which moment, which ego, and where the camera is, so that a copied link shows the same. */
+/** The part of the address after #: time, ego and camera, so that a copied link shows the same view. */
 
 const WRITE_MS = 400; // browsers refuse more than some hundred changes in half a minute
 
@@ -12,7 +12,7 @@ export function readAddress(hash = location.hash) {
   return { t: value("t"), ego: given.get("ego"), x: value("x"), y: value("y"), z: value("z") };
 }
 
-/** The address of a moment; a camera that follows its ego has no place of its own. */
+/** The address of a moment; a camera that follows its ego needs no position. */
 export function address(clock, camera, ego) {
   const parts = [`t=${clock.time.toFixed(1)}`];
   if (ego) parts.push(`ego=${encodeURIComponent(ego)}`);
@@ -21,7 +21,7 @@ export function address(clock, camera, ego) {
   return `#${parts.join("&")}`;
 }
 
-/** Returns a function that writes the address soon, and seldom. */
+/** Returns a function that writes the address, at most once per WRITE_MS. */
 export function writer(make) {
   let timer = 0;
   return () => {

@@ -1,4 +1,4 @@
-/** Camera: which part of the plane a canvas shows. x to the right, y up, m; north is always up. */
+/** Camera: the part of the plane that a canvas shows. x to the right, y up, in metres; north is always up. */
 
 const NEAREST = 60; // px per m
 const FARTHEST = 0.2;
@@ -25,7 +25,7 @@ export class Camera {
     this.y = y;
   }
 
-  /** Sets the transform from metres to device pixels. Whole pixels, so that the cached roads never shimmer. */
+  /** Sets the transform from metres to device pixels. Whole pixels keep the cached roads from shimmering. */
   apply(context) {
     const s = this.scale * this.ratio;
     context.setTransform(s, 0, 0, -s, this.left(), this.top());
@@ -40,7 +40,7 @@ export class Camera {
     return Math.round(this.height * this.ratio * 0.5 + this.y * this.scale * this.ratio);
   }
 
-  /** Zooms by a factor about a point of the canvas (css px); about the ego while following it. */
+  /** Zooms by a factor around a point of the canvas (css px), or around the ego while following it. */
   zoom(factor, px = this.width / 2, py = this.height / 2) {
     const scale = Math.min(NEAREST, Math.max(FARTHEST, this.scale * factor));
     if (!this.follow) {
@@ -52,14 +52,14 @@ export class Camera {
     this.scale = scale;
   }
 
-  /** Moves what is seen with the pointer, css px; the camera then no longer follows. */
+  /** Moves the camera with the pointer, css px; it then no longer follows the ego. */
   drag(dx, dy) {
     this.follow = false;
     this.x -= dx / this.scale;
     this.y += dy / this.scale;
   }
 
-  /** Shows a box [x0, y0, x1, y1] whole. */
+  /** Shows a whole box [x0, y0, x1, y1], m. */
   fit([x0, y0, x1, y1]) {
     this.follow = false;
     this.lookAt((x0 + x1) / 2, (y0 + y1) / 2);

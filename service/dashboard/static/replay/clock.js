@@ -1,7 +1,7 @@
-/** Simulated time that plays, pauses and jumps. Whatever moves on the page listens to it; several replays share one. */
+/** Simulated time that plays, pauses and jumps. All views of the page listen to one clock. */
 
 export const RATES = [0.25, 0.5, 1, 2, 4, 8];
-const LONGEST_FRAME_S = 0.1; // a tab that slept must not leap ahead
+const LONGEST_FRAME_S = 0.1; // after a pause of the browser tab the time must not jump ahead
 
 export class Clock {
   /** @param {number} duration_s @param {number} dt_s length of a tick */
@@ -33,7 +33,7 @@ export class Clock {
     this._changed();
   }
 
-  /** Goes to the next tick (or `ticks` of them, also backwards), and stops. */
+  /** Moves by some ticks, negative ones backwards, and stops. */
   step(ticks) {
     this.playing = false;
     this.seek((Math.round(this.time / this.dt) + ticks) * this.dt);
@@ -61,7 +61,7 @@ export class Clock {
     this._changed();
   }
 
-  /** Asks for one frame, however often it is called before. */
+  /** Requests one frame, also when it is called several times before that frame. */
   request() {
     if (this._requested) return;
     this._requested = true;

@@ -1,4 +1,4 @@
-/** The stylesheet's colours, for canvases. */
+/** The colours of the stylesheet, for canvases. */
 
 const TOKENS = {
   page: "--page",
@@ -16,7 +16,7 @@ const TOKENS = {
   success: "--success",
 };
 
-/** Colours by name as they are now, light or dark. */
+/** Colours by name in the current scheme, light or dark. */
 export function readColours(element) {
   const style = getComputedStyle(element);
   return Object.fromEntries(

@@ -19,7 +19,7 @@ export class Controls {
   /**
    * @param {import("./clock.js").Clock} clock
    * @param {import("./view.js").View[]} views
-   * @param {() => string} link the address of what is seen
+   * @param {() => string} link returns the address of the current view
    */
   constructor(clock, views, link) {
     this.clock = clock;
@@ -48,7 +48,7 @@ export class Controls {
         this._button("previous", "previous infraction (Shift i)", () => this.jump(-1)),
         this._button("back", "one tick back (left)", () => clock.step(-1)),
         this.playButton,
-        this._button("forth", "one tick on (right)", () => clock.step(1)),
+        this._button("forth", "one tick forward (right)", () => clock.step(1)),
         this._button("next", "next infraction (i)", () => this.jump(1)),
       ),
       this.time,
@@ -57,7 +57,7 @@ export class Controls {
         "div",
         { class: "group" },
         this.followButton,
-        h("button", { type: "button", title: "all of the route (0)", click: () => this.whole() }, "whole"),
+        h("button", { type: "button", title: "whole route (0)", click: () => this.whole() }, "whole route"),
         h(
           "button",
           { type: "button", "aria-label": "zoom out", title: "zoom out (−)", click: () => this.zoom(1 / 1.5) },

@@ -1,4 +1,4 @@
-/** The replay's JSON as flat arrays, so that a frame allocates nothing. */
+/** The JSON of a replay as flat arrays, so that drawing a frame allocates no memory. */
 
 /**
  * One gap-free appearance of an actor or an ego.
@@ -20,7 +20,7 @@ export class Drive {
     }));
     this.signals = lamps(replay.signals ?? []);
     this.count = this.tracks.length;
-    // Poses of this frame, by track; `shown` is 0 where it is not in the world.
+    // Poses of this frame, by track; `shown` is 0 for a track that is not in the world.
     this.shown = new Uint8Array(this.count);
     this.x = new Float64Array(this.count);
     this.y = new Float64Array(this.count);
@@ -29,7 +29,7 @@ export class Drive {
     this.speed = new Float64Array(this.count);
   }
 
-  /** Interpolates every pose at a time, and turns the lights. */
+  /** Interpolates every pose at a time, and sets the lights. */
   place(time_s) {
     const at = time_s / this.dt;
     for (let i = 0; i < this.count; i++) {
@@ -78,7 +78,7 @@ function track(one) {
   };
 }
 
-/** Signals that share a stop line get a slice of it each, in their order. */
+/** Signals that share a stop line get one slice of it each, in their order. */
 function lamps(signals) {
   const sharing = new Map();
   for (const one of signals) {
@@ -100,7 +100,7 @@ function lamps(signals) {
   );
 }
 
-/** Moves a lamp to its state at a tick; cheap as long as time moves little. */
+/** Sets a lamp to its state at a tick; fast if the time changes little between calls. */
 function switchTo(lamp, tick) {
   while (lamp.next > 0 && lamp.tick[lamp.next - 1] > tick) lamp.next--;
   while (lamp.next < lamp.tick.length && lamp.tick[lamp.next] <= tick) lamp.next++;

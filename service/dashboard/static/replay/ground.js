@@ -1,4 +1,4 @@
-/** A still map of roads with marks on it; marks of one kind that would overlap are one mark with a number. */
+/** A map of roads with marks; marks of one kind that would overlap become one mark with a number. */
 
 import { Camera, steer } from "./camera.js";
 import { Scene } from "./scene.js";
@@ -8,14 +8,14 @@ import { words } from "../words.js";
 const CROWD_PX = 22;
 const REACH_PX = 14;
 const SIZE = 1.2;
-const CLOSEST = 40; // px per m; beyond, a crowd opens its first
+const CLOSEST = 40; // px per m; at this zoom, a crowd opens the replay of its first infraction
 const DRAG_PX = 5;
 
 export class GroundMap {
   /**
    * @param {HTMLCanvasElement} canvas
    * @param map geometry of the roads
-   * @param {number[]} box what to show first: x0, y0, x1, y1
+   * @param {number[]} box the part shown first: x0, y0, x1, y1, m
    * @param {{tip: HTMLElement, describe: (cluster: any) => string, open: (infraction: any) => void}} does
    */
   constructor(canvas, map, box, does) {
@@ -98,7 +98,7 @@ export class GroundMap {
     c.fillText(String(n), 11, -8);
   }
 
-  /** Infractions of one kind that are nearer to each other than a mark is wide. */
+  /** Groups of infractions of one kind whose marks would overlap. */
   _crowds() {
     const { camera } = this;
     const found = new Map();

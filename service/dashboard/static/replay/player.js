@@ -1,4 +1,4 @@
-/** A replay on a page: loads drive and roads, and puts views, controls and timeline together. */
+/** A replay on a page: loads the drive and the roads, and makes views, controls and timelines. */
 
 import { get } from "../api.js";
 import { h } from "../dom.js";
@@ -17,7 +17,7 @@ export async function load(episode) {
   return { replay, map: await roads(replay.network, replay.bounds) };
 }
 
-/** The roads around a box; a network that is gone leaves the ground bare. */
+/** The roads around a box; without the network there are none, and the map says why. */
 export async function roads(network, [x0, y0, x1, y1]) {
   const box = new URLSearchParams({ x0: x0 - AROUND_M, y0: y0 - AROUND_M, x1: x1 + AROUND_M, y1: y1 + AROUND_M });
   try {
@@ -29,7 +29,7 @@ export async function roads(network, [x0, y0, x1, y1]) {
 }
 
 /**
- * Puts replays into `place`: one, or several side by side that share clock, keys and zoom.
+ * Shows one replay in `place`, or several side by side that share clock, keys and zoom.
  * @param {HTMLElement} place
  * @param {{replay: any, map: any, title?: Node}[]} loaded
  */
@@ -99,7 +99,7 @@ export function play(place, loaded) {
   };
 }
 
-/** Takes a view's ego and camera from the address. */
+/** Sets the ego and camera of a view from the address. */
 function follow(view, given) {
   const ego = view.drive.egos.find((one) => one.name === given.ego);
   if (ego) view.choose(ego);
@@ -135,7 +135,7 @@ function stage(replay, map, title) {
   return { element, canvas, ended, ruler: { box: measure, line, scale: 0 } };
 }
 
-/** Keeps the scale bar a round number of metres, about 100 px long. */
+/** Sets the scale bar to a round number of metres, about 100 px long. */
 function ruler(bar, camera) {
   if (bar.scale === camera.scale) return;
   bar.scale = camera.scale;
@@ -148,10 +148,10 @@ function ruler(bar, camera) {
 
 function help() {
   const keys = [
-    ["space", "plays"],
+    ["space", "play or pause"],
     ["← →", "step a tick, with Shift a second"],
     ["i", "next infraction"],
-    ["f", "follows"],
+    ["f", "follow the ego"],
     ["0", "whole route"],
     ["+ −", "zoom"],
     ["< >", "speed"],

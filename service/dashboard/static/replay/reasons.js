@@ -1,13 +1,13 @@
-/** Why the agent decides as it does at the moment shown: its plan and what it explored on the road, its numbers beside. */
+/** The agent's explanation of the moment shown: its plan and search on the road, its numbers beside. */
 
 import { get } from "../api.js";
 import { fill, h } from "../dom.js";
 import { number } from "../format.js";
 
-const PAUSE_MS = 300; // between two questions while the replay plays
-const STALE_TICKS = 5; // a plan older than half a second is another moment's
+const PAUSE_MS = 300; // between two requests while the replay plays
+const STALE_TICKS = 5; // a plan older than half a second is not shown
 const TARGETS = ["target_speed", "target_speed_mps", "speed_limit"];
-const SHOWN = 24; // numbers beside the road; what is more stays in the JSON
+const SHOWN = 24; // largest number of values beside the road; the JSON has all
 const DRAWN = new Set(["trajectory", "nodes", "plan", "frame", "agent"]);
 
 export class Reasons {
@@ -25,11 +25,11 @@ export class Reasons {
     fill(place, this._invitation());
   }
 
-  /** An episode is driven again to learn this, so it is asked for. */
+  /** Shows a button first, since the episode must be driven again for its explanations. */
   _invitation() {
     return [
-      h("p", {}, h("button", { type: "button", click: () => this._begin() }, "show why it decides so")),
-      h("p", { class: "quiet small" }, "The first time, the episode is driven again, which takes as long as it took."),
+      h("p", {}, h("button", { type: "button", click: () => this._begin() }, "show the agent's reasons")),
+      h("p", { class: "quiet small" }, "The first time, the service drives the episode again, which takes as long as the episode did."),
     ];
   }
 
@@ -60,11 +60,11 @@ export class Reasons {
 
   async _ask(tick) {
     const answer = await get(this.path + tick);
-    if (!answer.explanations) throw new Error("It is still being driven again; ask once more in a while.");
+    if (!answer.explanations) throw new Error("The episode is still being driven again; try again later.");
     this.known.set(tick, answer.explanations);
   }
 
-  /** Shows the moment's reasons as soon as they are known; asks for them seldom enough for any reader. */
+  /** Shows the reasons of a moment when they arrive; sends at most one request per PAUSE_MS. */
   _follow(time_s) {
     const tick = this._now(time_s);
     if (Math.abs(tick - this.tick) > STALE_TICKS) [this.view.plan, this.tick] = [null, -1];
@@ -100,12 +100,12 @@ export class Reasons {
                 .map(([name, text]) => h("div", {}, h("dt", {}, name), h("dd", { class: "number" }, text))),
             ),
           )
-        : h("p", { class: "quiet" }, "At this moment it has nothing to say."),
+        : h("p", { class: "quiet" }, "The agent gave no reason for this moment."),
       this.view.plan?.explored.length > 0 &&
         h(
           "p",
           { class: "quiet small" },
-          `thin lines: ${this.view.plan.explored.length} branches of its search, the darker the more often visited`,
+          `thin lines: ${this.view.plan.explored.length} branches of the search; darker ones were visited more often`,
         ),
       h("p", { class: "links" }, h("a", { href: this.path + tick }, "this moment as JSON")),
     );
@@ -113,8 +113,8 @@ export class Reasons {
 }
 
 /**
- * Lines in the network's frame: `path`, where the agent means to go, and `explored`, what it considered, with a share
- * in [0, 1] each. An explanation's trajectories are in the ego's frame.
+ * Lines in the network frame: `path`, the plan of the agent, and `explored`, the branches of its search, each with its
+ * share of the visits in [0, 1]. An explanation's trajectories are in the ego's frame.
  */
 export function planOf(why, track, tick) {
   const k = tick - (track?.first ?? 0);

@@ -1,11 +1,11 @@
-/** The roads: drawn once to a canvas larger than the view, and again only when the view leaves it or zooms. */
+/** Draws the roads to a canvas larger than the view, and again only when the view leaves it or zooms. */
 
 const MARGIN = 0.3; // of the view's size, on each side
 const MARKING_M = 0.3;
 const STRIPES_M = [0.55, 0.55];
 
 export class Scene {
-  /** @param map geometry as /v1/networks/NAME/map gives it */
+  /** @param map geometry from /v1/networks/NAME/map */
   constructor(map) {
     this.layers = {};
     for (const kind of ["walk", "bicycle", "drive", "internal", "crossing"]) {
@@ -28,7 +28,7 @@ export class Scene {
     this.forget();
   }
 
-  /** Draws anew next time, such as in other colours. */
+  /** Forces a new drawing next time, such as in other colours. */
   forget() {
     this._scale = 0;
     this._left = 0;
@@ -39,7 +39,7 @@ export class Scene {
   draw(context, camera, colours) {
     const width = Math.round(camera.width * camera.ratio);
     const height = Math.round(camera.height * camera.ratio);
-    if (!width || !height) return; // not laid out yet
+    if (!width || !height) return; // the page has no layout yet
     const dx = camera.left() - this._left;
     const dy = camera.top() - this._top;
     const spareX = Math.round(width * MARGIN);
@@ -103,7 +103,7 @@ function byWidth(lanes) {
   return [...paths];
 }
 
-/** Adds a line through points to a path; closed ones become outlines. */
+/** Adds a line through points to a path; a closed line is an outline. */
 export function polyline(path, points, closed) {
   points.forEach(([x, y], i) => (i ? path.lineTo(x, y) : path.moveTo(x, y)));
   if (closed) path.closePath();

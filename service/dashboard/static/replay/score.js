@@ -1,4 +1,4 @@
-/** Why a drive scored as it did: the formula with its numbers, factor by factor. */
+/** The score of a drive, explained: the formula with its numbers, factor by factor. */
 
 import { h } from "../dom.js";
 import { number } from "../format.js";
@@ -11,7 +11,7 @@ export function explain(ego, rules = "2.0") {
   const outside = ego.score.outside ?? 0;
   const terms = [["RC", number(rc), "route completion, %"]];
   if (outside > 0) terms.push(["lanes", number(1 - outside), "share of the distance inside the lanes"]);
-  const counted = ego.infractions.filter((one) => one.factor < 1); // the server knows which kinds these rules count
+  const counted = ego.infractions.filter((one) => one.factor < 1); // factor 1: these rules do not count the kind
   const signs = rules === "2.1" ? costs(counted) : factors(counted);
   return h(
     "div",
@@ -59,12 +59,12 @@ export function explain(ego, rules = "2.0") {
     h(
       "p",
       { class: "quiet small" },
-      `Rules ${rules}. Leaving the lanes enters as a share of the distance; what ends a drive costs its completion.`,
+      `Rules ${rules}. Driving outside the lanes counts as a share of the distance; an infraction that ends the drive lowers its route completion.`,
     ),
   );
 }
 
-/** nuPlan's closed-loop score: what must not fail, times a weighted mean of how well it went. All in per cent. */
+/** nuPlan's closed-loop score: the product of four factors times a weighted mean of four terms, all in percent. */
 export function explainClosedLoop(terms) {
   const must = ["no_collision", "drivable_area", "driving_direction", "making_progress"].map(scoreOf);
   const mean = [
@@ -89,7 +89,7 @@ export function explainClosedLoop(terms) {
       must.map(({ key, title }) => [h("span", { title }, number(terms[key] / 100)), " × "]),
       h(
         "span",
-        { title: "5 EP + 5 TTC + 4 SL + 2 C, by 16" },
+        { title: "(5 EP + 5 TTC + 4 SL + 2 C) / 16" },
         number(mean.reduce((sum, [{ key }, weight]) => sum + (weight * terms[key]) / 16, 0)),
       ),
       " = ",
@@ -99,7 +99,7 @@ export function explainClosedLoop(terms) {
   );
 }
 
-/** One factor per kind: 0.6² for two of a kind. */
+/** One factor per kind, such as 0.6² for two infractions of a kind. */
 function factors(infractions) {
   const kinds = new Map();
   for (const one of infractions) {
@@ -113,7 +113,7 @@ function factors(infractions) {
   ]);
 }
 
-/** Rules 2.1: one over one plus all costs; a factor p alone is the cost 1 / p - 1. */
+/** Rules 2.1: 1 / (1 + sum of costs); a factor p corresponds to the cost 1 / p - 1. */
 function costs(infractions) {
   if (!infractions.length) return [];
   const each = infractions.map((one) => 1 / one.factor - 1);

@@ -1,4 +1,4 @@
-/** The drive along time: a scrubber with the infractions on it, and one strip per measured series. */
+/** The timeline of a drive: a slider with the infractions on it, and one plot per measured quantity. */
 
 import { h, mark, s } from "../dom.js";
 import { number, seconds } from "../format.js";
@@ -38,7 +38,7 @@ export class Timeline {
     this._shown = -1;
   }
 
-  /** Puts the cursor to a time; numbers change with the tick only. */
+  /** Moves the cursor to a time; numbers change once per tick. */
   show(time_s) {
     const share = this.clock.duration ? time_s / this.clock.duration : 0;
     for (const cursor of this.cursors)
@@ -126,7 +126,7 @@ export class Timeline {
     );
   }
 
-  /** Pressing or dragging anywhere on a plot goes there. */
+  /** Pressing or dragging on a plot moves the time there. */
   _scrubBy(plot) {
     const go = (event) => {
       const box = plot.getBoundingClientRect();
@@ -140,7 +140,7 @@ export class Timeline {
   }
 }
 
-/** [[least], [greatest]] without spreading a long array over the stack. */
+/** [[least], [greatest]], without a call that has one argument per value. */
 function extremes(values) {
   let low = Infinity;
   let high = -Infinity;

@@ -1,4 +1,4 @@
-/** One replay on one canvas: roads, route, trails, actors, lights, marks of infractions, from a camera. */
+/** One replay on one canvas: roads, route, trails, actors, lights and marks of infractions, seen by a camera. */
 
 import { drawActors, drawInvolved, drawSignals, drawTrails } from "./actors.js";
 import { Camera, steer } from "./camera.js";
@@ -26,7 +26,7 @@ export class View {
     this.scene = new Scene(map);
     this.context = canvas.getContext("2d", { alpha: false });
     this.dash = { solid: [], yellow: [0.6, 0.4] };
-    this.plan = null; // what the agent means to do at this moment, where that is known
+    this.plan = null; // the plan of the agent at this moment, if known
     this.onCamera = () => {};
     this.choose(drive.egos[0]);
     this.colours = readColours(canvas);
@@ -70,7 +70,7 @@ export class View {
     this._drawMarks(time_s);
   }
 
-  /** After its last tick an ego is gone; the camera stays where it was last. */
+  /** The camera follows the ego; after its last tick it stays there. */
   _lookAtEgo(time_s) {
     const track = this.ego.track;
     if (this.drive.shown[this.egoIndex]) {
@@ -99,7 +99,7 @@ export class View {
     c.stroke();
   }
 
-  /** Pins above the place, so that what happened stays in sight; those still to come are faint. */
+  /** Pins above the places of infractions; pins of later infractions are faint. */
   _drawMarks(time_s) {
     const { camera, context: c, colours, infractions } = this;
     const size = MARK_PX * camera.ratio;
