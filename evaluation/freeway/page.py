@@ -88,7 +88,9 @@ def finding(result: FreewayResult) -> str:
     said = f"{first.title} {number(ours.mean or 0.0)} ({first.unit})"
     if result.agent.name == result.reference or theirs.mean is None or first.key not in result.comparisons:
         return f"{said}."
-    verdict = {"<": "less than", ">": "more than", "=": "not told apart from"}[result.comparisons[first.key].verdict]
+    verdict = {"<": "less than", ">": "more than", "=": "not significantly different from"}[
+        result.comparisons[first.key].verdict
+    ]
     return f"{said}, {verdict} {result.reference}'s {number(theirs.mean)}."
 
 

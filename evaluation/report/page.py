@@ -178,6 +178,7 @@ def _environment() -> Environment:
         number=number,
         share=lambda value, top: f"{100 * min(1.0, max(0.0, value / top)):.2f}%",
         ending=look.ending,
+        probability=look.probability,
         spot_text=_spot_text,
         route_text=_route_text,
     )

@@ -54,7 +54,7 @@ for (const button of document.querySelectorAll(".json")) {
   });
 }
 
-/* Maps: move, zoom, name what is under the pointer */
+/* Maps: move, zoom, describe the infraction under the pointer */
 
 function readBox(text) {
   const [x, y, width, height] = text.split(" ").map(Number);
@@ -143,7 +143,7 @@ class RoadMap {
     this.show({ ...this.box, x: this.box.x - dx * this.scale, y: this.box.y - dy * this.scale });
   }
 
-  /* The page keeps the wheel until the map has been clicked or Ctrl is held. */
+  /* The wheel scrolls the page until the map is clicked; with Ctrl it always zooms the map. */
   onWheel(event) {
     if (!event.ctrlKey && !this.svg.contains(document.activeElement)) return;
     event.preventDefault();
@@ -191,7 +191,7 @@ class RoadMap {
     acts[event.key]();
   }
 
-  /** Goes to the next infraction that the legend shows, and brings it into view. */
+  /** Moves the map to the next infraction that the legend shows. */
   jump(step) {
     const shown = this.spots.filter((spot) => getComputedStyle(spot).display !== "none");
     if (!shown.length) return;
@@ -219,6 +219,6 @@ class RoadMap {
 
 document.querySelectorAll(".map").forEach((figure) => new RoadMap(figure));
 
-/* A mark on a map leads to a drive that may be folded away */
+/* A mark on a map links to a drive whose row may be hidden */
 
 addEventListener("hashchange", () => document.getElementById(location.hash.slice(1))?.scrollIntoView());

@@ -48,10 +48,10 @@ def test_means_roots_and_paired_differences() -> None:
     assert "less than persistence's 15.0" in finding(got)
 
 
-def test_what_is_no_better_is_not_told_apart() -> None:
+def test_what_is_no_better_is_not_significantly_different() -> None:
     got = result(units(1.0, 4.0, 9.0), units(4.0, 1.0, 9.0))
     assert next(rows(got)).verdict == "="
-    assert "not told apart" in finding(got)
+    assert "not significantly different" in finding(got)
 
 
 def test_the_hash_is_of_the_facts_and_not_of_the_clock() -> None:

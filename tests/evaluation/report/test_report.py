@@ -141,7 +141,8 @@ def test_every_number_of_the_summaries_and_comparisons_is_there(two: list[Evalua
     comparisons = compare(two[0].records, two[1].records)
     for column in COLUMNS:
         comparison = comparisons[column.key]
-        assert f"{look.interval(comparison.difference)} {comparison.verdict} p=" in page.text
+        expected = f"{comparison.verdict} {look.probability(comparison.probability)}"
+        assert f"{look.interval(comparison.difference)} {expected}" in page.text
 
 
 def test_each_infraction_that_counts_is_on_the_map_once(two: list[Evaluation], tmp_path: Path) -> None:
@@ -253,7 +254,7 @@ def test_with_lost_episodes_only(tmp_path: Path) -> None:
     _, page = report(tmp_path, evaluation([lost(seed=0), lost(seed=1)], tmp_path))
     assert "No drive counts yet" in page.text
     assert page.text.count("SUMO lost the ego") == 2
-    assert {found["title"] for found in page.having("span", "missing")} == {"no drive counts: every episode was lost"}
+    assert {found["title"] for found in page.having("span", "missing")} == {"no score: every episode was lost"}
 
 
 def test_the_headline_is_explained_where_the_benchmark_says_it(tmp_path: Path) -> None:
@@ -379,6 +380,20 @@ def test_numbers_have_three_significant_digits(value: float, expected: str) -> N
 )
 def test_an_estimate_reads_as_mean_interval_and_n(estimate: Estimate, expected: str) -> None:
     assert look.interval(estimate) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (1.0, "P(A > B) > 0.999"),
+        (0.9994, "P(A > B) = 0.999"),
+        (0.873, "P(A > B) = 0.873"),
+        (0.0005, "P(A > B) = 0.001"),
+        (0.0, "P(A > B) < 0.001"),
+    ],
+)
+def test_a_probability_is_never_written_as_certain(value: float, expected: str) -> None:
+    assert look.probability(value) == expected
 
 
 def test_scores_by_mission_stand_with_the_hardest_first() -> None:
