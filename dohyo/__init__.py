@@ -1,7 +1,7 @@
 """dohyo evaluates driving agents in SUMO traffic.
 
-The names here are those that most people start with; each is imported when it is first used, so that `import dohyo`
-is quick. It also makes the ids `dohyo/Driving-v0`, `dohyo/Quickstart-v0` and others known to `gymnasium.make`.
+This module exports the most common names, and imports each at its first use, so that `import dohyo` is quick. It also
+registers `dohyo/Driving-v0`, `dohyo/Quickstart-v0` and other ids for `gymnasium.make`.
 
 The four floors are `dohyo.sumo_networks` (the world), `dohyo.evaluation` (criteria, scores, benchmarks),
 `dohyo.agents` (the policies and their training) and `dohyo.service` (REST, policy workers, dashboard, command line).

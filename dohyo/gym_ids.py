@@ -12,7 +12,7 @@ BENCHMARKS = {"Quickstart": "quickstart", "NoCrash": "nocrash", "Leaderboard": "
 
 
 def register_all() -> None:
-    """Adds `dohyo/Driving-v0` and one id per benchmark to gymnasium's registry; what is there already stays."""
+    """Adds `dohyo/Driving-v0` and one id per benchmark to gymnasium's registry; existing ids stay."""
     for name, benchmark in {"Driving": None, **BENCHMARKS}.items():
         if f"dohyo/{name}-v0" not in registry:
             kwargs = {"source": benchmark} if benchmark else {}

@@ -1,4 +1,4 @@
-"""Lane keeper: follows its route, stops at red lights and for whatever is in its path. The README's example."""
+"""Lane keeper: follows its route, and stops at red lights and for others in its path. The README's example."""
 
 import math
 
@@ -15,13 +15,13 @@ class LaneKeeper(Agent):
     spec = AgentSpec(name="lane-keeper", track="privileged", sensors=SENSORS, control="target_speed_steering")
 
     def reset(self, mission, seed):
-        """Nothing to prepare: it remembers nothing."""
+        """Does nothing: the agent has no state."""
 
     def act(self, observation):
         """One decision: target speed [m/s] and steering [-1, 1]."""
         path, objects, light = observation["route"], observation["objects"], observation["junctions_ahead"][0]
         others = objects[objects[:, 0] >= 0, 1:3]  # x, y in the ego's frame, m
-        gaps = np.linalg.norm(path[:40, None, :2] - others, axis=2)  # from 40 points of the path to everyone
+        gaps = np.linalg.norm(path[:40, None, :2] - others, axis=2)  # (40, N) from points of the path to the others, m
         blocked = np.flatnonzero((gaps < 2.0).any(axis=1))
         free = blocked[0] - 5.0 if len(blocked) else 40.0
         if light[2] == 1 and light[0] > 0.0:  # red, and its stop line is ahead

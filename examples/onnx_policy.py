@@ -1,4 +1,4 @@
-"""An ONNX policy to submit: `python examples/onnx_policy.py policy.onnx`. Pure pursuit that slows for what is ahead."""
+"""An ONNX policy to submit: `python examples/onnx_policy.py policy.onnx`. Pure pursuit that slows for others ahead."""
 
 import sys
 
@@ -9,7 +9,7 @@ SHAPES = ((80, 7), (48, 8), (4, 4))
 
 
 class Pursuit(torch.nn.Module):
-    """Steers to a point of the route, and drives only as fast as the free metres ahead allow."""
+    """Steers to a point of the route, and drives only as fast as the free distance ahead allows."""
 
     def forward(self, route, objects, junctions):
         """One decision: target speed [m/s] and steering [-1, 1], from arrays in metres of the ego's frame."""

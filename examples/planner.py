@@ -2,8 +2,8 @@
 
     python examples/planner.py http://127.0.0.1:8000 TOKEN my-planner [MORNINGS]
 
-It asks the service for mornings (POST /v1/freeway/mornings begins them) and publishes, once a simulated minute, the
-mean of the speeds over the next kilometre as everybody's target: what is slow ahead is approached slowly.
+It claims mornings from the service (POST /v1/freeway/mornings creates them). Once per simulated minute it publishes the
+mean speed over the next kilometre as the target speed, so that vehicles approach a slow area slowly.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ import numpy as np
 from dohyo.service.worker_session import WorkerSession
 
 AHEAD = 10
-"""Cells of 100 m."""
+"""Number of cells of 100 m that are averaged."""
 
 
 def plan(speeds: np.ndarray) -> np.ndarray:
-    """(L, X) target speeds, m/s, of (L, X) speeds along each lane."""
+    """(L, X) target speeds [m/s] from (L, X) measured speeds [m/s] along each lane."""
     padded = np.pad(speeds, ((0, 0), (0, AHEAD - 1)), mode="edge")
     ahead = np.lib.stride_tricks.sliding_window_view(padded, AHEAD, axis=1)
     return np.asarray(ahead.mean(axis=2), dtype=np.float32)
 
 
 def main() -> None:
-    """Plans so many mornings, or until it is stopped."""
+    """Plans the given number of mornings, or runs until it is stopped."""
     url, token, agent, *rest = sys.argv[1:]
     left = int(rest[0]) if rest else -1
     with WorkerSession(url, token, agent) as session:

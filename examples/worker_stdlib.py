@@ -11,7 +11,7 @@ connection = http.client.HTTPConnection(urlsplit(url).netloc, timeout=150)
 
 
 def post(path, body, bearer):
-    """One request; None where the answer is empty."""
+    """Sends one request; returns None if the answer is empty."""
     headers = {"Authorization": f"Bearer {bearer}", "Content-Type": "application/json"}
     connection.request("POST", path, json.dumps(body), headers)
     response = connection.getresponse()

@@ -16,10 +16,10 @@ StringArray = NDArray[np.str_]
 
 
 def column(dtype: DTypeLike, *shape: int) -> Any:
-    """A column of a table: what a dataclass field needs to know for `objects.ObjectStates.empty`.
+    """A dataclass field that is a column of a table; its metadata serve `objects.ObjectStates.empty`.
 
     Args:
-        dtype: Of its elements.
-        shape: Of one row; nothing for one number per row.
+        dtype: Type of the column's elements.
+        shape: Shape of one row's value; empty for one number per row.
     """
     return field(metadata={"empty": np.empty((0, *shape), dtype)})

@@ -1,7 +1,7 @@
-"""Conditions: what stands for weather. Four to train under and two kept for testing, as NoCrash has.
+"""Conditions: the model of weather. Four conditions are for training and two for testing, as in NoCrash.
 
-SUMO has no rain to look at; what rain does to driving can be stated: tyres grip less, all drivers slow down, others
-are seen later, less exactly, and sometimes not at all.
+SUMO draws no rain, so conditions model the effects of rain on driving: tyres grip less, all drivers slow down, and
+others are detected later, less exactly, and sometimes not at all.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class Conditions(Config):
-    """One state of road, light and air.
+    """One condition of road, light and air.
 
     Attributes:
-        friction: Share of the dry road's grip, for the ego's tyres and for SUMO's drivers, who slow down.
-        visibility_m: How far others can be seen in daylight.
-        daylight: 1 noon, 0 night; halves the sight at 0.
-        position_noise_m: Standard deviation of a detected position, at 20 m; it grows with the distance.
-        speed_noise: Standard deviation of a detected speed, as a share of it.
-        dropout: Share of detections that are missing, drawn anew in every tick.
+        friction: Share of the dry road's grip, for the ego's tyres and for SUMO's drivers (they slow down).
+        visibility_m: Range of sight in daylight, m.
+        daylight: 1 at noon, 0 at night; at 0 the range of sight is half.
+        position_noise_m: Standard deviation of a detected position at 20 m, m; it grows with the distance.
+        speed_noise: Standard deviation of a detected speed, as a share of the speed.
+        dropout: Share of missing detections, drawn anew in every tick.
     """
 
     friction: Annotated[float, Field(gt=0, le=1)] = 1.0
@@ -39,7 +39,7 @@ class Conditions(Config):
 
     @property
     def sight_m(self) -> float:
-        """How far others are seen, m."""
+        """Range of sight, m."""
         return self.visibility_m * (0.5 + 0.5 * self.daylight)
 
 
@@ -68,7 +68,7 @@ def conditions_named(name: str) -> Conditions:
     """Conditions by name.
 
     Raises:
-        UnknownNameError: There are none of that name.
+        UnknownNameError: No conditions have that name.
     """
     if name not in CONDITIONS:
         raise UnknownNameError("condition", name, CONDITIONS)

@@ -1,4 +1,4 @@
-"""Config: what is read from TOML or stored in a record; and the names, places and missions in it."""
+"""Config: base of everything read from TOML or stored in a record; with names, places and missions."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$")]
-"""A name that can stand in a file's name."""
+"""A name that may be part of a file name."""
 OPTIONAL: Any = Field(default=None, exclude_if=lambda value: value is None)
-"""Default of a field that is left out of the document where it is None, so that most scenarios keep their hashes."""
+"""Default None of a field that a document omits when it is None, so that most scenarios keep their hashes."""
 
 
 class Config(BaseModel):
@@ -31,15 +31,15 @@ class Place(Config):
 
 
 class Mission(Config):
-    """What one ego has to do: drive from start to goal.
+    """Task of one ego: drive from start to goal.
 
     Attributes:
         name: The ego's name, unique in its scenario.
-        start: Where the ego's box centre is at the first tick.
-        goal: Where the route ends.
-        via: Edges the route must pass, in order.
-        start_speed_mps: None: it starts at rest, and vehicles within 20 m are moved away. A speed: it starts amid the
-            traffic, which has warmed up without it, and replaces any vehicle that it would overlap.
+        start: Place of the ego's box centre at the first tick.
+        goal: End of the route.
+        via: SUMO ids of edges that the route must pass, in order.
+        start_speed_mps: Speed at the first tick, m/s: the ego starts amid traffic that has warmed up without it, and
+            replaces any vehicle that it would overlap. None: it starts at rest, and vehicles within 20 m are removed.
     """
 
     name: Name = "ego"

@@ -1,4 +1,4 @@
-"""Every error dohyo raises on purpose: what was expected, what came, and where."""
+"""Errors that dohyo raises on purpose; each message says what was expected, what was given, and where."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ FEW, NEAREST = 12, 3
 
 
 class DohyoError(Exception):
-    """Root of all errors a user of dohyo may meet; its message is one clear line."""
+    """Base of all errors that dohyo raises on purpose; the message is one line."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """For pickle, which would call a subclass's constructor with the message."""
+        """Supports pickle, which would otherwise call a subclass's constructor with the message."""
         return _rebuilt, (type(self), self.args), self.__dict__
 
 
@@ -24,11 +24,11 @@ def _rebuilt(kind: type[DohyoError], args: tuple[Any, ...]) -> DohyoError:
 
 
 class InvalidInputError(DohyoError):
-    """Something the caller gave cannot be used: an unknown name, a broken file, an impossible mission."""
+    """The caller's input is not usable: an unknown name, a broken file, an impossible mission."""
 
 
 class UnknownNameError(InvalidInputError):
-    """A name that is in no registry; the message gives the names, or where they are many the nearest ones."""
+    """A name is not in the registry; the message lists the known names, or the nearest ones if there are many."""
 
     def __init__(self, what: str, name: str, known: Iterable[str]) -> None:
         known = sorted(known)
@@ -43,7 +43,7 @@ class UnknownNameError(InvalidInputError):
 
 
 class AgentError(DohyoError):
-    """The agent is at fault: it raised, answered nonsense, or did not answer in time."""
+    """The agent is at fault: it raised an error, returned an invalid answer, or did not answer in time."""
 
 
 class AgentSetupError(AgentError):

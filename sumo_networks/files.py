@@ -1,4 +1,4 @@
-"""Files that are whole or not there: written beside their place, flushed to the disk, then renamed."""
+"""Atomic files: written under a temporary name, flushed to the disk, then renamed."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from uuid import uuid4
 
 @contextmanager
 def staged(path: Path) -> Iterator[Path]:
-    """A path to write to, which takes the place of `path` when the block ends without an error.
+    """Temporary path to write to; it replaces `path` when the block ends without an error.
 
-    The file at `path` is either as it was or whole, even if the machine stops half-way. Temporary names begin with a
-    dot, so that no listing of results takes them for one.
+    The file at `path` is either unchanged or complete, even if the machine stops half-way. Temporary names begin with a
+    dot, so that listings of results ignore them.
 
     Args:
         path: Final path; its folder exists.
 
     Raises:
-        OSError: If the disk refuses.
+        OSError: The file cannot be written.
     """
     draft = path.with_name(f".{path.name}.{os.getpid()}.{uuid4().hex[:8]}.tmp")
     try:
@@ -35,20 +35,20 @@ def staged(path: Path) -> Iterator[Path]:
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Writes a file that is either as it was or whole; see `staged`.
+    """Writes a file that is either unchanged or complete; see `staged`.
 
     Raises:
-        OSError: If the disk refuses.
+        OSError: The file cannot be written.
     """
     with staged(path) as draft:
         draft.write_bytes(content)
 
 
 def read_lines(path: Path) -> list[dict[str, Any]]:
-    """The JSON objects of a file, one per line; a line that was torn while it was written is left out.
+    """JSON objects of a file, one per line; a line that is incomplete after an interrupted write is left out.
 
     Returns:
-        The objects in their order; none where there is no file.
+        The objects in the order of the lines; empty if there is no file.
     """
     found = []
     for text in path.read_text().splitlines() if path.exists() else ():

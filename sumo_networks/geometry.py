@@ -78,8 +78,8 @@ def project_on_path(
         y: m.
         path: (N, 2) points, m.
         spacing: m between consecutive points.
-        first: First segment to look at.
-        last: One past the last segment to look at.
+        first: First segment of the window.
+        last: One past the last segment of the window.
 
     Returns:
         Arc length [m], signed distance [m, left positive], direction of the segment [rad].
@@ -103,18 +103,18 @@ def project_on_path(
 
 
 class SegmentGrid(NamedTuple):
-    """The segments of lanes in a uniform grid, as `nearest_lane` looks them up.
+    """Segments of lanes in a uniform grid, for `nearest_lane`.
 
     Attributes:
-        segments: (S, 4) x0, y0, x1, y1 of every lane segment, m; those of a lane follow each other.
+        segments: (S, 4) x0, y0, x1, y1 of every lane segment, m; the segments of a lane are consecutive rows.
         segment_lane: (S,) lane of each segment.
-        half_width: (L,) m.
+        half_width: (L,) half width of each lane, m.
         cells: (rows * columns + 1,) start of each grid cell in `members`.
-        members: Segments by cell.
+        members: Rows of `segments`, grouped by grid cell.
         origin: (2,) lower left corner of the grid, m.
-        cell: Edge of a grid cell, m; at least 30.
-        columns: Of the grid.
-        rows: Of the grid.
+        cell: Edge length of a grid cell, m; at least 30.
+        columns: Number of columns of the grid.
+        rows: Number of rows of the grid.
     """
 
     segments: FloatArray
@@ -132,16 +132,16 @@ class SegmentGrid(NamedTuple):
 def nearest_lane(
     x: float, y: float, heading: float, grid: SegmentGrid, preferred: BoolArray
 ) -> tuple[int, float, float]:
-    """The lane a point drives on.
+    """Lane that a vehicle at a point drives on.
 
-    A lane that contains the point wins over one that does not; among those that do, a preferred one (on the route),
-    then the one best aligned with the heading.
+    Lanes that contain the point come first; among these, preferred lanes (on the route), then the lane that is best
+    aligned with the heading.
 
     Args:
         x: m.
         y: m.
-        heading: rad, of the vehicle.
-        grid: The lanes.
+        heading: Heading of the vehicle, rad.
+        grid: Segments of the lanes.
         preferred: (L,) lanes to prefer.
 
     Returns:
@@ -162,13 +162,13 @@ def nearest_lane(
                 lane = segment_lane[i]
                 beside, other = 100.0 * max(distance - grid.half_width[lane], 0.0), 0.0 if preferred[lane] else 2.0
                 if beside + 0.1 * distance + other >= best:
-                    continue  # however well it is aligned, which costs more to find out
+                    continue  # the alignment cannot change the result, and costs more to compute
                 cost = beside + abs(wrap(heading - _direction(segments[i]))) + 0.1 * distance + other
                 if cost < best:
                     best, best_segment = cost, i
     if best_segment < 0:
         return -1, math.nan, math.nan
-    # The heading has chosen the lane; the place on it depends on the distance alone.
+    # The heading has chosen the lane; the nearest segment of that lane depends on the distance alone.
     lane, i = segment_lane[best_segment], best_segment
     while i > 0 and segment_lane[i - 1] == lane:
         i -= 1
@@ -183,7 +183,7 @@ def nearest_lane(
 
 @njit(cache=True)
 def _to_segment(x: float, y: float, segment: FloatArray) -> tuple[float, float]:
-    """Distance of a point to a segment [m], a number positive to its left."""
+    """Distance of a point to a segment [m], and a number that is positive on the segment's left side."""
     ux, uy = segment[2] - segment[0], segment[3] - segment[1]
     dx, dy = x - segment[0], y - segment[1]
     t = min(max((dx * ux + dy * uy) / (ux * ux + uy * uy), 0.0), 1.0)
@@ -198,7 +198,7 @@ def _direction(segment: FloatArray) -> float:
 
 @njit(cache=True)
 def crossed_segments(x0: float, y0: float, x1: float, y1: float, lines: FloatArray) -> IntArray:
-    """Indices of the lines that a motion crosses from their back to their front.
+    """Indices of the lines that a motion crosses from back to front.
 
     Args:
         x0: Start of the motion, m.
@@ -231,7 +231,7 @@ def crossed_segments(x0: float, y0: float, x1: float, y1: float, lines: FloatArr
 
 @njit(cache=True)
 def ray_to_box(x: float, y: float, ux: float, uy: float, box: FloatArray) -> float:
-    """How far a ray goes until it meets an oriented box (slab test).
+    """Distance along a ray to an oriented box (slab test).
 
     Args:
         x: Start, m.
@@ -241,7 +241,7 @@ def ray_to_box(x: float, y: float, ux: float, uy: float, box: FloatArray) -> flo
         box: (5,) the box.
 
     Returns:
-        m; 0 from inside the box, infinity where the ray misses it.
+        Distance, m; 0 if the ray starts inside the box, infinity if it misses the box.
     """
     cos, sin = math.cos(box[2]), math.sin(box[2])
     dx, dy = x - box[0], y - box[1]

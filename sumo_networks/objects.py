@@ -1,4 +1,4 @@
-"""ObjectStates: a table of boxes that move or stand, one row each; the base of every such table."""
+"""ObjectStates: a table of moving or standing boxes, one per row; base class of all such tables."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class BoxColumns(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ObjectStates:
-    """N boxes and how fast they move. Every field is a column; tables with more columns derive from this one.
+    """Poses, sizes and speeds of N boxes. Every field is a column; tables with more columns derive from this class.
 
     Attributes:
         key: (N,) number of the object, stable within the episode.
@@ -55,17 +55,17 @@ class ObjectStates:
         return np.array([*self.position[row], self.heading[row], self.length[row], self.width[row]], dtype=np.float64)
 
     def columns(self) -> BoxColumns:
-        """The same boxes, and their speeds, for numba kernels."""
+        """Boxes and speeds of the objects, for numba kernels."""
         return BoxColumns(self.position, self.heading, self.speed, self.length, self.width)
 
     def take(self, rows: IntArray | BoolArray) -> Self:
-        """The table of some rows: by index, in that order, or where a mask is True."""
-        # __match_args__ has the names of all columns, inherited ones first, without the cost of dataclasses.fields.
+        """Table of the selected rows, by index (in that order) or by mask."""
+        # __match_args__ lists all columns, inherited ones first, and is faster to read than dataclasses.fields.
         return type(self)(*[getattr(self, name)[rows] for name in self.__match_args__])
 
     @classmethod
     def concat(cls, tables: Sequence[Self]) -> Self:
-        """The rows of all tables, one table after the other; at least one table."""
+        """Joins the rows of one or more tables, in the order of the tables."""
         return cls(*[np.concatenate([getattr(table, name) for table in tables]) for name in cls.__match_args__])
 
     @classmethod

@@ -1,4 +1,4 @@
-"""Scenario: all that is needed to replay an episode, with its seed."""
+"""Scenario: everything needed to replay an episode, seed included."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ __all__ = [
 
 
 class TrafficFlow(Config):
-    """Vehicles that follow each other along one way, for as long as the episode lasts; beside the population.
+    """Vehicles that follow each other along one path during the whole episode, in addition to the population.
 
-    They enter at the beginning of their source whether an ego sees it or not, and wait outside while there is no room.
-    Exactly one of `vehicles_per_hour`, `gap_s` and `spacing_m` says how close they follow.
+    The vehicles enter at the beginning of the source, even within sight of an ego, and wait outside while there is
+    no room. Exactly one of `vehicles_per_hour`, `gap_s` and `spacing_m` sets how closely they follow each other.
 
     Attributes:
-        source: Edge they come from; or a lane, on which all then enter.
-        target: Edge they go to, on the fastest way.
-        type: What they are; None: cars, vans, trucks and buses, mixed as in the population.
-        vehicles_per_hour: On average, each at a random time.
-        gap_s: Shortest and longest time between two, s; every one between them is as likely.
-        spacing_m: The same as a distance between two fronts, m, driven at the speed limit of the source.
+        source: SUMO id of the edge on which the vehicles enter, or of a lane if all must enter on the same lane.
+        target: SUMO id of the edge at which they leave; they take the fastest path.
+        type: Vehicle type; None: cars, vans, trucks and buses, mixed as in the population.
+        vehicles_per_hour: Mean number of vehicles per hour, each at a random time.
+        gap_s: Shortest and longest time between two vehicles, s; the times are uniformly distributed.
+        spacing_m: Shortest and longest distance between two fronts at the speed limit of the source, m; uniform too.
     """
 
     source: str
@@ -62,43 +62,43 @@ class TrafficFlow(Config):
 
 
 class Traffic(Config):
-    """The population around the egos, held constant while they drive, and flows beside it.
+    """Traffic around the egos: a population of constant size, and flows.
 
     Attributes:
-        vehicles: Cars, vans, trucks and buses.
-        bicycles: Bicycles.
-        pedestrians: People on foot.
+        vehicles: Number of cars, vans, trucks and buses.
+        bicycles: Number of bicycles.
+        pedestrians: Number of people on foot.
         warm_up_s: Simulated time before the egos start.
         jaywalkers: Share of the pedestrians that cross roads away from crossings, see `traffic.jaywalkers`.
-        impatience: Of the drivers: how far those that must give way push into gaps that make others brake; 0 never, 1
-            always. It is SUMO's, and its default is 0.
-        flows: Vehicles that follow each other along one way.
+        impatience: SUMO's driver impatience in [0, 1]: 1 lets a driver who must give way enter any gap that others can
+            keep open by braking, 0 none. SUMO's default is 0.
+        flows: Flows in addition to the population.
     """
 
     vehicles: Annotated[int, Field(ge=0, le=20_000)] = 0
     bicycles: Annotated[int, Field(ge=0, le=20_000)] = 0
     pedestrians: Annotated[int, Field(ge=0, le=20_000)] = 0
     warm_up_s: Annotated[float, Field(ge=0, le=3600)] = 30.0
-    # What most scenarios have not is left out, so that they keep their hashes.
+    # Fields that most scenarios do not use are left out of the document, so that hashes stay the same.
     jaywalkers: Annotated[float, Field(ge=0, le=1, exclude_if=lambda share: not share)] = 0.0
     impatience: Annotated[float, Field(ge=0, le=1, exclude_if=lambda share: not share)] = 0.0
     flows: Annotated[tuple[TrafficFlow, ...], Field(max_length=100, exclude_if=lambda flows: not flows)] = ()
 
     @property
     def jaywalker_count(self) -> int:
-        """How many of the pedestrians are jaywalkers."""
+        """Number of jaywalkers among the pedestrians."""
         return round(self.jaywalkers * self.pedestrians)
 
 
 class Obstacle(Config):
-    """A static box on the road (barrier, skip, fallen tree); SUMO's own traffic does not know it.
+    """A static box on the road (barrier, skip, fallen tree); SUMO's own traffic does not react to it.
 
     Attributes:
-        x_m: Centre, network frame.
-        y_m: Centre, network frame.
-        heading_rad: Direction of its length.
-        length_m: Extent along the heading.
-        width_m: Extent across.
+        x_m: x of the centre, m, network frame.
+        y_m: y of the centre, m, network frame.
+        heading_rad: Direction of the long side, rad.
+        length_m: Extent along the heading, m.
+        width_m: Extent across the heading, m.
     """
 
     x_m: float
@@ -109,23 +109,23 @@ class Obstacle(Config):
 
 
 class Scenario(Config):
-    """All that is needed to replay an episode.
+    """Everything needed to replay an episode.
 
     Attributes:
         name: Unique within its benchmark.
-        cell: The part of the benchmark it belongs to.
-        network: Name in the catalog, or path of a .net.xml[.gz].
-        missions: One per ego.
-        traffic: The population around the egos.
-        conditions: Name of the road, light and air, see `dohyo.sumo_networks.conditions`.
-        obstacles: Static boxes.
-        events: Scripted happenings around the egos.
-        time_limit_s: Ends the episode; None: the judge takes it from the route's length.
-        stop_on_collision: End an ego's episode at its first collision (NoCrash) instead of driving on.
-        seed: Decides everything random in the world.
-        duration_s: Ends the episode wherever the ego is then, which is no failure; None: it goes on to the goal.
-        reference_m: How far a reference came in that time, for scores that compare with it.
-        log: Content hash of the log that all actors but the egos replay; None: SUMO simulates them.
+        cell: Name of the benchmark's part that the scenario belongs to.
+        network: Name in the catalog, or path of a .net.xml[.gz] file.
+        missions: One mission per ego.
+        traffic: Population and flows around the egos.
+        conditions: Name of the road, light and air conditions, see `dohyo.sumo_networks.conditions`.
+        obstacles: Static boxes on the roads.
+        events: Scripted events around the egos.
+        time_limit_s: Simulated time after which the episode fails, s; None: derived from the route's length.
+        stop_on_collision: Whether an ego's episode ends at its first collision (NoCrash); otherwise the ego drives on.
+        seed: Seed of everything random in the world.
+        duration_s: Simulated time after which the episode ends without failure, s; None: it ends at the goal.
+        reference_m: Distance that a reference driver covered in `duration_s`, m, for scores that compare with it.
+        log: Content hash of the traffic log that all actors except the egos replay; None: SUMO simulates them.
     """
 
     name: Name = "scenario"
@@ -135,7 +135,7 @@ class Scenario(Config):
     traffic: Traffic = Traffic()
     conditions: str = "clear"
     obstacles: tuple[Obstacle, ...] = ()
-    # Left out where there are none, so that scenarios without events keep their hashes.
+    # An empty list is left out of the document, so that scenarios without events keep their hashes.
     events: Annotated[tuple[Event, ...], Field(exclude_if=lambda events: not events)] = ()
     time_limit_s: Annotated[float, Field(gt=0)] | None = None
     stop_on_collision: bool = False
@@ -158,7 +158,7 @@ class Scenario(Config):
         return self
 
     def content_hash(self) -> str:
-        """Hex digest of everything that decides the episode."""
+        """Hex sha256 of everything that determines the episode."""
         return content_hash(self.model_dump(mode="json"))
 
 

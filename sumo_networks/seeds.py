@@ -1,4 +1,4 @@
-"""Seeds of episodes: which ones are for training, and how a run draws them."""
+"""Seeds of episodes: the range for training, and the seed of each training episode."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 HELD_OUT_FROM: Final = 2**30
-"""Seeds below are for training; seeds from here to 2^31 are held out, and never trained on."""
+"""Seeds below this number are for training; seeds from this number to 2^31 are held out."""
 
 
 def training_seed(run_seed: int, episode: int) -> int:

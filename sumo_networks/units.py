@@ -11,4 +11,4 @@ SUBSTEP_S: Final = 0.01
 KMH_PER_MPS: Final = 3.6
 """Kilometres per hour in one metre per second."""
 SIGHT_M: Final = 100.0
-"""How far around an ego the world is known, m."""
+"""Radius around an ego within which the world lists actors, m."""

@@ -1,4 +1,4 @@
-"""World: what is true after a tick, as arrays. Written by the simulation, read by criteria, sensors and rewards."""
+"""World: the state after a tick, as arrays. Written by the simulation, read by criteria, sensors and rewards."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class ActorKind(IntEnum):
-    """What an actor is."""
+    """Kind of an actor."""
 
     CAR = 0
     VAN = 1
@@ -41,11 +41,11 @@ class LightState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Egos:
-    """The vehicles that agents drive, in the order of the scenario's missions.
+    """States of the vehicles that agents drive, in the order of the scenario's missions.
 
     Attributes:
-        names: Mission names, E of them.
-        active: (E,) False once the episode of this ego has ended; its other rows then keep their last value.
+        names: Names of the E missions.
+        active: (E,) False once the ego's episode has ended; its values in the other columns then stay the same.
         position: (E, 2), m, network frame: centre of the box.
         heading: (E,), rad, counter-clockwise from +x.
         speed: (E,), m/s, along the heading, never negative.
@@ -90,7 +90,7 @@ class Egos:
         return stack_boxes(self.position, self.heading, self.length, self.width)
 
     def columns(self) -> BoxColumns:
-        """The boxes and their speeds, for numba kernels."""
+        """Boxes and speeds of the egos, for numba kernels."""
         return BoxColumns(self.position, self.heading, self.speed, self.length, self.width)
 
     def box(self, ego: int) -> FloatArray:
@@ -100,12 +100,12 @@ class Egos:
 
 @dataclass(frozen=True, slots=True)
 class Actors(ObjectStates):
-    """Everything within sight of an ego that moves or stands, and is no ego: M rows in the network frame.
+    """All M actors within sight of an ego, standing ones included and egos excluded; network frame.
 
     `World.name_of(key)` gives the SUMO id of a row.
 
     Attributes:
-        lane: (M,) lane it is on (crossings and sidewalks for people), -1 where it is on none.
+        lane: (M,) lane under the actor (a crossing or sidewalk for people), -1 if none.
         indicator: (M,) turn indicator: 1 left, -1 right, 0 off.
     """
 
@@ -120,7 +120,7 @@ class Contact:
     Attributes:
         ego: Index of the ego.
         key: The actor's key; for another ego, -1 - its index.
-        kind: What was touched (ActorKind.EGO for another ego).
+        kind: Kind of the other box (ActorKind.EGO for another ego).
         row: Row in `Actors`, or the other ego's index where kind is EGO.
     """
 
@@ -131,7 +131,7 @@ class Contact:
 
 
 class EventPhase(StrEnum):
-    """How far a scripted event has come."""
+    """Phase of a scripted event."""
 
     WAITING = "waiting"
     ACTIVE = "active"
@@ -141,18 +141,18 @@ class EventPhase(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class EventState:
-    """How far one scripted event has come.
+    """State of one scripted event.
 
     Attributes:
-        name: As the scenario calls it.
-        kind: As in `dohyo.sumo_networks.events`.
+        name: Name in the scenario.
+        kind: Name of the event's kind in `dohyo.sumo_networks.events`.
         ego: Index of the ego around which it happens.
-        phase: WAITING until the ego triggers it, ACTIVE until it is over or its time is.
+        phase: WAITING until the ego triggers the event, then ACTIVE until the event ends or times out.
         started: Simulated time at which the ego triggered it, s; NaN before.
-        ended: Simulated time at which it was over, s; NaN before.
-        actors: Keys of its actors that have been in the world.
-        ahead: How far its first actor is ahead of the ego along the ego's route, between their centres, m; NaN where
-            that is not known.
+        ended: Simulated time at which the event ended, s; NaN before.
+        actors: Keys of the event's actors that have entered the world so far.
+        ahead: Distance from the ego's centre forward to the centre of the event's first actor, along the route, m; NaN
+            if unknown.
     """
 
     name: str
@@ -167,19 +167,19 @@ class EventState:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """What is true after a tick.
+    """State of the simulation after a tick.
 
     Attributes:
         tick: Number of ticks since the egos started.
         time: Simulated seconds since the egos started.
-        network: The roads; immutable.
-        routes: One per ego.
-        egos: The driven vehicles.
-        actors: Everything else within sight.
+        network: The road network; immutable.
+        routes: One route per ego.
+        egos: States of the vehicles that agents drive.
+        actors: States of all other actors within sight.
         signals: (K,) LightState of each signal, indexed as `RoadNetwork.connections.signal`.
-        contacts: Boxes that touch after this tick.
-        names: SUMO id by actor key.
-        events: The scripted events, in the order of the scenario.
+        contacts: Contacts between an ego and another box after this tick.
+        names: SUMO ids by actor key.
+        events: States of the scripted events, in the order of the scenario.
     """
 
     tick: int
