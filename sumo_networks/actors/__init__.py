@@ -1,1 +1,1 @@
-"""What moves around the egos: its names, the actors that scripts move, and the requests that SUMO carries out."""
+"""Actors around the egos: their names, scripted actors, and the requests that SUMO carries out."""

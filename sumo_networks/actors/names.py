@@ -1,4 +1,4 @@
-"""Names of everything in SUMO: the only module that makes them and reads what they say."""
+"""Names of all objects in SUMO: the only module that makes and parses them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _ROLE = re.compile(r"[a-z]*")
 
 
 class Role(StrEnum):
-    """What an actor is to the scenario; every name begins with it."""
+    """Role of an actor in the scenario; every name begins with it."""
 
     VEHICLE = "vehicle"
     BICYCLE = "bicycle"
@@ -22,12 +22,12 @@ class Role(StrEnum):
 
 
 TRAFFIC = frozenset({Role.VEHICLE, Role.BICYCLE, Role.FLOW})
-"""Roles of the vehicles that may be removed where a scripted actor needs their place."""
+"""Roles of the vehicles that may be removed if a scripted actor needs their place."""
 _ROLES = {role.value: role for role in Role}
 
 
 def role_of(name: str) -> Role | None:
-    """The role that a name begins with; None if the name is not one of ours."""
+    """Role at the beginning of a name; None if the name has no role."""
     match = _ROLE.match(name)
     return _ROLES.get(match[0]) if match else None
 
@@ -38,7 +38,7 @@ def numbered(role: Role, number: int) -> str:
 
 
 def predicted(name: str) -> str:
-    """Name of the proxy that stands where an actor will be soon."""
+    """Name of the proxy at the predicted place of an actor."""
     return f"{name}:ahead"
 
 

@@ -19,12 +19,12 @@ CHORD_M = 6
 
 
 class ActorPath:
-    """A polyline by arc length; it goes on straight before its start and past its end.
+    """A polyline by arc length, extended straight before its start and past its end.
 
     Attributes:
         points: (N, 2), m, network frame, about 1 m apart.
-        arc: (N,), m.
-        length: m.
+        arc: (N,), m, arc length of each point.
+        length: Length of the polyline, m.
     """
 
     def __init__(self, points: FloatArray) -> None:
@@ -56,17 +56,17 @@ class ActorPath:
         return x, y, wrapped(heading)
 
     def curvature(self, first_m: float, last_m: float) -> float:
-        """The sharpest bend of a part of the path, over 6 m since lanes are drawn with corners, 1/m."""
+        """Largest curvature of a part of the path, 1/m; measured over 6 m, since lanes are drawn with corners."""
         heading = np.interp(np.arange(max(first_m, 0.0), min(last_m, self.length)), self.arc, self._heading)
         return float(np.abs(heading[CHORD_M:] - heading[:-CHORD_M]).max(initial=0.0)) / CHORD_M
 
     def project(self, points: FloatArray, first_m: float, last_m: float) -> tuple[FloatArray, FloatArray]:
-        """Where points are along a part of the path.
+        """Projects points on a part of the path.
 
         Args:
-            points: (M, 2), m.
-            first_m: Start of the part.
-            last_m: End of the part.
+            points: (M, 2), m, network frame.
+            first_m: Arc length of the part's start, m.
+            last_m: Arc length of the part's end, m.
 
         Returns:
             (M,) arc length [m] and (M,) signed distance [m, left positive] of the nearest point of the path.
@@ -88,12 +88,12 @@ def wrapped(angle: float) -> float:
 
 
 def lane_path(network: RoadNetwork, lanes: Sequence[int]) -> ActorPath:
-    """The path along connected lanes."""
+    """Path along connected lanes."""
     return ActorPath(np.concatenate([network.lane_shape(lane) for lane in lanes]))
 
 
 def upstream(network: RoadNetwork, lane: int, length_m: float) -> list[int]:
-    """The lane and those that lead to it, straight on if possible, until they are long enough or the road begins."""
+    """A lane and the lanes before it, straight on if possible, up to a length or to the road's beginning."""
     lanes, connections = network.lanes, network.connections
     found, metres = [lane], float(lanes.length[lane])
     while metres < length_m:
@@ -109,7 +109,7 @@ def upstream(network: RoadNetwork, lane: int, length_m: float) -> list[int]:
 
 
 def downstream(network: RoadNetwork, lane: int, length_m: float) -> list[int]:
-    """The lane and those it leads to, straight on where possible, until they are long enough or lead nowhere."""
+    """A lane and the lanes after it, straight on if possible, up to a length or to the road's end."""
     lanes, connections = network.lanes, network.connections
     found, metres = [lane], float(lanes.length[lane])
     while metres < length_m:
@@ -129,7 +129,7 @@ def downstream(network: RoadNetwork, lane: int, length_m: float) -> list[int]:
 
 
 def _is_straight(network: RoadNetwork, connection: int) -> bool:
-    """Whether a connection goes straight on; one inside a junction is judged by its beginning."""
+    """Whether a connection goes straight on; inside a junction, the direction at its beginning decides."""
     connections = network.connections
     while connections.direction[connection] == "i":
         before = np.flatnonzero(connections.target == connections.source[connection])
@@ -140,12 +140,12 @@ def _is_straight(network: RoadNetwork, connection: int) -> bool:
 
 
 def edges_of(network: RoadNetwork, lanes: Sequence[int]) -> tuple[str, ...]:
-    """The edges of connected lanes, without those inside junctions: a route for SUMO."""
+    """Edges of connected lanes, without edges inside junctions: a route for SUMO."""
     return tuple(dict.fromkeys(network.edge_id(lane) for lane in lanes if not network.lanes.internal[lane]))
 
 
 def meeting(a: ActorPath, a_from: float, a_to: float, b: ActorPath) -> tuple[float, float] | None:
-    """Where a part of one path first comes within 1 m of another: arc lengths on both [m], or None."""
+    """First place where a part of one path is within 1 m of another path: arc lengths on both [m], or None."""
     rows = np.flatnonzero((a.arc >= a_from) & (a.arc <= a_to))
     if not len(rows):
         return None

@@ -1,4 +1,4 @@
-"""Requests: what the population, the jaywalkers and the events want done in SUMO; the simulation applies them."""
+"""Requests of the population, the jaywalkers and the events to SUMO; the simulation applies them."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ class Walk:
 
     Attributes:
         source: SUMO edge id.
-        source_m: Position on it, m.
+        source_m: Position on the source, m.
         target: SUMO edge id.
-        target_m: Position on it, m.
+        target_m: Position on the target, m.
     """
 
     source: str
@@ -27,16 +27,16 @@ class Walk:
 
 @dataclass(frozen=True, slots=True)
 class SpawnVehicle:
-    """A vehicle or bicycle enters as soon as there is room, and SUMO drives it.
+    """Lets a vehicle or bicycle enter as soon as there is room; SUMO drives it.
 
     Attributes:
-        name: Of the vehicle and of its route.
-        type: A vType of vehicle_types.add.xml.
-        edges: SUMO edge ids, connected.
+        name: Name of the vehicle and of its route.
+        type: Name of a vType in vehicle_types.add.xml.
+        edges: Connected SUMO edge ids.
         lane: SUMO's departLane: an index on the first edge, or "best".
         position: SUMO's departPos: metres on that lane, "base" (its beginning) or "random_free".
         speed: SUMO's departSpeed: "max" or "desired".
-        max_speed_mps: The vehicle drives no faster; None: as fast as its type and the limits allow.
+        max_speed_mps: Highest speed, m/s; None: as fast as its type and the limits allow.
     """
 
     name: str
@@ -50,12 +50,12 @@ class SpawnVehicle:
 
 @dataclass(frozen=True, slots=True)
 class SpawnPedestrian:
-    """A pedestrian sets out.
+    """Lets a pedestrian enter.
 
     Attributes:
         name: Unique in the episode.
-        walk: From where to where.
-        edges: SUMO edge ids of the way on foot.
+        walk: Start and end of the journey.
+        edges: SUMO edge ids of the path on foot.
     """
 
     name: str
@@ -65,19 +65,19 @@ class SpawnPedestrian:
 
 @dataclass(frozen=True, slots=True)
 class CancelVehicle:
-    """A vehicle that still waits for room is removed; one on the road stays."""
+    """Removes a vehicle that still waits for room; a vehicle on the road stays."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class ClearArea:
-    """Vehicles of the traffic whose front is near a point are removed; the population replaces them elsewhere.
+    """Removes the traffic's vehicles whose front is near a point; the population replaces them elsewhere.
 
     Attributes:
-        x: m, network frame.
-        y: m, network frame.
-        radius_m: How near.
+        x: x of the point, m, network frame.
+        y: y of the point, m, network frame.
+        radius_m: Largest distance of a removed front, m.
     """
 
     x: float
@@ -87,18 +87,18 @@ class ClearArea:
 
 @dataclass(frozen=True, slots=True)
 class ShowActor:
-    """The SUMO proxy of a scripted actor moves to the actor's box; off the roads it is hidden.
+    """Moves the SUMO proxy of a scripted actor to the actor's box; off the roads the proxy is hidden.
 
     Attributes:
-        name: Of the actor.
-        kind: What it is.
-        x: m, network frame: centre of the box.
-        y: m, network frame.
-        heading: rad.
-        length: m.
-        width: m.
+        name: Name of the actor.
+        kind: Kind of the actor.
+        x: x of the box centre, m, network frame.
+        y: y of the box centre, m, network frame.
+        heading: Heading of the box, rad.
+        length: Length of the box, m.
+        width: Width of the box, m.
         across: Whether the actor moves across the road; its proxy is then turned along the lane.
-        edges: Any route of the network, which SUMO wants for every vehicle.
+        edges: Any route of the network, since SUMO requires one for every vehicle.
     """
 
     name: str
@@ -113,13 +113,13 @@ class ShowActor:
 
     @classmethod
     def of(cls, actor: ScriptedActor, edges: tuple[str, ...]) -> ShowActor:
-        """Request for an actor where it is now."""
+        """Request for an actor at its current place."""
         return cls(actor.name, actor.kind, *actor.box, actor.across, edges)
 
 
 @dataclass(frozen=True, slots=True)
 class HideActor:
-    """The SUMO proxy of a scripted actor is removed."""
+    """Removes the SUMO proxy of a scripted actor."""
 
     name: str
 

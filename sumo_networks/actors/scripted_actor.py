@@ -1,4 +1,4 @@
-"""ScriptedActor: an actor that a script moves. It is in the world like any other actor; SUMO sees its proxy."""
+"""ScriptedActor: an actor that a script moves. The world lists it like any other; SUMO has a proxy of it."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ VEHICLES = {
 
 @dataclass(slots=True)
 class ScriptedActor:
-    """A box on a path.
+    """A box that a script moves along a path.
 
     Attributes:
         name: Unique in the episode.
-        kind: What it is.
-        length: m.
-        width: m.
-        path: Along which it moves.
-        s: Arc length of its centre, m.
-        left: Distance of its centre to the left of the path, m.
-        speed: Along the path, m/s.
-        drift: To the left, m/s.
-        skew: Its heading minus the path's, for things that stand askew, rad.
-        across: Whether it moves across the road; its SUMO proxy is then turned along the lane.
-        indicator: 1 left, -1 right; 0: off, or that of its drift.
-        present: Whether it is in the world.
+        kind: Kind of the actor.
+        length: Length of the box, m.
+        width: Width of the box, m.
+        path: Path along which the actor moves.
+        s: Arc length of the box centre, m.
+        left: Distance of the box centre to the left of the path, m.
+        speed: Speed along the path, m/s.
+        drift: Speed to the left, m/s.
+        skew: Heading minus the path's heading, for objects that stand at an angle, rad.
+        across: Whether the actor moves across the road; its SUMO proxy is then turned along the lane.
+        indicator: Turn indicator: 1 left, -1 right; 0: set by the drift.
+        present: Whether the actor is in the world.
     """
 
     name: str
@@ -69,13 +69,13 @@ class ScriptedActor:
         self.pose()
 
     def move(self, seconds: float) -> None:
-        """Goes on for a while."""
+        """Moves along the path for a time [s]."""
         self.s += self.speed * seconds
         self.left += self.drift * seconds
         self.pose()
 
     def pose(self) -> None:
-        """Works x, y [m] and heading [rad] out from where it is on its path."""
+        """Computes x, y [m] and heading [rad] from the place on the path."""
         self.x, self.y, direction = self.path.at(self.s, self.left)
         turn = math.atan2(self.drift, max(self.speed, 1.0)) if self.drift else 0.0
         self.heading = direction + turn + self.skew
@@ -86,17 +86,17 @@ class ScriptedActor:
         return self.x, self.y, self.heading, self.length, self.width
 
     def distance(self, x: float, y: float) -> float:
-        """Of its centre to a point, m."""
+        """Distance of the box centre to a point, m."""
         return math.hypot(self.x - x, self.y - y)
 
     def approach(self, desired: float, seconds: float, gap: float = math.inf, leader: float = 0.0) -> None:
-        """Changes its speed towards what it desires, and so that it can stop behind a leader.
+        """Changes the speed towards a desired speed, such that the actor can stop behind a leader.
 
         Args:
-            desired: m/s.
-            seconds: For how long.
-            gap: To the leader's rear, m.
-            leader: The leader's speed, m/s.
+            desired: Desired speed, m/s.
+            seconds: Length of the time step, s.
+            gap: Gap to the leader's rear, m.
+            leader: Speed of the leader, m/s.
         """
         safe = math.inf
         if gap < math.inf:
@@ -105,14 +105,14 @@ class ScriptedActor:
         self.speed = max(min(desired, safe, self.speed + ACCELERATION_MPS2 * seconds), lowest)
 
     def leader(self, boxes: FloatArray, speeds: FloatArray) -> tuple[float, float]:
-        """The nearest of some boxes that it would run into.
+        """Gap and speed of the nearest box in the actor's way.
 
         Args:
             boxes: (M, 5) x, y [m], heading [rad], length, width [m].
             speeds: (M,) m/s.
 
         Returns:
-            Gap between the bumpers [m] and the other's speed along the path [m/s]; infinity and 0 if the way is free.
+            Gap between the bumpers [m] and the box's speed along the path [m/s]; infinity and 0 if the path is free.
         """
         near = np.hypot(boxes[:, 0] - self.x, boxes[:, 1] - self.y) < REACH_M
         if not near.any():

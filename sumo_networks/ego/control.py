@@ -1,4 +1,4 @@
-"""Control interfaces: how an action becomes a demand on the vehicle's drive and steering."""
+"""Control interfaces: they turn an action into a demand on the vehicle's drive and steering."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ WAYPOINT_INTERVAL_S = 0.5
 
 
 class InvalidActionError(AgentError):
-    """The agent answered something that is no action."""
+    """The agent's answer is no valid action."""
 
 
 class Control(ABC):
     """Turns one ego's actions into demands on its vehicle; one instance per ego and episode.
 
     Attributes:
-        space: What an action must look like. Values outside its bounds are clipped; a wrong shape, a NaN or an
-            infinity is an error.
+        space: Shape and bounds of an action. Values outside the bounds are clipped; a wrong shape, a NaN or an infinity
+            is an error.
     """
 
     space: Box
@@ -41,11 +41,11 @@ class Control(ABC):
         self._high = self.space.high.astype(np.float64).reshape(-1)
 
     def command(self, action: object, world: World, ego: int) -> tuple[float, float]:
-        """The demand of one tick.
+        """Computes the demand of one tick.
 
         Args:
-            action: See `space`.
-            world: What is true before the tick.
+            action: Action of the agent, see `space`.
+            world: World before the tick.
             ego: Index of the ego.
 
         Returns:
@@ -60,17 +60,17 @@ class Control(ABC):
     def _command(self, action: FloatArray, world: World, ego: int) -> tuple[float, float]: ...
 
     def checked(self, action: object) -> FloatArray:
-        """The action as an array within the space's bounds.
+        """Returns the action as an array within the space's bounds.
 
         Raises:
-            InvalidActionError: It has a wrong shape or type, or is not finite.
+            InvalidActionError: The action has a wrong shape or type, or is not finite.
         """
         try:
             given = np.asarray(action)
             if given.dtype.kind not in "biuf":
                 raise TypeError(f"cannot take {given.dtype} for numbers")
             array = given.astype(np.float64, order="C")
-        except Exception as error:  # whatever the conversion of a stranger's object raises
+        except Exception as error:  # the conversion of an unknown object may raise any error
             what = f"an array of shape {self.space.shape}"
             raise InvalidActionError(f"expected {what}, got {type(action).__name__}: {error}"[:200]) from error
         if array.shape != self.space.shape:
@@ -83,7 +83,7 @@ class Control(ABC):
 
 @njit(cache=True)
 def _clip(values: FloatArray, low: FloatArray, high: FloatArray) -> bool:
-    """Brings values (N,) within their bounds, in place, up to the first that is not finite; whether there is none."""
+    """Clips values (N,) in place up to the first that is not finite; returns whether all are finite."""
     for i in range(values.shape[0]):
         if not math.isfinite(values[i]):
             return False
@@ -117,9 +117,9 @@ class SpeedPid:
     """PI controller from target speed to drive, with the road's resistance fed forward.
 
     Attributes:
-        gain: 1/s.
-        integral_gain: 1/s^2.
-        integral_limit: Bound of the integral's share, m/s^2.
+        gain: Proportional gain, 1/s.
+        integral_gain: Integral gain, 1/s^2.
+        integral_limit: Bound of the integral term, m/s^2.
     """
 
     def __init__(self, vehicle: VehicleParameters, dt: float) -> None:
@@ -128,7 +128,7 @@ class SpeedPid:
         self._integral = 0.0
 
     def drive(self, target: float, speed: float) -> float:
-        """Demanded drive, m/s^2; full brake demand to stand still where the target is 0."""
+        """Demanded drive, m/s^2; full braking to stand still at a target of 0."""
         if target < 0.05 and speed < 0.5:
             self._integral = 0.0
             return -3.0
@@ -153,7 +153,7 @@ class TargetSpeedSteering(Control):
 
 
 class Waypoints(Control):
-    """(8, 2) positions 0.5 s apart in the ego's frame [m]: where the box centre should be; tracked by pure pursuit."""
+    """(8, 2) positions of the box centre in the ego's frame [m], 0.5 s apart; tracked by pure pursuit."""
 
     space = Box(-200.0, 200.0, (WAYPOINT_COUNT, 2), np.float32)
 
@@ -171,7 +171,7 @@ class Waypoints(Control):
 
 
 class LaneCommand(Control):
-    """(2,) target speed in [0, 40] m/s and lane: 1 one lane to the left of the route, 0 the route, -1 to its right."""
+    """(2,) target speed in [0, 40] m/s, and lane: 0 the route's lane, 1 the lane to its left, -1 to its right."""
 
     space = Box(np.array([0, -1], np.float32), np.array([MAX_TARGET_SPEED, 1], np.float32))
 
@@ -193,7 +193,7 @@ class LaneCommand(Control):
 
 
 def pursuit_distance(speed: float) -> float:
-    """How far ahead pure pursuit aims, m."""
+    """Look-ahead distance of pure pursuit, m."""
     return min(max(0.6 * speed, 2.0), 15.0)
 
 
@@ -216,7 +216,7 @@ def make_control(name: str, vehicle: VehicleParameters, dt: float) -> Control:
     """A control interface by name.
 
     Raises:
-        UnknownNameError: There is none of that name.
+        UnknownNameError: No control interface has that name.
     """
     if name not in CONTROLS:
         raise UnknownNameError("control", name, CONTROLS)

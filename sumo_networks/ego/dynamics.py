@@ -19,20 +19,20 @@ STATE_SIZE = 8
 
 @dataclass(frozen=True, slots=True)
 class VehicleParameters:
-    """A compact car.
+    """Parameters of a vehicle; the defaults are a compact car.
 
     Attributes:
-        length: m.
-        width: m.
-        wheelbase: m.
-        rear_overhang: Rear bumper to rear axle, m.
+        length: Length of the box, m.
+        width: Width of the box, m.
+        wheelbase: Distance between the axles, m.
+        rear_overhang: Distance from the rear bumper to the rear axle, m.
         max_steering: Front wheel angle at full lock, rad.
-        max_steering_rate: Of the front wheels, rad/s.
-        max_traction: Acceleration the drive can give from standstill, m/s^2.
-        power_to_mass: Bounds the traction at speed, W/kg.
+        max_steering_rate: Largest rate of the front wheel angle, rad/s.
+        max_traction: Largest acceleration from standstill, m/s^2.
+        power_to_mass: Power over mass, which bounds the traction at speed, W/kg.
         max_braking: Deceleration at full brake on dry road, m/s^2.
         drag: Air resistance over mass, 1/m.
-        rolling_resistance: m/s^2.
+        rolling_resistance: Deceleration by rolling resistance, m/s^2.
         drive_lag: Time constant of traction and brakes, s.
         steering_lag: Time constant of the steering, s.
         friction: Tyre-road coefficient.
@@ -59,7 +59,7 @@ class VehicleParameters:
         return self.length / 2 - self.rear_overhang
 
     def traction_limit(self, speed: float) -> float:
-        """Largest acceleration the drive can give at a speed, m/s^2."""
+        """Largest acceleration of the drive at a speed, m/s^2."""
         return min(self.max_traction, self.power_to_mass / max(speed, 0.1))
 
     def resistance(self, speed: float) -> float:
@@ -68,7 +68,7 @@ class VehicleParameters:
 
 
 class CarConstants(NamedTuple):
-    """What `advance` needs of `VehicleParameters`, which has their units; grip is friction times gravity, m/s^2."""
+    """Values of `VehicleParameters` that `advance` needs, in the same units; grip: friction times gravity, m/s^2."""
 
     wheelbase: float
     max_steering: float
@@ -84,7 +84,7 @@ class CarConstants(NamedTuple):
 
 
 def car_constants(car: VehicleParameters) -> CarConstants:
-    """The constants of a car, for `advance`."""
+    """Constants of a car, for `advance`."""
     return CarConstants(
         wheelbase=car.wheelbase,
         max_steering=car.max_steering,
@@ -111,8 +111,8 @@ def advance(
 ) -> None:
     """Integrates the single-track model in place.
 
-    The rear axle follows the bicycle's path as long as the tyres hold: longitudinal and lateral acceleration share the
-    friction circle, what the brakes take is missing in the curve, and the car then runs wide (understeers).
+    The rear axle follows the bicycle model's path while the tyres grip. Longitudinal and lateral acceleration share the
+    friction circle: braking reduces the grip that is left for the curve, and the car may then understeer.
 
     Args:
         states: (E, 8) rear axle x, y [m], heading [rad], speed [m/s], drive [m/s^2], steering [rad],
@@ -120,8 +120,8 @@ def advance(
         commands: (E, 2) demanded drive (traction minus brakes) [m/s^2] and front wheel angle [rad].
         ticks: Number of substeps.
         dt: Length of a substep, s.
-        car: What all vehicles have in common.
-        motion: (E, ticks, 2) where to write the acceleration [m/s^2] and yaw rate [rad/s] of every substep, if asked.
+        car: Constants of all vehicles.
+        motion: (E, ticks, 2) output: acceleration [m/s^2] and yaw rate [rad/s] of every substep; None: no output.
     """
     for e in range(states.shape[0]):
         x, y, heading, speed, drive, steering = states[e, :6]
@@ -161,9 +161,9 @@ class Vehicles:
     """The egos' vehicles, advanced together.
 
     Attributes:
-        parameters: The same for all.
-        states: (E, 8), see `advance`.
-        motion: (E, S, 2), acceleration [m/s^2] and yaw rate [rad/s] in each substep of the last drive.
+        parameters: Parameters of all vehicles.
+        states: (E, 8) states of the vehicles, see `advance`.
+        motion: (E, S, 2), acceleration [m/s^2] and yaw rate [rad/s] in each substep of the last call of `advance`.
     """
 
     def __init__(self, parameters: VehicleParameters, count: int) -> None:
@@ -180,11 +180,11 @@ class Vehicles:
         self.states[vehicle, SPEED] = speed
 
     def advance(self, commands: FloatArray, seconds: float) -> None:
-        """Drives all vehicles for a while.
+        """Drives all vehicles for a time.
 
         Args:
             commands: (E, 2) demanded drive [m/s^2] and front wheel angle [rad].
-            seconds: A multiple of the substep of 0.01 s.
+            seconds: Length of the drive, a multiple of the substep of 0.01 s.
         """
         substeps = round(seconds / SUBSTEP_S)
         self.motion = np.empty((len(self.states), substeps, 2))
@@ -197,7 +197,7 @@ class Vehicles:
 
 @njit(cache=True)
 def _centres(states: FloatArray, axle_to_centre: float) -> FloatArray:
-    """(E, 2), m: centres of the boxes of vehicles in states (E, 8) that lie so far ahead of the rear axle [m]."""
+    """(E, 2), m: box centres of vehicles in states (E, 8), each `axle_to_centre` [m] ahead of its rear axle."""
     out = np.empty((states.shape[0], 2))
     for e in range(states.shape[0]):
         out[e, 0] = states[e, 0] + axle_to_centre * math.cos(states[e, 2])

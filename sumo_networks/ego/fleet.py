@@ -1,4 +1,4 @@
-"""Fleet: the egos' vehicles, which are ours and not SUMO's, and where they are on the roads."""
+"""Fleet: the egos' vehicles, which dohyo moves instead of SUMO, and their places on routes and lanes."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from dohyo.sumo_networks.world import Egos
 
 
 class EgoFleet:
-    """The egos, from their starts on.
+    """The egos of one episode.
 
     Attributes:
-        active: (E,) whether the ego's episode goes on.
+        active: (E,) whether the ego's episode continues.
         centres: (E, 2), m: centres of the boxes.
     """
 
@@ -38,7 +38,7 @@ class EgoFleet:
         vehicle: VehicleParameters,
         speeds: Sequence[float] = (),
     ) -> None:
-        """Puts the egos at the starts of their routes, at given speeds [m/s] or at rest."""
+        """Places the egos at the starts of their routes, at given speeds [m/s] or at rest."""
         self._network, self._names, self._routes, self._vehicle = network, names, routes, vehicle
         self._vehicles = Vehicles(vehicle, len(names))
         for ego, route in enumerate(routes):
@@ -54,11 +54,11 @@ class EgoFleet:
         return self._vehicles.states.item(ego, HEADING)
 
     def advance(self, commands: FloatArray, seconds: float) -> None:
-        """Drives the active egos for a while.
+        """Drives the active egos for a time.
 
         Args:
             commands: (E, 2) demanded drive [m/s^2] and front wheel angle [rad]; rows of inactive egos are ignored.
-            seconds: A multiple of the substep of 0.01 s.
+            seconds: Length of the drive, a multiple of the substep of 0.01 s.
         """
         before, ended = self.centres, ~self.active
         frozen = self._vehicles.states[ended]
@@ -69,10 +69,10 @@ class EgoFleet:
         self._driven = self._driven + np.hypot(moved[:, 0], moved[:, 1])
 
     def read(self, before: Egos | None) -> Egos:
-        """Where the egos are, on their routes and on the lanes.
+        """States of the egos, on their routes and on the lanes.
 
         Args:
-            before: A tick earlier; None at the start.
+            before: States one tick earlier; None at the start.
         """
         columns, centres = self._vehicles.states.T.copy(), self.centres
         near = before.progress.tolist() if before else [0.0] * len(self._names)

@@ -1,6 +1,6 @@
 """Drawing: a network as a road map, in SVG (and HTML around it) or as a PNG picture.
 
-A map is a list of shapes in metres, bottom first; two small painters put it on paper.
+A map is a list of shapes in metres, bottom first; one painter writes SVG, another PNG.
 """
 
 from __future__ import annotations
@@ -69,11 +69,11 @@ class Shape:
     """One filled polygon.
 
     Attributes:
-        role: Key of its colour.
-        outline: (P, 2), m.
-        title: What a pointer over it shows; "" for nothing.
-        kind: Of the thing it stands for, with `name`: "lane", "crossing", "light", "stop-sign"; "" for decoration.
-        name: Its SUMO id.
+        role: Key of the polygon's colour.
+        outline: (P, 2), m, corners in the network frame.
+        title: Text shown under the mouse pointer; "" for none.
+        kind: Kind of the object it shows: "lane", "crossing", "light" or "stop-sign"; "" for decoration.
+        name: SUMO id of the object.
     """
 
     role: str
@@ -88,11 +88,11 @@ class RoadMap:
     """A drawn network.
 
     Attributes:
-        name: Of the network.
+        name: Name of the network.
         caption: One line of facts.
         bounds: Smallest x, smallest y, largest x, largest y, m.
         scale: Pixels per metre of the picture.
-        shapes: Bottom first.
+        shapes: Polygons, bottom first.
     """
 
     name: str
@@ -113,10 +113,10 @@ def write_map(network: RoadNetwork, path: Path) -> Path:
 
     Args:
         network: The roads.
-        path: Ends in .png, .svg or .html.
+        path: File to write; it ends in .png, .svg or .html.
 
     Raises:
-        InvalidInputError: Another ending, or the file cannot be written.
+        InvalidInputError: The path has another ending, or the file cannot be written.
     """
     painters = {".svg": _svg_file, ".html": _html_file, ".png": _png_file}
     if path.suffix.lower() not in painters:
@@ -153,7 +153,7 @@ def _shapes(network: RoadNetwork, scale: float) -> Iterator[Shape]:
 
 
 def _ground(network: RoadNetwork, scale: float) -> Iterator[Shape]:
-    """Junctions, and over them what is open to people on foot, to bicycles alone or to trains."""
+    """Junctions, and on top of them the lanes for pedestrians, for bicycles only or for trains."""
     lanes = network.lanes
     for junction in range(len(network.junctions.ids)):
         outline = network.junction_shape(junction)
@@ -184,7 +184,7 @@ def _roads(network: RoadNetwork, scale: float) -> Iterator[Shape]:
 
 
 def _markings(network: RoadNetwork, scale: float) -> Iterator[Shape]:
-    """Dashed between lanes of one direction, an unbroken line at the left of the leftmost, a kerb at the right."""
+    """Lane markings: dashed between lanes of one direction, solid on the far left, and a kerb on the right."""
     lanes = network.lanes
     for lane in np.flatnonzero(lanes.drivable & ~lanes.internal).tolist():
         line = shapely.linestrings(network.lane_shape(lane))
@@ -210,7 +210,7 @@ def _crossings(network: RoadNetwork, scale: float) -> Iterator[Shape]:
 
 
 def _stop_lines(network: RoadNetwork, scale: float) -> Iterator[Shape]:
-    """Stop lines; at lights a disc, at stop signs an octagon, at the right end."""
+    """Stop lines; with a disc (traffic light) or an octagon (stop sign) at the right end."""
     radius = max(1.1, 2.2 / scale)
     lines = network.stop_lines
     for row in range(len(lines.lane)):
@@ -236,7 +236,7 @@ def _line(role: str, points: FloatArray, width: float, scale: float) -> Iterator
 
 
 def _band(role: str, points: FloatArray, width: float, scale: float) -> Iterator[Shape]:
-    """A line of some width as polygons; never thinner than can be seen."""
+    """Polygons of a line with a width; thin lines are widened so that they stay visible."""
     if len(points) < 2 or not np.ptp(points, axis=0).any():
         return
     half = max(float(width), 1.0 / scale) / 2
@@ -247,7 +247,7 @@ def _band(role: str, points: FloatArray, width: float, scale: float) -> Iterator
 
 
 def _points(geometry: shapely.Geometry) -> FloatArray:
-    """(P, 2) of the longest part of a line; offset lines may fall apart in tight bends."""
+    """(P, 2) points of the longest part of a line; an offset line may have several parts in tight bends."""
     parts = shapely.get_parts(geometry)
     return np.asarray(shapely.get_coordinates(parts[int(np.argmax(shapely.length(parts)))] if len(parts) else None))
 
@@ -263,7 +263,7 @@ def _dashes(points: FloatArray, on: float, period: float) -> Iterator[FloatArray
 
 
 def _scale_bar(road_map: RoadMap) -> float:
-    """Length of the scale bar, m: a round number about a sixth of the width."""
+    """Length of the scale bar, m: a round number, about a sixth of the map's width."""
     sixth = (road_map.bounds[2] - road_map.bounds[0]) / 6
     decade = 10.0 ** math.floor(math.log10(sixth))
     return max(step * decade for step in (1, 2, 5) if step * decade <= sixth)

@@ -1,4 +1,4 @@
-"""What the catalogs hold by name: networks that come with dohyo, and those the user imported. Reads no network."""
+"""Entries of the catalogs by name: networks that come with dohyo, and the user's imports. Reads no network."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,62}")
 
 
 class NetworkSize(Config):
-    """How much a network holds; `inspection.network_size` measures it.
+    """Size of a network; `inspection.network_size` measures it.
 
     Attributes:
-        lanes: Open to cars, outside junctions.
-        lane_km: Their length.
-        lights: Traffic lights.
-        crossings: Pedestrian crossings.
+        lanes: Number of lanes open to cars, outside junctions.
+        lane_km: Total length of these lanes, km.
+        lights: Number of traffic lights.
+        crossings: Number of pedestrian crossings.
     """
 
     lanes: int
@@ -35,17 +35,17 @@ class NetworkSize(Config):
 
 
 class NetworkEntry(Config):
-    """What `catalog/NAME/network.toml` says.
+    """Content of `catalog/NAME/network.toml`.
 
     Attributes:
-        title: One line for people.
-        source: Where the net comes from.
-        licence: Under which terms.
-        built: How the net was made from its source, where it was.
-        sumo_file: Path inside the eclipse-sumo package, for nets it ships.
+        title: Description in one line.
+        source: Origin of the net.
+        licence: Licence of the net and its data.
+        built: Command that made the net from its source; None if the source is a net.
+        sumo_file: Path inside the eclipse-sumo package, for the nets that it contains.
         file: Path inside the entry's own folder, for all others.
-        guessed: What the import guessed or repaired, one line each.
-        size: So that a list need not read the net; None: unknown, as in imports by earlier versions.
+        guessed: Guesses and repairs of the import, one line each.
+        size: Size of the network, so that lists need not read the net; None: unknown (old imports).
     """
 
     title: str
@@ -59,7 +59,7 @@ class NetworkEntry(Config):
 
 
 def user_catalog() -> Path:
-    """Where imported networks live: $DOHYO_HOME/networks, else in the user's data folder."""
+    """Folder of imported networks: $DOHYO_HOME/networks, else in the user's data folder."""
     home = os.environ.get("DOHYO_HOME")
     if home:
         return Path(home) / "networks"
@@ -67,10 +67,10 @@ def user_catalog() -> Path:
 
 
 def check_name(name: str) -> None:
-    """Refuses names that could not be a folder of the catalog, or leave it.
+    """Checks that a name can be a folder of the catalog.
 
     Raises:
-        InvalidInputError: The name is no such name.
+        InvalidInputError: The name cannot be a folder, or would lie outside the catalog.
     """
     if not NAME.fullmatch(name):
         raise InvalidInputError(
@@ -89,7 +89,7 @@ def network_names() -> list[str]:
 
 
 def network_folder(name: str) -> Path:
-    """The folder of a network's entry; where both catalogs have the name, the one that comes with dohyo.
+    """Folder of a network's entry; the networks that come with dohyo take precedence over the user's.
 
     Raises:
         UnknownNameError: Neither catalog has such a name.
@@ -115,10 +115,10 @@ def network_entry(name: str) -> NetworkEntry:
 
 
 def network_path(name: str) -> Path:
-    """Path of a network's SUMO net: of a catalog name, or of a .net.xml[.gz] file itself.
+    """Path of a network's SUMO net, by catalog name or by the path of a .net.xml[.gz] file.
 
     Raises:
-        UnknownNameError: Neither a catalog name nor a path of a net file.
+        UnknownNameError: The name is neither in a catalog nor the path of a net file.
     """
     if name.endswith((".net.xml", ".net.xml.gz")):
         return Path(name)

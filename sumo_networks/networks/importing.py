@@ -1,6 +1,6 @@
 """Import: roads from SUMO, OpenStreetMap and OpenDRIVE files become networks of the user's catalog, by netconvert.
 
-A file is hostile until `xml_guard.scan` has let it pass; only then netconvert or another parser sees it.
+Files are untrusted: `xml_guard.scan` checks each file before netconvert or another parser reads it.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Imported:
     """A finished import.
 
     Attributes:
-        folder: Of the new entry.
+        folder: Folder of the new entry.
         report: The check of the new network.
     """
 
@@ -83,21 +83,21 @@ def import_network(
     licence: str | None = None,
     timeout_s: float = TIMEOUT_S,
 ) -> Imported:
-    """Makes a network of the user's catalog from a file; whatever fails, nothing is written.
+    """Adds a network to the user's catalog from a file; if anything fails, nothing is written.
 
-    Sidewalks and crossings are guessed where the file has none; a SUMO net that has crossings is taken as it is.
+    Sidewalks and crossings are guessed if the file has none; a SUMO net with crossings is not changed.
 
     Args:
-        file: .net.xml, .osm, .osm.xml or .xodr, also gzipped (.gz).
-        name: What to call the network.
-        lights: Guess traffic lights at large junctions too.
-        force: Replace a network of the user's that has this name.
+        file: A .net.xml, .osm, .osm.xml or .xodr file, also gzipped (.gz).
+        name: Name of the new network.
+        lights: Whether to guess traffic lights at large junctions too.
+        force: Whether to replace a network of the user's catalog that has this name.
         limit_mb: Largest size of the file, packed or unpacked, MB.
-        licence: Of the source's data; None: as is usual for its format.
-        timeout_s: For netconvert.
+        licence: Licence of the source's data; None: the usual one of its format.
+        timeout_s: Time limit of netconvert, s.
 
     Raises:
-        InvalidInputError: A bad name, a name taken, or a file that gives no network cars can drive on.
+        InvalidInputError: The name is invalid or taken, or the file gives no network that cars can drive on.
     """
     _check_free(name, force)
     kind = _kind(file)
@@ -122,11 +122,11 @@ def build_network(folder: Path, out: Path | None = None) -> Path:
     """Builds a network from the plain XML of its folder, by `FOLDER/NAME.netccfg`.
 
     Args:
-        folder: Named as the network.
-        out: The net to write; None: `FOLDER/NAME.net.xml`.
+        folder: Folder with the name of the network.
+        out: Path of the net to write; None: `FOLDER/NAME.net.xml`.
 
     Raises:
-        InvalidInputError: No such folder, or netconvert refuses what is in it.
+        InvalidInputError: The folder does not exist, or netconvert rejects its content.
     """
     config = folder / f"{folder.resolve().name}.netccfg"
     if not config.is_file():
@@ -143,12 +143,12 @@ def run_netconvert(arguments: Sequence[str], file: Path, timeout_s: float) -> li
     """Runs netconvert and returns its warnings.
 
     Args:
-        arguments: Its command line.
-        file: What the user gave, for the message.
-        timeout_s: After which it is stopped.
+        arguments: Command line of netconvert.
+        file: Path that the user gave, for error messages.
+        timeout_s: Time after which netconvert is stopped, s.
 
     Raises:
-        InvalidInputError: It fails, or takes too long.
+        InvalidInputError: netconvert fails or takes too long.
     """
     always = ["--xml-validation", "never", "--xml-validation.net", "never", "--aggregate-warnings", "-1"]
     try:
@@ -164,7 +164,7 @@ def run_netconvert(arguments: Sequence[str], file: Path, timeout_s: float) -> li
 
 
 def without_comments(net: bytes) -> bytes:
-    """A net without netconvert's comment, which holds the date and paths: the same source gives the same bytes."""
+    """Removes netconvert's comment (date and paths) from a net, so that the same source gives the same bytes."""
     return re.sub(rb"\n*<!-- generated on .*?-->\n*", b"\n\n", net, count=1, flags=re.DOTALL)
 
 
@@ -193,7 +193,7 @@ def _convert(kind: Kind, source: Path, target: Path, lights: bool, file: Path, t
 
 
 def _checked(net: Path, name: str, file: Path) -> RoadNetwork:
-    """Opens the net as dohyo will, and as SUMO will."""
+    """Reads the net, and checks that dohyo and SUMO can both open it."""
     try:
         network = read_network(net, name)
     except InvalidInputError as error:

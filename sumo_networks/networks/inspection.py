@@ -1,4 +1,4 @@
-"""Inspection: what a network holds, and what about it would trouble a driver."""
+"""Inspection: the content of a network, and the faults of its geometry."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class LaneFault:
     Attributes:
         lane: SUMO lane id.
         kind: "short" (m), "kink" (degrees) or "curvature" (radius in m).
-        value: How short, sharp or tight, in the unit of its kind.
+        value: Measured value, in the unit of its kind.
     """
 
     lane: str
@@ -40,25 +40,25 @@ class LaneFault:
 
 @dataclass(frozen=True, slots=True)
 class NetworkReport:
-    """The check of one network; "lanes" are those cars may use, outside junctions.
+    """Report on one network; "lanes" are the lanes open to cars, outside junctions.
 
     Attributes:
-        name: Of the network.
-        sha256: Of its file.
-        lanes: How many.
-        lane_km: Their length.
-        road_km: Length of the roads to the middle of their junctions, both directions of one road counted once.
-        junctions: Where roads meet, by SUMO's type.
-        lights: Traffic lights.
-        crossings: Pedestrian crossings.
-        stop_signs: Lanes that end at a stop sign.
-        dead_ends: Edges from which cars can only turn round, or leave the network.
-        connected_share: Share of lanes in the largest part in which every lane leads to every other.
-        outside: Edges with lanes outside that part.
-        speed_limits_kmh: Lane km by speed limit in km/h.
+        name: Name of the network.
+        sha256: Hash of the network's file.
+        lanes: Number of lanes.
+        lane_km: Total length of the lanes, km.
+        road_km: Length of the roads to the middle of their junctions, km; both directions of a road count once.
+        junctions: Number of junctions by SUMO's type.
+        lights: Number of traffic lights.
+        crossings: Number of pedestrian crossings.
+        stop_signs: Number of lanes that end at a stop sign.
+        dead_ends: SUMO ids of edges from which cars can only turn round or leave the network.
+        connected_share: Share of lanes in the largest strongly connected part of the network.
+        outside: SUMO ids of edges with lanes outside that part.
+        speed_limits_kmh: Length of lanes [km] by speed limit [km/h].
         sidewalk_share: Share of the edges' length with a sidewalk.
-        faults: Suspicious geometry, inside junctions too.
-        guessed: What an import guessed or repaired.
+        faults: Lanes with suspicious geometry, inside junctions too.
+        guessed: Guesses and repairs of the import.
     """
 
     name: str
@@ -79,12 +79,12 @@ class NetworkReport:
     guessed: tuple[str, ...] = ()
 
     def as_document(self) -> dict[str, Any]:
-        """The report as JSON can hold it."""
+        """The report as a JSON document."""
         return dataclasses.asdict(self)
 
 
 def network_size(network: RoadNetwork) -> NetworkSize:
-    """Counts what a list of networks shows."""
+    """Measures the size of a network, for lists of networks."""
     lanes = network.lanes
     road = lanes.drivable & ~lanes.internal
     return NetworkSize(
@@ -100,7 +100,7 @@ def inspect_network(network: RoadNetwork, guessed: Sequence[str] = ()) -> Networ
 
     Args:
         network: The roads.
-        guessed: What its import guessed or repaired.
+        guessed: Guesses and repairs of its import.
     """
     lanes = network.lanes
     road = lanes.drivable & ~lanes.internal
@@ -142,7 +142,7 @@ def _edge_names(network: RoadNetwork, edges: IntArray) -> tuple[str, ...]:
 
 
 def _road_length(network: RoadNetwork, road: BoolArray) -> float:
-    """Length of all roads, m: an edge that another accompanies in the other direction counts half.
+    """Length of all roads, m; an edge with a parallel edge in the other direction counts half.
 
     Edges are extended to the middle of their junctions.
     """
@@ -163,7 +163,7 @@ def _road_length(network: RoadNetwork, road: BoolArray) -> float:
 
 
 def _to_junctions(network: RoadNetwork, begin: FloatArray, end: FloatArray) -> FloatArray:
-    """(N,) how far lanes lie from the middle of the junctions at both their ends, m."""
+    """(N,) sum of the distances from both ends of each lane to the middle of the junction there, m."""
     outlines = [network.junction_shape(j) for j in range(len(network.junctions.ids))]
     polygons = [shapely.convex_hull(shapely.multipoints(shape)) for shape in outlines if len(shape)]
     ends = np.concatenate([begin, end])
@@ -182,7 +182,7 @@ def _dead_ends(network: RoadNetwork, road: BoolArray) -> IntArray:
 
 
 def _largest_part(network: RoadNetwork) -> BoolArray:
-    """(L,) lanes of the largest set in which every lane leads to every other, by connections and lane changes."""
+    """(L,) whether a lane is in the largest strongly connected set, by connections and lane changes."""
     lanes, connections = network.lanes, network.connections
     drives = lanes.drivable[connections.source] & lanes.drivable[connections.target]
     source, target = connections.source[drives], connections.target[drives]

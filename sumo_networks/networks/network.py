@@ -24,13 +24,13 @@ GRID_CELL_M = 30.0
 
 @dataclass(frozen=True, slots=True)
 class Lanes:
-    """All lanes, L of them, junction-internal ones included.
+    """All L lanes, junction-internal ones included.
 
     Attributes:
         ids: (L,) SUMO lane ids.
         edge: (L,) index into `edge_ids`.
         index: (L,) position within the edge, 0 the rightmost.
-        length: (L,), m, as SUMO measures positions.
+        length: (L,), m, in SUMO's measure of positions.
         width: (L,), m.
         speed: (L,), m/s, the limit.
         drivable: (L,) open to passenger cars.
@@ -65,13 +65,13 @@ class Lanes:
 
 @dataclass(frozen=True, slots=True)
 class Connections:
-    """Which lane leads to which, C of them; one from a road goes by its first internal lane.
+    """C links from lane to lane; a link from a road into a junction leads to its first internal lane.
 
     Attributes:
         source: (C,) lane.
-        target: (C,) next lane (the internal one where there is one).
+        target: (C,) next lane (the internal lane, if there is one).
         direction: (C,) SUMO's letter: s straight, l left, r right, L, R partly, t turn, i inside a junction.
-        signal: (C,) signal that controls it, -1 if none.
+        signal: (C,) signal that controls the connection, -1 if none.
         control: (C,) SUMO's letter for the right of way without signals: M major, m minor, s stop, w all-way stop, ...
         first: (L + 1,) first connection out of each lane; connections are sorted by source.
         yields: (Y, 2) pairs of connections of one junction: the first must give way to the second.
@@ -88,7 +88,7 @@ class Connections:
 
 @dataclass(frozen=True, slots=True)
 class Signals:
-    """Every signal of every traffic light, K of them.
+    """The K signals of all traffic lights.
 
     Attributes:
         light_ids: (T,) SUMO traffic-light ids.
@@ -103,10 +103,10 @@ class Signals:
 
 @dataclass(frozen=True, slots=True)
 class StopLines:
-    """The end of every drivable lane where a light or a stop sign may stop a car, S of them.
+    """The S stop lines: ends of drivable lanes at a traffic light or a stop sign.
 
     Attributes:
-        lane: (S,) lane it ends.
+        lane: (S,) lane that ends at the stop line.
         segment: (S, 4) right end x, y, left end x, y, m.
         lit: (S,) guarded by a traffic light.
         stop_sign: (S,) guarded by a stop sign.
@@ -120,7 +120,7 @@ class StopLines:
 
 @dataclass(frozen=True, slots=True)
 class Junctions:
-    """Junctions, J of them.
+    """The J junctions.
 
     Attributes:
         ids: (J,) SUMO ids.
@@ -140,14 +140,14 @@ class RoadNetwork:
     """The roads of one place.
 
     Attributes:
-        name: In the catalog, or the file's stem.
-        path: The SUMO net.
-        sha256: Of the net file's bytes.
+        name: Name in the catalog, or the file's stem.
+        path: Path of the SUMO net.
+        sha256: Hash of the net file's bytes.
         lanes: All lanes.
-        connections: Which lane leads to which.
+        connections: Links from lane to lane.
         signals: Every signal.
-        stop_lines: Where cars may have to stop.
-        junctions: Outlines.
+        stop_lines: Stop lines at traffic lights and stop signs.
+        junctions: Types and outlines of the junctions.
     """
 
     name: str
@@ -197,8 +197,8 @@ class RoadNetwork:
         """Point on a lane's centreline.
 
         Args:
-            lane: Index.
-            position: m along the lane as SUMO measures it; negative counts from the end.
+            lane: Index of the lane.
+            position: Position along the lane in SUMO's measure, m; negative counts from the end.
 
         Returns:
             x [m], y [m], direction [rad].
@@ -214,16 +214,16 @@ class RoadNetwork:
         return float(x), float(y), float(np.arctan2(steps[i, 1], steps[i, 0]))
 
     def nearest_lane(self, x: float, y: float, heading: float, preferred: BoolArray) -> tuple[int, float, float]:
-        """The drivable lane a vehicle is on; see `geometry.nearest_lane`."""
+        """Drivable lane under a vehicle; see `geometry.nearest_lane`."""
         return nearest_lane(x, y, heading, self._grid, preferred)
 
     def crossed_stop_lines(self, x0: float, y0: float, x1: float, y1: float) -> IntArray:
-        """Indices of the stop lines a motion crosses in driving direction."""
+        """Indices of the stop lines that a motion crosses in driving direction."""
         return crossed_segments(x0, y0, x1, y1, self.stop_lines.segment)
 
     @cached_property
     def drivable_area(self) -> shapely.Geometry:
-        """Union of drivable lanes and of the junctions they meet in."""
+        """Union of the drivable lanes and of the junctions that connect them."""
         strips = [
             shapely.buffer(shapely.linestrings(self.lane_shape(i)), self.lanes.width[i] / 2, cap_style="flat")
             for i in np.flatnonzero(self.lanes.drivable).tolist()
@@ -274,15 +274,15 @@ _GROUPS = {
 
 
 def read_network(path: Path, name: str, limit_mb: float = math.inf) -> RoadNetwork:
-    """Parses a SUMO net, or takes the arrays of an earlier parse of the same bytes from the cache.
+    """Reads a SUMO net: parses it, or loads the arrays of an earlier parse of the same bytes from the cache.
 
     Args:
         path: A .net.xml or .net.xml.gz file.
-        name: What to call it.
+        name: Name of the network.
         limit_mb: Largest size, packed or unpacked, MB.
 
     Raises:
-        InvalidInputError: The file is missing, too large, no SUMO net, harmful, or has no lane open to cars.
+        InvalidInputError: The file is missing, too large, harmful or no SUMO net, or has no lane open to cars.
     """
     check_size(path, limit_mb)
     sha256 = file_hash(path)
@@ -304,7 +304,7 @@ def read_network(path: Path, name: str, limit_mb: float = math.inf) -> RoadNetwo
 
 
 def cache_folder() -> Path:
-    """Where parsed networks are kept: $DOHYO_CACHE, else the user's cache folder."""
+    """Folder of parsed networks: $DOHYO_CACHE, else the user's cache folder."""
     explicit = os.environ.get("DOHYO_CACHE")
     if explicit:
         return Path(explicit)

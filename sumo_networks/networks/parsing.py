@@ -1,4 +1,4 @@
-"""From a SUMO net file to arrays, by sumolib."""
+"""Parsing: a SUMO net file becomes arrays, by sumolib."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def file_hash(path: Path) -> str:
     """Hex sha256 of a net file's bytes.
 
     Raises:
-        InvalidInputError: There is no such file.
+        InvalidInputError: The file cannot be read.
     """
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
@@ -32,7 +32,7 @@ def file_hash(path: Path) -> str:
 
 
 def parse_net(path: Path) -> Tables:
-    """Reads a SUMO net, which `xml_guard.scan` has let pass, into flat arrays, named "group.field" as in `network.py`.
+    """Reads a SUMO net that `xml_guard.scan` has accepted into flat arrays, named "group.field" as in `network.py`.
 
     Raises:
         InvalidInputError: The file is no SUMO net, or has no lane open to cars.
@@ -144,7 +144,7 @@ def _yields(links: list[Any]) -> np.ndarray:
         node = links[members[0]].getFrom().getToNode()
         index = {i: node.getLinkIndex(links[i]) for i in members}
         for i in members:
-            # sumolib's node.forbids() says the same, but looks both indices up again for every pair.
+            # The same as sumolib's node.forbids(), without its look-up of both indices for every pair.
             response = node._prohibits.get(index[i], "")[::-1]
             pairs += [(i, j) for j in members if response[index[j] : index[j] + 1] == "1"]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)

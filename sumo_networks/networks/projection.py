@@ -1,4 +1,4 @@
-"""Projection: between a network's metres and WGS84, by the net's own UTM zone or else around a local origin."""
+"""Projection: between a network's metres and WGS84, by the net's UTM zone or around a local origin."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ _INVERSE = TransformDirection.INVERSE
 
 @dataclass(frozen=True, slots=True)
 class Projection:
-    """How a network's frame lies on the earth.
+    """Position of a network's frame on the earth.
 
     Attributes:
-        zone: UTM zone, 1 to 60; 0 where the net has none, and its frame is taken for a plane that touches the earth at
-            latitude 0, longitude 0.
-        south: Whether the zone is one of the southern half.
-        offset: What SUMO added to the projected coordinates, m.
+        zone: UTM zone, 1 to 60; 0 if the net has none: its frame is then a plane that touches the earth at latitude 0,
+            longitude 0.
+        south: Whether the zone lies in the southern hemisphere.
+        offset: x, y that SUMO added to the projected coordinates, m.
     """
 
     zone: int = 0
@@ -37,7 +37,7 @@ class Projection:
 
     @property
     def georeferenced(self) -> bool:
-        """Whether the coordinates are those of the real place."""
+        """Whether latitude and longitude are those of the real place."""
         return self.zone > 0
 
     def to_wgs84(self, x: float, y: float) -> tuple[float, float]:
@@ -60,7 +60,7 @@ class Projection:
 
 @lru_cache(maxsize=64)
 def read_projection(path: Path) -> Projection:
-    """The UTM zone that a SUMO net names in its <location>; a local origin where it names none or another projection.
+    """Projection of a SUMO net: the UTM zone of its <location>; a local origin without a UTM zone.
 
     Raises:
         InvalidInputError: The file cannot be read.
@@ -78,14 +78,14 @@ def read_projection(path: Path) -> Projection:
 
 
 def geodetic_to_enu(points: FloatArray, origin: tuple[float, float, float]) -> FloatArray:
-    """East, north and up from an origin, exactly (through the earth-centred frame).
+    """East, north and up from an origin, computed exactly (through the earth-centred frame).
 
     Args:
         points: (N, 3) latitude, longitude [degrees], height [m].
-        origin: The same, of one point.
+        origin: Latitude, longitude [degrees], height [m] of the origin.
 
     Returns:
-        (N, 3), m.
+        (N, 3) east, north, up, m.
     """
     latitude, longitude, height = points.T
     return np.column_stack(_local_plane(origin).transform(longitude, latitude, height))
@@ -100,7 +100,7 @@ def enu_to_geodetic(point: FloatArray, origin: tuple[float, float, float]) -> tu
 
 @lru_cache(maxsize=64)
 def _utm(zone: int, south: bool) -> Transformer:
-    """From longitude and latitude [degrees] to easting and northing [m]."""
+    """Transformer from longitude and latitude [degrees] to easting and northing [m]."""
     return Transformer.from_pipeline(
         f"{_RADIANS} +step +proj=utm +zone={zone} {'+south ' if south else ''}+ellps=WGS84"
     )
@@ -108,7 +108,7 @@ def _utm(zone: int, south: bool) -> Transformer:
 
 @lru_cache(maxsize=64)
 def _local_plane(origin: tuple[float, float, float]) -> Transformer:
-    """From longitude, latitude [degrees] and height [m] to east, north and up [m] of an origin."""
+    """Transformer from longitude, latitude [degrees] and height [m] to east, north and up [m] of an origin."""
     latitude, longitude, height = map(float, origin)
     return Transformer.from_pipeline(
         f"{_RADIANS} +step +proj=cart +ellps=WGS84 "

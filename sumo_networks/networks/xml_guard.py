@@ -1,7 +1,7 @@
-"""A guard before every road file: read once, as a stream, under a size limit, and refused if it could do harm.
+"""XML guard: reads every road file once, as a stream, under a size limit, and refuses harmful files.
 
-A file is hostile until proven otherwise: any DOCTYPE is refused (and so entities of all kinds) before netconvert,
-sumolib or another parser sees the file.
+Files are untrusted: a file with a DOCTYPE (and so with any entity) is refused before netconvert, sumolib or another
+parser reads it.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ _CHUNK = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class Census:
-    """What a file holds before anything is guessed.
+    """Content of a road file before anything is guessed.
 
     Attributes:
-        elements: How many of each element there are.
-        sidewalks: Lanes for pedestrians alone.
-        crossings: Pedestrian crossings.
-        lights: Traffic lights.
+        elements: Number of elements by tag.
+        sidewalks: Number of lanes for pedestrians only.
+        crossings: Number of pedestrian crossings.
+        lights: Number of traffic lights.
     """
 
     elements: Counter[str]
@@ -40,10 +40,10 @@ class Census:
 
 
 def check_size(file: Path, limit_mb: float = LIMIT_MB) -> None:
-    """Refuses a file by what the disk says of it, before it is opened.
+    """Checks a file's size on the disk, before it is opened.
 
     Raises:
-        InvalidInputError: It is larger, or no file.
+        InvalidInputError: The file is larger than the limit, or is no file.
     """
     try:
         state = file.stat()
@@ -56,16 +56,16 @@ def check_size(file: Path, limit_mb: float = LIMIT_MB) -> None:
 
 
 def scan(file: Path, root: str, limit_mb: float = LIMIT_MB, copy: Path | None = None) -> Census:
-    """Reads a file, unzipped if it is gzipped, to see that it is harmless XML.
+    """Reads a file, unzipped if it is gzipped, and checks that it is harmless XML.
 
     Args:
-        file: What the user gave.
-        root: Its root element's name.
+        file: Path that the user gave.
+        root: Expected name of the root element.
         limit_mb: Largest size, packed or unpacked, MB.
-        copy: Where to write the plain XML, if anywhere.
+        copy: File to write the plain XML to; None: no copy.
 
     Raises:
-        InvalidInputError: Too large, truncated, not well-formed, another root, or with a DOCTYPE.
+        InvalidInputError: The file is too large, truncated or not well-formed, has another root, or has a DOCTYPE.
     """
     check_size(file, limit_mb)
     limit, scanner, size = limit_mb * 1e6, _Scanner(file, root), 0
@@ -89,7 +89,7 @@ def scan(file: Path, root: str, limit_mb: float = LIMIT_MB, copy: Path | None = 
 
 
 class _Scanner:
-    """Reads XML as it streams by: refuses what could do harm, counts the rest."""
+    """Streaming XML reader: refuses harmful content and counts elements."""
 
     def __init__(self, file: Path, root: str) -> None:
         self.file, self.root = file, root

@@ -1,4 +1,4 @@
-"""Command: what the navigation says. Apart from routes, whose numeric kernels take long to import."""
+"""Command: the navigation's instruction. A module of its own, since the kernels of routes take long to import."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class Command(IntEnum):
-    """What the navigation says: the next manoeuvre within 30 m, or FOLLOW."""
+    """Instruction of the navigation: the next manoeuvre within 30 m, or FOLLOW."""
 
     FOLLOW = 0
     LEFT = 1

@@ -1,4 +1,4 @@
-"""EdgeGraph: the edges open to one kind of vehicle, and the ways between them."""
+"""EdgeGraph: the edges open to one kind of vehicle, and the paths between them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ATTEMPTS = 30
 
 
 class EdgeGraph:
-    """Edges open to one kind of vehicle, and the fastest ways between them."""
+    """Edges open to one kind of vehicle, and the fastest paths between them."""
 
     def __init__(self, network: RoadNetwork, permission: BoolArray) -> None:
         lanes = network.lanes
@@ -39,10 +39,10 @@ class EdgeGraph:
         self._trees: dict[int, IntArray] = {}
 
     def random_path(self, rng: np.random.Generator, egos: FloatArray, on_the_way: bool) -> tuple[str, ...]:
-        """A random journey, as edge ids, that begins out of the egos' sight where the network is large enough.
+        """Random path as edge ids; it begins out of the egos' sight if the network is large enough.
 
         Raises:
-            InvalidInputError: No two edges are connected, nor does any lead through the whole network.
+            InvalidInputError: No two edges are connected, and no edge leads through the whole network.
         """
         everywhere = np.arange(len(self.edges))
         sources = everywhere if on_the_way or not len(self.sources) else self.sources
@@ -56,18 +56,18 @@ class EdgeGraph:
             if path:
                 return tuple(self.names[i] for i in path)
         alone = np.intersect1d(np.intersect1d(sources, self.sources), self.sinks)
-        if len(alone):  # a road that meets no other, such as a stretch of motorway
+        if len(alone):  # a road without junctions, such as a stretch of motorway
             return (self.names[int(alone[draw(rng, self.lane_count[alone])])],)
         if len(egos):
             return self.random_path(rng, np.empty((0, 2)), on_the_way)
         raise InvalidInputError("traffic: the network has no two connected edges for its vehicles to drive between")
 
     def fastest(self, source: str, target: str) -> tuple[str, ...]:
-        """The fastest way between two edges, both included; empty where there is none, or one is not open.
+        """Fastest path between two edges, both included; empty if there is none or one of them is not open.
 
         Args:
             source: SUMO edge id.
-            target: The same; may be the source itself.
+            target: SUMO edge id; may be the source itself.
         """
         if source not in self.names or target not in self.names:
             return ()
@@ -87,7 +87,7 @@ class EdgeGraph:
         return path[::-1]
 
     def _tree(self, source: int) -> IntArray:
-        """(N,) predecessor of every edge on the fastest way from the source, -1 where there is none."""
+        """(N,) predecessor of every edge on the fastest path from the source, -1 if there is none."""
         parents = np.full(len(self.edges), -1, dtype=np.int64)
         best = np.full(len(self.edges), np.inf)
         best[source] = 0.0
@@ -105,14 +105,14 @@ class EdgeGraph:
 
 
 def draw(rng: np.random.Generator, weight: FloatArray | IntArray) -> int:
-    """A row with a chance in proportion to its weight; the same as `rng.choice` draws, ten times as fast."""
+    """Draws a row with a probability in proportion to its weight: as `rng.choice`, ten times as fast."""
     cumulated = np.cumsum(weight / weight.sum())
     cumulated /= cumulated[-1]
     return int(cumulated.searchsorted(rng.random(), side="right"))
 
 
 def out_of_sight(places: FloatArray, egos: FloatArray) -> IntArray:
-    """Rows of the places (N, 2) [m] that no ego can see; where all are in sight, that of the farthest."""
+    """Rows of the places (N, 2) [m] that no ego can see; if all are in sight, the row of the farthest place."""
     if not len(egos):
         return np.arange(len(places))
     distance = np.hypot(*(places[:, None] - egos).T).min(axis=0)

@@ -1,4 +1,4 @@
-"""Route: the lane-level reference path of a mission, and how the lanes that it follows become one smooth path."""
+"""Route: the lane-level reference path of a mission, built as one smooth path from a sequence of lanes."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ class Passage:
     """One passage of the route through a junction.
 
     Attributes:
-        entry: m along the route, where the junction begins (the stop line, where there is one).
-        exit: m along the route, where it ends.
-        connection: The connection taken, index into `RoadNetwork.connections`.
-        signal: The signal that controls it, -1 if none.
+        entry: Arc length at which the junction begins (at its stop line, if there is one), m.
+        exit: Arc length at which the junction ends, m.
+        connection: Index of the route's connection in `RoadNetwork.connections`.
+        signal: Index of the signal that controls the connection, -1 if none.
         control: SUMO's letter for the right of way.
         command: LEFT, RIGHT or STRAIGHT.
     """
@@ -47,8 +47,8 @@ class LaneChange:
     """One lane change of the route.
 
     Attributes:
-        start: m along the route, where the path begins to leave its lane.
-        end: m along the route, where it is in the new lane.
+        start: Arc length at which the path begins to leave its lane, m.
+        end: Arc length at which the path is in the new lane, m.
         command: CHANGE_LEFT or CHANGE_RIGHT.
     """
 
@@ -62,18 +62,18 @@ class Route:
     """The lane-level reference path of a mission, a point every metre.
 
     Attributes:
-        length: m.
+        length: Length of the route, m.
         position: (N, 2), m, network frame.
         heading: (N,), rad.
         curvature: (N,), 1/m, left positive.
         speed_limit: (N,), m/s.
-        width: (N,), m, of the lane there.
-        lane: (N,) lane the path is on; at a lane change the nearer one.
-        command: (N,) Command that the navigation gives there.
-        passages: Junctions in order.
-        lane_changes: In order.
+        width: (N,), m, width of the lane.
+        lane: (N,) lane under the path; at a lane change the nearer lane.
+        command: (N,) Command of the navigation.
+        passages: Passages through junctions, in driving order.
+        lane_changes: Lane changes, in driving order.
         edges: SUMO edge ids (without internal ones), for SUMO's own route of the ego.
-        on_route: (L,) lanes the route uses.
+        on_route: (L,) whether the route uses the lane.
     """
 
     length: float
@@ -102,7 +102,7 @@ class Route:
             ahead: How far ahead to search, m.
 
         Returns:
-            Arc length [m], signed distance [m, left positive], direction of the route there [rad].
+            Arc length [m], signed distance [m, left positive], direction of the route at that point [rad].
         """
         spacing = self.length / (len(self.position) - 1)
         first = int((near - behind) / spacing)
@@ -116,13 +116,13 @@ class Route:
 
 
 def build_route(network: RoadNetwork, lanes: list[int], start: float, goal: float) -> Route:
-    """The route along lanes, each of which leads into the next or lies beside it.
+    """Builds the route along lanes, each of which leads into the next or lies beside it.
 
     Args:
         network: The network of the lanes.
-        lanes: Row numbers.
-        start: m along the first.
-        goal: m along the last.
+        lanes: Rows of the lanes in the network, in driving order.
+        start: Position along the first lane, m.
+        goal: Position along the last lane, m.
     """
     return _PathBuilder(network, lanes, start, goal).build()
 
@@ -166,7 +166,7 @@ class _PathBuilder:
         even = np.linspace(0.0, along[-1], count)
         position = np.column_stack([np.interp(even, along, smooth[:, i]) for i in (0, 1)])
         length = float(_arc_lengths(position)[-1])
-        # Smoothing cuts corners: arc lengths shrink there, and nowhere else.
+        # Smoothing cuts corners: arc lengths shrink at corners only.
         arc_on_path = np.interp(arc, at, along) * length / along[-1]
         lane = owner[np.clip(np.searchsorted(arc, np.interp(even, along, at), side="right") - 1, 0, len(owner) - 1)]
         passages = self._passages(arc_on_path, length)

@@ -62,15 +62,15 @@ def _via(network: RoadNetwork, mission: Mission, edge: str) -> int:
     raise InvalidInputError(f"mission '{mission.name}': network '{network.name}' has no drivable edge '{edge}' (via)")
 
 
-# A lane, where on it the search came, and how many of the via edges are behind it. Lanes beside the start are reached
-# part of the way along; all others at their beginning, so that a round trip may come back to the start lane.
+# Lane, position at which the search entered it, and number of via edges passed. Lanes beside the start are entered at
+# the start's position, all others at their beginning, so that a round trip may come back to the start lane.
 _Node = tuple[int, float, int]
 
 
 def _search(
     network: RoadNetwork, start: int, start_at: float, goal: int, goal_at: float, via: list[int]
 ) -> list[int] | None:
-    """A* over lanes: following a connection costs the lane's travel time, a lane change a fixed time."""
+    """A* over lanes: a connection costs the lane's travel time, a lane change a fixed time."""
     lanes, fastest = network.lanes, _fastest(network)
     gx, gy = network.lane_shape(goal)[0]
 
@@ -107,9 +107,9 @@ def _search(
 
 
 def _fastest(network: RoadNetwork) -> float:
-    """Most metres of bee-line per second of cost along any connection, so that A* never overestimates, m/s.
+    """Largest straight-line distance per cost of any connection, m/s, so that A* never overestimates.
 
-    A little above the highest limit, since SUMO's lanes may be shorter than they are drawn.
+    The value is a little above the highest limit, since the length that SUMO gives a lane may be less than its shape's.
     """
     lanes, connections = network.lanes, network.connections
     drivable = lanes.drivable[connections.source] & lanes.drivable[connections.target]
@@ -128,7 +128,7 @@ def _unwind(came_from: dict[_Node, _Node | None], node: _Node) -> list[int]:
 
 
 def _moves(network: RoadNetwork, lane: int, entered_at: float, change_before: float) -> list[tuple[int, bool, float]]:
-    """Lanes reachable from a lane: which, whether by a lane change, and at what cost in seconds."""
+    """Next lanes of a lane, each with its cost in seconds and whether it takes a lane change."""
     lanes, moves = network.lanes, []
     length = float(lanes.length[lane])
     room = min(length, change_before) - entered_at

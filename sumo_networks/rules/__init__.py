@@ -1,1 +1,1 @@
-"""Rules of geometry and right of way that criteria, rewards and sensors share."""
+"""Geometry and right-of-way rules that criteria, rewards and sensors share."""

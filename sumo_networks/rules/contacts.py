@@ -1,4 +1,4 @@
-"""Contacts: whose boxes touch an ego's. SUMO's own collision test knows only lanes."""
+"""Contacts: actors whose boxes touch the box of an ego. SUMO's own collision test considers lanes only."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dohyo.sumo_networks.world import ActorKind, Actors, Contact, Egos, World
 
 
 def contacts(egos: Egos, actors: Actors) -> tuple[Contact, ...]:
-    """Boxes that touch an active ego's."""
+    """Contacts of all active egos with actors and other egos."""
     own = egos.columns()
     found = [
         Contact(ego, int(actors.key[row]), ActorKind(actors.kind[row]), row)
@@ -41,7 +41,7 @@ def _copy_box(boxes: BoxColumns, row: int, out: FloatArray) -> None:
 
 @njit(cache=True)
 def _touching(active: BoolArray, own: BoxColumns, other: BoxColumns) -> IntArray:
-    """(K, 2) rows of the active ones of E boxes and of those of M others that they touch."""
+    """(K, 2) pairs of rows: an active one of E boxes, and one of M other boxes that touches it."""
     found = []
     box, another = np.empty(5), np.empty(5)
     for e in range(active.shape[0]):

@@ -1,7 +1,6 @@
-"""When an episode is over: at the goal, later than its time limit, or after its planned duration.
+"""End of an episode: at the goal, after the time limit, or after the planned duration.
 
-Environments and the judge of an evaluation ask the same functions, so that an agent is trained on the episodes that it
-is judged by.
+Environments and evaluations use the same functions, so that training and evaluation episodes end alike.
 """
 
 from __future__ import annotations
@@ -21,10 +20,10 @@ def reached_goal(world: World, ego: int) -> bool:
 
 
 def is_late(world: World, limit_s: float | None) -> bool:
-    """Whether more time has passed than a time limit allows, s; never without a limit."""
+    """Whether the time limit [s] has passed; False without a limit."""
     return limit_s is not None and world.time > limit_s
 
 
 def is_played_out(world: World, duration_s: float | None) -> bool:
-    """Whether a scenario's planned duration, s, has passed; never without one."""
+    """Whether a scenario's planned duration [s] has passed; False without one."""
     return duration_s is not None and world.time >= duration_s - TICK_S / 2

@@ -1,4 +1,4 @@
-"""Red signals: which signal stops an ego, at the end of a lane or along its route."""
+"""Red signals: the signal that stops an ego, at the end of a lane or along its route."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from dohyo.sumo_networks.rules.right_of_way import passages_within
 from dohyo.sumo_networks.world import LightState, World
 
 CLOSED = frozenset({LightState.RED, LightState.YELLOW})
-"""States in which an ego that can stop has to."""
+"""States at which an ego must stop if it can."""
 
 
 def red_signal(world: World, ego: int, lane: int) -> int:
-    """The signal that is red for an ego at the end of a lane, -1 if none is.
+    """Index of the signal that is red for an ego at the end of a lane, -1 if none.
 
-    Where the ego's route goes through that end, the route's own signal decides; elsewhere all signals must be red.
+    If the ego's route passes the end of the lane, the route's own signal decides; otherwise all signals must be red.
     """
     connections, progress = world.network.connections, world.egos.progress[ego]
     through = [p for p in world.routes[ego].passages if connections.source[p.connection] == lane]
@@ -32,7 +32,7 @@ def next_signal(world: World, ego: int, within_m: float) -> tuple[float, LightSt
     """The next signal on an ego's route.
 
     Returns:
-        Distance from the ego's centre to its stop line, m, and its state; None where there is none.
+        Distance from the ego's centre to the signal's stop line, m, and the signal's state; None if there is no signal.
     """
     for ahead, passage in passages_within(world.routes[ego], float(world.egos.progress[ego]), within_m):
         if passage.signal >= 0:
@@ -41,7 +41,7 @@ def next_signal(world: World, ego: int, within_m: float) -> tuple[float, LightSt
 
 
 def passed_red(before: World, after: World, ego: int) -> bool:
-    """Whether an ego's front passed, along its route, a line whose signal is red after the tick."""
+    """Whether an ego's front passed a stop line of its route while the signal was red (state after the tick)."""
     half = float(after.egos.length[ego]) / 2
     start, end = float(before.egos.progress[ego]) + half, float(after.egos.progress[ego]) + half
     return any(

@@ -1,4 +1,4 @@
-"""Right of way: what SUMO's letters mean for a driver, and which junctions a route has ahead."""
+"""Right of way: the meaning of SUMO's letters for a driver, and the junctions ahead on a route."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dohyo.sumo_networks.routes.route import Passage, Route
 
 
 class RightOfWay(IntEnum):
-    """What a driver without a signal has to do at a junction."""
+    """Duty of a driver at a junction without a signal."""
 
     MAJOR = 0
     YIELD = 1
@@ -20,7 +20,7 @@ _OF_LETTER = {"m": RightOfWay.YIELD, "=": RightOfWay.YIELD, "s": RightOfWay.STOP
 
 
 def right_of_way(control: str) -> RightOfWay:
-    """The meaning of SUMO's letter (m minor, = equal, s stop, w all-way stop; any other: major)."""
+    """Right of way of a SUMO letter (m minor, = equal, s stop, w all-way stop; any other: major)."""
     return _OF_LETTER.get(control, RightOfWay.MAJOR)
 
 
@@ -34,8 +34,8 @@ def passages_within(route: Route, s: float, within_m: float) -> Iterator[tuple[f
 
     Args:
         route: The route.
-        s: From where on, m along the route.
-        within_m: How far ahead, m.
+        s: Arc length at which the search starts, m.
+        within_m: Length of the search, m.
 
     Yields:
         Distance to the junction's entry, m, and the passage.

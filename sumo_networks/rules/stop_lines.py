@@ -1,4 +1,4 @@
-"""Stop lines: which of them an ego's motion crosses, and how far a point is from one."""
+"""Stop lines: those that an ego's motion crosses, and the distance of a point from one."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ def axis_point(egos: Egos, ego: int, ahead: float) -> Point:
 
     Args:
         egos: All egos.
-        ego: Which one.
-        ahead: m ahead of the centre of its box, negative behind.
+        ego: Index of the ego.
+        ahead: Distance ahead of the box centre, m; negative behind.
 
     Returns:
         x, y, m, network frame.
@@ -33,14 +33,14 @@ def front(egos: Egos, ego: int) -> Point:
 def crossed_stop_lines(world: World, ego: int, start: Point, end: Point) -> list[int]:
     """Stop lines that a motion of the ego crosses in driving direction.
 
-    Networks are flat: a road may pass over or under another one's stop line. An ego on its route therefore meets only
-    the lines of its route and of the edge it is on.
+    Networks have no heights: a road may pass over or under the stop line of another road. For an ego on its route only
+    the stop lines of the route and of the current edge therefore count.
 
     Args:
         world: The world after the motion.
         ego: Index of the ego.
-        start: Where the motion begins, m, network frame.
-        end: Where it ends.
+        start: Start of the motion, m, network frame.
+        end: End of the motion, m, network frame.
 
     Returns:
         Rows of `RoadNetwork.stop_lines`.

@@ -1,4 +1,4 @@
-"""Flows: vehicles that follow each other along one way with gaps, beside the constant population."""
+"""Flows: vehicles that follow each other along one path with gaps, in addition to the constant population."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ class FlowSource:
     """One flow of a scenario on its network.
 
     Attributes:
-        type: A vType of vehicle_types.add.xml; None: mixed as in the population.
-        edges: SUMO edge ids from source to target, the fastest way.
-        lane: Index of the lane on the first edge on which all enter; None: the best one each time.
-        gap_s: Bounds of the evenly distributed time between two, s; None: random times.
-        mean_s: Of the time between two, s.
-        rng: Of its gaps.
+        type: Name of a vType in vehicle_types.add.xml; None: mixed as in the population.
+        edges: SUMO edge ids of the fastest path from source to target.
+        lane: Index of the lane on the first edge on which all vehicles enter; None: the best lane each time.
+        gap_s: Bounds of the uniformly distributed time between two vehicles, s; None: random times.
+        mean_s: Mean time between two vehicles, s.
+        rng: Generator of the gaps.
     """
 
     type: str | None
@@ -41,7 +41,7 @@ class FlowSource:
         self._next_s = float(self.rng.uniform(0.0, self.mean_s))
 
     def due(self, time_s: float) -> Iterator[None]:
-        """One item for each vehicle that is due by a time."""
+        """Yields one item for each vehicle that is due by a time."""
         while self._next_s <= time_s:
             self._next_s += float(self.rng.uniform(*self.gap_s) if self.gap_s else self.rng.exponential(self.mean_s))
             yield
@@ -50,10 +50,10 @@ class FlowSource:
 def make_flow_sources(
     network: RoadNetwork, flows: Sequence[TrafficFlow], rng: np.random.Generator
 ) -> tuple[FlowSource, ...]:
-    """The flows of a scenario on its network, each with random gaps of its own.
+    """Makes the flows of a scenario on its network, each with its own generator.
 
     Raises:
-        InvalidInputError: No such edge, closed to the flow's vehicles, or no way between source and target.
+        InvalidInputError: An edge does not exist or is closed to the flow's vehicles, or no path leads to the target.
     """
     if not flows:
         return ()
@@ -85,7 +85,7 @@ def _stream(flow: TrafficFlow, number: int, network: RoadNetwork, rng: np.random
 
 
 def _gaps(flow: TrafficFlow, limit_mps: float) -> tuple[tuple[float, float] | None, float]:
-    """Bounds of the time between two, s, or None where any may come at any time; and its mean."""
+    """Bounds of the time between two vehicles [s], or None for random times; and the mean time [s]."""
     if flow.vehicles_per_hour is not None:
         return None, _HOUR_S / flow.vehicles_per_hour
     shortest, longest = flow.gap_s or (distance / limit_mps for distance in flow.spacing_m or ())

@@ -24,13 +24,13 @@ from dohyo.sumo_networks.geometry import boxes_overlap
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.world import ActorKind
 
-END_M = 20.0  # junctions, and their crossings, are nearer than this to a street's ends
+END_M = 20.0  # jaywalkers keep this distance from a street's ends, where the junctions' crossings are
 WIDEST_M = 35.0
 LOOK_M = 80.0
-LOOK_EVERY = 5  # ticks
+LOOK_EVERY = 5  # ticks between two looks for a gap
 PATIENCE_S = 20.0
 FORESIGHT_S = 2.0
-ROOM_M = 3.0  # between a jaywalker and a vehicle that passes
+ROOM_M = 3.0  # free distance between a jaywalker and a passing vehicle
 STANDING_MPS = 0.5
 _SIZE_M = 0.5
 VehiclesNear = Callable[[float, float, float], FloatArray]
@@ -42,8 +42,8 @@ class Street:
     """A stretch of road between two junctions, with a sidewalk on either side.
 
     Attributes:
-        sidewalk: The middle of the right one.
-        across_m: To the middle of the left one, on the left.
+        sidewalk: Centreline of the right sidewalk.
+        across_m: Distance to the left to the middle of the left sidewalk, m.
     """
 
     sidewalk: ActorPath
@@ -61,15 +61,15 @@ class _Jaywalker:
     """One jaywalker.
 
     Attributes:
-        actor: The jaywalker in the world.
-        forecast: Where the jaywalker will be in 2 s.
-        street: To walk along and to cross.
-        speed_mps: Walking speed.
+        actor: Actor in the world.
+        forecast: Predicted actor in 2 s.
+        street: Street to walk along and to cross.
+        speed_mps: Walking speed, m/s.
         caution: Share of the crossing time that must be free of vehicles; below 1 others must brake.
-        at_m: Position along the street, or the position to walk to.
-        left: Whether on the left side of the street.
+        at_m: Position along the street, or the position to walk to, m.
+        left: Whether the jaywalker is on the left side of the street.
         doing: Current activity.
-        patience_s: How much longer to look for a gap.
+        patience_s: Remaining time to look for a gap, s.
     """
 
     actor: ScriptedActor
@@ -87,11 +87,11 @@ class Jaywalkers:
     """All jaywalkers of a scenario; their number is constant.
 
     Attributes:
-        actors: As the world knows them.
+        actors: Actors in the world, one per jaywalker.
     """
 
     def __init__(self, network: RoadNetwork, count: int, rng: np.random.Generator) -> None:
-        """Puts them on the sidewalks of random streets, long ones more often.
+        """Places the jaywalkers on the sidewalks of random streets, more often of long ones.
 
         Raises:
             InvalidInputError: The network has no street to cross.
@@ -101,12 +101,12 @@ class Jaywalkers:
         self.actors = [one.actor for one in self._people]
 
     def update(self, seconds: float, vehicles_near: VehiclesNear, edges: tuple[str, ...]) -> Iterator[Request]:
-        """One tick, as requests that move their SUMO proxies.
+        """Advances one tick; yields requests that move the SUMO proxies.
 
         Args:
             seconds: Length of the tick.
-            vehicles_near: Asks SUMO for vehicles, egos included and jaywalkers not.
-            edges: Any route of the network, which a proxy must have.
+            vehicles_near: Query for SUMO's vehicles near a point, egos included and jaywalkers excluded.
+            edges: Any route of the network, since SUMO requires one for every proxy.
         """
         self._tick += 1
         for number, one in enumerate(self._people):
@@ -125,7 +125,7 @@ class Jaywalkers:
                 yield from self._show(one, edges)
 
     def _show(self, one: _Jaywalker, edges: tuple[str, ...]) -> Iterator[Request]:
-        """Two proxies, at the present and at the predicted place, so that drivers on the far side brake in time."""
+        """Shows two proxies, at the current and the predicted place, so that drivers on the far side brake in time."""
         yield ShowActor.of(one.actor, edges)
         ahead, forecast = one.actor.s + FORESIGHT_S * one.speed_mps, one.forecast
         forecast.path, forecast.s = one.actor.path, min(ahead, one.actor.path.length)
@@ -151,7 +151,7 @@ class Jaywalkers:
         return float(self._rng.uniform(END_M, street.sidewalk.length - END_M))
 
     def _walk_on(self, one: _Jaywalker) -> None:
-        """Walks along the present side of the street."""
+        """Walks along the current side of the street."""
         here, one.at_m = one.at_m, self._somewhere(one.street)
         one.doing, one.actor.across = _Doing.WALKING, False
         _set_out(one, _along(one.street, here, one.at_m, one.left))
@@ -167,7 +167,7 @@ class Jaywalkers:
             one.patience_s = float(self._rng.exponential(PATIENCE_S))
 
     def _look(self, one: _Jaywalker, vehicles_near: VehiclesNear) -> None:
-        """Begins to cross if the road is free for long enough, or walks on once the patience is used up."""
+        """Begins to cross if the road is free for long enough; walks on when the patience is used up."""
         way = _across(one.street, one.at_m, one.left)
         x, y, heading = way.at(0.5 * way.length)
         vehicles = vehicles_near(x, y, LOOK_M)
@@ -179,13 +179,13 @@ class Jaywalkers:
 
 
 def is_free(vehicles: FloatArray, middle: tuple[float, float, float], half_m: float, seconds: float) -> bool:
-    """Whether no vehicle will be on a line across the road for a while.
+    """Whether no vehicle will be on a line across the road for a time.
 
     Args:
         vehicles: (M, 6) x, y [m], heading [rad], length, width [m], speed [m/s].
         middle: x, y [m] of the line's middle, and its direction [rad].
-        half_m: Half of its length.
-        seconds: For how long.
+        half_m: Half of the line's length, m.
+        seconds: Length of the time, s.
     """
     x, y, direction = middle
     cos, sin = math.cos(direction), math.sin(direction)
@@ -205,7 +205,7 @@ def streets(network: RoadNetwork) -> tuple[Street, ...]:
     """The streets of a network that can be crossed on foot between its junctions.
 
     Raises:
-        InvalidInputError: There is none.
+        InvalidInputError: The network has no such street.
     """
     lanes = network.lanes
     sidewalk = lanes.pedestrian & ~lanes.drivable & ~lanes.internal & ~lanes.crossing & (lanes.length > 3 * END_M)
@@ -220,7 +220,7 @@ def streets(network: RoadNetwork) -> tuple[Street, ...]:
 
 
 def _street(network: RoadNetwork, lane: int, is_sidewalk: Callable[[int], np.bool_]) -> Street | None:
-    """The street whose right sidewalk is a lane, if it has a left one too, as far away everywhere."""
+    """Street whose right sidewalk is a lane; None without a left sidewalk at a constant distance."""
     lanes = network.lanes
     path = ActorPath(network.lane_shape(lane))
     if path.length <= 3 * END_M:
@@ -243,13 +243,13 @@ def _street(network: RoadNetwork, lane: int, is_sidewalk: Callable[[int], np.boo
 
 
 def _along(street: Street, start_m: float, end_m: float, left: bool) -> ActorPath:
-    """The way along one side of a street."""
+    """Path along one side of a street."""
     stops = np.linspace(start_m, end_m, max(round(abs(end_m - start_m)), 1) + 1)
     return ActorPath(np.array([street.sidewalk.at(s, street.across_m * left)[:2] for s in stops.tolist()]))
 
 
 def _across(street: Street, at_m: float, from_left: bool) -> ActorPath:
-    """The way straight across a street."""
+    """Path straight across a street."""
     sides = (street.across_m, 0.0) if from_left else (0.0, street.across_m)
     return ActorPath(np.array([street.sidewalk.at(at_m, side)[:2] for side in sides]))
 
@@ -261,7 +261,7 @@ def _set_out(one: _Jaywalker, way: ActorPath) -> None:
 
 
 def _would_hit_standing_vehicle(actor: ScriptedActor, vehicles_near: VehiclesNear) -> bool:
-    """Whether a vehicle stands in the way of the next step."""
+    """Whether the next step would hit a standing vehicle."""
     vehicles = vehicles_near(actor.x, actor.y, 15.0)
     standing = vehicles[vehicles[:, 5] < STANDING_MPS]
     x, y, heading, length, width = actor.box

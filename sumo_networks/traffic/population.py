@@ -1,4 +1,4 @@
-"""Background traffic: which vehicles, bicycles and pedestrians travel where, as requests to the simulation."""
+"""Background traffic: vehicles, bicycles and pedestrians with random journeys, as requests to the simulation."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from dohyo.sumo_networks.units import TICK_S
 VEHICLE_TYPES = ("car", "van", "truck", "bus")
 VEHICLE_SHARES = (0.84, 0.08, 0.04, 0.04)
 NOWHERE: FloatArray = np.empty((0, 2))
-"""Points to keep away from where there are none."""
+"""No points to keep away from."""
 WayOnFoot = Callable[[Walk], tuple[str, ...]]
-"""Query: SUMO edge ids of the way of a walk; empty if there is none."""
+"""Query: SUMO edge ids of the path of a walk; empty if there is none."""
 
 
 class Population:
-    """Keeps the number of vehicles, bicycles and pedestrians constant, and the flows going.
+    """Keeps the number of vehicles, bicycles and pedestrians constant, and sends the vehicles of flows.
 
-    Newcomers enter at the edges of the network where it has any, and away from the egos where that is possible; those
-    of a flow enter where the scenario says. Every method yields its requests one by one: whether a pedestrian has a way
-    on foot decides the next random draw, so each request is meant to be applied before the next is asked for.
+    New vehicles and pedestrians enter at the borders of the network if it has any, and away from the egos if possible;
+    vehicles of a flow enter at the flow's source. Every method yields its requests one by one, and the caller applies
+    each before it takes the next: whether a pedestrian has a path decides the next random draw.
     """
 
     def __init__(
         self, network: RoadNetwork, traffic: Traffic, rng: np.random.Generator, way_on_foot: WayOnFoot
     ) -> None:
-        """Finds the ways of the flows.
+        """Finds the paths of the flows.
 
         Raises:
-            InvalidInputError: One of them leads nowhere.
+            InvalidInputError: A flow has no path.
         """
         self.network, self.traffic, self.rng = network, traffic, rng
         self._way_on_foot = way_on_foot
@@ -47,7 +47,7 @@ class Population:
         self._streams = make_flow_sources(network, traffic.flows, rng)
 
     def fill(self) -> Iterator[Request]:
-        """The whole population, spread over the network."""
+        """Yields the whole population, spread over the network."""
         for _ in range(self.traffic.vehicles):
             yield self._vehicle(NOWHERE, on_the_way=True)
         for _ in range(self.traffic.bicycles):
@@ -56,12 +56,12 @@ class Population:
             yield from self._pedestrian(NOWHERE)
 
     def update(self, vehicles: Sequence[str], pedestrians: Sequence[str], egos: FloatArray) -> Iterator[Request]:
-        """One tick: a newcomer for each actor that arrived in the last tick, and the vehicles that the flows send.
+        """Advances one tick: a new actor for each that arrived in the last tick, and the vehicles of the flows.
 
         Args:
             vehicles: Names of the vehicles and bicycles that arrived.
             pedestrians: Names of the pedestrians that arrived.
-            egos: (E, 2), m, where newcomers should not appear.
+            egos: (E, 2), m, points near which no actor should appear.
         """
         yield from self.replace(vehicles, pedestrians, egos)
         self._ticks += 1
@@ -72,12 +72,12 @@ class Population:
                 yield SpawnVehicle(self._name(Role.FLOW), kind, stream.edges, lane)
 
     def replace(self, vehicles: Sequence[str], pedestrians: Sequence[str], egos: FloatArray) -> Iterator[Request]:
-        """One newcomer for each of the named; names of others, such as egos, are ignored.
+        """Yields one new actor for each name; names of others, such as egos, are ignored.
 
         Args:
             vehicles: Names of vehicles and bicycles.
-            pedestrians: Names.
-            egos: (E, 2), m, where newcomers should not appear.
+            pedestrians: Names of pedestrians.
+            egos: (E, 2), m, points near which no actor should appear.
         """
         for name in vehicles:
             role = role_of(name)
@@ -106,7 +106,7 @@ class Population:
 
     def _pedestrian(self, egos: FloatArray) -> Iterator[SpawnPedestrian]:
         for attempt in range(ATTEMPTS):
-            # What is out of the egos' sight may be an island.
+            # Sidewalks out of the egos' sight may have no path to any other.
             avoided = egos if attempt < ATTEMPTS // 2 else NOWHERE
             walk, name = sidewalks(self.network).random_walk(self.rng, avoided), self._name(Role.PEDESTRIAN)
             if edges := self._way_on_foot(walk):
@@ -122,7 +122,7 @@ def _entering(name: str, kind: str, edges: tuple[str, ...], on_the_way: bool) ->
 
 
 class Sidewalks:
-    """Edges with a sidewalk."""
+    """Edges of a network with a sidewalk."""
 
     def __init__(self, network: RoadNetwork) -> None:
         lanes = network.lanes
@@ -134,7 +134,7 @@ class Sidewalks:
         self.middle = np.array([network.lane_shape(int(lane)).mean(axis=0) for lane in self.lanes])
 
     def random_walk(self, rng: np.random.Generator, egos: FloatArray) -> Walk:
-        """A random way on foot; its start is away from the egos where that is possible."""
+        """Random walk between two edges; it starts away from the egos if possible."""
         weight = self.length / self.length.sum()
         hidden = out_of_sight(self.middle, egos)
         a, b = int(hidden[draw(rng, weight[hidden])]), draw(rng, self.length)
@@ -147,7 +147,7 @@ def sidewalks(network: RoadNetwork) -> Sidewalks:
     """The network's sidewalks, found once.
 
     Raises:
-        InvalidInputError: It has none.
+        InvalidInputError: The network has no sidewalk.
     """
     found = Sidewalks(network)
     if not len(found.lanes):
