@@ -1,4 +1,4 @@
-"""Scripted events around the egos. `manager` performs them, `auto_events` finds places for them."""
+"""Scripted events around the egos. `manager` runs them, `auto_events` places them along any route."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Automatic placement: events along any route, where they fit."""
+"""Automatic placement: events along any route, at places that fit."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ def auto_events(
 ) -> tuple[Event, ...]:
     """Places events along a route, at random distances, of random kinds that fit.
 
-    The distance from one trigger to the next is drawn from `every_m`; where no kind fits, the place moves on by 10 m
-    until one does. Among those that fit, kinds that the route does not have yet come first, so that a long route has
-    many. The same arguments give the same events.
+    The distance from one trigger to the next is drawn from `every_m`; if no kind fits, the place moves on by 10 m
+    until one fits. Kinds that the route has least often come first, so that a long route has many kinds. The same
+    arguments give the same events.
 
     Args:
-        network: The roads.
-        route: The ego's.
-        seed: Decides places and kinds.
-        kinds: Which may come; None: all.
+        network: The road network.
+        route: The ego's route.
+        seed: Seed of places and kinds.
+        kinds: Kinds that may be placed; None: all.
         every_m: Smallest and largest distance between two triggers, m.
-        ego: Mission name to put in the events; None: the first. It is part of their names.
+        ego: Mission name of the ego, part of the events' names; None: the first mission.
 
     Raises:
-        UnknownNameError: There is no such kind.
+        UnknownNameError: A kind does not exist.
         InvalidInputError: The distances are not positive and in order, or not even one event fits.
     """
     chosen = tuple(EVENTS) if kinds is None else tuple(kinds)
@@ -82,7 +82,7 @@ def _place(
     rng: np.random.Generator,
     ego: str | None,
 ) -> Event | None:
-    """An event of a random kind that fits, those used least first; None if none does."""
+    """An event of a random kind that fits, kinds used least often first; None if no kind fits."""
     drawn = [kinds[i] for i in rng.permutation(len(kinds))]
     for kind in sorted(drawn, key=used.count):
         if _fits(kind, at, network, route):

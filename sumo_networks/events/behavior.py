@@ -1,4 +1,4 @@
-"""EventBehavior: how one event goes. Every family of kinds derives from it; the manager performs it."""
+"""EventBehavior: the course of one event. Every family of kinds derives from it; the manager runs it."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ E = TypeVar("E", bound=BaseEvent, covariant=True)
 
 
 class PlacementError(Exception):
-    """An event does not fit the place it was given; the message says why. It never leaves `events`."""
+    """An event does not fit its place; the message says why. The error does not leave `events`."""
 
 
 @dataclass(frozen=True, slots=True)
 class EventSite:
-    """Where an event happens.
+    """Place of an event.
 
     Attributes:
-        trigger: Metres along the ego's route.
-        network: The roads.
-        route: The ego's.
-        rng: Of this event alone.
+        trigger: Arc length of the trigger on the ego's route, m.
+        network: The road network.
+        route: The ego's route.
+        rng: Generator of this event only.
     """
 
     trigger: float
@@ -52,17 +52,17 @@ class EventSite:
 
 @dataclass(frozen=True)
 class EventContext:
-    """What a behaviour sees in one tick, and where it puts its requests.
+    """Input of a behaviour in one tick, and its output, the requests.
 
     Attributes:
-        world: After the tick before.
-        egos: After this tick's motion.
-        ego: Index of the event's own.
+        world: World after the previous tick.
+        egos: Egos after this tick's motion.
+        ego: Index of the event's ego.
         time: Simulated time at the end of the tick, s.
         tick_s: Length of a tick, s.
         departed: Names of the vehicles of events that have entered the road so far.
-        scripted: All actors of events that are in the world.
-        requests: What SUMO has to do; behaviours append.
+        scripted: All scripted actors of events in the world.
+        requests: Requests to SUMO; behaviours append to the list.
     """
 
     world: World
@@ -81,15 +81,15 @@ class EventContext:
 
     @property
     def speed(self) -> float:
-        """Of the ego, m/s."""
+        """Speed of the ego, m/s."""
         return self.egos.speed.item(self.ego)
 
     def distance_to(self, s: float) -> float:
-        """How far the ego's front is from a point of its route, m; negative past it."""
+        """Distance from the ego's front to a point of its route, m; negative past the point."""
         return s - self.front_m
 
     def time_to(self, s: float) -> float:
-        """When the ego's front is at a point of its route if it keeps its speed, s."""
+        """Time until the ego's front reaches a point of its route at its current speed, s."""
         return self.distance_to(s) / max(self.speed, 1e-3)
 
     @cached_property
@@ -108,23 +108,23 @@ class EventContext:
         return np.concatenate(boxes), np.concatenate(speeds), names
 
     def others(self, actor: ScriptedActor) -> tuple[FloatArray, FloatArray]:
-        """The same without one actor."""
+        """(M, 5) boxes and (M,) speeds [m/s] of `around` without one actor."""
         boxes, speeds, names = self.around
         keep = np.array([name != actor.name for name in names], dtype=np.bool_)
         return boxes[keep], speeds[keep]
 
 
 class EventBehavior(ABC, Generic[E]):
-    """How one event goes, from its preparation to its end. One instance performs once.
+    """Course of one event, from its preparation to its end. An instance runs once.
 
-    The constructor finds the place, and is all that checks it; it must not depend on the generator.
+    Only the constructor finds and checks the place; this must not depend on the generator.
 
     Attributes:
         event: The configuration.
-        trigger: Metres along the ego's route.
-        actors: Its scripted actors.
-        path: The ego's route.
-        prepare_m: It is prepared when the ego is so far before its trigger.
+        trigger: Arc length of the trigger on the ego's route, m.
+        actors: Scripted actors of the event.
+        path: Path along the ego's route.
+        prepare_m: Distance before the trigger at which the event is prepared, m.
     """
 
     prepare_m: ClassVar[float] = 120.0
@@ -138,38 +138,38 @@ class EventBehavior(ABC, Generic[E]):
 
     @property
     def entered(self) -> Sequence[str]:
-        """Names of the vehicles that SUMO drives for it."""
+        """Names of the event's vehicles that SUMO drives."""
         return ()
 
     def prepare(self, context: EventContext) -> None:
-        """Brings into the world what must be there before the ego sees it."""
+        """Adds the actors that must be in the world before the ego sees their place."""
         for actor in self.actors:
             context.requests.append(ClearArea(actor.x, actor.y, 0.5 * actor.length + 3.0))
             actor.present = True
 
     def await_trigger(self, context: EventContext) -> None:
-        """Goes on for one tick between preparation and trigger."""
+        """Advances one tick between preparation and trigger."""
 
     @abstractmethod
     def act(self, context: EventContext) -> bool:
-        """Goes on for one tick from the trigger on; True once it is over."""
+        """Advances one tick after the trigger; returns True once the event is over."""
 
     def after(self, context: EventContext) -> None:
-        """Goes on for one tick while its actors are still to be seen: those that drive, drive on."""
+        """Advances one tick after the end while an ego may still see the actors: moving vehicles drive on."""
         for actor in self.actors:
             actor.drift = 0.0
 
     def withdraw(self, context: EventContext) -> None:
-        """Cancels its requests that SUMO has not fulfilled yet."""
+        """Cancels the event's requests that SUMO has not fulfilled yet."""
 
     def ahead(self, context: EventContext) -> float:
-        """How far its first actor is ahead of the ego along its route, m; NaN where that is not known."""
+        """Distance from the ego forward to the first actor along the route, m; NaN if unknown."""
         return math.nan
 
     def queues(self, context: EventContext, s: float) -> bool:
-        """Whether the ego has stood for half a minute behind others that stand between it and a point of its route.
+        """Whether the ego has stood for 30 s behind others that stand between it and a point of its route.
 
-        They may be waiting for this event, which would wait for the ego for ever. To be called in every tick.
+        The others may wait for this event while the event waits for the ego: a deadlock. Call it in every tick.
         """
         if context.speed >= STANDS_MPS or not self._stand_before(context, s):
             self._queued_since = math.inf
@@ -185,11 +185,11 @@ class EventBehavior(ABC, Generic[E]):
         return bool(((along > context.front_m) & (along < s) & (np.abs(left) < IN_LANE_M)).any())
 
     def actor_name(self, number: int) -> str:
-        """The name of one of its actors."""
+        """Name of one of the event's actors."""
         return event_actor(self.event.name, number)
 
     def drive(self, actor: ScriptedActor, desired: float, context: EventContext, lawful: bool = False) -> None:
-        """Lets an actor on the ego's route keep its distance and, where it is lawful, stop at red lights."""
+        """Drives an actor on the ego's route: it keeps its distance and, if `lawful`, stops at red lights."""
         gap, speed = actor.leader(*context.others(actor))
         if lawful:
             line = self._red_line(actor.s + 0.5 * actor.length, context.world)

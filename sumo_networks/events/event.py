@@ -1,6 +1,6 @@
-"""BaseEvent: what the configurations of all events have in common, and the types of their numbers.
+"""BaseEvent: base of all event configurations, and the types of their numbers.
 
-A kind's class holds its numbers as defaults; a scenario may change each of them. Values marked "ours" in
+Defaults are fields of a kind's class; a scenario may change each of them. Values marked "ours" in
 docs/reference/events.md are not the source's. Source: CARLA Leaderboard 2.x scenarios; NHTSA pre-crash scenarios;
 Albilani's obstacle test.
 """
@@ -33,17 +33,17 @@ Gaps = Annotated[tuple[_Gap, _Gap], AfterValidator(_ordered)]
 
 
 class BaseEvent(Config):
-    """What all events have in common.
+    """Base of all event configurations.
 
     Attributes:
-        behavior: Makes the behaviour of an event of this kind from the event and its `EventSite`.
-        only_at_start: Whether the kind fits the start of a route only.
+        behavior: Class or function that makes the behaviour from the event and its `EventSite`.
+        only_at_start: Whether the kind fits only at the start of a route.
         kind: Name of the kind.
-        name: Unique in its scenario.
-        ego: The mission around whose ego it happens; None: the first.
-        at_m: The trigger: metres along the ego's route; or
-        at: a place on one of its lanes.
-        timeout_s: Simulated time after which an event that is still going on ends, s.
+        name: Name, unique in its scenario.
+        ego: Mission name of the ego that triggers the event; None: the first mission.
+        at_m: Trigger as arc length on the ego's route, m; None: `at` is given.
+        at: Trigger as a place on a lane of the route; None: `at_m` is given.
+        timeout_s: Simulated time after which an active event ends, s.
     """
 
     behavior: ClassVar[Callable[..., Any]]

@@ -1,4 +1,4 @@
-"""EventManager: performs the events of one episode, tick by tick."""
+"""EventManager: runs the events of one episode, tick by tick."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LINGER_S = 20.0
 
 @dataclass(slots=True)
 class _Performance:
-    """One event, and how far it has come."""
+    """One event and its state."""
 
     behavior: EventBehavior[BaseEvent]
     ego: int
@@ -43,10 +43,10 @@ class _Performance:
 
 
 class EventManager:
-    """Performs the events of one episode.
+    """Runs the events of one episode.
 
-    The order in a tick is: the egos have moved, then the events, then SUMO's step. Everything random in an event
-    comes from its own generator, so that one event does not change another.
+    The order in a tick: the egos move, then the events advance, then SUMO steps. Every event has its own random
+    generator, so that one event does not change another.
     """
 
     def __init__(
@@ -60,14 +60,14 @@ class EventManager:
         """Places the events.
 
         Args:
-            network: The roads.
-            events: Of the scenario.
+            network: The road network.
+            events: Events of the scenario.
             egos: Names of the missions.
-            routes: One per ego.
-            seed: Of all events.
+            routes: One route per ego.
+            seed: Seed of all events.
 
         Raises:
-            InvalidInputError: One cannot happen where it is placed.
+            InvalidInputError: An event does not fit its place.
         """
         self._edges = [route.edges for route in routes]
         self._departed: set[str] = set()
@@ -83,16 +83,16 @@ class EventManager:
         return [actor for one in self._performances for actor in one.behavior.actors if actor.present]
 
     def update(self, world: World, egos: Egos, departed: Iterable[str], tick_s: float) -> list[Request]:
-        """One tick of all events.
+        """Advances all events by one tick.
 
         Args:
-            world: After the tick before.
-            egos: After this tick's motion.
+            world: World after the previous tick.
+            egos: Egos after this tick's motion.
             departed: Names of the vehicles that entered the road in SUMO's last step.
             tick_s: Length of a tick, s.
 
         Returns:
-            What SUMO has to do, in this order.
+            Requests to SUMO, in the order of application.
         """
         self._departed.update(name for name in departed if role_of(name) is Role.EVENT)
         requests: list[Request] = []
@@ -107,10 +107,10 @@ class EventManager:
         return requests
 
     def states(self, keys: Mapping[str, int]) -> tuple[EventState, ...]:
-        """How far the events have come.
+        """States of the events.
 
         Args:
-            keys: Of actors, by name.
+            keys: Keys of actors, by name.
         """
         return tuple(
             EventState(
@@ -153,7 +153,7 @@ class EventManager:
             behavior.withdraw(context)
 
     def _linger(self, one: _Performance, context: EventContext) -> None:
-        """Removes the actors of an event that is over once no ego sees them, and at the latest after 20 s."""
+        """Removes the actors of an ended event when no ego sees them, and at the latest after 20 s."""
         one.behavior.after(context)
         drivers = context.egos.position[context.egos.active]
         for actor in one.behavior.actors:

@@ -1,4 +1,4 @@
-"""Placement: where an event is triggered, and whether it can happen there, without SUMO."""
+"""Placement: finds the trigger of an event and checks that the event fits there, without SUMO."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def make_behavior(
     """Finds the place of one event.
 
     Raises:
-        PlacementError: It does not fit there.
+        PlacementError: The event does not fit there.
     """
     trigger = trigger_of(event, network, route)
     if trigger > route.length:
@@ -31,14 +31,14 @@ def make_behavior(
 
 
 def trigger_of(event: BaseEvent, network: RoadNetwork, route: Route) -> float:
-    """Where an event is triggered, m along the route.
+    """Arc length of an event's trigger on the route, m.
 
     Raises:
-        PlacementError: Its place is not on the route.
+        PlacementError: The event's place is not on the route.
     """
     if event.at_m is not None:
         return event.at_m
-    assert event.at is not None  # as its validator sees to
+    assert event.at is not None  # ensured by the event's validator
     lane = network.lane_index.get(event.at.lane)
     if lane is None:
         raise PlacementError(f"network '{network.name}' has no such lane")
@@ -56,7 +56,7 @@ def place_event(
     """Finds the place of one event of a scenario.
 
     Raises:
-        InvalidInputError: It cannot happen there; the message names event, place and reason.
+        InvalidInputError: The event does not fit there; the message names event, place and reason.
     """
     try:
         return make_behavior(event, network, route, rng)
@@ -70,9 +70,9 @@ def place_event(
 
 
 def check_placement(event: BaseEvent, ego: str, network: RoadNetwork, route: Route) -> None:
-    """Checks that an event can happen where it is placed.
+    """Checks that an event fits its place.
 
     Raises:
-        InvalidInputError: It cannot; the message names event, place and reason.
+        InvalidInputError: The event does not fit; the message names event, place and reason.
     """
     place_event(event, ego, network, route, np.random.default_rng(0))

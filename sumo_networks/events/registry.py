@@ -1,4 +1,4 @@
-"""The registry of event kinds: the union that scenarios read, automatic placement and the documentation follow it."""
+"""Registry of event kinds, for the union type in scenarios, automatic placement and the documentation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from dohyo.sumo_networks.events.kinds import (
     slow_bicycles,
 )
 
-# In the order in which automatic placement draws: a new kind goes to the end, so that old seeds keep their events.
+# Automatic placement draws in this order: add new kinds at the end, so that old seeds keep their events.
 _CLASSES: tuple[type[BaseEvent], ...] = (
     crossing.DynamicObjectCrossing,
     crossing.ParkingCrossingPedestrian,
@@ -63,10 +63,10 @@ _CLASSES: tuple[type[BaseEvent], ...] = (
 )
 
 EVENTS: Mapping[str, type[BaseEvent]] = MappingProxyType({cls.model_fields["kind"].default: cls for cls in _CLASSES})
-"""The class of every kind, by its name."""
+"""Class of every kind, by name."""
 
 if TYPE_CHECKING:
     Event = BaseEvent
 else:
     Event = Annotated[Union[_CLASSES], Field(discriminator="kind")]  # noqa: UP007 - of a tuple
-    """Any scripted event; its `kind` decides the class."""
+    """Any scripted event; its `kind` selects the class."""

@@ -1,4 +1,4 @@
-"""Roads: what is beside the ego's lane at a point of its route, and which junctions and conflicting ways lie ahead."""
+"""Roads: cross-sections of the road on a route, and the junctions and conflicting paths ahead."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ FAST_ROAD_MPS = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """The road across one point of a route.
+    """Cross-section of the road at one point of a route.
 
     Attributes:
-        lane: The route's own.
-        half_width: Of it, m.
-        left: Lane of the same direction to its left, -1 if none.
-        right: Lane of the same direction to its right, -1 if none.
-        oncoming: Lane of the other direction to the left of all those of this one, -1 if none.
+        lane: Lane of the route.
+        half_width: Half the width of the route's lane, m.
+        left: Next lane to the left in the same direction, -1 if none.
+        right: Next lane to the right in the same direction, -1 if none.
+        oncoming: First lane of the other direction, to the left, -1 if none.
         kerb_right: Distance from the middle of the route's lane to the right edge of the carriageway, m.
-        kerb_left: The same to the left.
-        middle: Distance from the middle of the route's lane to the edge of the oncoming one, m.
+        kerb_left: Distance from the middle of the route's lane to the left edge of the carriageway, m.
+        middle: Distance from the middle of the route's lane to the edge of the oncoming lane, m.
     """
 
     lane: int
@@ -46,7 +46,7 @@ class Section:
 
 
 def section(network: RoadNetwork, route: Route, s: float) -> Section:
-    """The road across a point of a route.
+    """Cross-section of the road at a point of a route.
 
     Raises:
         PlacementError: The point is past the route's end, or in a junction.
@@ -83,13 +83,13 @@ def _oncoming(network: RoadNetwork, route: Route, row: int, middle: float) -> in
 
 
 def need_clear_road(route: Route, first: float, last: float, through: bool = False) -> None:
-    """Raises PlacementError where a stretch of a route is not all on one road, without junctions.
+    """Checks that a stretch of a route is on one road without junctions; raises PlacementError otherwise.
 
     Args:
-        route: The ego's.
-        first: Start of the stretch, m.
-        last: Its end, m.
-        through: Junctions that the route passes straight on, with the right of way and without lights, do not count.
+        route: The ego's route.
+        first: Arc length of the stretch's start, m.
+        last: Arc length of the stretch's end, m.
+        through: Whether to allow junctions that the route passes straight on, with right of way and without lights.
     """
     if last > route.length:
         raise PlacementError(f"the route ends at {route.length:.0f} m, {last:.0f} m are needed")
@@ -103,10 +103,10 @@ def need_clear_road(route: Route, first: float, last: float, through: bool = Fal
 
 
 def need_kerb(network: RoadNetwork, route: Route, s: float) -> Section:
-    """The section at a point where people may be on foot.
+    """Cross-section at a point where people may walk.
 
     Raises:
-        PlacementError: It is in a junction, past the end, or on a road for cars only.
+        PlacementError: The point is in a junction, past the route's end, or on a road for cars only.
     """
     found = section(network, route, s)
     if network.lanes.speed[found.lane] > FAST_ROAD_MPS:
@@ -115,10 +115,10 @@ def need_kerb(network: RoadNetwork, route: Route, s: float) -> Section:
 
 
 def next_passage(network: RoadNetwork, route: Route, s: float, within_m: float = 150.0) -> Passage:
-    """The first junction after a point of a route; places where roads merely go on do not count.
+    """First junction after a point of a route, without places that only join two roads.
 
     Raises:
-        PlacementError: There is none within the distance.
+        PlacementError: No junction lies within the distance.
     """
     for passage in route.passages:
         if passage.entry > s + within_m:
@@ -131,17 +131,17 @@ def next_passage(network: RoadNetwork, route: Route, s: float, within_m: float =
 
 @dataclass(frozen=True, slots=True)
 class ConflictingWay:
-    """A way through a junction that meets the ego's.
+    """A path through a junction that meets the ego's path.
 
     Attributes:
-        connection: Index.
-        lanes: That lead to, through and out of the junction.
-        path: Along them.
-        own_s: Where the ego meets it, m along the ego's route.
-        path_s: The same, m along the path.
-        side: Where it comes from, seen from the ego.
-        ego_yields: Whether the ego must give way to it, lights aside.
-        merges: Whether both go on in the same edge.
+        connection: Index of the connection.
+        lanes: Lanes that lead to, through and out of the junction.
+        path: Path along the lanes.
+        own_s: Arc length of the meeting point on the ego's route, m.
+        path_s: Arc length of the meeting point on the path, m.
+        side: Side from which the path comes, seen from the ego.
+        ego_yields: Whether the ego must give way, without regard to traffic lights.
+        merges: Whether both paths continue on the same edge.
     """
 
     connection: int
@@ -155,7 +155,7 @@ class ConflictingWay:
 
 
 def conflicting_ways(network: RoadNetwork, route: Route, passage: Passage, source_m: float) -> list[ConflictingWay]:
-    """Ways through a junction that meet the ego's, those with the longest approach first."""
+    """Paths through a junction that meet the ego's path, in the order of falling length of the approach."""
     own, connections, lanes = passage.connection, network.connections, network.lanes
     rows = {int(b) for a, b in connections.yields if a == own} | {int(a) for a, b in connections.yields if b == own}
     path, found = ActorPath(route.position), []
@@ -187,7 +187,7 @@ def conflicting_ways(network: RoadNetwork, route: Route, passage: Passage, sourc
 
 
 def _side(turn: float) -> str:
-    """Where one comes from whose heading is the ego's plus a turn."""
+    """Side from which a vehicle comes whose heading is the ego's plus `turn` [rad]."""
     if abs(turn) > 0.75 * math.pi:
         return "opposite"
     if abs(turn) < 0.25 * math.pi:
@@ -205,10 +205,10 @@ def _exit_edge(network: RoadNetwork, lane: int) -> int:
 
 
 def crossing_after(network: RoadNetwork, route: Route, passage: Passage) -> float:
-    """Where people cross behind a junction: on its zebra crossing if it has one, else 5 m behind it; m along the route.
+    """Arc length at which people cross behind a junction, m: its zebra crossing, or else 5 m behind it.
 
     Raises:
-        PlacementError: The route ends before.
+        PlacementError: The route ends before that point.
     """
     default = passage.exit + 5.0
     if route.length < default + 5.0:

@@ -1,4 +1,4 @@
-"""VehicleSource: SUMO's own vehicles enter one after the other with gaps, in which the ego must fit."""
+"""VehicleSource: SUMO's own vehicles enter one after the other, with gaps for the ego."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ SOURCE_M = 120.0
 
 
 class VehicleSource:
-    """Where vehicles of a flow enter, and at which gaps.
+    """Source of the vehicles of a flow, with random gaps.
 
     Attributes:
-        entered: Names of those that have come so far.
+        entered: Names of the vehicles that have entered so far.
     """
 
     def __init__(
@@ -39,15 +39,15 @@ class VehicleSource:
         gap_m: tuple[float, float],
         speed: float | None,
     ) -> None:
-        """Finds the place where they enter.
+        """Finds the place at which the vehicles enter.
 
         Args:
-            network: The roads.
-            lanes: Connected lanes that they drive.
-            meeting_s: Where on them they meet the ego, m.
-            source_m: How far before that they enter, at most.
-            gap_m: Smallest and largest gap.
-            speed: Their highest speed, m/s; None: the limit.
+            network: The road network.
+            lanes: Connected lanes of the flow.
+            meeting_s: Arc length along the lanes at which they meet the ego's path, m.
+            source_m: Largest distance before the meeting point at which the vehicles enter, m.
+            gap_m: Smallest and largest gap, m.
+            speed: Highest speed of the vehicles, m/s; None: the limit.
         """
         self.entered: list[str] = []
         self._network, self._lanes, self._meeting, self._gap, self._max = network, lanes, meeting_s, gap_m, speed
@@ -57,9 +57,9 @@ class VehicleSource:
         self._next = -np.inf
 
     def emit(self, event: str, context: EventContext, rng: np.random.Generator) -> None:
-        """Lets the next vehicle enter, if its time has come and the last one has found room.
+        """Lets the next vehicle enter if it is due and the last one has found room.
 
-        The first comes with others ahead of it, as if they had been coming all the time.
+        At the first call several vehicles enter along the lanes, as if the flow had been running before.
         """
         if context.time < self._next or (self.entered and self.entered[-1] not in context.departed):
             return
@@ -92,14 +92,14 @@ def lanes_through(network: RoadNetwork, route: Route, lane: int, s: float, sourc
     """The lanes of a flow that drives beside the ego's lane.
 
     Args:
-        network: The roads.
-        route: The ego's.
-        lane: The one beside.
-        s: Where it is beside the ego's, m along the route.
-        source_m: How far before that the flow begins.
+        network: The road network.
+        route: The ego's route.
+        lane: Lane beside the ego's lane.
+        s: Arc length on the route at which the lanes are side by side, m.
+        source_m: Distance before that point at which the flow begins, m.
 
     Returns:
-        The lanes, and where on them, in metres, that place is.
+        The lanes, and the arc length of the point on them, m.
     """
     before = upstream(network, lane, source_m + float(network.lanes.length[lane]))
     at, _ = lane_path(network, [lane]).project(route.position[route.index(s)][None], 0.0, np.inf)
@@ -110,10 +110,10 @@ def lanes_through(network: RoadNetwork, route: Route, lane: int, s: float, sourc
 def side_flow(
     network: RoadNetwork, route: Route, s: float, gap_m: tuple[float, float], oncoming: bool
 ) -> VehicleSource:
-    """The flow in the lane to the left of the ego's, of the other direction or of the same.
+    """Flow in the lane to the left of the ego's lane, oncoming or in the same direction.
 
     Raises:
-        PlacementError: There is no such lane.
+        PlacementError: The road has no such lane.
     """
     found = section(network, route, s)
     lane = found.oncoming if oncoming else found.left

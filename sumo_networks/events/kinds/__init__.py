@@ -1,1 +1,1 @@
-"""The kinds of events: each with its numbers, its placement and its behaviour; a file per family of kinds."""
+"""The kinds of events: one file per family, with configuration, placement and behaviour."""

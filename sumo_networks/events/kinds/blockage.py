@@ -1,4 +1,4 @@
-"""Blockages: something stands in the ego's lane, for a while or until the ego has passed it."""
+"""Blockages: objects stand in the ego's lane, for a time or until the ego has passed them."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ BEND_RAD = math.radians(30.0)
 BEND_M = 30.0
 DOOR_M = 1.0
 PASSING_M = 0.6
-"""How far an opened door stays from the middle of the ego's lane, m: less than half an ego's width."""
+"""Distance of an open door from the middle of the ego's lane, m: less than half an ego's width."""
 
 
 class BlockageBehavior(EventBehavior["BlockageEvent"]):
-    """Boxes stand; some go after a while; it is over when the ego is past them, or they are gone.
+    """Boxes stand in the lane; some leave after a time. The event ends when the ego is past or they are gone.
 
     Attributes:
-        place: Where the middle of the first of them is, m along the ego's route.
-        source: Of the vehicles in the lane beside; None: there are none.
+        place: Arc length of the first box's centre on the ego's route, m.
+        source: Source of the vehicles in the lane beside; None: no vehicles there.
     """
 
     def __init__(self, event: BlockageEvent, site: EventSite) -> None:
@@ -47,14 +47,14 @@ class BlockageBehavior(EventBehavior["BlockageEvent"]):
         """Finds the place and adds the boxes.
 
         Raises:
-            PlacementError: They cannot stand there.
+            PlacementError: The boxes cannot stand there.
         """
         raise NotImplementedError
 
     def add_box(
         self, kind: ActorKind, length: float, width: float, s: float, left: float = 0.0, skew: float = 0.0
     ) -> ScriptedActor:
-        """Adds a box [m] at a point of the ego's route, so far to its left [m], turned against it [rad]."""
+        """Adds a box [m] at a point of the ego's route, with an offset to the left [m] and an angle [rad]."""
         name = self.actor_name(len(self.actors))
         self.actors.append(ScriptedActor(name, kind, length, width, self.path, s, left, skew=skew))
         return self.actors[-1]
@@ -64,7 +64,7 @@ class BlockageBehavior(EventBehavior["BlockageEvent"]):
         self.add_box(*self.vehicle_size, s, left=left)
 
     def add_side_flow(self, oncoming: bool) -> None:
-        """Lets vehicles come in the lane to the left, if the event says so."""
+        """Adds a flow in the lane to the left, if the event has one."""
         if self.event.gap_m is not None:
             self.source = side_flow(self.network, self.route, self.place, self.event.gap_m, oncoming=oncoming)
 
@@ -76,30 +76,30 @@ class BlockageBehavior(EventBehavior["BlockageEvent"]):
 
     @property
     def entered(self) -> Sequence[str]:
-        """Names of the vehicles in the lane beside it."""
+        """Names of the vehicles in the lane beside."""
         return self.source.entered if self.source is not None else ()
 
     def prepare(self, context: EventContext) -> None:
-        """Everything stands there before the ego sees it."""
+        """Adds the boxes before the ego sees their place."""
         super().prepare(context)
         self.emit(context)
 
     def emit(self, context: EventContext) -> None:
-        """Lets the next vehicle come in the lane beside it."""
+        """Lets the next vehicle enter the lane beside."""
         if self.source is not None:
             self.source.emit(self.event.name, context, self.rng)
 
     def await_trigger(self, context: EventContext) -> None:
-        """The flow beside it comes."""
+        """Runs the flow in the lane beside."""
         self.emit(context)
 
     def act(self, context: EventContext) -> bool:
-        """Stands there until the ego is past, or its time is over."""
+        """Keeps the boxes until the ego is past or their time is over."""
         self.emit(context)
         return context.distance_to(self.end) < -PAST_M - context.egos.length.item(context.ego) or self.leaves(context)
 
     def leaves(self, context: EventContext) -> bool:
-        """Whether its time is over; to be called in every tick."""
+        """Whether the blockage's time is over; call it in every tick."""
         if self.event.stay_s is None:
             return False
         if self.stay_counts(context):
@@ -107,39 +107,39 @@ class BlockageBehavior(EventBehavior["BlockageEvent"]):
         return context.time - self._stays_since >= self.event.stay_s
 
     def stay_counts(self, context: EventContext) -> bool:
-        """Whether the time that it stays has begun: by default with the trigger."""
+        """Whether the stay has begun: by default, at the trigger."""
         return True
 
     def after(self, context: EventContext) -> None:
-        """A single vehicle that stood for a while drives on."""
+        """Drives a single vehicle on after its stay."""
         if self.event.stay_s is not None:
             limit = float(self.route.speed_limit[self.route.index(self.actors[0].s)])
             self.drive(self.actors[0], limit, context, lawful=True)
 
     def withdraw(self, context: EventContext) -> None:
-        """The flow ends."""
+        """Ends the flow."""
         if self.source is not None:
             self.source.stop(context)
 
     def ahead(self, context: EventContext) -> float:
-        """Of the first box."""
+        """Distance to the first box, m."""
         return self.actors[0].s - context.egos.progress.item(context.ego)
 
 
 class BlockageEvent(BaseEvent):
-    """Something stands in the ego's lane, for a while or until the ego has passed it.
+    """An object stands in the ego's lane, for a time or until the ego has passed it.
 
     Attributes:
-        ahead_m: From the trigger to its centre; unused where a junction or a bend decides.
-        actor: What stands there, where it is one vehicle.
-        length_m: Of the standing vehicle; None: that of its type.
-        width_m: Of the standing vehicle; None: that of its type.
-        stay_s: It goes so long after the trigger (blocked_intersection: after the ego has come within 25 m, or
-            queues before it); None: it stays until the ego has passed.
-        reaction_time_s: A door opens when the ego is so near in time.
-        minimum_distance_m: Or so near in space.
-        gap_m: Smallest and largest gap of the vehicles in the lane through which the ego must go round; None: there
-            are none.
+        ahead_m: Distance from the trigger to the object's centre, m; unused if a junction or a bend sets the place.
+        actor: Type of the standing vehicle, if the object is one vehicle.
+        length_m: Length of the standing vehicle, m; None: the type's length.
+        width_m: Width of the standing vehicle, m; None: the type's width.
+        stay_s: Time from the trigger to the departure, s (blocked_intersection: from the ego's arrival within 25 m or
+            at the end of a queue); None: the object stays until the ego has passed.
+        reaction_time_s: A door opens when the ego is nearer than this in time, s,
+        minimum_distance_m: or nearer than this distance, m.
+        gap_m: Smallest and largest gap, m, of the vehicles in the lane that the ego must use to pass; None: no
+            vehicles.
     """
 
     ahead_m: Metres = 60.0
@@ -156,7 +156,7 @@ class OpeningDoorBehavior(BlockageBehavior):
     """A parked vehicle opens a door into the ego's lane."""
 
     def build(self) -> None:
-        """Parks the vehicle at the kerb, its door closed."""
+        """Parks the vehicle at the kerb with its door closed."""
         found = need_kerb(self.network, self.route, self.place)
         need_clear_road(self.route, self.place - 15.0, self.place + 15.0)
         if found.right >= 0:
@@ -167,7 +167,7 @@ class OpeningDoorBehavior(BlockageBehavior):
         self._door = self.add_box(ActorKind.STATIC, 0.15, DOOR_M, self.place + 0.6, left=-side + 0.5 * DOOR_M)
 
     def prepare(self, context: EventContext) -> None:
-        """The vehicle stands there before the ego sees it; the door is closed."""
+        """Adds the vehicle before the ego sees its place; the door is closed."""
         super().prepare(context)
         self._door.present = False
 
@@ -198,13 +198,13 @@ class BlockedIntersectionBehavior(BlockageBehavior):
         self.add_vehicle(self.place)
 
     def await_trigger(self, context: EventContext) -> None:
-        """Leaves if the ego cannot come near because others wait before it."""
+        """Ends the blockage if a queue keeps the ego away from it."""
         super().await_trigger(context)
         if self.leaves(context):
             self.after(context)
 
     def stay_counts(self, context: EventContext) -> bool:
-        """Whether the ego is near, or others keep it from coming near."""
+        """Whether the ego is near, or a queue keeps it away."""
         return context.distance_to(self.place) < NEAR_M or self.queues(context, self.place)
 
 
@@ -270,7 +270,7 @@ class StoppedBehindCurve(BlockageEvent):
 
 
 class AppearingVehicleBehavior(BlockageBehavior):
-    """A vehicle appears at the trigger, and disappears after its time."""
+    """A vehicle appears at the trigger, and disappears after a time."""
 
     def build(self) -> None:
         """Puts the vehicle on the road ahead."""
@@ -279,17 +279,17 @@ class AppearingVehicleBehavior(BlockageBehavior):
         self._appeared = False
 
     def prepare(self, context: EventContext) -> None:
-        """Nothing yet: the vehicle appears at the trigger."""
+        """Does nothing: the vehicle appears at the trigger."""
 
     def act(self, context: EventContext) -> bool:
-        """Appears at the first tick after the trigger."""
+        """Adds the vehicle at the first tick after the trigger."""
         if not self._appeared:
             self._appeared = True
             super().prepare(context)
         return super().act(context)
 
     def leaves(self, context: EventContext) -> bool:
-        """Disappears when its time is over."""
+        """Removes the vehicle when its time is over."""
         if not super().leaves(context):
             return False
         for actor in self.actors:
@@ -298,7 +298,7 @@ class AppearingVehicleBehavior(BlockageBehavior):
 
 
 class VehicleAppears(BlockageEvent):
-    """A vehicle that appears ahead of the ego, and is gone after a while."""
+    """A vehicle appears ahead of the ego, and disappears after a time."""
 
     behavior: ClassVar = AppearingVehicleBehavior
     kind: Literal["vehicle_appears"] = "vehicle_appears"

@@ -1,4 +1,4 @@
-"""Cross traffic: a vehicle enters the ego's junction though it has to wait."""
+"""Cross traffic: a vehicle enters the ego's junction although it must wait."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from dohyo.sumo_networks.units import KMH_PER_MPS
 
 CATCH_UP = 1.5
 BEND_M_S2 = 4.0
-"""Lateral acceleration in a bend: that of a driver in a hurry."""
+"""Lateral acceleration of a hasty driver in a bend, m/s^2."""
 BEND_REACH_M = 20.0
 STRAIGHT, INDICATOR = "s", {"l": 1, "L": 1, "r": -1, "R": -1}
 
 
 class CrossTrafficBehavior(EventBehavior["CrossTrafficEvent"]):
-    """The vehicle keeps pace with the ego, so that both would meet; near the meeting point nothing stops it.
+    """The vehicle approaches in time with the ego, such that both meet; near the meeting point it does not stop.
 
     Attributes:
-        way: Where it drives.
-        meeting: m along the ego's route, where the ego's front meets the middle of that way.
-        speed: Of the vehicle, m/s: the event's, or less where it turns.
+        way: Path of the vehicle through the junction.
+        meeting: Arc length on the ego's route at which the ego's front meets the middle of that path, m.
+        speed: Speed of the vehicle, m/s: the event's speed, or less in a turn.
     """
 
     def __init__(self, event: CrossTrafficEvent, site: EventSite) -> None:
@@ -47,7 +47,7 @@ class CrossTrafficBehavior(EventBehavior["CrossTrafficEvent"]):
         self.actors.append(actor)
 
     def _find_way(self, found: list[ConflictingWay]) -> tuple[ConflictingWay, float]:
-        """The way with the longest approach, straight on if there is one, and the speed [m/s] on it."""
+        """Path with the longest approach, preferably straight on, and the speed [m/s] on it."""
         wanted = ("left", "right", "opposite") if self.event.comes_from == "any" else (self.event.comes_from,)
         for way in sorted(found, key=lambda way: self._direction(way) != STRAIGHT):
             speed = self._speed_on(way)
@@ -62,21 +62,21 @@ class CrossTrafficBehavior(EventBehavior["CrossTrafficEvent"]):
         return str(self.network.connections.direction[way.connection])
 
     def _speed_on(self, way: ConflictingWay) -> float:
-        """The event's speed, or that of the sharpest bend around the meeting point where the way turns."""
+        """Speed of the event, or, on a path that turns, of the sharpest bend around the meeting point, m/s."""
         if self._direction(way) == STRAIGHT:
             return self.event.speed_mps
         sharpest = way.path.curvature(way.path_s - BEND_REACH_M, way.path_s + BEND_REACH_M)
         return min(self.event.speed_mps, math.sqrt(BEND_M_S2 / max(sharpest, 1e-6)))
 
     def _run_up(self, speed: float) -> float:
-        """Metres in its reaction time."""
+        """Distance covered at a speed [m/s] within the reaction time, m."""
         return speed * self.event.reaction_time_s
 
     def prepare(self, context: EventContext) -> None:
-        """Nothing yet: the vehicle enters when it must."""
+        """Does nothing: the vehicle enters later, in time to meet the ego."""
 
     def act(self, context: EventContext) -> bool:
-        """Keeps pace or goes; over when it is through the junction, or the ego."""
+        """Drives the vehicle; ends when the vehicle or the ego is through the junction."""
         vehicle, speed = self.actors[0], self.speed
         remaining, wait = self.way.path_s - vehicle.s, context.time_to(self.meeting)
         if not vehicle.present:
@@ -100,7 +100,7 @@ class CrossTrafficBehavior(EventBehavior["CrossTrafficEvent"]):
         )
 
     def after(self, context: EventContext) -> None:
-        """Drives on to the end of its way."""
+        """Drives the vehicle on to the end of its path."""
         vehicle = self.actors[0]
         vehicle.indicator = 0
         gap, speed = vehicle.leader(*context.others(vehicle))
@@ -108,15 +108,16 @@ class CrossTrafficBehavior(EventBehavior["CrossTrafficEvent"]):
 
 
 class CrossTrafficEvent(BaseEvent):
-    """A vehicle enters the ego's junction though it must not, timed to collide if the ego keeps its speed.
+    """A vehicle enters the ego's junction against the rules, timed to collide if the ego keeps its speed.
 
     Attributes:
         lit: Whether the junction has a traffic light.
-        comes_from: Seen from the ego.
-        actor: What it is.
-        speed_mps: Its speed.
-        reaction_time_s: It keeps pace with the ego until that is so near to their meeting point in time; then it goes.
-        minimum_distance_m: Or so near to it in space.
+        comes_from: Side from which the vehicle comes, seen from the ego.
+        actor: Type of the vehicle.
+        speed_mps: Speed of the vehicle, m/s.
+        reaction_time_s: The vehicle adapts to the ego until the ego is nearer to the meeting point than this in time,
+            s,
+        minimum_distance_m: or nearer than this distance, m.
     """
 
     behavior: ClassVar = CrossTrafficBehavior

@@ -1,4 +1,4 @@
-"""Crossing actors: pedestrians and bicycles that cross the ego's lane from the side, hidden or not, one or many."""
+"""Crossing actors: one or more pedestrians or bicycles cross the ego's lane from the side, hidden or visible."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ STANDING_MPS = 0.5
 
 
 class CrossingBehavior(EventBehavior["CrossingEvent"]):
-    """The actors wait at the kerb, and the first meets the front of an ego that keeps its speed.
+    """The actors wait at the kerb; the first is timed to meet the front of an ego that keeps its speed.
 
-    They start from the distance that they cover within the reaction time, or from the kerb where that is farther away;
-    in the second case they set out earlier. None walks into an ego that stands.
+    They start at the distance that they cover within the reaction time, or at the kerb if that is farther away; in the
+    second case they start earlier. No actor walks into a standing ego.
 
     Attributes:
-        line: Where they cross, m along the ego's route.
-        run_up: From where they set out to the middle of the ego's lane, m.
+        line: Arc length on the ego's route at which the actors cross, m.
+        run_up: Distance from the start of the actors to the middle of the ego's lane, m.
     """
 
     def __init__(self, event: CrossingEvent, site: EventSite) -> None:
@@ -67,11 +67,11 @@ class CrossingBehavior(EventBehavior["CrossingEvent"]):
 
     @property
     def walkers(self) -> list[ScriptedActor]:
-        """The actors that cross."""
+        """The crossing actors, without the object that hides them."""
         return self.actors[: self.event.count]
 
     def act(self, context: EventContext) -> bool:
-        """Sets them out when it is time, and lets them walk to the other side."""
+        """Starts the actors when it is time, and moves them to the other side."""
         if self._started == math.inf and self._due(context):
             self._started = context.time
         if self._started < math.inf:
@@ -94,14 +94,14 @@ class CrossingBehavior(EventBehavior["CrossingEvent"]):
             walker.speed = self.event.speed_mps
 
     def after(self, context: EventContext) -> None:
-        """Lets those that are not across yet go on."""
+        """Moves the actors on that are not across yet."""
         for walker in self.walkers:
             if self._started < math.inf:
                 self._walk(walker, context)
 
 
 def _runs_into_standing_ego(walker: ScriptedActor, context: EventContext) -> bool:
-    from dohyo.sumo_networks.geometry import boxes_overlap  # compiled: scenarios are read without it
+    from dohyo.sumo_networks.geometry import boxes_overlap  # late import: scenarios are read without compiled kernels
 
     x, y, heading, length, width = walker.box
     half = 0.5 * PATIENCE_M
@@ -116,21 +116,21 @@ def _runs_into_standing_ego(walker: ScriptedActor, context: EventContext) -> boo
 
 
 class CrossingEvent(BaseEvent):
-    """Actors cross the ego's lane from the side, timed to meet its front if it keeps its speed.
+    """Actors cross the ego's lane from the side, timed to meet its front if the ego keeps its speed.
 
     Attributes:
-        ahead_m: From the trigger to the line on which they cross; unused where that lies behind a junction.
-        side: Where they come from.
-        actor: What they are.
-        count: How many.
-        spacing_m: Between two of them.
-        speed_mps: At which they cross.
-        reaction_time_s: They set out at the latest when the ego is so near to the line in time.
-        minimum_distance_m: Or so near to it in space.
-        length_m: Of each.
-        width_m: Of each.
-        occluder: What hides them.
-        pause_s: How long they stand in the ego's way.
+        ahead_m: Distance from the trigger to the line of crossing, m; unused if the line lies behind a junction.
+        side: Side from which the actors come.
+        actor: Type of the actors.
+        count: Number of actors.
+        spacing_m: Distance between two actors, m.
+        speed_mps: Speed of crossing, m/s.
+        reaction_time_s: The actors start at the latest when the ego is nearer to the line than this in time, s,
+        minimum_distance_m: or nearer than this distance, m.
+        length_m: Length of each actor, m.
+        width_m: Width of each actor, m.
+        occluder: Type of the object that hides the actors; None: no object.
+        pause_s: Time for which the actors stand in the ego's lane, s.
     """
 
     behavior: ClassVar = CrossingBehavior
@@ -149,10 +149,10 @@ class CrossingEvent(BaseEvent):
     pause_s: Seconds = 0.0
 
     def find_line(self, site: EventSite) -> tuple[float, Section]:
-        """Where they cross, m along the ego's route, and the road there.
+        """Arc length on the ego's route at which the actors cross, m, and the road's cross-section there.
 
         Raises:
-            PlacementError: Nobody can cross there.
+            PlacementError: The actors cannot cross there.
         """
         line = site.trigger + self.ahead_m
         found = need_kerb(site.network, site.route, line)
@@ -162,19 +162,19 @@ class CrossingEvent(BaseEvent):
 
 
 class BehindJunctionEvent(CrossingEvent):
-    """They cross behind the next junction.
+    """Actors cross behind the next junction.
 
     Attributes:
-        turn: Whether the route must turn there.
+        turn: Whether the route must turn at the junction.
     """
 
     turn: ClassVar[bool] = False
 
     def find_line(self, site: EventSite) -> tuple[float, Section]:
-        """Where they cross, m along the ego's route, and the road there.
+        """Arc length on the ego's route at which the actors cross, m, and the road's cross-section there.
 
         Raises:
-            PlacementError: There is no such junction.
+            PlacementError: The route has no such junction.
         """
         network, route = site.network, site.route
         passage = next_passage(network, route, site.trigger)
@@ -184,14 +184,14 @@ class BehindJunctionEvent(CrossingEvent):
 
 
 class DynamicObjectCrossing(CrossingEvent):
-    """A pedestrian, hidden by a kiosk."""
+    """A pedestrian, hidden by a kiosk, crosses."""
 
     kind: Literal["dynamic_object_crossing"] = "dynamic_object_crossing"
     occluder: Literal["none", "kiosk", "parked_car"] = "kiosk"
 
 
 class ParkingCrossingPedestrian(CrossingEvent):
-    """A pedestrian, hidden by a parked car."""
+    """A pedestrian, hidden by a parked car, crosses."""
 
     kind: Literal["parking_crossing_pedestrian"] = "parking_crossing_pedestrian"
     reaction_time_s: Seconds = 2.15
@@ -199,7 +199,7 @@ class ParkingCrossingPedestrian(CrossingEvent):
 
 
 class PedestrianGroupCrossing(BehindJunctionEvent):
-    """Three pedestrians abreast."""
+    """Three pedestrians cross side by side."""
 
     kind: Literal["pedestrian_group_crossing"] = "pedestrian_group_crossing"
     count: Annotated[int, Field(ge=1, le=50)] = 3
@@ -209,7 +209,7 @@ class PedestrianGroupCrossing(BehindJunctionEvent):
 
 
 class CyclistAfterTurn(BehindJunctionEvent):
-    """A bicycle behind a junction where the ego turns."""
+    """A bicycle crosses behind a junction where the ego turns."""
 
     turn: ClassVar[bool] = True
     kind: Literal["cyclist_after_turn"] = "cyclist_after_turn"
@@ -221,7 +221,7 @@ class CyclistAfterTurn(BehindJunctionEvent):
 
 
 class PedestrianAfterTurn(BehindJunctionEvent):
-    """A pedestrian behind a junction where the ego turns."""
+    """A pedestrian crosses behind a junction where the ego turns."""
 
     turn: ClassVar[bool] = True
     kind: Literal["pedestrian_after_turn"] = "pedestrian_after_turn"
@@ -230,7 +230,7 @@ class PedestrianAfterTurn(BehindJunctionEvent):
 
 
 class CrossingBicycleFlow(BehindJunctionEvent):
-    """Five bicycles, one after the other."""
+    """Five bicycles cross one after the other."""
 
     kind: Literal["crossing_bicycle_flow"] = "crossing_bicycle_flow"
     actor: Literal["pedestrian", "bicycle"] = "bicycle"
@@ -244,7 +244,7 @@ class CrossingBicycleFlow(BehindJunctionEvent):
 
 
 class PedestrianStepsOut(CrossingEvent):
-    """A pedestrian who stands in the ego's lane for a while."""
+    """A pedestrian stands in the ego's lane for a time."""
 
     kind: Literal["pedestrian_steps_out"] = "pedestrian_steps_out"
     ahead_m: Metres = 30.0

@@ -22,10 +22,10 @@ QUEUE_GAP_M = 2.5
 
 
 class CutInBehavior(EventBehavior["CutInEvent"]):
-    """The vehicle stands in the lane beside, moves in, and drives on as a lead does.
+    """The vehicle stands in the lane beside, moves into the ego's lane, and drives on ahead of the ego.
 
     Attributes:
-        place: Where it stands or enters, m along the ego's route.
+        place: Arc length on the ego's route at which the vehicle stands or enters, m.
     """
 
     def __init__(self, event: CutInEvent, site: EventSite) -> None:
@@ -39,11 +39,11 @@ class CutInBehavior(EventBehavior["CutInEvent"]):
         self.actors.append(ScriptedActor(self.actor_name(0), kind, length, width, self.path, self.place, self._beside))
 
     def check_road(self) -> None:
-        """Raises PlacementError where there is a junction too near."""
+        """Raises PlacementError if a junction is too near."""
         need_clear_road(self.route, self.place - 15.0, self.place + ROOM_M)
 
     def distance_beside(self, width: float) -> float:
-        """From the middle of the ego's lane to that of a vehicle of a width in the lane beside, m.
+        """Distance from the middle of the ego's lane to the middle of a vehicle in the lane beside, m.
 
         Raises:
             PlacementError: There is no such lane.
@@ -55,7 +55,7 @@ class CutInBehavior(EventBehavior["CutInEvent"]):
         return found.half_width + 0.5 * float(self.network.lanes.width[beside])
 
     def act(self, context: EventContext) -> bool:
-        """Waits, moves in; over when it is in the lane and either the ego has gone round it or 6 s have passed."""
+        """Waits, then moves in; ends when the vehicle is in the lane and the ego has passed it or 6 s are over."""
         one = self.actors[0]
         if self._began == math.inf:
             if not self.is_due(context):
@@ -72,10 +72,10 @@ class CutInBehavior(EventBehavior["CutInEvent"]):
         return context.time_to(rear) <= event.reaction_time_s or context.distance_to(rear) <= event.minimum_distance_m
 
     def wait(self, context: EventContext) -> None:
-        """Goes on for one tick before it is time to move in."""
+        """Advances one tick before it is time to move in."""
 
     def follow(self, one: ScriptedActor, desired: float, context: EventContext) -> None:
-        """Drives at a desired speed [m/s], behind those ahead."""
+        """Drives at a desired speed [m/s], and keeps its distance to others ahead."""
         self.drive(one, desired, context)
 
     def _move_in(self, one: ScriptedActor, context: EventContext) -> None:
@@ -92,7 +92,7 @@ class CutInBehavior(EventBehavior["CutInEvent"]):
             self.follow(one, target, context)
 
     def after(self, context: EventContext) -> None:
-        """Drives on along the ego's route."""
+        """Drives the vehicle on along the ego's route."""
         one = self.actors[0]
         if one.left:
             self._move_in(one, context)
@@ -101,7 +101,7 @@ class CutInBehavior(EventBehavior["CutInEvent"]):
             self.drive(one, limit, context, lawful=True)
 
     def ahead(self, context: EventContext) -> float:
-        """Of the vehicle that cuts in."""
+        """Distance to the vehicle that cuts in, m."""
         return self.actors[0].s - context.egos.progress.item(context.ego)
 
 
@@ -109,13 +109,13 @@ class CutInEvent(BaseEvent):
     """A vehicle beside the ego's lane moves into it, close ahead of the ego.
 
     Attributes:
-        ahead_m: From the trigger to where it stands, or to where one that drives enters.
-        side: From where.
-        actor: What it is.
-        speed_mps: Of one that stands until then, after it has pulled out; of one that drives, None: 0.5 of the ego's.
-        reaction_time_s: It pulls out when the ego is so near in time.
-        minimum_distance_m: Or so near in space.
-        merge_s: Time from its place to the middle of the ego's lane.
+        ahead_m: Distance from the trigger to the place at which the vehicle stands or enters, m.
+        side: Side from which the vehicle comes.
+        actor: Type of the vehicle.
+        speed_mps: Speed after the cut-in, m/s; None: half of the ego's speed.
+        reaction_time_s: The vehicle pulls out when the ego is nearer than this in time, s,
+        minimum_distance_m: or nearer than this distance, m.
+        merge_s: Time from the vehicle's place to the middle of the ego's lane, s.
     """
 
     behavior: ClassVar = CutInBehavior
@@ -133,10 +133,10 @@ class ParkingCutInBehavior(CutInBehavior):
     """The vehicle is parked at the kerb."""
 
     def distance_beside(self, width: float) -> float:
-        """From the middle of the ego's lane to that of a vehicle of a width at the kerb, m.
+        """Distance from the middle of the ego's lane to the middle of a vehicle at the kerb, m.
 
         Raises:
-            PlacementError: Another lane is between them.
+            PlacementError: Another lane lies between the ego's lane and the kerb.
         """
         event, found = self.event, need_kerb(self.network, self.route, self.place)
         if (found.right if event.side == "right" else found.left) >= 0 or (
@@ -155,7 +155,7 @@ class ParkingCutIn(CutInEvent):
 
 
 class StaticCutInBehavior(CutInBehavior):
-    """The vehicle stands in a queue, which is why it leaves its lane; the queue stays."""
+    """The vehicle leaves a standing queue in the lane beside; the queue stays."""
 
     def __init__(self, event: CutInEvent, site: EventSite) -> None:
         super().__init__(event, site)
@@ -164,7 +164,7 @@ class StaticCutInBehavior(CutInBehavior):
         self.actors.append(ScriptedActor(self.actor_name(1), kind, length, width, self.path, front, self._beside))
 
     def follow(self, one: ScriptedActor, desired: float, context: EventContext) -> None:
-        """Drives at a desired speed [m/s]; what stands in the lane that it leaves does not hold it."""
+        """Drives at a desired speed [m/s]; the queue in the lane that it leaves does not stop it."""
         if one.drift:
             one.approach(desired, context.tick_s)
         else:
@@ -185,15 +185,15 @@ class HighwayCutInBehavior(CutInBehavior):
     """The vehicle drives in the lane beside, lets the ego come near, and moves in."""
 
     def check_road(self) -> None:
-        """Raises PlacementError where there is a junction before the vehicle has moved in."""
+        """Raises PlacementError if the vehicle cannot move in before the next junction."""
         limit = float(self.route.speed_limit[self.route.index(self.trigger)])
         need_clear_road(self.route, self.trigger, self.place + ROOM_S * limit, through=True)
 
     def prepare(self, context: EventContext) -> None:
-        """Nothing yet: the vehicle enters at the trigger."""
+        """Does nothing: the vehicle enters at the trigger."""
 
     def act(self, context: EventContext) -> bool:
-        """Enters, and goes on as the others do."""
+        """Lets the vehicle enter, and then continues as every cut-in."""
         if not self.actors[0].present:
             self._enter(context)
         return super().act(context)
@@ -217,7 +217,7 @@ class HighwayCutInBehavior(CutInBehavior):
         super().prepare(context)
 
     def _wanted_gap(self, context: EventContext) -> float:
-        """The gap at which it moves in, m."""
+        """Gap at which the vehicle moves in, m."""
         return max(self.event.minimum_distance_m, 0.5 * self.event.reaction_time_s * context.speed)
 
 

@@ -1,4 +1,4 @@
-"""Emergency: a vehicle with blue light comes from behind, and the ego must let it pass."""
+"""Emergency: a vehicle with blue lights approaches from behind, and the ego must let it pass."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ TYPE = "emergency"
 class EmergencyBehavior(EventBehavior["YieldToEmergencyVehicle"]):
     """The vehicle follows the ego's route at its own speed, through red lights, and never hits anything.
 
-    Over when its rear is 5 m ahead of the ego's front; or when it has been close behind for too long, in which case the
-    ego did not yield. It then drives on until no ego sees it.
+    The event ends when the vehicle's rear is 5 m ahead of the ego's front, or when the vehicle has been close behind
+    for too long: the ego did not yield. The vehicle then drives on until no ego sees it.
     """
 
     prepare_m = 0.0
@@ -58,7 +58,7 @@ class EmergencyBehavior(EventBehavior["YieldToEmergencyVehicle"]):
                 raise PlacementError(f"at {ahead:.0f} m there is no second lane to let it pass")
 
     def _extend(self, lanes: list[int], short: float) -> None:
-        """Lets the path begin before the route does, on the lanes that lead there."""
+        """Extends the path backwards beyond the route's start, on the lanes that lead there."""
         back = lane_path(self.network, lanes)
         s, _ = back.project(self.route.position[:1], 0.0, back.length)
         begin = float(s[0]) - short
@@ -69,10 +69,10 @@ class EmergencyBehavior(EventBehavior["YieldToEmergencyVehicle"]):
         self._before, self.path = whole.length - self.path.length, whole
 
     def prepare(self, context: EventContext) -> None:
-        """Nothing yet: it enters behind the ego, wherever that is."""
+        """Does nothing: the vehicle enters behind the ego, after the trigger."""
 
     def act(self, context: EventContext) -> bool:
-        """Comes near; over when it has passed, or waited too long."""
+        """Drives the vehicle; ends when it has passed or has waited too long."""
         vehicle = self.actors[0]
         if not vehicle.present:
             vehicle.s = max(self._before + context.egos.progress.item(context.ego) - self.event.behind_m, 0.0)
@@ -88,28 +88,28 @@ class EmergencyBehavior(EventBehavior["YieldToEmergencyVehicle"]):
 
     def _hurry(self, context: EventContext) -> None:
         vehicle = self.actors[0]
-        # The traffic makes room; where it cannot, as before a red light, it must not be what holds the vehicle up.
+        # Vehicles that cannot make room, as before a red light, are removed, so that only the ego blocks it.
         nose = vehicle.s + 0.5 * vehicle.length + CLEARED_M
         if nose < self._before + context.egos.progress.item(context.ego) - CLEARED_M or self.ahead(context) > 0:
             context.requests.append(ClearArea(*self.path.at(nose)[:2], 0.5 * CLEARED_M))
         self.drive(vehicle, self.event.speed_mps, context)
 
     def after(self, context: EventContext) -> None:
-        """Drives on."""
+        """Drives the vehicle on."""
         self._hurry(context)
 
     def ahead(self, context: EventContext) -> float:
-        """Of the emergency vehicle."""
+        """Distance to the emergency vehicle, m."""
         return self.actors[0].s - self._before - context.egos.progress.item(context.ego)
 
 
 class YieldToEmergencyVehicle(BaseEvent):
-    """An emergency vehicle with blue light comes from behind; the ego must let it pass.
+    """An emergency vehicle with blue lights approaches from behind; the ego must let it pass.
 
     Attributes:
-        behind_m: How far behind the ego it enters.
-        speed_mps: Its highest.
-        wait_s: It is over so long after it has come within 25 m of the ego, if it has not passed.
+        behind_m: Distance behind the ego at which the vehicle enters, m.
+        speed_mps: Highest speed of the vehicle, m/s.
+        wait_s: Longest time within 25 m behind the ego before the event ends without passing, s.
     """
 
     behavior: ClassVar = EmergencyBehavior

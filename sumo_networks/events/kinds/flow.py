@@ -1,4 +1,4 @@
-"""Flows: SUMO's own vehicles enter one after the other with gaps, and the ego must find one."""
+"""Flows: SUMO's own vehicles enter one after the other, and the ego must find a gap."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ if TYPE_CHECKING:  # scenarios are read without roads, whose numeric kernels tak
 INTERURBAN_MPS = 50 / KMH_PER_MPS - 0.1
 LANE_CHANGE_WITHIN_M = 400.0
 Meeting = tuple[float, Sequence[int], float]
-"""Where the ego meets a flow, m along its route; the flow's lanes; where on them, m."""
+"""Meeting point of ego and flow on the route [m], the flow's lanes, and the meeting point on the lanes [m]."""
 
 
 class FlowBehavior(EventBehavior["FlowEvent"]):
-    """Vehicles keep coming until the ego is past the place where it meets them.
+    """Vehicles enter until the ego is past the meeting point.
 
     Attributes:
-        meeting: Where that is, m along the ego's route.
-        source: Where they enter.
+        meeting: Arc length of the meeting point on the ego's route, m.
+        source: Source of the vehicles.
     """
 
     def __init__(self, event: FlowEvent, site: EventSite) -> None:
@@ -37,36 +37,36 @@ class FlowBehavior(EventBehavior["FlowEvent"]):
 
     @property
     def entered(self) -> Sequence[str]:
-        """Names of the vehicles."""
+        """Names of the flow's vehicles."""
         return self.source.entered
 
     def prepare(self, context: EventContext) -> None:
-        """The first vehicle enters."""
+        """Lets the first vehicle enter."""
         self.source.emit(self.event.name, context, self.rng)
 
     def await_trigger(self, context: EventContext) -> None:
-        """So do others, so that the road is full when the ego comes; but not while they keep others before it."""
+        """Keeps the flow running, so that the road is full when the ego arrives; pauses if a queue blocks the ego."""
         if not self.queues(context, self.meeting):
             self.source.emit(self.event.name, context, self.rng)
 
     def act(self, context: EventContext) -> bool:
-        """They keep coming until the ego is past them."""
+        """Keeps the flow running until the ego is past the meeting point."""
         self.await_trigger(context)
         return context.distance_to(self.meeting) < -self.event.past_m
 
     def withdraw(self, context: EventContext) -> None:
-        """Cancels the vehicles that wait; those on the road drive on, and leave it as the traffic does."""
+        """Cancels the waiting vehicles; vehicles on the road drive on as part of the traffic."""
         self.source.stop(context)
 
 
 class FlowEvent(BaseEvent):
-    """A stream of SUMO's own vehicles with gaps, through which or into which the ego must go.
+    """A flow of SUMO's own vehicles with gaps, which the ego must cross or join.
 
     Attributes:
-        gap_m: Smallest and largest gap between two vehicles.
-        speed_mps: Their highest speed; None: the limit's.
-        source_m: How far before the meeting point they enter, at most.
-        past_m: It is over when the ego is so far past the meeting point.
+        gap_m: Smallest and largest gap between two vehicles, m.
+        speed_mps: Highest speed of the vehicles, m/s; None: the limit.
+        source_m: Largest distance before the meeting point at which the vehicles enter, m.
+        past_m: Distance of the ego past the meeting point at which the event ends, m.
     """
 
     behavior: ClassVar = FlowBehavior
@@ -77,22 +77,22 @@ class FlowEvent(BaseEvent):
     past_m: Metres = 20.0
 
     def find_meeting(self, site: EventSite) -> Meeting:
-        """Where the ego meets the flow.
+        """Finds the meeting point of ego and flow.
 
         Raises:
-            PlacementError: Nowhere on its way.
+            PlacementError: The ego's route has no such point.
         """
         raise NotImplementedError
 
 
 class JunctionFlow(FlowEvent):
-    """The flow comes through the next junction."""
+    """A flow through the next junction."""
 
     def find_meeting(self, site: EventSite) -> Meeting:
-        """Where the ego meets the first way of the junction that fits.
+        """Finds the meeting point of the ego and the first path through the junction that fits.
 
         Raises:
-            PlacementError: The junction or all its ways are of another sort.
+            PlacementError: The junction does not fit the kind, or none of its paths does.
         """
         passage = next_passage(site.network, site.route, site.trigger)
         self.check_junction(passage, f"the junction at {passage.entry:.0f} m", site.route)
@@ -102,16 +102,16 @@ class JunctionFlow(FlowEvent):
         raise PlacementError(f"no such stream meets the ego's way through the junction at {passage.entry:.0f} m")
 
     def check_junction(self, passage: Passage, where: str, route: Route) -> None:
-        """Raises PlacementError where the junction is of another sort."""
+        """Raises PlacementError if the junction does not fit the kind."""
         raise NotImplementedError
 
     def takes(self, way: ConflictingWay, network: RoadNetwork) -> bool:
-        """Whether the flow may come along a way: by default straight on from the opposite side."""
+        """Whether the flow may use a path: by default, straight on from the opposite side."""
         return way.side == "opposite" and bool(network.connections.direction[way.connection] == "s")
 
 
 class LeftTurnFlow(JunctionFlow):
-    """The ego turns left across oncoming vehicles.
+    """The ego turns left across a flow of oncoming vehicles.
 
     Attributes:
         lit: Whether the junction has a traffic light.
@@ -120,7 +120,7 @@ class LeftTurnFlow(JunctionFlow):
     lit: ClassVar[bool] = False
 
     def check_junction(self, passage: Passage, where: str, route: Route) -> None:
-        """Raises PlacementError where the route does not turn left, or the light is missing or too many."""
+        """Raises PlacementError if the route does not turn left, or if the junction's lights differ from `lit`."""
         if passage.command is not Command.LEFT:
             raise PlacementError(f"the route does not turn left at {where}")
         if (lit := passage.signal >= 0) != self.lit:
@@ -128,25 +128,25 @@ class LeftTurnFlow(JunctionFlow):
 
 
 class LeftTurnSignalised(LeftTurnFlow):
-    """At a junction with a light."""
+    """The ego turns left across oncoming vehicles at a junction with a light."""
 
     lit: ClassVar[bool] = True
     kind: Literal["left_turn_signalised"] = "left_turn_signalised"
 
 
 class LeftTurnUnsignalised(LeftTurnFlow):
-    """At a junction without a light."""
+    """The ego turns left across oncoming vehicles at a junction without a light."""
 
     kind: Literal["left_turn_unsignalised"] = "left_turn_unsignalised"
 
 
 class InterurbanLeftTurn(LeftTurnFlow):
-    """Off a fast road, without a light."""
+    """The ego turns left off a fast road, without a light."""
 
     kind: Literal["interurban_left_turn"] = "interurban_left_turn"
 
     def check_junction(self, passage: Passage, where: str, route: Route) -> None:
-        """Raises PlacementError also where the limit is below 50 km/h."""
+        """Raises PlacementError also if the limit is below 50 km/h."""
         super().check_junction(passage, where, route)
         limit = float(route.speed_limit[route.index(passage.entry - 2.0)])
         if limit < INTERURBAN_MPS:
@@ -156,32 +156,32 @@ class InterurbanLeftTurn(LeftTurnFlow):
 
 
 class RightTurnIntoFlow(JunctionFlow):
-    """The ego turns right into the road of vehicles from the left."""
+    """The ego turns right into a flow of vehicles from the left."""
 
     kind: Literal["right_turn_into_flow"] = "right_turn_into_flow"
 
     def check_junction(self, passage: Passage, where: str, route: Route) -> None:
-        """Raises PlacementError where the route does not turn right."""
+        """Raises PlacementError if the route does not turn right."""
         if passage.command is not Command.RIGHT:
             raise PlacementError(f"the route does not turn right at {where}")
 
     def takes(self, way: ConflictingWay, network: RoadNetwork) -> bool:
-        """Whether the flow comes from the left and goes where the ego goes."""
+        """Whether a path comes from the left and leads to the ego's next edge."""
         return way.side == "left" and way.merges
 
 
 class EnterActorFlow(JunctionFlow):
-    """The ego must give way at a junction without a light."""
+    """The ego must give way to a flow at a junction without a light."""
 
     kind: Literal["enter_actor_flow"] = "enter_actor_flow"
 
     def check_junction(self, passage: Passage, where: str, route: Route) -> None:
-        """Raises PlacementError where there is a traffic light."""
+        """Raises PlacementError if the junction has a traffic light."""
         if passage.signal >= 0:
             raise PlacementError(f"{where} has a traffic light")
 
     def takes(self, way: ConflictingWay, network: RoadNetwork) -> bool:
-        """Whether the ego must give way to the flow."""
+        """Whether the ego must give way to vehicles on a path."""
         return way.ego_yields
 
 
@@ -192,10 +192,10 @@ class MergeIntoSlowTraffic(FlowEvent):
     speed_mps: Speed | None = 5.0
 
     def find_meeting(self, site: EventSite) -> Meeting:
-        """Where the ego next changes lanes or merges.
+        """Finds the ego's next lane change or merge.
 
         Raises:
-            PlacementError: Nowhere within 400 m.
+            PlacementError: The route has none within 400 m.
         """
         beside = lane_change_meeting(site, (Command.CHANGE_LEFT, Command.CHANGE_RIGHT), self.source_m)
         if beside is not None:
@@ -208,15 +208,15 @@ class MergeIntoSlowTraffic(FlowEvent):
 
 
 class HighwayExit(FlowEvent):
-    """The ego changes to the right, into a lane of other vehicles."""
+    """The ego changes to the right, into a lane with a flow."""
 
     kind: Literal["highway_exit"] = "highway_exit"
 
     def find_meeting(self, site: EventSite) -> Meeting:
-        """Where the ego next changes to the right.
+        """Finds the ego's next lane change to the right.
 
         Raises:
-            PlacementError: Nowhere within 400 m.
+            PlacementError: The route has none within 400 m.
         """
         beside = lane_change_meeting(site, (Command.CHANGE_RIGHT,), self.source_m)
         if beside is None:
@@ -225,7 +225,7 @@ class HighwayExit(FlowEvent):
 
 
 def lane_change_meeting(site: EventSite, commands: Sequence[Command], source_m: float) -> Meeting | None:
-    """Where the ego next changes lanes in one of the given ways, and the lanes of those that drive there already."""
+    """The ego's next lane change with one of the commands, and the lanes of the flow beside it."""
     route = site.route
     for change in route.lane_changes:
         if site.trigger <= change.start <= site.trigger + LANE_CHANGE_WITHIN_M and change.command in commands:

@@ -19,7 +19,7 @@ BRAKING_ROOM_S = 4.0
 
 
 class LeadBehavior(EventBehavior["LeadEvent"]):
-    """A vehicle enters ahead, lets the ego come near, brakes, stands, and drives on."""
+    """A vehicle enters ahead, waits until the ego is near, brakes, stands, and drives on."""
 
     def __init__(self, event: LeadEvent, site: EventSite) -> None:
         super().__init__(event, site)
@@ -32,10 +32,10 @@ class LeadBehavior(EventBehavior["LeadEvent"]):
         self.actors.append(ScriptedActor(self.actor_name(0), kind, length, width, self.path, start))
 
     def prepare(self, context: EventContext) -> None:
-        """Nothing yet: how fast it drives depends on the ego."""
+        """Does nothing: the vehicle enters at the trigger, at a speed that depends on the ego."""
 
     def act(self, context: EventContext) -> bool:
-        """Enters, waits for the ego, brakes; over when it may drive on."""
+        """Lets the vehicle enter, wait for the ego and brake; ends when it may drive on."""
         lead, event = self.actors[0], self.event
         if not lead.present:
             self._enter(context)
@@ -60,13 +60,13 @@ class LeadBehavior(EventBehavior["LeadEvent"]):
         self._came = context.time
 
     def after(self, context: EventContext) -> None:
-        """Drives on along the ego's route, and waits at red lights."""
+        """Drives the vehicle on along the ego's route; it stops at red lights."""
         lead = self.actors[0]
         limit = float(self.route.speed_limit[self.route.index(lead.s)])
         self.drive(lead, limit, context, lawful=True)
 
     def ahead(self, context: EventContext) -> float:
-        """Of the lead."""
+        """Distance to the lead vehicle, m."""
         return self.actors[0].s - context.egos.progress.item(context.ego)
 
 
@@ -74,12 +74,12 @@ class LeadEvent(BaseEvent):
     """A vehicle ahead of the ego, in its lane, brakes hard, stands, and drives on.
 
     Attributes:
-        appear_m: How far ahead of the ego it enters, between their centres.
-        gap_m: It brakes when the ego's front is so near to its rear.
-        wait_s: Or after this time.
-        deceleration_mps2: How hard.
-        stop_s: How long it brakes and stands.
-        actor: What it is.
+        appear_m: Distance ahead of the ego at which the vehicle enters, between the centres, m.
+        gap_m: The vehicle brakes when the ego's front is nearer to its rear than this, m,
+        wait_s: or after this time, s.
+        deceleration_mps2: Deceleration of the vehicle, m/s^2.
+        stop_s: Time for which the vehicle brakes and stands, s.
+        actor: Type of the vehicle.
     """
 
     behavior: ClassVar = LeadBehavior

@@ -1,4 +1,4 @@
-"""Obstacles: an accident, a building site or a parked vehicle, which the ego must go round."""
+"""Obstacles: an accident, a building site or a parked vehicle that the ego must pass in another lane."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ GAPS_M = (20.0, 50.0)
 
 
 class ObstacleBehavior(BlockageBehavior):
-    """Something stands where the ego can go round it."""
+    """An obstacle stands where the ego can pass it in another lane."""
 
     event: ObstacleEvent
 
     def build(self) -> None:
-        """Checks that there is a lane to go round, and adds the boxes."""
+        """Checks that there is a lane to pass, and adds the boxes."""
         need_clear_road(self.route, self.place - 25.0, self.place + 30.0)
         found, two_ways = section(self.network, self.route, self.place), self.event.two_ways
         if two_ways and found.left >= 0:
@@ -33,12 +33,12 @@ class ObstacleBehavior(BlockageBehavior):
         self.add_obstacle(found)
 
     def add_obstacle(self, found: Section) -> None:
-        """Adds the boxes on a road."""
+        """Adds the boxes of the obstacle at a cross-section of the road."""
         raise NotImplementedError
 
 
 class ObstacleEvent(BlockageEvent):
-    """Something stands in the ego's lane until the ego has gone round it.
+    """An obstacle stands in the ego's lane until the ego has passed it.
 
     Attributes:
         two_ways: Whether the ego must borrow the oncoming lane.
@@ -51,7 +51,7 @@ class AccidentBehavior(ObstacleBehavior):
     """Three crashed cars."""
 
     def add_obstacle(self, found: Section) -> None:
-        """Adds the cars, askew."""
+        """Adds the cars, at different angles."""
         self.add_box(*VEHICLES["car"], self.place - 8.0, skew=0.1)
         self.add_box(*VEHICLES["car"], self.place, skew=-0.35)
         self.add_box(*VEHICLES["car"], self.place + 5.8, skew=0.2)
@@ -74,7 +74,7 @@ class AccidentTwoWays(ObstacleEvent):
 
 
 class ConstructionBehavior(ObstacleBehavior):
-    """A building site behind a barrier."""
+    """A building site with a barrier in front."""
 
     def add_obstacle(self, found: Section) -> None:
         """Adds the barrier and the site."""
@@ -99,7 +99,7 @@ class ConstructionTwoWays(ObstacleEvent):
 
 
 class ParkedObstacleBehavior(ObstacleBehavior):
-    """A vehicle parked a little to the right."""
+    """A parked vehicle, a little to the right of the lane's middle."""
 
     def add_obstacle(self, found: Section) -> None:
         """Adds the vehicle."""

@@ -17,9 +17,9 @@ CHANGE_S = 1.2
 
 
 class OncomingBehavior(EventBehavior["OncomingEvent"]):
-    """Vehicles come along the ego's route the other way; before they meet the ego they leave their lane, and return.
+    """Oncoming vehicles leave their lane before they meet the ego, and return to it.
 
-    Their path is the ego's route from its far end, so "left" on it is the ego's right.
+    The vehicles' path is the ego's route backwards, so left of the path is the ego's right.
     """
 
     def __init__(self, event: OncomingEvent, site: EventSite) -> None:
@@ -46,10 +46,10 @@ class OncomingBehavior(EventBehavior["OncomingEvent"]):
         self._since: dict[str, float] = {}
 
     def prepare(self, context: EventContext) -> None:
-        """Nothing yet: they enter at the trigger."""
+        """Does nothing: the vehicles enter at the trigger."""
 
     def act(self, context: EventContext) -> bool:
-        """They come, move over, move back; over when all are past the ego."""
+        """Lets the vehicles approach, move over and move back; ends when all are past the ego."""
         if self.actors[0].s == 0.0 and not self.actors[0].present:
             super().prepare(context)
         for actor in self.actors:
@@ -80,7 +80,7 @@ class OncomingBehavior(EventBehavior["OncomingEvent"]):
             actor.drift = math.copysign(pace, remaining)
 
     def after(self, context: EventContext) -> None:
-        """They drive on in their own lane to where the ego began."""
+        """Drives the vehicles on in their own lane to the start of the ego's route."""
         for actor in self.actors:
             self._shift(actor, self._own, context.tick_s)
             gap, speed = actor.leader(*context.others(actor))
@@ -89,22 +89,22 @@ class OncomingBehavior(EventBehavior["OncomingEvent"]):
                 actor.present = False
 
     def ahead(self, context: EventContext) -> float:
-        """Of the first of them."""
+        """Distance to the first vehicle, m."""
         return self._length - self.actors[0].s - context.egos.progress.item(context.ego)
 
 
 class OncomingEvent(BaseEvent):
-    """A vehicle comes towards the ego, partly or wholly in the ego's lane, and goes back to its own.
+    """An oncoming vehicle drives partly or wholly in the ego's lane, and returns to its own.
 
     Attributes:
-        appear_m: How far ahead of the trigger it enters.
-        actor: What it is.
-        count: How many, one after the other.
-        spacing_m: Between two vehicles.
-        speed_mps: Of each.
-        reaction_time_s: It leaves its lane when it would meet the ego so soon.
-        return_s: It goes back so long after.
-        intrusion_m: How far its side comes past the middle of the road; None: all of it is in the ego's lane.
+        appear_m: Distance ahead of the trigger at which the first vehicle enters, m.
+        actor: Type of the vehicles.
+        count: Number of vehicles, one after the other.
+        spacing_m: Distance between two vehicles, m.
+        speed_mps: Speed of each vehicle, m/s.
+        reaction_time_s: Time before the meeting with the ego at which a vehicle leaves its lane, s.
+        return_s: Time after which the vehicle begins to return to its lane, s.
+        intrusion_m: Distance of the vehicle's side past the road middle, m; None: all of it is in the ego's lane.
     """
 
     behavior: ClassVar = OncomingBehavior
@@ -126,7 +126,7 @@ class OncomingInLane(OncomingEvent):
 
 
 class InvadingTurn(OncomingEvent):
-    """Three vehicles come over the middle of the road, until they have passed the ego."""
+    """Three oncoming vehicles drive partly in the ego's lane until they have passed the ego."""
 
     kind: Literal["invading_turn"] = "invading_turn"
     count: Annotated[int, Field(ge=1, le=20)] = 3

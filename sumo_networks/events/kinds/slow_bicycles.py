@@ -18,7 +18,7 @@ FREE_M = 20.0
 
 
 class SlowBicyclesBehavior(EventBehavior["SlowBicycles"]):
-    """The bicycles ride until the ego has overtaken them all, or they come to a junction."""
+    """The bicycles ride until the ego has overtaken all of them, or until they reach a junction."""
 
     def __init__(self, event: SlowBicycles, site: EventSite) -> None:
         super().__init__(event, site)
@@ -46,12 +46,12 @@ class SlowBicyclesBehavior(EventBehavior["SlowBicycles"]):
         ]
 
     def act(self, context: EventContext) -> bool:
-        """Rides on."""
+        """Moves the bicycles."""
         self._ride(context)
         return all(not one.present or one.s + 0.5 * one.length < context.front_m - PAST_M for one in self.actors)
 
     def after(self, context: EventContext) -> None:
-        """Rides on."""
+        """Moves the bicycles."""
         self._ride(context)
 
     def _ride(self, context: EventContext) -> None:
@@ -61,7 +61,7 @@ class SlowBicyclesBehavior(EventBehavior["SlowBicycles"]):
             one.present = one.present and one.s < self._end
 
     def ahead(self, context: EventContext) -> float:
-        """Of the last of them."""
+        """Distance to the last bicycle, m."""
         return self.actors[0].s - context.egos.progress.item(context.ego)
 
 
@@ -69,11 +69,11 @@ class SlowBicycles(BaseEvent):
     """Bicycles ride slowly at the side of the ego's lane.
 
     Attributes:
-        ahead_m: From the trigger to the last bicycle.
-        count: How many.
-        spacing_m: Between two bicycles.
-        speed_mps: Of each.
-        from_edge_m: Between the edge of the lane and the middle of a bicycle.
+        ahead_m: Distance from the trigger to the last bicycle, m.
+        count: Number of bicycles.
+        spacing_m: Distance between two bicycles, m.
+        speed_mps: Speed of each bicycle, m/s.
+        from_edge_m: Distance from the edge of the lane to the middle of a bicycle, m.
     """
 
     behavior: ClassVar = SlowBicyclesBehavior
