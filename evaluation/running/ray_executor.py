@@ -31,6 +31,8 @@ from dohyo.sumo_networks.networks.catalog import load_network
 
 CONNECT_S = 10.0
 LOCAL = "local"
+LOCAL_CLUSTER = {"include_dashboard": False, "_system_config": {"worker_niceness": 0}}
+"""Options of a cluster on this machine; Ray's niceness of 15 would let other programs make agents miss deadlines."""
 THREADS = "OMP_NUM_THREADS"
 
 
@@ -100,7 +102,7 @@ def connect(ray: Any, address: str | None) -> None:
             namespace="dohyo",
             log_to_driver=False,
             logging_level="error",
-            **({} if address else {"include_dashboard": False}),
+            **({} if address else LOCAL_CLUSTER),
         )
     except (ConnectionError, RuntimeError, ValueError) as error:
         raise InvalidInputError(f"no Ray cluster at '{address or LOCAL}': {first_line(error)}") from error

@@ -19,7 +19,7 @@ from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.store import read_trajectory
 from dohyo.evaluation.running.executors import Job, ProcessPool
-from dohyo.evaluation.running.ray_executor import RayExecutor
+from dohyo.evaluation.running.ray_executor import LOCAL_CLUSTER, RayExecutor
 from dohyo.evaluation.running.run import Result, run_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
@@ -78,7 +78,7 @@ def hashes(result: Result) -> list[str]:
 def cluster() -> Iterator[Any]:
     """One local cluster for all tests; each would otherwise start its own."""
     ray = pytest.importorskip("ray", reason="Ray is not installed (pip install 'dohyo[cluster]')")
-    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="error")
+    ray.init(num_cpus=2, log_to_driver=False, logging_level="error", **LOCAL_CLUSTER)
     yield ray
     ray.shutdown()
 

@@ -27,7 +27,8 @@ pytestmark = pytest.mark.slow
 
 HEAD = """
 import ray, sys
-begun = ray.init(num_cpus=1, include_dashboard=False, log_to_driver=False, logging_level="error")
+from dohyo.evaluation.running.ray_executor import LOCAL_CLUSTER
+begun = ray.init(num_cpus=1, log_to_driver=False, logging_level="error", **LOCAL_CLUSTER)
 print(begun.address_info["gcs_address"], flush=True)
 sys.stdin.read()
 ray.shutdown()
