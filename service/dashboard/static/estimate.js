@@ -68,10 +68,11 @@ export function agentName(name, colour, href = `/agents/${encodeURIComponent(nam
 }
 
 /** The probability that A scores higher than B, such as `P(A > B) = 0.873`; reports write it in the same form. */
-export function probabilityText(probability) {
-  if (probability >= 0.9995) return "P(A > B) > 0.999";
-  if (probability < 0.0005) return "P(A > B) < 0.001";
-  return `P(A > B) = ${probability.toFixed(3)}`;
+function probabilityText(probability) {
+  const event = "P(A\u00a0>\u00a0B)"; // a line may end after it, not within
+  if (probability >= 0.9995) return `${event} >\u00a00.999`;
+  if (probability < 0.0005) return `${event} <\u00a00.001`;
+  return `${event} =\u00a0${probability.toFixed(3)}`;
 }
 
 /**
