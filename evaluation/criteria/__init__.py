@@ -1,7 +1,7 @@
-"""One file per criterion; each watches one ego for one kind of infraction in one episode.
+"""Criteria, one file each: every criterion watches one ego for one kind of infraction in one episode.
 
-A module of this folder that defines a `Criterion` is found by itself: to add one, write its file and the specification
-of its kind.
+A class derived from `Criterion` in a module of this folder is found automatically. To add one, write its file and the
+specification of its kind.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ __all__ = ["Criterion", "criteria_for", "criterion_types"]
 
 
 def criteria_for(scenario: Scenario) -> tuple[Criterion, ...]:
-    """Fresh instances of all criteria, for one ego of a scenario."""
+    """New instances of all criteria, for one ego of a scenario."""
     return tuple(criterion.for_scenario(scenario) for criterion in criterion_types())
 
 

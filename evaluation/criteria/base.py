@@ -1,4 +1,4 @@
-"""Criterion: watches one ego for one kind of infraction; facts in, events out."""
+"""Criterion: watches one ego for one kind of infraction; reads worlds and yields infractions."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from dohyo.sumo_networks.world import World
 class Criterion(ABC):
     """Detects one kind of infraction. One instance watches one ego for one episode.
 
-    Criteria read the world and never change it; what they must remember is in private fields.
+    Criteria read the world and never change it; their state between ticks is in private fields.
 
     Attributes:
-        kinds: What it detects; a criterion may divide its infraction into several kinds.
+        kinds: Kinds of infraction that it yields, usually one.
     """
 
     __slots__ = ()
@@ -26,11 +26,11 @@ class Criterion(ABC):
 
     @classmethod
     def for_scenario(cls, scenario: Scenario) -> Self:
-        """The criterion with the thresholds that a scenario asks for."""
+        """The criterion with the thresholds of a scenario."""
         return cls()
 
-    def start(self, world: World, ego: int) -> None:  # noqa: B027 - most criteria have nothing to prepare
-        """Looks at the world in which the ego starts."""
+    def start(self, world: World, ego: int) -> None:  # noqa: B027 - most criteria need no preparation
+        """Prepares for the world in which the ego starts."""
 
     @abstractmethod
     def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
@@ -61,7 +61,7 @@ def infraction(
     actor: str | None = None,
     at_fault: bool | None = None,
 ) -> Infraction:
-    """An infraction of an ego, here and now."""
+    """An infraction of an ego at its place and time in a world."""
     x, y = world.egos.position[ego].tolist()
     return Infraction(
         kind=kind,

@@ -1,4 +1,4 @@
-"""Blocked: the ego has stood still for too long, by itself or in a traffic jam that will never end."""
+"""Blocked: the ego has stood still for too long, by its own fault or in a gridlock of the simulation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _QUEUEING = (ActorKind.CAR, ActorKind.VAN, ActorKind.TRUCK, ActorKind.BUS, Actor
 
 @dataclass(slots=True)
 class _StandingTraffic:
-    """When each actor in sight was last seen moving, to the second."""
+    """Time at which each actor in sight was last seen moving, with a resolution of 1 s."""
 
     _moved: dict[int, float] = field(default_factory=dict)
     _next: float = -math.inf
@@ -37,7 +37,7 @@ class _StandingTraffic:
             self._moved.update(dict.fromkeys(moving.tolist(), world.time))
 
     def stood_s(self, world: World, row: int) -> float:
-        """How long an actor has stood, s; -inf for one that was never seen moving."""
+        """Time for which an actor has stood, s; -inf if it was never seen moving."""
         return world.time - self._moved.get(int(world.actors.key[row]), math.inf)
 
 
@@ -45,15 +45,15 @@ class _StandingTraffic:
 class Blocked(Criterion):
     """Detects an ego that stands for minutes; once per standstill.
 
-    An ego that queues behind a vehicle of the traffic which drove before and has stood for two minutes itself is in a
-    gridlock of the simulator's making: that says nothing about the agent, and is a kind of its own. A vehicle that
-    never moved is parked, and the ego has to pass it.
+    A gridlock is a kind of its own, since it says nothing about the agent: the ego queues behind a vehicle of the
+    traffic that drove before and has stood for two minutes itself. A vehicle that never moved is parked, and the ego
+    has to pass it.
 
     Attributes:
-        standing_mps: Slower than this is standing, m/s.
-        limit_s: Standing for longer is an infraction, s.
+        standing_mps: An ego slower than this is standing, m/s.
+        limit_s: Longest time that the ego may stand, s.
 
-    Source: CARLA Leaderboard 2.1, ActorBlockedTest; the gridlock is ours.
+    Source: CARLA Leaderboard 2.1, ActorBlockedTest; the definition of a gridlock is ours.
     """
 
     kinds: ClassVar[tuple[InfractionKind, ...]] = (InfractionKind.BLOCKED, InfractionKind.GRIDLOCK)

@@ -1,4 +1,4 @@
-"""Collision: the ego's box touches another one."""
+"""Collision: the ego's box touches the box of another actor or object."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ _KINDS = {
 
 @dataclass(slots=True)
 class Collision(Criterion):
-    """Detects collisions, and remembers everything that was ever touched.
+    """Detects collisions, and counts the actors that the ego ever touched.
 
     The ego's speed is the faster of those before and after the tick: an ego that brakes to a stop in the tick of the
     impact was moving.
 
     Attributes:
-        standing_mps: A slower ego was hit and did not hit, m/s.
-        same_place_m: Contacts nearer than this to the last counted hit belong to it, m.
-        same_actor_s: Contacts with an actor sooner than this after the last one with it belong to that one, s.
+        standing_mps: An ego slower than this stands: being hit is then no infraction, m/s.
+        same_place_m: A contact nearer than this to the last counted collision belongs to it, m.
+        same_actor_s: A contact sooner than this after the last one with the same actor belongs to that one, s.
 
     Source: CARLA Leaderboard 2.1, CollisionTest; at fault: nuPlan, no ego at-fault collision.
     """
@@ -50,7 +50,7 @@ class Collision(Criterion):
 
     @property
     def touched(self) -> int:
-        """Number of distinct actors ever touched, at fault or not, those that hit a standing ego included."""
+        """Number of distinct actors that the ego ever touched, at fault or not, also while it stood."""
         return len(self._last_contact)
 
     def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
@@ -94,7 +94,7 @@ def _collision(world: World, ego: int, speed: float, contact: Contact, tick_s: f
 
 
 def _other(world: World, contact: Contact) -> tuple[FloatArray, float]:
-    """(5,) box and speed [m/s] of what was touched."""
+    """(5,) box of the touched actor or object, and its speed [m/s]."""
     if contact.kind is ActorKind.EGO:
         return world.egos.box(contact.row), world.egos.speed.item(contact.row)
     actors, row = world.actors, contact.row

@@ -22,20 +22,21 @@ def is_at_fault(
 ) -> bool:
     """Whether the ego caused a collision.
 
-    In this order: a stopped ego did not; an ego that meets something stopped did; a hit from behind is the other's; one
-    with the ego's front bumper is the ego's; any other is lateral, and the ego's unless it keeps to one lane.
+    The rules in their order: a stopped ego is not at fault; an ego that hits a stopped actor is at fault; an ego hit
+    from behind is not at fault; an ego that hits with its front bumper is at fault. Any other collision is lateral, and
+    the ego is at fault unless it keeps to one lane.
 
     Args:
-        ego: (5,) the ego's box when the two touch: x, y [m], heading [rad], length, width [m].
-        speed: Of the ego, m/s.
-        other: (5,) the other box.
-        other_speed: m/s; 0 for static things.
-        tick_s: Time since the tick in which they did not touch yet, s.
+        ego: (5,) box of the ego at the contact: x, y [m], heading [rad], length, width [m].
+        speed: Speed of the ego, m/s.
+        other: (5,) box of the other actor or object, likewise.
+        other_speed: Speed of the other, m/s; 0 for static objects.
+        tick_s: Time since the last tick without contact, s.
         in_one_lane: Whether the ego keeps to one lane; see `keeps_to_one_lane`.
 
-    Source: nuPlan, no ego at-fault collision. Its bearing starts at the rear axle, this one at the box's centre; its
-    bumper is where it is after the tick, this one is swept over the tick, as seen from the other: a car at 30 km/h
-    would otherwise pass through a pedestrian's front to meet him with its side.
+    Source: nuPlan, no ego at-fault collision. nuPlan takes the bearing from the rear axle, dohyo from the centre of
+    the box. nuPlan tests the bumper after the tick, dohyo sweeps it over the tick, in the frame of the other. Otherwise
+    a car at 30 km/h could pass through a pedestrian within a tick and touch him only with its side.
     """
     if speed <= STOPPED_MPS:
         return False
@@ -54,10 +55,10 @@ def is_at_fault(
 
 
 def keeps_to_one_lane(network: RoadNetwork, box: FloatArray, lane: int) -> bool:
-    """Whether the four corners of a box are on its centre's lane, or on lanes that lead into or out of it.
+    """Whether the four corners of a box are on the lane of its centre, or on lanes that lead into or out of that lane.
 
     Args:
-        network: The roads.
+        network: Network with the lanes.
         box: (5,) x, y [m], heading [rad], length, width [m].
         lane: Lane of the box's centre, -1 where there is none.
     """
@@ -69,7 +70,7 @@ def keeps_to_one_lane(network: RoadNetwork, box: FloatArray, lane: int) -> bool:
     left_x, left_y = -0.5 * width * sin, 0.5 * width * cos
     for ahead, side in product((half, -half), (1.0, -1.0)):
         corner = x + ahead * cos + side * left_x, y + ahead * sin + side * left_y
-        # Of the lanes that overlap inside a junction, a corner is on the ego's own if it can be.
+        # Inside a junction lanes overlap: a corner that is on several lanes counts as on the ego's own.
         at, offset, _ = network.nearest_lane(*corner, heading, own)
         if at < 0 or not own[at] or abs(offset) > 0.5 * network.lanes.width[at] + BESIDE_LANE_M:
             return False
@@ -77,7 +78,7 @@ def keeps_to_one_lane(network: RoadNetwork, box: FloatArray, lane: int) -> bool:
 
 
 def _connected(network: RoadNetwork, lane: int) -> BoolArray:
-    """(L,) the lane, those it leads to, and those that lead to it, within about a vehicle's length."""
+    """(L,) the lane itself, its successors and its predecessors, within about the length of a vehicle."""
     source, target = network.connections.source, network.connections.target
     following = np.zeros(len(network.lanes.ids), dtype=np.bool_)
     following[lane] = True

@@ -17,17 +17,17 @@ from dohyo.sumo_networks.world import ActorKind, World
 
 @dataclass(slots=True)
 class MinimumSpeed(Criterion):
-    """Compares the ego with background cars, vans, trucks and buses, on equal parts of its route.
+    """Compares the mean speeds of the ego and of the motor vehicles around it, on equal parts of its route.
 
-    Only vehicles within sight of the ego are known, so "the traffic" is what surrounds it, standing vehicles included.
-    Every tick in which some are seen weighs the same; other ticks do not count, for the ego neither. A part on which
-    none was seen is no infraction. The last part ends with the episode, and is judged only near the goal.
+    Only cars, vans, trucks and buses within `sight_m` of the ego count, standing ones included. Every tick with such a
+    vehicle has the same weight; ticks without any do not count, neither for the traffic nor for the ego. A part without
+    any gives no infraction. The last part ends with the episode, and is judged only if the ego came near the goal.
 
     Attributes:
-        checkpoints: Number of parts, fewer on a route too short for them.
-        shortest_part_m: A part is at least this long, m, so that a single red light is not the whole of it.
-        sight_m: How far from the ego's centre a vehicle's may be, m.
-        near_goal_m: How far from the route's end the last part counts as driven, m.
+        checkpoints: Largest number of parts; a short route has fewer.
+        shortest_part_m: Shortest length of a part, m, so that a single red light does not decide it.
+        sight_m: Largest distance between the centres of the ego and a vehicle that counts, m.
+        near_goal_m: Largest distance to the end of the route at which the last part counts as driven, m.
 
     Source: CARLA Leaderboard 2.1, MinimumSpeedRouteTest, which averages all vehicles of the background activity, and
     whose routes are kilometres long.
@@ -45,7 +45,7 @@ class MinimumSpeed(Criterion):
     _traffic_sum: float = field(default=0.0, init=False, repr=False)
 
     def start(self, world: World, ego: int) -> None:
-        """Divides the route."""
+        """Divides the route into parts."""
         self._parts = min(max(int(world.routes[ego].length / self.shortest_part_m), 1), self.checkpoints)
 
     def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
@@ -84,14 +84,14 @@ def _mean_traffic_speed(
 
     Args:
         egos: (E, 2) centres, m, network frame.
-        ego: Which one.
-        sight: m.
-        kind: (M,) ActorKind.
-        position: (M, 2), m, network frame.
-        speed: (M,), m/s.
+        ego: Index of the ego.
+        sight: Largest distance from the ego, m.
+        kind: (M,) ActorKind of each actor.
+        position: (M, 2) centres of the actors, m, network frame.
+        speed: (M,) speeds of the actors, m/s.
 
     Returns:
-        m/s; -1 if there is none.
+        Mean speed, m/s; -1 if there is no such vehicle.
     """
     total, count = 0.0, 0
     for i in range(kind.shape[0]):

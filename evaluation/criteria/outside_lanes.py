@@ -1,4 +1,4 @@
-"""Outside lanes: metres driven beside all lanes, or in one for the opposite direction."""
+"""Outside lanes: metres driven beside all lanes, or in a lane of the opposite direction."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class OutsideLanes(Criterion):
     """Measures the distance driven outside the lanes; one infraction per episode, where the ego first left them.
 
     Attributes:
-        margin_m: How far beyond the nearest lane's edge the ego's centre may be, m.
-        metres: Driven outside so far, m.
+        margin_m: Largest distance of the ego's centre beyond the edge of the nearest lane, m.
+        metres: Distance driven outside so far, m.
 
     Source: CARLA Leaderboard 2.1, OutsideRouteLanesTest.
     """
@@ -31,7 +31,7 @@ class OutsideLanes(Criterion):
     _first: Infraction | None = field(default=None, init=False, repr=False)
 
     def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
-        """Yields nothing: the infraction's size is known at the end."""
+        """Yields no infraction: its size is only known at the end."""
         if self._is_outside(after, ego):
             self.metres += after.egos.driven.item(ego) - before.egos.driven.item(ego)
             if self._first is None and self.metres > 0.0:

@@ -19,14 +19,14 @@ from dohyo.sumo_networks.world import World
 class RedLight(Criterion):
     """Detects running a red light; yellow is no infraction.
 
-    The light is the one after the tick, under which SUMO moved the traffic in that tick. Where the ego's route goes
-    through the stop line, the route's own signal decides; elsewhere the light is red if every signal of the lane is.
-    The same light, which is one approach to a junction, is not counted twice in a row.
+    The state of the light is that after the tick, under which SUMO moved the traffic in that tick. If the ego's route
+    crosses the stop line, the signal of the route decides; elsewhere the light is red if every signal of the lane is
+    red. The same light, which is one approach to a junction, is not counted twice in a row.
 
     Attributes:
-        reference: What of the ego must cross: "front" (default), the middle of the front bumper, or "tail", CARLA's
-            test, by which entering late on yellow can count: a piece of the ego's axis from 0.8 half-lengths behind
-            its centre to 1 m behind its rear bumper.
+        reference: Part of the ego that must cross. "front" (default): the middle of the front bumper. "tail": CARLA's
+            test, a piece of the ego's axis from 0.8 half-lengths behind its centre to 1 m behind its rear bumper; with
+            it, entering late on yellow can count.
 
     Source: CARLA Leaderboard 2.1, RunningRedLightTest.
     """
@@ -38,7 +38,7 @@ class RedLight(Criterion):
     _last_approach: int = field(default=-1, init=False, repr=False)
 
     def start(self, world: World, ego: int) -> None:
-        """Notes whether the network has lights at all."""
+        """Finds out whether the network has any lights."""
         self._any_lit = bool(world.network.stop_lines.lit.any())
 
     def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
@@ -64,7 +64,7 @@ def _front_motion(before: World, after: World, ego: int) -> tuple[Point, Point]:
 
 
 def _tail(before: World, after: World, ego: int) -> tuple[Point, Point]:
-    """CARLA's piece of the ego's axis, lengthened where the ego is so fast that it would jump over a line."""
+    """CARLA's piece of the ego's axis, longer for an ego that is fast enough to jump over a line within a tick."""
     half = 0.5 * after.egos.length.item(ego)
     rear, fore = axis_point(after.egos, ego, -half - 1.0), axis_point(after.egos, ego, -0.8 * half)
     fore_before = axis_point(before.egos, ego, -0.8 * half)

@@ -17,9 +17,9 @@ class RouteDeviation(Criterion):
     """Detects an ego that is far from the part of the route around its progress, once per episode.
 
     Attributes:
-        far_m: This far away at any moment is a deviation, m.
-        away_m: This far away may be, for a part of the route, m.
-        away_share: Largest part of the route along which the ego may progress while it is away.
+        far_m: Distance that is a deviation at any moment, m.
+        away_m: Distance that is allowed only for a part of the route, m.
+        away_share: Largest share of the route that the ego may drive at more than `away_m`, in [0, 1].
 
     Source: CARLA Leaderboard 2.1, InRouteTest.
     """

@@ -22,9 +22,9 @@ class RouteTimeout(Criterion):
     """Detects an ego that has not arrived in time, once per episode.
 
     Attributes:
-        limit_s: Time allowed, s; None: a fixed time, and what the route takes at a part of the local speed limits.
+        limit_s: Time allowed, s; None: `fixed_s` plus the route's time at `speed_share` of its speed limits.
         fixed_s: The fixed time, s.
-        speed_share: The part of the speed limits.
+        speed_share: Share of the speed limits, in (0, 1].
 
     Source: CARLA Leaderboard 2.1, RouteTimeoutBehavior.
     """
@@ -39,7 +39,7 @@ class RouteTimeout(Criterion):
 
     @classmethod
     def for_scenario(cls, scenario: Scenario) -> Self:
-        """With the scenario's own time limit, if it has one."""
+        """The criterion with the scenario's own time limit, if it has one."""
         return cls(limit_s=scenario.time_limit_s)
 
     def allowed_s(self, route: Route) -> float:
@@ -47,7 +47,7 @@ class RouteTimeout(Criterion):
         return self.fixed_s + travel_time(route) / self.speed_share if self.limit_s is None else self.limit_s
 
     def start(self, world: World, ego: int) -> None:
-        """Works out the time allowed."""
+        """Computes the time allowed."""
         self._limit = self.allowed_s(world.routes[ego])
 
     def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
@@ -58,6 +58,6 @@ class RouteTimeout(Criterion):
 
 
 def travel_time(route: Route) -> float:
-    """Time a route takes at the local speed limits, s."""
+    """Time that a route takes at its speed limits, s."""
     spacing = route.length / (len(route.position) - 1)
     return float(np.sum(spacing / route.speed_limit[:-1]))

@@ -14,10 +14,10 @@ from dohyo.sumo_networks.world import EventPhase, World
 
 @dataclass(slots=True)
 class ScenarioTimeout(Criterion):
-    """Detects an event that the ego has triggered and that is not over when its time is, once per event.
+    """Detects an event that the ego has triggered and that is not over within its time, once per event.
 
     The time is the event's own (`timeout_s`), by default 240 s of simulated time. An event that the ego has not
-    triggered, or that goes on when the ego's episode ends, is none.
+    triggered, or that still runs when the ego's episode ends, gives no infraction.
 
     Source: CARLA Leaderboard 2.1, ScenarioTimeoutTest.
     """
@@ -25,7 +25,7 @@ class ScenarioTimeout(Criterion):
     kinds: ClassVar[tuple[InfractionKind, ...]] = (InfractionKind.SCENARIO_TIMEOUT,)
 
     def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
-        """Yields one infraction for each event whose time is up."""
+        """Yields one infraction for each event that has exceeded its time."""
         for earlier, event in zip(before.events, after.events, strict=True):
             if event.ego == ego and event.phase is EventPhase.TIMED_OUT and earlier.phase is EventPhase.ACTIVE:
                 elapsed_s = event.ended - event.started

@@ -19,11 +19,11 @@ class StopSign(Criterion):
     """Detects rolling over a stop sign's line.
 
     The ego must have stood in the last metres that it drove before its front crossed the line. CARLA's trigger area is
-    a box around the sign, which SUMO does not place.
+    a box around the sign; SUMO does not know the place of signs.
 
     Attributes:
-        within_m: How far before the line its front may stand, m.
-        standing_mps: Slower than this is standing, m/s.
+        within_m: Largest distance before the line at which the ego's front must have stood, m.
+        standing_mps: An ego slower than this is standing, m/s.
 
     Source: CARLA Leaderboard 2.1, RunningStopTest.
     """
@@ -36,11 +36,11 @@ class StopSign(Criterion):
     _stood_at: float = field(default=-math.inf, init=False, repr=False)
 
     def start(self, world: World, ego: int) -> None:
-        """Notes whether the network has stop signs at all."""
+        """Finds out whether the network has any stop signs."""
         self._any_signed = bool(world.network.stop_lines.stop_sign.any())
 
     def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
-        """Yields an infraction per line crossed without standing."""
+        """Yields an infraction per line crossed without a stop."""
         if not self._any_signed:
             return
         if before.egos.speed[ego] < self.standing_mps:

@@ -16,10 +16,10 @@ EMERGENCY = "yield_to_emergency_vehicle"
 
 @dataclass(slots=True)
 class YieldEmergency(Criterion):
-    """Detects an ego that is still ahead of the emergency vehicle when that event ends, once per event.
+    """Detects an ego that is still ahead of the emergency vehicle when the event ends, once per event.
 
-    An event that goes on when the ego's episode ends is none. The size is the distance along the route between the
-    ego's centre and the emergency vehicle's, which is behind it.
+    An event that still runs when the ego's episode ends gives no infraction. The size is the distance along the route
+    from the centre of the emergency vehicle to the centre of the ego.
 
     Source: CARLA Leaderboard 2.1, YieldToEmergencyVehicleTest.
     """
@@ -27,7 +27,7 @@ class YieldEmergency(Criterion):
     kinds: ClassVar[tuple[InfractionKind, ...]] = (InfractionKind.YIELD_EMERGENCY,)
 
     def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
-        """Yields one infraction for each emergency vehicle that has not passed."""
+        """Yields one infraction for each emergency vehicle that has not passed the ego."""
         for earlier, event in zip(before.events, after.events, strict=True):
             ended = event.phase in (EventPhase.DONE, EventPhase.TIMED_OUT) and earlier.phase is EventPhase.ACTIVE
             if event.ego == ego and event.kind == EMERGENCY and ended and event.ahead < 0.0:

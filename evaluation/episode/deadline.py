@@ -1,4 +1,4 @@
-"""A wall-clock deadline for code that is not ours."""
+"""Wall-clock deadline for foreign code, such as an agent."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from dohyo.sumo_networks.errors import AgentTimeoutError
 
 
 class _Expired(BaseException):
-    """Raised inside the late code; no Exception, so that a broad `except` there does not swallow it."""
+    """Raised inside the late code; not an Exception, so that `except Exception` there does not catch it."""
 
 
 @contextmanager
 def deadline(seconds: float, what: str) -> Iterator[None]:
-    """Bounds the time of the code within; without effect outside the main thread.
+    """Context manager that limits the time of its block; without effect outside the main thread.
 
     Code that never returns to the Python interpreter is not interrupted; the executor ends its process.
 
     Args:
         seconds: Wall-clock time allowed.
-        what: For the message.
+        what: Name of the code, for the message.
 
     Raises:
         AgentTimeoutError: The time is over.

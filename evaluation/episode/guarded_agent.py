@@ -1,4 +1,4 @@
-"""GuardedAgent: an agent behind its deadlines, whose every failure becomes a status."""
+"""GuardedAgent: calls an agent under deadlines and turns each of its failures into a status."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ T = TypeVar("T")
 
 
 class AgentFailedError(AgentError):
-    """An agent's failure ends its ego's episode.
+    """Failure of an agent, which ends the episode of its ego.
 
     Attributes:
         status: How the episode ended.
@@ -38,7 +38,7 @@ class AgentFailedError(AgentError):
 
 
 class GuardedAgent:
-    """Calls an agent, and says with which status it failed.
+    """Calls an agent under deadlines; a failure raises AgentFailedError with its status.
 
     Attributes:
         agent: The agent.
@@ -46,12 +46,12 @@ class GuardedAgent:
     """
 
     def __init__(self, agent: Agent, act_deadline_s: float, watch: Callable[[float], None]) -> None:
-        """Calls nothing yet.
+        """Stores the agent without calling it.
 
         Args:
-            agent: Which agent.
-            act_deadline_s: Wall-clock time it may take for one decision.
-            watch: Called with the deadline in seconds before every call of the agent, and with 0 after it.
+            agent: Agent to call.
+            act_deadline_s: Wall-clock time allowed for one decision, s.
+            watch: Function called with the deadline in seconds before every call of the agent, and with 0 after it.
         """
         self.agent, self.latencies_s = agent, list[float]()
         self._act_deadline_s, self._watch = act_deadline_s, watch
@@ -60,21 +60,21 @@ class GuardedAgent:
         """Prepares the agent for an episode.
 
         Raises:
-            AgentFailedError: It raised, or took too long.
-            SimulationError: The machine is at fault.
+            AgentFailedError: The agent raised, or took too long.
+            SimulationError: The machine failed, not the agent.
         """
         self._call(lambda: self.agent.reset(mission, seed), RESET_DEADLINE_S, Status.AGENT_SETUP)
 
     def act(self, observation: Observation, check: Callable[[object], None]) -> np.ndarray:
-        """One decision.
+        """Asks the agent for one decision.
 
         Args:
-            observation: What the ego's sensors read.
-            check: Raises InvalidActionError for an action that cannot be driven.
+            observation: Readings of the ego's sensors.
+            check: Function that raises InvalidActionError for an action that cannot be driven.
 
         Raises:
-            AgentFailedError: It raised, took too long, or the action is invalid.
-            SimulationError: The machine is at fault.
+            AgentFailedError: The agent raised or took too long, or the action is invalid.
+            SimulationError: The machine failed, not the agent.
         """
         began = time.perf_counter()
         action = self._call(lambda: self.agent.act(observation), self._act_deadline_s, Status.AGENT_RAISED)
@@ -86,7 +86,7 @@ class GuardedAgent:
         return action
 
     def decision_ms(self) -> tuple[float, float, float]:
-        """Milliseconds per decision: p50, p95, p99; zeros without any."""
+        """Milliseconds per decision: p50, p95, p99; zeros if there was no decision."""
         if not self.latencies_s:
             return 0.0, 0.0, 0.0
         p50, p95, p99 = np.percentile(np.array(self.latencies_s) * 1000.0, [50, 95, 99]).round(3)
@@ -101,18 +101,18 @@ class GuardedAgent:
             raise AgentFailedError(Status.AGENT_DEADLINE, str(error)) from error
         except InvalidActionError as error:
             raise AgentFailedError(Status.AGENT_ACTION, str(error)) from error
-        except SimulationError:  # the machine's fault, such as a policy's sandbox that cannot be started
+        except SimulationError:  # the machine failed: for example, the sandbox of a policy cannot start
             raise
-        except AgentError as error:  # worded where the fault was found
+        except AgentError as error:  # its message is already written for people
             raise AgentFailedError(failed, str(error)[:LONGEST_FAILURE]) from error
-        except Exception as error:  # an agent may raise anything; the batch must survive
+        except Exception as error:  # an agent may raise anything; the evaluation must go on
             raise AgentFailedError(failed, describe(error)) from error
         finally:
             self._watch(0.0)
 
 
 def describe(error: Exception) -> str:
-    """Type, message and place of an error, without addresses that would differ from run to run."""
+    """Type, message and place of an error, without memory addresses, which differ from run to run."""
     frames = traceback.extract_tb(error.__traceback__)
     where = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
     text = f"{type(error).__name__}: {error}{where}"

@@ -1,4 +1,4 @@
-"""Judge: what went wrong in one ego's episode, and when and how it ends; criteria in, findings and status out."""
+"""Judge: collects the infractions of one ego's episode and decides when and how it ends."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ class Judge:
     """Judges one ego for one episode. It reads worlds and changes nothing in them.
 
     Attributes:
-        infractions: Found so far; in the order of time once the episode has ended.
-        progress_m: Furthest progress along the route.
-        driven_m: Distance driven.
-        duration_s: Simulated time judged.
-        status: How the episode ended; None while it goes on.
+        infractions: Infractions found so far; in the order of time once the episode has ended.
+        progress_m: Largest progress along the route, m.
+        driven_m: Distance driven, m.
+        duration_s: Simulated time judged, s.
+        status: Status with which the episode ended; None while it runs.
     """
 
     def __init__(self, scenario: Scenario, ego: int, criteria: Sequence[Criterion] | None = None) -> None:
         """Prepares the criteria.
 
         Args:
-            scenario: What is driven.
+            scenario: Scenario that is driven.
             ego: Index of the ego.
-            criteria: Which ones to ask; by default all of them.
+            criteria: Criteria to use; by default all of them.
         """
         self.infractions: list[Infraction] = []
         self.progress_m = self.driven_m = self.duration_s = 0.0
@@ -42,7 +42,7 @@ class Judge:
 
     @property
     def contacts(self) -> int:
-        """Number of distinct actors ever touched, at fault or not."""
+        """Number of distinct actors that the ego ever touched, at fault or not."""
         return sum(one.touched for one in self._criteria if isinstance(one, Collision))
 
     @property
@@ -51,7 +51,7 @@ class Judge:
         return sum(one.metres for one in self._criteria if isinstance(one, OutsideLanes))
 
     def start(self, world: World) -> None:
-        """Looks at the world in which the episode begins."""
+        """Prepares the criteria for the world in which the episode begins."""
         self._world = world
         for criterion in self._criteria:
             criterion.start(world, self._ego)
@@ -64,7 +64,7 @@ class Judge:
             after: The world after it.
 
         Returns:
-            How the episode ends with this tick, for `end`; None: it goes on.
+            The status with which the episode ends in this tick, for `end`; None if it goes on.
         """
         egos, ego = after.egos, self._ego
         self._world = after

@@ -25,7 +25,7 @@ from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.simulation import sumo_version
 
 Show = Callable[[int, dict[str, Observation]], None]
-"""Called with the tick and the observations of all who will act."""
+"""Function called with the tick and the observations of all agents that will act."""
 
 
 def run_episode(
@@ -52,18 +52,18 @@ def drive_episode(
 ) -> tuple[EpisodeRecord, Trajectory]:
     """Drives one scenario to the end of every ego's episode.
 
-    Whatever an agent does wrong ends its own ego's episode as the agent's fault; whatever SUMO does wrong is recorded
-    as an infrastructure fault. Both give a record.
+    A failure of an agent ends the episode of its own ego as the agent's fault. A failure of SUMO is recorded as an
+    infrastructure fault. Both give a record.
 
     Args:
-        scenario: What to drive.
-        agents: One per mission, by its name.
-        infos: What the record says of each agent; by default from the agents themselves.
-        benchmark: Name and content hash, for the record.
-        act_deadline_s: Wall-clock time an agent may take for one decision.
-        watch: Called with the deadline in seconds before every call of an agent, and with 0 after it.
-        show: Called in every tick before any agent acts; for agents that decide together, elsewhere. Its errors are
-            not the agents'.
+        scenario: Scenario to drive.
+        agents: One agent per mission, by the name of the mission.
+        infos: Description of each agent for the record; by default from the agents themselves.
+        benchmark: Name and content hash of the benchmark, for the record.
+        act_deadline_s: Wall-clock time allowed for one decision of an agent, s.
+        watch: Function called with the deadline in seconds before every call of an agent, and with 0 after it.
+        show: Function called in every tick before any agent acts, for agents that decide together in another process.
+            Its errors are not failures of the agents.
 
     Raises:
         InvalidInputError: The scenario cannot be driven at all, or a mission has no agent.
@@ -88,7 +88,7 @@ def drive_episode(
 
 @dataclass(slots=True)
 class _Drive:
-    """One ego's part in the episode."""
+    """State of one ego in the episode."""
 
     name: str
     index: int
@@ -202,5 +202,5 @@ class _Episode:
 
 
 def versions(network: RoadNetwork) -> Versions:
-    """What produces records here."""
+    """Versions that produce records on this machine."""
     return Versions(dohyo=version("dohyo"), sumo=sumo_version(), network_sha256=network.sha256)
