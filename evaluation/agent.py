@@ -49,6 +49,13 @@ class Agent(Protocol):
 
     spec: AgentSpec
 
+    def warm_up(self) -> None:
+        """Compiles and loads what decisions call, on made-up input; a call of `reset` follows.
+
+        It is called before each episode, with a deadline of minutes, so that no decision waits for a compiler.
+        """
+        return
+
     def reset(self, mission: Mission, seed: int) -> None:
         """Prepares for an episode; everything random must follow from the seed."""
 

@@ -40,6 +40,11 @@ class Explained(Agent):
     def __init__(self, agent: Agent, note: Callable[[Explanation | None], None]) -> None:
         self.agent, self.note, self.spec = agent, note, agent.spec
 
+    def warm_up(self) -> None:
+        """See `Agent`."""
+        if hasattr(self.agent, "warm_up"):
+            self.agent.warm_up()
+
     def reset(self, mission: Mission, seed: int) -> None:
         """See `Agent`."""
         self.agent.reset(mission, seed)

@@ -61,6 +61,21 @@ class Driver:
     entry: str
     settings: Mapping[str, Any] = field(default_factory=dict)
 
+    def warm_up(self) -> None:
+        """Lets an agent compile what decisions call, for all later agents of this process.
+
+        Raises:
+            InvalidInputError: The agent cannot be built, or fails.
+        """
+        agent = make_agent(self.entry, self.settings)
+        try:
+            if hasattr(agent, "warm_up"):
+                agent.warm_up()
+        except Exception as error:  # an agent may raise anything
+            raise InvalidInputError(f"agent '{self.entry}' fails in warm_up: {describe(error)}") from error
+        finally:
+            agent.close()
+
     def agents(self, drive: Drive) -> dict[str, Agent]:
         """A fresh agent for each ego of an episode.
 
@@ -87,6 +102,8 @@ def work(session: WorkerSession, driver: Driver, episodes: int | None = None) ->
         InvalidInputError: The agent differs from the submitted one.
     """
     pauses, driven = Pauses(), 0
+    with suppress(_Stop), _stopping():
+        driver.warm_up()  # before a lease, since the service waits a limited time for the first decision
     with suppress(_Stop), _stopping(), session:
         while episodes is None or driven < episodes:
             try:

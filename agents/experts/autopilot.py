@@ -30,6 +30,7 @@ from dohyo.agents.experts.impact import Impact
 from dohyo.agents.experts.passing import PASSING_M_S, Passing
 from dohyo.agents.experts.sidestep import Sidestep
 from dohyo.agents.experts.surroundings import Surroundings, ran_into_from_behind
+from dohyo.agents.planning.warm_up import empty_road
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.ego.control import pure_pursuit, pursuit_distance
@@ -101,10 +102,14 @@ class Autopilot(Agent):
         self._half_length, self._half_width = self._vehicle.length / 2, self._vehicle.width / 2
         self._reset_memory()
 
-    def reset(self, mission: Mission, seed: int) -> None:
-        """Clears the state of the last episode."""
+    def warm_up(self) -> None:
+        """Decides on an empty road, and calls the kernels that such a road does not need."""
         for compiles in (surroundings.warm_up, gaps.warm_up, impact.warm_up):
             compiles()
+        self.act(empty_road(self.spec.sensors))
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        """Clears the state of the last episode."""
         self._reset_memory()
 
     def _reset_memory(self) -> None:

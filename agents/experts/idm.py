@@ -33,6 +33,9 @@ class IdmPlanner(Agent):
         self._car = body(self._vehicle, LATERAL_LIMIT)
         self._builder = SceneBuilder()
         self._why: Explanation = {}
+
+    def warm_up(self) -> None:
+        """Decides on an empty road."""
         self.act(empty_road(self.spec.sensors))
 
     def reset(self, mission: Mission, seed: int) -> None:

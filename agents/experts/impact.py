@@ -73,7 +73,8 @@ class Impact:
 
 
 def warm_up() -> None:
-    """Compiles the kernel, so that no decision waits for it."""
+    """Compiles the kernels, so that no decision waits for them."""
+    ran_into_from_behind(0.0, 0.0, 0.0, 5.0, 2.5)
     impact_speed(np.zeros((0, 7)), np.zeros((2, 3)), 1.0, 0.0, 0, 1.0, 1.0)
 
 

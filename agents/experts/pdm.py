@@ -77,6 +77,9 @@ class PdmClosed(Agent):
         self._scores = np.zeros((PROPOSALS, SCORES))
         self._chosen, self._braking = -1, False
         self._asked: deque[float] = deque(maxlen=EASED_TICKS)
+
+    def warm_up(self) -> None:
+        """Decides on an empty road."""
         self.act(empty_road(self.spec.sensors))
 
     def reset(self, mission: Mission, seed: int) -> None:

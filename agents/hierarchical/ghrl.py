@@ -78,6 +78,12 @@ class Ghrl(Agent):
         )
         self._forget()
 
+    def warm_up(self) -> None:
+        """Observes an empty road."""
+        self._outlook.warm_up()
+        if self._guard is not None:
+            self._guard.warm_up()
+
     def reset(self, mission: Mission, seed: int) -> None:
         """Clears the state of the last episode."""
         torch.set_num_threads(1)

@@ -10,6 +10,7 @@ from dohyo.agents.hierarchical.facts import SENSORS
 from dohyo.agents.hierarchical.manoeuvres import CHANGES, Course, Manoeuvre, learned, light_ahead
 from dohyo.agents.hierarchical.rules_only import RulesOnly
 from dohyo.agents.hierarchical.state import StateConfig, StateEncoder
+from dohyo.agents.planning.warm_up import empty_road
 from dohyo.evaluation.agent import Mission, Observation
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray
 
@@ -48,9 +49,16 @@ class Outlook:
         self.believed: Observation = {}
         self._forget()
 
+    def warm_up(self) -> None:
+        """Observes an empty road; `reset` must follow."""
+        warm_up()
+        self.encoder.warm_up()
+        if self.rules is not None:
+            self.rules.warm_up()
+        self.update(empty_road(self.sensors))
+
     def reset(self, mission: Mission, seed: int) -> None:
         """Begins an episode."""
-        warm_up()
         self.encoder.reset()
         if self.rules is not None:
             self.rules.reset(mission, seed)

@@ -20,6 +20,7 @@ from dohyo.agents.hierarchical.rulebook import RuleError, Signature, read_rulebo
 from dohyo.agents.hierarchical.solver import Decision, Solver
 from dohyo.agents.hierarchical.watch import Watch
 from dohyo.agents.planning.motion import Idm
+from dohyo.agents.planning.warm_up import empty_road
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.ego.control import pure_pursuit, pursuit_distance
@@ -74,9 +75,13 @@ class RulesOnly(Agent):
         self._builder = FactsBuilder()
         self._forget()
 
+    def warm_up(self) -> None:
+        """Observes an empty road; a decision on it could change the solver's later choices among equals."""
+        warm_up()
+        self.observe(empty_road(self.spec.sensors))
+
     def reset(self, mission: Mission, seed: int) -> None:
         """Clears the state of the last episode."""
-        warm_up()
         self.watch.reset()
         self._forget()
 

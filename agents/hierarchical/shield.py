@@ -17,6 +17,7 @@ import numpy as np
 
 from dohyo.agents.hierarchical.rss import CONSTANTS
 from dohyo.agents.hierarchical.watch import SENSORS, Danger, Watch
+from dohyo.agents.planning.warm_up import empty_road
 from dohyo.agents.registry import resolve_with
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation, make_agent
 from dohyo.sumo_networks.arrays import Float32Array
@@ -66,6 +67,11 @@ class Shielded(Agent):
             sensors=(*spec.sensors, *(name for name in SENSORS if name not in spec.sensors)),
             control=spec.control,
         )
+
+    def warm_up(self) -> None:
+        """Warms up the inner agent, and judges an empty road."""
+        self.inner.warm_up()
+        self.watch.update(empty_road(self.spec.sensors))
 
     def reset(self, mission: Mission, seed: int) -> None:
         """Clears the state of the last episode."""

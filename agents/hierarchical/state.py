@@ -126,6 +126,11 @@ class StateEncoder:
         """
         return self._view is not None and self._view.pose is None
 
+    def warm_up(self) -> None:
+        """Compiles the kernels of the filter, if there is one."""
+        if self._view is not None:
+            self._view.warm_up()
+
     def reset(self) -> None:
         """Clears the state of the last episode."""
         config = self.config

@@ -74,6 +74,11 @@ class Localized(Agent):
         """Localizer of the current episode."""
         return self._view.localizer
 
+    def warm_up(self) -> None:
+        """Warms up the inner agent and the filter."""
+        self.inner.warm_up()
+        self._view.warm_up()
+
     def reset(self, mission: Mission, seed: int) -> None:
         """Clears the state of the last episode."""
         self.inner.reset(mission, seed)

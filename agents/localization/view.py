@@ -13,6 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from dohyo.agents.localization.localizer import FILTERS, Localizer, Settings
+from dohyo.agents.planning.warm_up import empty_road
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import UnknownNameError
@@ -67,6 +68,13 @@ class LocalizedView:
     def pose(self) -> tuple[float, float, float] | None:
         """East, north [m] and heading [rad]; None while the vehicle has to stand for the calibration."""
         return self.localizer.pose if self._tick else None
+
+    def warm_up(self) -> None:
+        """Compiles the kernels: stands on an empty road until the filter has run for two ticks."""
+        trial = LocalizedView(self._settings.filter, self._gnss)
+        observation = empty_road((*sorted(FROM_POSE), *self.sensors))
+        for _ in range(round(STANDING_S / TICK_S) + 3):
+            trial.seen(observation)
 
     def seen(self, observation: Observation) -> Observation:
         """Recomputed sensors at the estimated pose: those of `FROM_POSE` in the observation.

@@ -77,9 +77,10 @@ class Mbappe(Agent):
         self._value = load_value() if self.settings.value == "network" else no_value()
         self.builder = SceneBuilder()
         self._forget(seed=0)
+
+    def warm_up(self) -> None:
+        """Decides on an empty road."""
         self.act(empty_road(self.spec.sensors))
-        self.builder.reset()
-        self._forget(seed=0)
 
     def reset(self, mission: Mission, seed: int) -> None:
         """Clears the state of the last episode."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from dohyo.agents.mcts.predicting import make_predictor
 from dohyo.agents.planning.scene import SENSORS, SceneBuilder
+from dohyo.agents.planning.warm_up import empty_road
 from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
 from dohyo.sumo_networks.ego.control import WAYPOINT_COUNT, WAYPOINT_INTERVAL_S
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -22,6 +23,10 @@ class PredictorOnly(Agent):
         self.predictor = make_predictor(predictor)
         self._name = predictor
         self._builder = SceneBuilder()
+
+    def warm_up(self) -> None:
+        """Decides on an empty road."""
+        self.act(empty_road(self.spec.sensors))
 
     def reset(self, mission: Mission, seed: int) -> None:
         """Clears the state of the last episode."""

@@ -20,6 +20,8 @@ from dohyo.sumo_networks.scenario import Mission
 
 ACT_DEADLINE_S = 10.0
 RESET_DEADLINE_S = 60.0
+WARM_UP_DEADLINE_S = 600.0
+"""A slow machine with an empty cache compiles for minutes."""
 LONGEST_FAILURE = 500
 
 T = TypeVar("T")
@@ -57,12 +59,14 @@ class GuardedAgent:
         self._act_deadline_s, self._watch = act_deadline_s, watch
 
     def reset(self, mission: Mission, seed: int) -> None:
-        """Prepares the agent for an episode.
+        """Warms the agent up and prepares it for an episode.
 
         Raises:
             AgentFailedError: The agent raised, or took too long.
             SimulationError: The machine failed, not the agent.
         """
+        if hasattr(self.agent, "warm_up"):  # optional
+            self._call(self.agent.warm_up, WARM_UP_DEADLINE_S, Status.AGENT_SETUP)
         self._call(lambda: self.agent.reset(mission, seed), RESET_DEADLINE_S, Status.AGENT_SETUP)
 
     def act(self, observation: Observation, check: Callable[[object], None]) -> np.ndarray:

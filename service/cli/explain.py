@@ -38,6 +38,10 @@ class _UpTo(Agent):
         self.why: Explanation | None = None
         self._now = 0
 
+    def warm_up(self) -> None:
+        if hasattr(self.agent, "warm_up"):
+            self.agent.warm_up()
+
     def reset(self, mission: Mission, seed: int) -> None:
         self.agent.reset(mission, seed)
 

@@ -73,6 +73,11 @@ class HangsOutsidePython(Steady):
         return np.zeros(2)
 
 
+class FailsInWarmUp(Steady):
+    def warm_up(self) -> None:
+        raise ValueError("no such kernel")
+
+
 class FailsInReset(Steady):
     def reset(self, mission: Mission, seed: int) -> None:
         raise ValueError("no such mission")

@@ -64,6 +64,7 @@ def test_trajectories_cover_every_tick() -> None:
         (agents.AnswersWrongShape(), Status.AGENT_ACTION, "(2,), got shape (7,)"),
         (agents.AnswersNothing(), Status.AGENT_ACTION, "expected"),
         (agents.Hangs(), Status.AGENT_DEADLINE, "longer than 0.2 s"),
+        (agents.FailsInWarmUp(), Status.AGENT_SETUP, "ValueError: no such kernel"),
         (agents.FailsInReset(), Status.AGENT_SETUP, "ValueError: no such mission"),
     ],
 )

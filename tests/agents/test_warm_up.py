@@ -1,0 +1,102 @@
+"""Warm-up: no decision of an episode waits for the compiler."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+AGENTS: dict[str, dict[str, Any]] = {
+    "autopilot": {},
+    "autopilot, es-ekf": {"localization": "es-ekf"},
+    "autopilot, ekf": {"localization": "ekf"},
+    "autopilot, ukf": {"localization": "ukf"},
+    "autopilot, shield": {"shield": "rss"},
+    "ghrl": {},
+    "rules": {},
+    "idm": {},
+    "pdm-closed": {},
+    "mbappe": {},
+    "random-shooting": {},
+    "predictor-only": {},
+}
+
+COMPILED_WHILE_DECIDING = """
+import json, sys
+from numba.core.dispatcher import Dispatcher
+from dohyo.agents.registry import resolve_with
+from dohyo.evaluation.agent import Agent, make_agent
+from dohyo.evaluation.episode.runner import drive_episode
+from tests.evaluation.episode.test_runner import scenario
+
+def kernels():
+    return {
+        f"{module}.{name} {signature}"
+        for module, content in list(sys.modules.items())
+        if module.startswith("dohyo.")
+        for name, value in list(vars(content).items())
+        if isinstance(value, Dispatcher)
+        for signature in value.signatures
+    }
+
+class Watched(Agent):
+    def __init__(self, agent):
+        self.agent, self.spec, self.late = agent, agent.spec, set()
+
+    def warm_up(self):
+        self.agent.warm_up()
+
+    def reset(self, mission, seed):
+        self.agent.reset(mission, seed)
+
+    def act(self, observation):
+        before = kernels()
+        action = self.agent.act(observation)
+        self.late |= kernels() - before
+        return action
+
+agent = Watched(make_agent(*resolve_with(sys.argv[1], json.loads(sys.argv[2]))))
+drive_episode(scenario(time_limit_s=8.0), {"ego": agent})
+print(json.dumps([len(kernels()), sorted(agent.late)]))
+"""
+
+
+def python(code: str, *arguments: str, **environment: str) -> str:
+    """Output of a Python process of its own, in which nothing has been compiled yet."""
+    command = [sys.executable, "-c", code, *arguments]
+    done = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    "agent", [name if "es-ekf" in name else pytest.param(name, marks=pytest.mark.slow) for name in AGENTS]
+)
+def test_no_decision_of_an_episode_compiles_a_kernel(agent: str) -> None:
+    count, late = json.loads(python(COMPILED_WHILE_DECIDING, agent.split(",")[0], json.dumps(AGENTS[agent])))
+    assert count > 10
+    assert late == []
+
+
+DRIVES = """
+import sys
+from dohyo.agents.registry import resolve_with
+from dohyo.evaluation.agent import make_agent
+from dohyo.evaluation.episode.runner import drive_episode
+from tests.evaluation.episode.test_runner import scenario
+
+agent = make_agent(*resolve_with("autopilot", {"localization": "es-ekf"}))
+record, _ = drive_episode(scenario(time_limit_s=6.0), {"ego": agent}, act_deadline_s=2.0)
+print(record.egos[0].failure)
+"""
+
+
+@pytest.mark.slow
+def test_with_an_empty_cache_the_first_episode_has_no_late_decision(tmp_path: Path) -> None:
+    assert python(DRIVES, NUMBA_CACHE_DIR=str(tmp_path)) == "None"
+    assert list(tmp_path.rglob("*.nbi")), "nothing was compiled into this cache"
