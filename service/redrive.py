@@ -97,13 +97,11 @@ def redrive(record: EpisodeRecord, trace: Trace) -> EpisodeRecord:
     """Drives a record's scenario again with the agents it names.
 
     Raises:
-        InvalidInputError: The installed versions differ from the record's, so that a difference would prove nothing.
+        InvalidInputError: The installed versions differ from the record's.
     """
     now = versions(load_network(record.scenario.network))
     if now != record.versions:
-        raise InvalidInputError(
-            f"the record was made by {record.versions}, here is {now}: a replay would prove nothing"
-        )
+        raise InvalidInputError(f"the record was made by {record.versions}: expected the same versions here, got {now}")
     agents = {ego.name: _agent(ego, trace) for ego in record.egos}
     try:
         return drive_episode(
@@ -136,7 +134,7 @@ def _agent(ego: EgoRecord, trace: Trace) -> Explained:
     agent = make_agent(ego.agent.entry, ego.agent.settings)
     info = agent_info(agent, ego.agent.entry, ego.agent.settings).model_copy(update={"name": ego.agent.name})
     if info != ego.agent:
-        raise InvalidInputError(f"agent '{ego.agent.name}' has changed since: a replay would prove nothing")
+        raise InvalidInputError(f"agent '{ego.agent.name}' has changed since; no replay")
     return Explained(agent, trace.noter(ego.name))
 
 

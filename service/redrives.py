@@ -35,7 +35,7 @@ class Redrives:
         """Drives a record's episode again, and waits for the answer of `dohyo.service.redrive`.
 
         Raises:
-            ConflictError: The redrive would prove nothing, or did not end.
+            ConflictError: The versions or the agent changed, or the redrive did not end.
             BusyError: Too many redrives wait already.
         """
         return await asyncio.shield(self._begun(record))
@@ -74,8 +74,8 @@ class Redrives:
             logger.warning("%s cannot be driven again: %s", record.name, error)
             self._failures.put(record, str(error))
         elif not task.result()["same"]:
-            logger.error("%s: driven again, its episode gave another record", record.name)
-            self._failures.put(record, "driven again, the episode gave another record, which explains nothing here")
+            logger.error("%s: driven again, its episode gave a different record", record.name)
+            self._failures.put(record, "driven again, the episode gave a different record: expected the same hash")
 
     async def _drive(self, record: Path) -> dict[str, Any]:
         async with self._room:

@@ -57,7 +57,7 @@ class Settings:
     Attributes:
         filter: A name of `FILTERS`.
         calibrate: Whether to measure the IMU's offsets at rest; otherwise none are subtracted.
-        alpha: Of the low-pass filter; 0: none.
+        alpha: Coefficient of the low-pass filter; 0: none.
         standing_s: Standing time at the start.
         gnss_sigma_m: Assumed error of the receiver.
         noise: Assumed noise of the IMU.

@@ -1,4 +1,4 @@
-"""How the command line shows the closed-loop score."""
+"""Tables of the closed-loop score for the command line."""
 
 from __future__ import annotations
 

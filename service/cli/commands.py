@@ -1,4 +1,4 @@
-"""Every command of `dohyo`: its words, where it is, and its line in the help."""
+"""Table of all commands of `dohyo`: words, function and help line."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ COMMANDS: dict[str, Command | Group] = {
         {
             "list": Command("lists:list_networks", "Lists the networks that come with dohyo, and those you imported."),
             "show": Command("networks:show", "Draws a network as a road map."),
-            "check": Command(
-                "networks:check", "Reports what a network holds, and what about it would trouble a driver."
-            ),
+            "check": Command("networks:check", "Reports a network's size, and faults that would disturb a driver."),
             "import": Command("networks:import_file", "Imports a road network into your catalog, and checks it."),
             "build": Command(
                 "networks:build", "Builds a network from plain XML; the same source gives the same bytes."
@@ -26,8 +24,7 @@ COMMANDS: dict[str, Command | Group] = {
             "list": Command("lists:list_benchmarks", "Lists the benchmarks."),
             "prepare": Command(
                 "prepare:prepare",
-                "Makes the recorded runs that a benchmark replays, or its days; the same command goes on where it "
-                "stopped.",
+                "Makes a benchmark's recorded runs or days. Run again, it continues where it stopped.",
                 resumes=True,
             ),
             "import": Command(
@@ -38,28 +35,29 @@ COMMANDS: dict[str, Command | Group] = {
     ),
     "evaluate": Command(
         "evaluate:evaluate",
-        "Evaluates an agent on a benchmark. The same command again goes on where it stopped.",
+        "Evaluates an agent on a benchmark. Run again, it continues where it stopped.",
         resumes=True,
     ),
     "report": Command("records:report", "Compares evaluations: a table here, and one self-contained HTML file."),
-    "verify": Command("records:verify", "Replays an episode and compares the hashes; exit code 1 where they differ."),
+    "verify": Command("records:verify", "Drives an episode again and compares the hashes. Exit code 1 if they differ."),
     "score": Command("records:score", "Recomputes every score from the raw events."),
     "explain": Command(
         "explain:explain",
-        "Shows why an agent acted as it did at one moment of a record: the explanation as JSON, or the search drawn.",
+        "Explains an agent's decision at one moment of a record, as JSON or as a picture of the search.",
     ),
     "localize": Command(
-        "localize:localize", "Estimates a vehicle's track from its IMU and GNSS logs; it must stand level at first."
+        "localize:localize",
+        "Estimates a vehicle's track from IMU and GNSS logs. It must stand level at first.",
     ),
     "serve": Command("serve:serve", "Runs the service until SIGTERM or Ctrl-C, then lets running episodes end."),
     "worker": Command(
         "worker:worker",
-        "Drives an agent's episodes for a service until it is stopped. Submits the agent first, where it is not known.",
+        "Drives an agent's episodes for a service until stopped. Submits the agent first if needed.",
         resumes=True,
     ),
     "submit": Command(
         "remote:submit",
-        "Submits a version of an agent: a built-in one, an ONNX policy, or one that drives from elsewhere.",
+        "Submits a version of an agent: built-in, an ONNX policy, or remote (driven by workers).",
     ),
     "evaluations": Group(
         "Evaluations at a service.",
@@ -68,24 +66,24 @@ COMMANDS: dict[str, Command | Group] = {
             "list": Command("remote:show_all", "Lists evaluations, the newest first."),
             "watch": Command(
                 "remote:watch",
-                "Waits until an evaluation has ended, and prints its scores; exit code 1 where it was not completed.",
+                "Waits for an evaluation's end and prints its scores. Exit code 1 if it was not completed.",
                 resumes=True,
             ),
             "fetch": Command(
                 "remote:fetch",
-                "Saves its records as `dohyo evaluate` would have: for `dohyo report`, `score` and `verify`.",
+                "Saves an evaluation's records in a result folder, for `dohyo report`, `score` and `verify`.",
             ),
-            "cancel": Command("remote:cancel", "Ends an evaluation; its finished episodes stay."),
-            "resume": Command("remote:resume", "Drives again what was lost or cancelled."),
+            "cancel": Command("remote:cancel", "Cancels an evaluation. Finished episodes are kept."),
+            "resume": Command("remote:resume", "Queues lost and cancelled episodes again."),
         },
     ),
-    "leaderboard": Command("remote:leaderboard", "Shows who drives best at a service."),
+    "leaderboard": Command("remote:leaderboard", "Shows a service's leaderboard of a benchmark."),
     "tokens": Group(
         "Tokens of the service.",
         {
-            "create": Command("tokens:create", "Makes a token and prints it; it cannot be shown again."),
+            "create": Command("tokens:create", "Creates a token and prints it. It cannot be shown again."),
             "list": Command("tokens:show_all", "Lists tokens, without their secrets."),
-            "revoke": Command("tokens:revoke", "Ends a token for good, at once."),
+            "revoke": Command("tokens:revoke", "Revokes a token at once and permanently."),
         },
     ),
     "dataset": Group(
@@ -93,36 +91,35 @@ COMMANDS: dict[str, Command | Group] = {
         {
             "motion": Command(
                 "dataset:motion",
-                "Records scenes of the autopilot among traffic, and what came of them; the same order gives the same "
-                "bytes.",
+                "Records the autopilot's traffic scenes and their outcomes. Same arguments, same bytes.",
                 resumes=True,
             ),
             "semantic": Command(
                 "dataset:semantic",
-                "Takes semantic pictures from disturbed drives of the autopilot; the same order gives the same bytes.",
+                "Records semantic pictures on the autopilot's disturbed drives. Same arguments, same bytes.",
                 resumes=True,
             ),
             "freeway": Command(
                 "dataset:freeway",
-                "Makes days of segment speeds on the freeway, minute by minute; each day is written when it is whole.",
+                "Simulates days of segment speeds on the freeway. Each day is written when it is complete.",
                 resumes=True,
             ),
         },
     ),
     "train": Command(
         "train:train",
-        "Trains what learns: checkpoints, curves, held-out evaluations, and the actor as safetensors and ONNX.",
+        "Trains a model: checkpoints, learning curves, held-out evaluations, and the actor as safetensors and ONNX.",
     ),
     "forecast": Group(
         "Forecasts of traffic speeds.",
         {
             "fit": Command(
                 "forecast:fit",
-                "Learns from the earlier part of the data, and prints the errors on the part it has not seen.",
+                "Trains a forecaster on the earlier part of the data, and prints its errors on the rest.",
             ),
             "evaluate": Command(
                 "forecast:evaluate",
-                "Prints the errors of a trained forecaster, and those of persistence beside them.",
+                "Prints the errors of a trained forecaster beside those of persistence.",
             ),
         },
     ),

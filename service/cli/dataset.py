@@ -1,4 +1,4 @@
-"""`dohyo dataset`: what learners learn from."""
+"""`dohyo dataset`: makes training data."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from dohyo.sumo_networks.freeway.dataset import DatasetRequest, make_dataset
 
 
 def motion(
-    out: Annotated[Path, typer.Option(help="Folder; what is already there is kept.")],
-    networks: Annotated[str, typer.Option(help="Names with commas between.")] = ",".join(TRAINING),
-    hours: Annotated[float, typer.Option(min=0.01, help="Of driving, all egos together.")] = 2.0,
-    seed: Annotated[int, typer.Option(min=0, help="Decides everything random.")] = 0,
+    out: Annotated[Path, typer.Option(help="Folder; existing files are kept.")],
+    networks: Annotated[str, typer.Option(help="Names, separated by commas.")] = ",".join(TRAINING),
+    hours: Annotated[float, typer.Option(min=0.01, help="Hours of driving, summed over all egos.")] = 2.0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
     every: Annotated[float, typer.Option(min=0.1, help="Seconds between two samples of one ego.")] = 0.5,
 ) -> None:
-    """Records scenes of the autopilot among traffic, and what came of them; the same order gives the same bytes."""
+    """Records the autopilot's traffic scenes and their outcomes. Same arguments, same bytes."""
     order = MotionRequest(tuple(name.strip() for name in networks.split(",") if name.strip()), hours, seed, every)
     columns = (TextColumn("recorded"), BarColumn(), TextColumn("{task.completed:.2f} of {task.total:g} h"))
     with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
@@ -31,11 +31,13 @@ def motion(
 
 
 def semantic(
-    out: Annotated[Path, typer.Option(help="Folder; what is already there is kept.")],
-    images: Annotated[int, typer.Option(min=1, help="To train on, at least; others to judge by come on top.")] = 14_000,
-    seed: Annotated[int, typer.Option(min=0, help="Decides everything random.")] = 0,
+    out: Annotated[Path, typer.Option(help="Folder; existing files are kept.")],
+    images: Annotated[
+        int, typer.Option(min=1, help="Least number of training pictures; held-out ones are added.")
+    ] = 14_000,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
 ) -> None:
-    """Takes semantic pictures from disturbed drives of the autopilot; the same order gives the same bytes."""
+    """Records semantic pictures on the autopilot's disturbed drives. Same arguments, same bytes."""
     columns = (TextColumn("driven"), BarColumn(), TextColumn("{task.percentage:.0f} %"))
     with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
         bar = progress.add_task("semantic", total=1.0)
@@ -45,15 +47,15 @@ def semantic(
 
 
 def freeway(
-    days: Annotated[int, typer.Option(min=1, help="Days to train on, in meso.")],
-    out: Annotated[Path, typer.Option(help="Folder; days already there are kept.")],
-    seed: Annotated[int, typer.Option(min=0, help="Decides everything random.")] = 0,
-    easy: Annotated[int | None, typer.Option(min=0, help="Whole days to judge by, 60 for 350 by default.")] = None,
-    hard: Annotated[int, typer.Option(min=0, help="Congested mornings to judge by, in micro.")] = 4,
+    days: Annotated[int, typer.Option(min=1, help="Training days, simulated mesoscopically.")],
+    out: Annotated[Path, typer.Option(help="Folder; existing days are kept.")],
+    seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
+    easy: Annotated[int | None, typer.Option(min=0, help="Whole test days; default: 60 for 350 training days.")] = None,
+    hard: Annotated[int, typer.Option(min=0, help="Congested test mornings, simulated microscopically.")] = 4,
     probes: Annotated[float, typer.Option(min=0.001, max=1, help="Share of the vehicles that report speeds.")] = 0.15,
-    workers: Annotated[int, typer.Option(min=1, help="Processes, a day each at a time.")] = 1,
+    workers: Annotated[int, typer.Option(min=1, help="Processes; each simulates one day at a time.")] = 1,
 ) -> None:
-    """Makes days of segment speeds on the freeway, minute by minute; each day is written when it is whole."""
+    """Simulates days of segment speeds on the freeway. Each day is written when it is complete."""
     order = DatasetRequest(days=days, easy=easy, hard=hard, seed=seed, probes=probes)
     columns = (TextColumn("driven"), BarColumn(), TextColumn("{task.completed:.2f} of {task.total} days"))
     with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:

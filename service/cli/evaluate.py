@@ -34,18 +34,18 @@ from dohyo.sumo_networks.errors import InvalidInputError
 SEEDS_BELOW = 2**31
 NAME_WIDTH, BAR_WIDTH = 24, 8
 OTHER_COLUMNS_WIDTH = 34
-"""Characters that numbers and times take in the progress line, with the spaces between all columns."""
+"""Width of the progress line's numbers and times with all spaces between columns, characters."""
 
 
 class Engine(StrEnum):
-    """What spreads the episodes over processes."""
+    """Executor of the episodes."""
 
     PROCESSES = "processes"
     RAY = "ray"
 
 
 def evaluate(
-    agent: Annotated[str, typer.Option(help="Registered name, or module:Class of your own.")],
+    agent: Annotated[str, typer.Option(help="Registered name, or your own module:Class.")],
     benchmark: Annotated[str, typer.Option(help="Name, or path of a .toml file.")],
     seeds: Annotated[str | None, typer.Option(help="Such as 0,1,2 or 0-4; default: the benchmark's own.")] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: one per CPU.")] = None,
@@ -53,11 +53,11 @@ def evaluate(
     settings: Annotated[list[str] | None, typer.Option("--set", help="key=value for the agent; repeatable.")] = None,
     deadline: Annotated[float, typer.Option(min=0.1, help="Seconds an agent may take to decide.")] = ACT_DEADLINE_S,
     reverse: Annotated[bool, typer.Option(help="Drive in reverse order; the records are the same.")] = False,
-    executor: Annotated[Engine, typer.Option(help="This machine's processes, or a Ray cluster.")] = Engine.PROCESSES,
-    address: Annotated[str | None, typer.Option(help="Of the Ray cluster; default: one on this machine.")] = None,
+    executor: Annotated[Engine, typer.Option(help="Processes on this machine, or a Ray cluster.")] = Engine.PROCESSES,
+    address: Annotated[str | None, typer.Option(help="Address of the Ray cluster; default: this machine.")] = None,
     json: Json = False,
 ) -> None:
-    """Evaluates an agent on a benchmark. The same command again goes on where it stopped."""
+    """Evaluates an agent on a benchmark. Run again, it continues where it stopped."""
     find_own_modules()
     if is_freeway_benchmark(benchmark):
         given = {"executor": executor is Engine.RAY, "address": address is not None, "reverse": reverse}
@@ -71,7 +71,7 @@ def evaluate(
     task = bar.add_task(f"{agent} on {benchmark}", total=None, note="")
 
     def show(record: EpisodeRecord | None, done: int, total: int) -> None:
-        bar.start()  # not before everything was checked, so that a refusal is one line
+        bar.start()  # after all checks, so that a refusal is one line
         bar.update(task, completed=done, total=total, note=_note(record))
 
     def show_logs(done: int, total: int) -> None:
@@ -140,7 +140,7 @@ def _progress(hidden: bool) -> Progress:
 
 
 def _clipped(width: int) -> Column:
-    """A column of one line; what is longer ends in an ellipsis."""
+    """One-line column; longer text ends in an ellipsis."""
     return Column(max_width=width, no_wrap=True, overflow="ellipsis")
 
 
@@ -156,7 +156,7 @@ def _closed_loop(result: Result) -> bool:
 
 
 def _print_failures(result: Result) -> None:
-    """One line for every drive that failed: what, where, when."""
+    """Prints one line per failed drive: record, status, reason, last infraction."""
     for record, path in zip(result.records, result.paths, strict=True):
         for ego in record.egos:
             if ego.status.completed or ego.status is Status.FINISHED:
@@ -187,7 +187,7 @@ def _drives(result: Result) -> list[dict[str, Any]]:
 
 
 def parse_seeds(text: str) -> list[int]:
-    """The seeds of "0,1,2", "0-4" or both mixed."""
+    """Seeds from text such as "0,1,2", "0-4" or "0-4,7"."""
     seeds: list[int] = []
     for part in text.split(","):
         match = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
@@ -206,7 +206,7 @@ def parse_seeds(text: str) -> list[int]:
 
 
 def parse_settings(pairs: list[str]) -> dict[str, Any]:
-    """Values are Python literals where they read as such, else text."""
+    """Settings from key=value pairs; a value that is no Python literal is text."""
     settings: dict[str, Any] = {}
     for pair in pairs:
         key, equals, value = pair.partition("=")

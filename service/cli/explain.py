@@ -1,4 +1,4 @@
-"""dohyo explain: drives a recorded episode again up to a moment, and shows why the agent did what it did then."""
+"""`dohyo explain`: drives a recorded episode again up to one moment, and shows the agent's explanation."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from dohyo.sumo_networks.units import TICK_S
 
 
 class _EnoughError(AgentError):
-    """Ends a drive once the moment has come."""
+    """Ends a drive at the tick to explain."""
 
 
 class _UpTo(Agent):
-    """An agent that is asked why at one tick, and drives no further."""
+    """Wraps an agent: keeps its explanation at one tick, and ends the drive there."""
 
     def __init__(self, agent: Agent, tick: int) -> None:
         self.agent, self.spec, self.tick = agent, agent.spec, tick
@@ -61,15 +61,15 @@ def explain(
     record: Annotated[Path, typer.Argument(help="A record, NAME.json.")],
     time: Annotated[float, typer.Option(help="Seconds since the egos started.", min=0.0)],
     out: Annotated[Path | None, typer.Option(help="Page with the picture (.html); default: JSON to stdout.")] = None,
-    ego: Annotated[str | None, typer.Option(help="Which ego, where the record has several.")] = None,
+    ego: Annotated[str | None, typer.Option(help="Name of the ego, if the record has several.")] = None,
 ) -> None:
-    """Shows why an agent acted as it did at one moment of a record: the explanation as JSON, or the search drawn."""
+    """Explains an agent's decision at one moment of a record, as JSON or as a picture of the search."""
     find_own_modules()
     old, tick = read_record(record), round(time / TICK_S)
     name = _which(old, ego)
     why, trajectory = _redriven(old, name, tick, record)
     if why is None:
-        raise InvalidInputError(f"'{record}': the agent of '{name}' explains nothing at {time:g} s")
+        raise InvalidInputError(f"'{record}': the agent of '{name}' has no explanation at {time:g} s")
     if out is None:
         print(json.dumps(why, indent=1))
         return
@@ -94,7 +94,7 @@ def _which(record: EpisodeRecord, ego: str | None) -> str:
 
 
 def _redriven(old: EpisodeRecord, name: str, tick: int, path: Path) -> tuple[Explanation | None, Trajectory]:
-    """The explanation at a tick, and the trajectories up to there, which must be those of the record."""
+    """Explanation at a tick, and the trajectories until then, checked against the record."""
     now = versions(load_network(old.scenario.network))
     if now != old.versions:
         raise InvalidInputError(f"'{path}' was made by {old.versions}, here is {now}: it may drive differently")
@@ -119,11 +119,11 @@ def _must_agree(trajectory: Trajectory, path: Path, tick: int) -> None:
         for column in ("key", "x", "y", "heading")
     )
     if not same:
-        raise InvalidInputError(f"'{path}': at {tick * TICK_S:g} s this drive is no longer the recorded one")
+        raise InvalidInputError(f"'{path}': at {tick * TICK_S:g} s the new drive differs from the recorded one")
 
 
 def _boxes(trajectory: Trajectory, tick: int, ego: int) -> FloatArray:
-    """(N, 5) everybody at a tick, the ego first."""
+    """(N, 5) boxes of all vehicles and pedestrians at a tick, the ego first."""
     rows = np.flatnonzero(trajectory.tick == tick)
     first = rows[trajectory.key[rows] == -1 - ego]
     rows = np.concatenate([first, rows[trajectory.key[rows] != -1 - ego]])

@@ -1,4 +1,4 @@
-"""`dohyo forecast`: learns to forecast speeds from a table or a folder of days, and measures forecasters."""
+"""`dohyo forecast`: trains speed forecasters on a table or a folder of days, and evaluates them."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from dohyo.agents.forecasting.data import SpeedData
 
 Data = Annotated[Path, typer.Option(help="A folder of `dohyo dataset freeway`, or a CSV or Parquet table.")]
-Unit = Annotated[str, typer.Option(help="Of the table's speeds: m/s, km/h or mph.")]
-Step = Annotated[float | None, typer.Option(min=0.001, help="Minutes between two rows, if its times do not say.")]
+Unit = Annotated[str, typer.Option(help="Unit of the table's speeds: m/s, km/h or mph.")]
+Step = Annotated[float | None, typer.Option(min=0.001, help="Minutes between two rows, if the table has no times.")]
 Missing = Annotated[float, typer.Option(min=0.0, max=0.99, help="Largest share of a column that may be missing.")]
-Stands = Annotated[float | None, typer.Option(help="A number that stands for a missing speed.")]
+Stands = Annotated[float | None, typer.Option(help="Number that means a missing speed.")]
 
 
 def fit(
@@ -32,14 +32,14 @@ def fit(
     step: Step = None,
     max_missing: Missing = 0.3,
     missing_value: Stands = None,
-    depth: Annotated[int, typer.Option(min=-1, max=4, help="Of the Laplacian pyramid's loss; -1: without.")] = 3,
-    steps: Annotated[int, typer.Option(min=1, help="Of the optimiser, at most, in each phase.")] = 600,
+    depth: Annotated[int, typer.Option(min=-1, max=4, help="Depth of the Laplacian pyramid loss; -1: none.")] = 3,
+    steps: Annotated[int, typer.Option(min=1, help="Most optimiser steps in each phase.")] = 600,
     batch: Annotated[int | None, typer.Option(min=0, help="Windows per step; 0: all. [default: by width]")] = None,
     rate: Annotated[float, typer.Option(min=1e-6, help="First learning rate.")] = 0.01,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     json: Json = False,
 ) -> None:
-    """Learns from the earlier part of the data, and prints the errors on the part it has not seen."""
+    """Trains a forecaster on the earlier part of the data, and prints its errors on the rest."""
     from dohyo.agents.forecasting import registry, training  # torch takes seconds to import
     from dohyo.agents.forecasting.windows import make_windows
 
@@ -63,15 +63,15 @@ def fit(
 
 def evaluate(
     data: Data,
-    model: Annotated[str, typer.Option(help="A shipped one, a .safetensors or .onnx file, or persistence.")],
+    model: Annotated[str, typer.Option(help="A shipped model, a .safetensors or .onnx file, or persistence.")],
     unit: Unit = "m/s",
     step: Step = None,
     max_missing: Missing = 0.3,
     missing_value: Stands = None,
-    sets: Annotated[str | None, typer.Option(help="With commas between, such as test or easy,hard.")] = None,
+    sets: Annotated[str | None, typer.Option(help="Separated by commas, such as test or easy,hard.")] = None,
     json: Json = False,
 ) -> None:
-    """Prints the errors of a trained forecaster, and those of persistence beside them."""
+    """Prints the errors of a trained forecaster beside those of persistence."""
     from dohyo.agents.forecasting import registry
     from dohyo.agents.forecasting.simple import Persistence
 
@@ -96,7 +96,7 @@ def _read(path: Path, unit: str, step_min: float | None, max_missing: float, mis
 
 
 def _write(forecaster: Forecaster, path: Path) -> list[Path]:
-    """Writes the file or files of a forecaster."""
+    """Writes a forecaster's files."""
     from dohyo.agents.forecasting.learned import Learned
     from dohyo.agents.forecasting.quantiles import Quantiles
 
@@ -110,7 +110,7 @@ def _write(forecaster: Forecaster, path: Path) -> list[Path]:
 def _report(
     forecaster: Forecaster, table: SpeedData, sets: Sequence[str], as_json: bool, written: Sequence[Path]
 ) -> None:
-    """Errors by set and row ahead, beside persistence's."""
+    """Errors by set and forecast row, with those of persistence."""
     from dohyo.agents.forecasting.scores import errors
     from dohyo.agents.forecasting.simple import Persistence
     from dohyo.agents.forecasting.windows import make_windows
@@ -141,11 +141,11 @@ def _report(
     ahead = [f"t+{(i + 1) * table.step_s / 60:g} min" for i in range(3)]
     print_rows(["set", "", *(f"MSE x 10^3 {at}" for at in ahead), *(f"km/h {at}" for at in ahead)], rows)
     if table.lag_min:
-        console.print(f"the feed is up to {table.lag_min:g} min late: that far ahead of its last row is now")
+        console.print(f"the feed is up to {table.lag_min:g} min late: now is that long after its last row")
     for path in written:
         console.print(f"written: {path.resolve()}", soft_wrap=True)
 
 
 def forecaster_name(forecaster: Forecaster) -> str:
-    """What a table calls it."""
+    """Name in tables."""
     return getattr(forecaster, "kind", forecaster.name)

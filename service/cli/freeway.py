@@ -31,7 +31,7 @@ def evaluate_on_freeway(
     workers: int | None,
     as_json: bool,
 ) -> None:
-    """Evaluates a forecaster or a controller, prints the result, and writes it with a page."""
+    """Evaluates a forecaster or a controller; prints the result, and writes it as JSON and as an HTML report."""
     found = load_freeway_benchmark(benchmark)
     folder = out or Path("out") / Path(benchmark).stem / re.sub(r"[^\w.-]", "_", agent)
     processes = workers or os.cpu_count() or 1
@@ -40,7 +40,7 @@ def evaluate_on_freeway(
 
     def tell(done: int, of: int, share: float) -> None:
         if done < of:
-            progress.start()  # not before everything was checked, so that a refusal is one line
+            progress.start()  # after all checks, so that a refusal is one line
         progress.update(task, completed=done + share, total=of)
 
     try:
@@ -48,7 +48,7 @@ def evaluate_on_freeway(
             from dohyo.agents.forecasting.benchmark import evaluate_forecaster  # torch takes seconds to import
 
             if seeds is not None:
-                raise InvalidInputError(f"benchmark '{found.name}' has days of its own; leave out --seeds")
+                raise InvalidInputError(f"benchmark '{found.name}' has fixed days: leave out --seeds")
             result = evaluate_forecaster(found, agent, settings, folder, processes, tell)
         else:
             from dohyo.agents.speed_planning.benchmark import evaluate_controller
@@ -67,11 +67,11 @@ def evaluate_on_freeway(
 
 
 def prepare_days(benchmark: str, workers: int) -> None:
-    """Makes the days of a forecast benchmark that are missing."""
+    """Simulates the missing days of a forecast benchmark."""
     found = load_freeway_benchmark(benchmark)
     if not isinstance(found, ForecastBenchmark):
         raise InvalidInputError(
-            f"benchmark '{found.name}' has nothing to prepare: its mornings are driven as evaluated"
+            f"benchmark '{found.name}' has nothing to prepare: its mornings are simulated during the evaluation"
         )
     with _progress(hidden=False) as bar:
         task = bar.add_task(f"days of {found.name}", total=None)
@@ -79,7 +79,7 @@ def prepare_days(benchmark: str, workers: int) -> None:
             found.order, days_folder(found), lambda done, of, share: bar.update(task, completed=done + share, total=of),
             workers,
         )  # fmt: skip
-    console.print(f"{made} made, {found.number - made} there before, in {days_folder(found)}", soft_wrap=True)
+    console.print(f"{made} made, {found.number - made} kept, in {days_folder(found)}", soft_wrap=True)
 
 
 def _progress(hidden: bool) -> Progress:

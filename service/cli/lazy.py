@@ -1,4 +1,4 @@
-"""Commands that are imported when they run: the help and the lists must not wait for torch, SUMO or a database."""
+"""Commands that are imported only when they run: help and lists must not wait for torch, SUMO or a database."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ INTERRUPTED = 130
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Where a command is, and what the help says of it.
+    """Location of a command, and its help.
 
     Attributes:
         at: "module:function", the module in this folder.
         help: The first line of the function's docstring.
-        resumes: Run again, the same command goes on where it was stopped.
+        resumes: Whether the command, run again, continues where it stopped.
     """
 
     at: str
@@ -45,10 +45,10 @@ class Group:
 
 
 class _PlainFlags:
-    """Leaves the word <bool> out of the help of options that take no value."""
+    """Omits <bool> from the help of options without a value."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """All parameters, as click asks for them."""
+        """Parameters for click."""
         params: list[Any] = super().get_params(ctx)  # type: ignore[misc]
         for param in params:
             if getattr(param, "is_flag", False) and param.metavar is None:
@@ -65,7 +65,7 @@ class PlainCommand(_PlainFlags, TyperCommand):
 
 
 class LazyCommand(TyperCommand):
-    """A line of the help; becomes the command itself when its arguments are parsed."""
+    """Help line of a command; loads the command when its arguments are parsed."""
 
     def __init__(self, name: str, command: Command) -> None:
         super().__init__(name, help=command.help)
@@ -85,7 +85,7 @@ class LazyCommand(TyperCommand):
 
 
 def make_commands(table: Mapping[str, Command | Group]) -> dict[str, Any]:
-    """What a group of commands is made of, by name."""
+    """Click commands of a group, by name."""
     return {
         name: LazyCommand(name, entry)
         if isinstance(entry, Command)
@@ -95,7 +95,7 @@ def make_commands(table: Mapping[str, Command | Group]) -> dict[str, Any]:
 
 
 def _interruptible(function: Callable[..., None], resumes: bool) -> Callable[..., None]:
-    """The same function, but Ctrl-C ends it in one line."""
+    """The function, with one line on standard error after Ctrl-C."""
 
     @wraps(function)
     def run(*arguments: Any, **options: Any) -> None:

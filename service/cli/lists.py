@@ -1,4 +1,4 @@
-"""`dohyo networks list`, `agents list`, `benchmarks list`: what there is. Reads TOML files and entry points alone."""
+"""`dohyo networks list`, `agents list`, `benchmarks list`. Reads only TOML files and entry points."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _network(name: str) -> dict[str, Any]:
 
 
 def _size(name: str) -> NetworkSize:
-    """What the entry says; an import by an earlier version says nothing, and its net is read."""
+    """Size from the catalog entry; imports by an earlier version have none, so their net is read."""
     path, size = network_path(name), network_entry(name).size
     if not path.is_file() or path.stat().st_size == 0:
         raise InvalidInputError(f"'{path}': expected a SUMO net, got {'an empty' if path.is_file() else 'no'} file")

@@ -1,4 +1,4 @@
-"""`dohyo localize`: where a vehicle was, from real logs of an IMU and a GNSS receiver; and the filters' benchmark."""
+"""`dohyo localize`: a vehicle's track from real IMU and GNSS logs, and the benchmark of the filters."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ def localize(
     out: Annotated[Path | None, typer.Option(help="Write an HTML report with the track.")] = None,
     filter_: Annotated[str, typer.Option("--filter", help="es-ekf, ekf, ukf or imu.")] = "es-ekf",
     sigma: Annotated[float, typer.Option(min=0.001, help="Standard deviation of a fix, m.")] = 2.1,
-    alpha: Annotated[float, typer.Option(min=0.0, max=0.99, help="Of the low-pass filter; 0: none.")] = ALPHA,
-    standing: Annotated[float, typer.Option(min=0.3, help="Seconds at the start in which it stands.")] = 3.0,
-    calibrate: Annotated[bool, typer.Option(help="Measure the IMU's offsets while it stands.")] = True,
+    alpha: Annotated[float, typer.Option(min=0.0, max=0.99, help="Low-pass coefficient; 0: no filter.")] = ALPHA,
+    standing: Annotated[float, typer.Option(min=0.3, help="Seconds for which the vehicle stands at the start.")] = 3.0,
+    calibrate: Annotated[bool, typer.Option(help="Measure the IMU's offsets while the vehicle stands.")] = True,
     study: Annotated[bool, typer.Option("--study", help="Run the benchmark 'localization' instead; no logs.")] = False,
-    seeds: Annotated[int, typer.Option(min=1, help="Of --study: errors drawn anew, each on three routes.")] = 1,
+    seeds: Annotated[int, typer.Option(min=1, help="Number of error seeds of --study, each on three routes.")] = 1,
     json: Json = False,
 ) -> None:
-    """Estimates a vehicle's track from its IMU and GNSS logs; it must stand level at first.
+    """Estimates a vehicle's track from IMU and GNSS logs. It must stand level at first.
 
     With --study it runs the benchmark 'localization' on simulated logs: calibration and low-pass filter, GNSS rate and
     error, one filter.
@@ -100,10 +100,10 @@ def _study(filter_: str, seeds: int, out: Path | None, json: bool) -> None:
 
 
 def _reference(track: EstimatedTrack, true: PositionLog) -> tuple[EstimatedTrack, FloatArray]:
-    """The part of a track for which there is a truth, and the truth at its times."""
+    """Part of a track with a known truth, and the truth at its times."""
     inside = (track.time >= true.time[0]) & (track.time <= true.time[-1])
     if not inside.any():
-        raise InvalidInputError("the truth does not overlap the estimate in time")
+        raise InvalidInputError("expected a truth that overlaps the estimate in time, got none in common")
     part = EstimatedTrack(
         row=track.row[inside],
         time=track.time[inside],

@@ -1,4 +1,4 @@
-"""The root command, and what happens to errors."""
+"""The root command, and the output of errors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BAD_INPUT = 2
 
 
 class Root(CommandGroup):
-    """`dohyo` itself, with every command of the table."""
+    """Root command `dohyo` with all commands of `commands.COMMANDS`."""
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
@@ -42,7 +42,7 @@ def root(
 
 
 def main() -> None:
-    """Runs the command line; whatever dohyo refuses becomes one line and exit code 2."""
+    """Runs the command line; a DohyoError becomes one line on standard error and exit code 2."""
     try:
         app()
     except DohyoError as error:

@@ -1,4 +1,4 @@
-"""`dohyo networks`: what there is, how it looks, and how to bring your own."""
+"""`dohyo networks`: map, check, import and build."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def show(
 
 
 def check(name: Network, json: Json = False) -> None:
-    """Reports what a network holds, and what about it would trouble a driver."""
+    """Reports a network's size, and faults that would disturb a driver."""
     guessed = network_entry(name).guessed if name in network_names() else ()
     _print_report(inspect_network(load_network(name), guessed), json)
 
 
 def import_file(
     file: Annotated[Path, typer.Argument(help=".net.xml, .osm[.xml] or .xodr, each also with .gz.")],
-    name: Annotated[str, typer.Option(help="What to call it: small letters, digits and hyphens.")],
+    name: Annotated[str, typer.Option(help="Its name: small letters, digits and hyphens.")],
     lights: Annotated[bool, typer.Option("--lights", help="Guess traffic lights at large junctions.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace your network of this name.")] = False,
     limit_mb: Annotated[float, typer.Option(min=0.001, help="Largest size, packed or unpacked, MB.")] = LIMIT_MB,

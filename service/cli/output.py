@@ -1,4 +1,4 @@
-"""How the command line shows things: tables for people, one JSON document for programs."""
+"""Output of the command line: tables for people, one JSON document for programs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 console = Console()
 DASH = "—"
 RATES_FROM_KM = 0.1
-"""Route completed by all drives together, km, from which infractions per km are shown."""
+"""Least route completed by all drives together for which infractions per km are shown, km."""
 
 SCORES = {
     "success": "success %",
@@ -82,7 +82,7 @@ def print_comparison(summaries: Sequence[Summary]) -> None:
 
 
 def _rate(summary: Summary, kind: str) -> str:
-    """Infractions per km; a dash where hardly any road was driven, since an interval would say nothing."""
+    """Infractions per km; a dash below the least distance, where an interval would be too wide."""
     return interval(summary.per_km[kind]) if summary.km >= RATES_FROM_KM else DASH
 
 

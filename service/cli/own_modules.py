@@ -1,4 +1,4 @@
-"""Modules of the user's own: found in the folder where the command runs."""
+"""The user's own modules, found in the current folder."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 
 
 def find_own_modules() -> None:
-    """Lets imports see the current folder first; worker processes take over the search path of their parent."""
+    """Puts the current folder first on the search path, which worker processes inherit."""
     here = os.getcwd()
     if sys.path[:1] != [here]:
         sys.path.insert(0, here)

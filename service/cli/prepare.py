@@ -1,4 +1,4 @@
-"""`dohyo benchmarks prepare`: makes what a benchmark replays."""
+"""`dohyo benchmarks prepare`: recorded runs and freeway days of a benchmark."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def prepare(
     name: Annotated[str, typer.Argument(help="Name, or path of a .toml file.")],
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: one per CPU.")] = None,
 ) -> None:
-    """Makes the recorded runs that a benchmark replays, or its days; the same command goes on where it stopped."""
+    """Makes a benchmark's recorded runs or days. Run again, it continues where it stopped."""
     if is_freeway_benchmark(name):
         prepare_days(name, workers or os.cpu_count() or 1)
         return
@@ -35,4 +35,4 @@ def prepare(
             lambda done, total: bar.update(task, completed=done, total=total),
         )
     logs = sum(scenario.log is not None for scenario in scenarios)
-    console.print(f"{made} made, {logs - made} there before, in {logs_folder()}")
+    console.print(f"{made} made, {logs - made} kept, in {logs_folder()}")

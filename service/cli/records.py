@@ -1,4 +1,4 @@
-"""`dohyo report`, `dohyo verify`, `dohyo score`: what to do with finished episodes."""
+"""`dohyo report`, `dohyo verify`, `dohyo score`: comparison, replay check and rescoring of records."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 
 RulesOption = Annotated[Literal["1.0", "2.0", "2.1"], typer.Option(help="CARLA Leaderboard rules of the score.")]
-IrsOption = Annotated[Literal["driven", "route"], typer.Option(help="Kilometres that IRS divides by.")]
+IrsOption = Annotated[Literal["driven", "route"], typer.Option(help="Distance by which IRS is divided.")]
 DIFFERS = 1
 
 
@@ -85,7 +85,7 @@ def report(
 
 
 def _print_verdicts(names: Sequence[str], results: Sequence[Result], rules: Rules, irs_length: IrsLength) -> None:
-    """One line per pair of agents: which drives better on the same scenarios, and how sure that is."""
+    """Prints one line per pair of agents: verdict, difference on the same scenarios, and probability."""
     for (a, first), (b, second) in combinations(zip(names, results, strict=True), 2):
         score = compare(first.records, second.records, rules=rules, irs_length=irs_length)["driving_score"]
         console.print(
@@ -111,7 +111,7 @@ def _print_closed_loop(names: Sequence[str], results: Sequence[Result]) -> None:
 
 
 def _names(agents: Sequence[AgentInfo]) -> list[str]:
-    """Names that tell the agents apart: with their settings, where one was evaluated under several."""
+    """Unique names of the agents; with settings, if one agent was evaluated under several."""
     names = [agent.name for agent in agents]
     settings = [" ".join(f"{key}={value}" for key, value in agent.settings.items()) for agent in agents]
     return [
@@ -121,18 +121,18 @@ def _names(agents: Sequence[AgentInfo]) -> list[str]:
 
 
 def verify(record: Annotated[Path, typer.Argument(help="A record, NAME.json.")], json: Json = False) -> None:
-    """Replays an episode and compares the hashes; exit code 1 where they differ."""
+    """Drives an episode again and compares the hashes. Exit code 1 if they differ."""
     find_own_modules()
     old = read_record(record)
     now = versions(load_network(old.scenario.network))
     if now != old.versions:
-        raise InvalidInputError(f"'{record}' was made by {old.versions}, here is {now}: the replay would prove nothing")
+        raise InvalidInputError(f"'{record}' was made by {old.versions}: expected the same versions here, got {now}")
     agents = {ego.name: make_agent(ego.agent.entry, ego.agent.settings) for ego in old.egos}
     infos: dict[str, AgentInfo] = {}
     for ego in old.egos:
         infos[ego.name] = agent_info(agents[ego.name], ego.agent.entry, ego.agent.settings)
         if infos[ego.name] != ego.agent:
-            raise InvalidInputError(f"'{record}': agent '{ego.agent.name}' has changed since; nothing to compare")
+            raise InvalidInputError(f"'{record}': agent '{ego.agent.name}' has changed since; no replay")
     new, _ = drive_episode(old.scenario, agents, infos=infos, benchmark=old.benchmark)
     same = new.record_hash == old.record_hash
     if json:

@@ -22,32 +22,32 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
 Server = Annotated[str, typer.Option(envvar="DOHYO_SERVER", help="Address of the service.")]
-Token = Annotated[str | None, typer.Option(envvar="DOHYO_TOKEN", help="What one may do there.")]
-Which = Annotated[str, typer.Argument(help="As `dohyo evaluations list` shows it.", metavar="EVALUATION")]
+Token = Annotated[str | None, typer.Option(envvar="DOHYO_TOKEN", help="Access token.")]
+Which = Annotated[str, typer.Argument(help="Identifier, from `dohyo evaluations list`.", metavar="EVALUATION")]
 LOCAL = "http://127.0.0.1:8000"
 TITLES = SCORES | {"closed_loop": "closed loop %"}
 NOT_DONE = 1
 
 
 def submit(
-    agent: Annotated[str, typer.Argument(help="Its name at the service; registered there where it is new.")],
-    builtin: Annotated[str | None, typer.Option(help="An agent that comes with the service.")] = None,
-    onnx: Annotated[Path | None, typer.Option(help="A policy to upload.")] = None,
-    remote: Annotated[bool, typer.Option("--remote", help="One that workers of yours will drive.")] = False,
+    agent: Annotated[str, typer.Argument(help="Its name at the service; a new name is registered.")],
+    builtin: Annotated[str | None, typer.Option(help="Name of a built-in agent of the service.")] = None,
+    onnx: Annotated[Path | None, typer.Option(help="ONNX file to upload.")] = None,
+    remote: Annotated[bool, typer.Option("--remote", help="An agent that your own workers drive.")] = False,
     settings: Annotated[list[str] | None, typer.Option("--set", help="key=value for --builtin; repeatable.")] = None,
     track: Annotated[
-        Literal["sensors", "map", "privileged"], typer.Option(help="Of --onnx and --remote: what it may see.")
+        Literal["sensors", "map", "privileged"], typer.Option(help="For --onnx and --remote: sensors that it may use.")
     ] = "map",
-    sensors: Annotated[str, typer.Option(help="Of the same: what it sees, such as route,objects.")] = (
+    sensors: Annotated[str, typer.Option(help="For --onnx and --remote: its sensors, such as route,objects.")] = (
         "speedometer,route"
     ),
-    control: Annotated[str, typer.Option(help="Of the same: what its action means.")] = "target_speed_steering",
-    description: Annotated[str, typer.Option(help="Of an agent that is new.")] = "",
+    control: Annotated[str, typer.Option(help="For --onnx and --remote: its control.")] = "target_speed_steering",
+    description: Annotated[str, typer.Option(help="Description of a new agent.")] = "",
     server: Server = LOCAL,
     token: Token = None,
     json: Json = False,
 ) -> None:
-    """Submits a version of an agent: a built-in one, an ONNX policy, or one that drives from elsewhere."""
+    """Submits a version of an agent: built-in, an ONNX policy, or remote (driven by workers)."""
     if (builtin is not None) + (onnx is not None) + remote != 1:
         raise InvalidInputError("submit: expected one of --builtin NAME, --onnx FILE, --remote")
     spec: dict[str, Any] = {"track": track, "sensors": sensors.replace(" ", "").split(","), "control": control}
@@ -71,9 +71,9 @@ def submit(
 
 
 def start(
-    agent: Annotated[str, typer.Argument(help="A submitted one.")],
-    benchmark: Annotated[str, typer.Argument(help="As `dohyo benchmarks list` shows it.")],
-    version: Annotated[int | None, typer.Option(min=1, help="Of the agent; default: the latest.")] = None,
+    agent: Annotated[str, typer.Argument(help="Name of a submitted agent.")],
+    benchmark: Annotated[str, typer.Argument(help="Name, from `dohyo benchmarks list`.")],
+    version: Annotated[int | None, typer.Option(min=1, help="Version of the agent; default: the latest.")] = None,
     seeds: Annotated[str | None, typer.Option(help="Such as 0,1,2 or 0-4; default: the benchmark's own.")] = None,
     watch: Annotated[bool, typer.Option("--watch", help="Wait for the end, and print the scores.")] = False,
     server: Server = LOCAL,
@@ -91,9 +91,9 @@ def start(
 
 
 def show_all(
-    agent: Annotated[str | None, typer.Option(help="Only this one's.")] = None,
-    benchmark: Annotated[str | None, typer.Option(help="Only on this one.")] = None,
-    most: Annotated[int, typer.Option(min=1, max=200, help="How many at most.")] = 20,
+    agent: Annotated[str | None, typer.Option(help="Only evaluations of this agent.")] = None,
+    benchmark: Annotated[str | None, typer.Option(help="Only evaluations on this benchmark.")] = None,
+    most: Annotated[int, typer.Option(min=1, max=200, help="Largest number of rows.")] = 20,
     server: Server = LOCAL,
     token: Token = None,
     json: Json = False,
@@ -111,7 +111,7 @@ def show_all(
 
 
 def watch(evaluation: Which, server: Server = LOCAL, token: Token = None, json: Json = False) -> None:
-    """Waits until an evaluation has ended, and prints its scores; exit code 1 where it was not completed."""
+    """Waits for an evaluation's end and prints its scores. Exit code 1 if it was not completed."""
     with Client(server, token) as client:
         _watch(client, evaluation, json)
 
@@ -122,37 +122,37 @@ def fetch(
     server: Server = LOCAL,
     token: Token = None,
 ) -> None:
-    """Saves its records as `dohyo evaluate` would have: for `dohyo report`, `score` and `verify`."""
+    """Saves an evaluation's records in a result folder, for `dohyo report`, `score` and `verify`."""
     with Client(server, token) as client:
         state = client.evaluation(evaluation)
         folder = out or Path("out") / state["benchmark"] / f"{state['agent']}-v{state['version']}"
         if (folder / MANIFEST).exists():
-            raise InvalidInputError(f"'{folder}' holds results already; choose another --out")
+            raise InvalidInputError(f"'{folder}' holds results already: choose another --out")
         paths = client.download(evaluation, folder / RECORDS)
         write_atomically(folder / MANIFEST, dumps(client.manifest(evaluation), indent=1).encode())
     console.print(f"{len(paths)} records in {folder} (dohyo report {folder})", highlight=False, soft_wrap=True)
 
 
 def cancel(evaluation: Which, server: Server = LOCAL, token: Token = None, json: Json = False) -> None:
-    """Ends an evaluation; its finished episodes stay."""
+    """Cancels an evaluation. Finished episodes are kept."""
     with Client(server, token) as client:
         _print(client.cancel(evaluation), json)
 
 
 def resume(evaluation: Which, server: Server = LOCAL, token: Token = None, json: Json = False) -> None:
-    """Drives again what was lost or cancelled."""
+    """Queues lost and cancelled episodes again."""
     with Client(server, token) as client:
         _print(client.resume(evaluation), json)
 
 
 def leaderboard(
-    benchmark: Annotated[str, typer.Argument(help="As `dohyo benchmarks list` shows it.")],
-    track: Annotated[str | None, typer.Option(help="Only this one: sensors, map or privileged.")] = None,
+    benchmark: Annotated[str, typer.Argument(help="Name, from `dohyo benchmarks list`.")],
+    track: Annotated[str | None, typer.Option(help="Only agents of this track: sensors, map or privileged.")] = None,
     server: Server = LOCAL,
     token: Token = None,
     json: Json = False,
 ) -> None:
-    """Shows who drives best at a service."""
+    """Shows a service's leaderboard of a benchmark."""
     with Client(server, token) as client:
         board = client.leaderboard(benchmark, track=track)
     if json:
@@ -175,7 +175,7 @@ def leaderboard(
 
 
 def _watch(client: Client, evaluation: str, json: bool) -> None:
-    state = client.evaluation(evaluation)  # not before there is one shall a bar be seen
+    state = client.evaluation(evaluation)  # no progress bar if this request fails
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, TextColumn("{task.fields[status]}"), console=console, disable=json) as bar:
         task = bar.add_task(f"{state['agent']} v{state['version']} on {state['benchmark']}", total=None, status="")

@@ -14,12 +14,12 @@ from dohyo.sumo_networks.scenario import Traffic
 
 def import_file(
     file: Annotated[Path, typer.Argument(help="CARLA route file, .xml.")],
-    network: Annotated[str, typer.Option(help="The town, as imported.")],
-    name: Annotated[str | None, typer.Option(help="Of the benchmark; default: the file's.")] = None,
+    network: Annotated[str, typer.Option(help="Name of the imported network of the town.")],
+    name: Annotated[str | None, typer.Option(help="Name of the benchmark; default: the file's name.")] = None,
     town: Annotated[str | None, typer.Option(help="Only the routes of this town, such as Town01.")] = None,
-    vehicles: Annotated[int, typer.Option(min=0, help="Around every route.")] = 0,
-    pedestrians: Annotated[int, typer.Option(min=0, help="Around every route.")] = 0,
-    max_snap: Annotated[float, typer.Option(min=0, help="How far waypoints may lie off a lane, m.")] = MAX_SNAP_M,
+    vehicles: Annotated[int, typer.Option(min=0, help="Number around every route.")] = 0,
+    pedestrians: Annotated[int, typer.Option(min=0, help="Number around every route.")] = 0,
+    max_snap: Annotated[float, typer.Option(min=0, help="Largest distance of a waypoint from a lane, m.")] = MAX_SNAP_M,
     out: Annotated[Path | None, typer.Option(help="The .toml to write; default: NAME.toml.")] = None,
     json: Json = False,
 ) -> None:

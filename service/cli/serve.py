@@ -15,12 +15,12 @@ FAILED = 3
 
 
 def serve(
-    host: Annotated[str | None, typer.Option(help="Where to listen; default: 127.0.0.1.")] = None,
+    host: Annotated[str | None, typer.Option(help="Address to listen on; default: 127.0.0.1.")] = None,
     port: Annotated[int | None, typer.Option(min=0, max=65535, help="0: a free one; default: 8000.")] = None,
     data: Annotated[Path | None, typer.Option(help="Folder of records, policies and database.")] = None,
     database: Annotated[str | None, typer.Option(help="URL of a PostgreSQL or SQLite database.")] = None,
-    executor: Annotated[str | None, typer.Option(help="What drives: processes or ray.")] = None,
-    ray_address: Annotated[str | None, typer.Option(help="Of the Ray cluster; default: this machine's.")] = None,
+    executor: Annotated[str | None, typer.Option(help="Executor of the episodes: processes or ray.")] = None,
+    ray_address: Annotated[str | None, typer.Option(help="Address of the Ray cluster; default: this machine.")] = None,
     processes: Annotated[int | None, typer.Option(min=1, help="Episodes driven at once; default: one per CPU.")] = None,
     insecure: Annotated[bool | None, typer.Option("--insecure", help="Listen beyond this machine without TLS.")] = None,
     tls_certificate: Annotated[Path | None, typer.Option(help="PEM file.")] = None,
@@ -33,7 +33,7 @@ def serve(
     given: dict[str, Any] = {"host": host, "port": port, "data": data, "insecure": insecure}
     given |= {"executor": executor, "ray_address": ray_address, "processes": processes}
     given |= {"tls_certificate": tls_certificate, "tls_key": tls_key}
-    from dohyo.service.server import run  # a second of imports, which other commands need not wait for
+    from dohyo.service.server import run  # imports take a second, for which other commands must not wait
 
     if not run(make_settings(given, database), _announce):
         raise typer.Exit(FAILED)

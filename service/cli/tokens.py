@@ -1,4 +1,4 @@
-"""`dohyo tokens`: who may do what, from the machine of the service."""
+"""`dohyo tokens`: access tokens, managed on the machine of the service."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ Url = Annotated[str | None, typer.Option("--database", help="URL of the service'
 
 
 def create(
-    owner: Annotated[str, typer.Option(help="Whose; what one owner submits, others cannot touch.")],
-    role: Annotated[Role, typer.Option(help="What it may do.")] = Role.SUBMITTER,
-    days: Annotated[float | None, typer.Option(min=0.001, help="Until it expires; default: never.")] = None,
+    owner: Annotated[str, typer.Option(help="Owner of the token; other owners cannot change what it submits.")],
+    role: Annotated[Role, typer.Option(help="Permissions of the token.")] = Role.SUBMITTER,
+    days: Annotated[float | None, typer.Option(min=0.001, help="Days until it expires; default: never.")] = None,
     data: Data = None,
     database: Url = None,
     json: Json = False,
 ) -> None:
-    """Makes a token and prints it; it cannot be shown again."""
+    """Creates a token and prints it. It cannot be shown again."""
     if not owner.isprintable() or not 0 < len(owner.strip()) <= 100:
-        raise InvalidInputError("owner: expected 1 to 100 printable characters")
+        raise InvalidInputError("owner: expected 1 to 100 printable characters, got {owner!r}")
     with _session(data, database) as session:
         token, secret = create_token(session, owner, role, timedelta(days=days) if days is not None else None)
     if json:
@@ -60,21 +60,21 @@ def show_all(data: Data = None, database: Url = None, json: Json = False) -> Non
 
 
 def revoke(
-    identifier: Annotated[str, typer.Argument(help="As `dohyo tokens list` shows it.")],
+    identifier: Annotated[str, typer.Argument(help="Identifier, from `dohyo tokens list`.")],
     data: Data = None,
     database: Url = None,
 ) -> None:
-    """Ends a token for good, at once."""
+    """Revokes a token at once and permanently."""
     with _session(data, database) as session:
         if revoke_token(session, identifier) is None:
-            raise InvalidInputError(f"no token '{identifier}' (dohyo tokens list)")
+            raise InvalidInputError(f"expected the identifier of a token (dohyo tokens list), got '{identifier}'")
 
 
 @contextmanager
 def _session(data: Path | None, url: str | None) -> Iterator[Session]:
     settings = make_settings({"data": data}, url)
     if settings.database is None and not (settings.data / "dohyo.db").is_file():
-        raise InvalidInputError(f"'{settings.data}' holds no service's data; `dohyo serve --data` makes it")
+        raise InvalidInputError(f"'{settings.data}' holds no data of a service; `dohyo serve --data` creates it")
     database = Database(settings.database_url)
     try:
         database.migrate()

@@ -1,4 +1,4 @@
-"""`dohyo train`: trains what learns."""
+"""`dohyo train`: trains a model."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ RUNS = Path("runs")
 
 def train(
     name: Annotated[str, typer.Argument(help="What to train, such as 'predictor', or module:ATTRIBUTE of a trainer.")],
-    config: Annotated[Path | None, typer.Option(help="A TOML file with its settings; without: the defaults.")] = None,
+    config: Annotated[Path | None, typer.Option(help="TOML file with settings; default: the trainer's own.")] = None,
     settings: Annotated[
-        list[str] | None, typer.Option("--set", help="One setting, as key=value, such as ppo.clip=0.1; repeatable.")
+        list[str] | None, typer.Option("--set", help="Setting as key=value, such as ppo.clip=0.1; repeatable.")
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue from the last checkpoint.")] = False,
     out: Annotated[Path | None, typer.Option(help="Folder of the run; by default runs/NAME.")] = None,
 ) -> None:
-    """Trains what learns: checkpoints, curves, held-out evaluations, and the actor as safetensors and ONNX."""
+    """Trains a model: checkpoints, learning curves, held-out evaluations, and the actor as safetensors and ONNX."""
     from dohyo.agents.training.registry import TrainRequest, trainer_named
     from dohyo.agents.training.run import RunStoppedError, stored_config  # torch takes seconds to import
     from dohyo.agents.training.settings import read_settings
@@ -57,7 +57,7 @@ def train(
 
 @contextmanager
 def _progress(name: str) -> Iterator[Callable[[Report], None]]:
-    """A bar with steps, steps per second and what learning is about."""
+    """Progress bar with steps, steps per second and the trained value."""
     told = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[told]}"))
     columns = (*told, TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:

@@ -23,13 +23,13 @@ def worker(
         str, typer.Option(envvar="DOHYO_SERVER", help="Address of the service, such as http://127.0.0.1:8000.")
     ],
     agent: Annotated[str, typer.Option(help="Its name at the service.")],
-    token: Annotated[str, typer.Option(envvar=TOKEN, help="Of role worker; of role submitter to submit as well.")],
+    token: Annotated[str, typer.Option(envvar=TOKEN, help="Token of role worker; of role submitter, to submit too.")],
     entry: Annotated[str | None, typer.Option(help="Registered name or module:Class here; default: --agent.")] = None,
     settings: Annotated[list[str] | None, typer.Option("--set", help="key=value for the agent; repeatable.")] = None,
-    capacity: Annotated[int, typer.Option(min=1, max=64, help="Episodes at once, a process each.")] = 1,
-    episodes: Annotated[int | None, typer.Option(min=1, help="Stop after so many; default: never.")] = None,
+    capacity: Annotated[int, typer.Option(min=1, max=64, help="Episodes at once, one process each.")] = 1,
+    episodes: Annotated[int | None, typer.Option(min=1, help="Number of episodes to drive; default: no end.")] = None,
 ) -> None:
-    """Drives an agent's episodes for a service until it is stopped. Submits the agent first, where it is not known."""
+    """Drives an agent's episodes for a service until stopped. Submits the agent first if needed."""
     logging.basicConfig(format="dohyo worker: %(message)s", level=logging.INFO)
     logging.getLogger("httpx").setLevel(logging.WARNING)
     find_own_modules()
@@ -46,4 +46,4 @@ def worker(
     command = ["-c", "from dohyo.service.cli import main; main()", "worker", "--server", server, "--agent", agent]
     command += ["--entry", entry or agent, *[part for pair in settings or [] for part in ("--set", pair)]]
     command += ["--episodes", str(episodes)] if episodes is not None else []
-    keep_working(command, capacity, {TOKEN: token})  # not as an argument, which everybody on this machine can read
+    keep_working(command, capacity, {TOKEN: token})  # arguments are readable by all users of this machine

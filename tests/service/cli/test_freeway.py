@@ -67,7 +67,7 @@ def test_a_forecaster_is_evaluated_and_its_result_written(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--agent", "linear", "--seeds", "0"), "has days of its own"),
+        (("--agent", "linear", "--seeds", "0"), "has fixed days"),
         (("--agent", "linear", "--executor", "ray"), "--executor: expected a benchmark of driving agents"),
         (("--agent", "linear", "--reverse"), "--reverse: expected a benchmark of driving agents"),
         (("--agent", "linear", "--set", "depth=3"), "no setting but exported"),
@@ -91,7 +91,7 @@ def test_mistakes_are_told_in_one_line_and_leave_nothing(
 
 def test_days_are_prepared(own: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     assert dohyo(monkeypatch, "benchmarks", "prepare", str(own)) == 0
-    assert "0 made, 2 there before" in capsys.readouterr().out
+    assert "0 made, 2 kept" in capsys.readouterr().out
     assert dohyo(monkeypatch, "benchmarks", "prepare", "dissipation") == 2
     assert "has nothing to prepare" in capsys.readouterr().err
 

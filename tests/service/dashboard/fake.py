@@ -252,7 +252,7 @@ def create() -> FastAPI:
     @app.get("/v1/episodes/{name}/explanation")
     def explanation(name: str, tick: int) -> Any:
         if name.startswith("autopilot"):
-            raise HTTPException(409, "agent 'autopilot' has changed since: a replay would prove nothing")
+            raise HTTPException(409, "agent 'autopilot' has changed since; no replay")
         if not fake.explained:
             fake.explained = True
             return JSONResponse({"status": "being found out"}, 202, {"retry-after": "0"})
