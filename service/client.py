@@ -7,8 +7,8 @@
         client.wait(evaluation["id"])
         print(client.leaderboard("quickstart"))
 
-Both have the same methods; those of AsyncClient are awaited. Answers are the service's JSON documents. A policy worker
-speaks another, faster way: see `dohyo.service.worker_session`.
+Both have the same methods; those of AsyncClient are awaited. Answers are the service's JSON documents. Policy workers
+use a faster connection: see `dohyo.service.worker_session`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Delivery: signed messages to webhooks about ended evaluations, repeated until they are accepted.
 
-What is to be sent is in the database before it is sent, so that a service that dies in between sends it later. A
-message may come twice; its `Dohyo-Delivery` header is then the same.
+A message is stored in the database before it is sent, so that a service that dies meanwhile sends it after its restart.
+A message may arrive twice; its `Dohyo-Delivery` header is then the same.
 """
 
 from __future__ import annotations

@@ -113,7 +113,7 @@ def problem(status: int, detail: str, headers: Mapping[str, str] | None = None, 
 
     Args:
         status: Of HTTP.
-        detail: One line: what was expected, what came.
+        detail: One line with the expected and the received value.
         headers: Headers of the answer.
         members: More of the document, such as the `errors` of a body.
     """

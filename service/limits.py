@@ -44,7 +44,7 @@ def _on_wire(path: str) -> bool:
 
 
 class BodyLimit:
-    """Refuses bodies that are too large, by what they say and by what comes: 413, and nothing is kept in memory."""
+    """Refuses bodies that are too large with 413, by their declared and their received length; keeps none in memory."""
 
     def __init__(self, app: ASGIApp, limit: int, upload_limit: int) -> None:
         self.app, self.limit, self.upload_limit = app, limit, upload_limit + FORM_BYTES
@@ -102,10 +102,10 @@ class _Bucket:
 
 
 class RateLimit:
-    """So many requests a minute per token; callers without a valid one share what their address has.
+    """Limits the requests per minute of each token; callers without a valid token share the limit of their address.
 
-    A token counts for itself only once it was accepted: whoever guesses tokens spends what their address has. Steps of
-    policy workers are not counted, nor health checks; wrong tokens on the wire are.
+    A token has its own limit only after it was accepted: attempts to guess tokens count for the address. Steps of
+    policy workers and health checks are not counted; wrong tokens on the wire are.
     """
 
     def __init__(
@@ -160,7 +160,7 @@ class RateLimit:
         return problem(429, detail, {"retry-after": str(seconds)})
 
     def _take(self, key: str, count: float = 1.0) -> float:
-        """Takes requests from what a key has left; returns the seconds to wait where there is not one."""
+        """Takes requests from a key's bucket; returns the seconds to wait if it is empty."""
         now = self.clock()
         bucket = self._buckets.pop(key, None) or _Bucket(float(self.per_minute), now)
         rate = self.per_minute / 60.0

@@ -21,7 +21,7 @@ async def stream_progress(
     Args:
         events: Broadcast of the service.
         evaluation_id: Identifier of the evaluation.
-        read: Reads the whole state; it is read after listening has begun, so that nothing falls in between, and again
+        read: Reads the whole state; it is read after listening has begun, so that no event is missed, and again
             whenever this reader was too slow to get all events.
 
     Yields:

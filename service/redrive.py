@@ -1,8 +1,8 @@
 """Drives a recorded episode again in a separate process: compares the record and collects explanations.
 
 `python -m dohyo.service.redrive RECORD EXPLANATIONS` prints one JSON object on standard output, and writes the
-explanations where the record is the same. Its parent holds its standard input open, and it ends when that is closed, so
-that no drive outlives the service.
+explanations if the record is the same. It ends when its standard input is closed by the parent, so that no drive
+outlives the service.
 """
 
 from __future__ import annotations

@@ -23,8 +23,8 @@ class Settings(BaseSettings):
         insecure: Listen beyond loopback without TLS, such as behind a proxy that ends it.
         executor: Executor of built-in and ONNX agents: processes on this machine, or a Ray cluster.
         ray_address: Address of the cluster; "auto": this machine's cluster or the value of RAY_ADDRESS.
-        processes: Episodes driven at once by built-in and ONNX agents; each keeps a process on this machine, too, which
-            on a cluster only waits.
+        processes: Episodes driven at once by built-in and ONNX agents; each has a process on this machine, even if a
+            cluster drives.
         remote_episodes: Most live episodes of remote agents.
         queue_limit: Most waiting episodes over all submitters.
         evaluations_per_owner: Most unfinished evaluations of one owner.
@@ -36,7 +36,7 @@ class Settings(BaseSettings):
         lease_ttl_s: Silence after which a worker loses its lease, s.
         act_deadline_s: Wall-clock limit of one decision while the simulation waits, s.
         webhook_private_addresses: Whether webhooks may call this machine and its private network.
-        webhook_authorities: PEM file of certificates, beyond those that everybody trusts, that webhooks may prove with.
+        webhook_authorities: PEM file of certificate authorities for webhooks, besides the usual ones.
         drain_s: Time for running episodes to end after SIGTERM, s.
     """
 

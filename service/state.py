@@ -23,9 +23,9 @@ BACKLOG = 256
 
 
 class Subscription:
-    """What one listener has not read yet of one topic; counts from its creation, so that nothing falls in between.
+    """Unread messages of one topic for one listener, since the creation of this object.
 
-    A listener that falls behind loses the oldest messages, and `lagged` tells it to read the full state again.
+    A listener that falls behind loses the oldest messages; `lagged` then asks it to read the full state again.
 
     Attributes:
         lagged: Whether messages were lost since it was last set to False.
@@ -82,7 +82,7 @@ class Subscription:
 
 
 class Broadcast:
-    """Messages by topic, such as "evaluation:ev-..." and "evaluations", to whoever listens now."""
+    """Messages by topic, such as "evaluation:ev-..." and "evaluations", for all current listeners."""
 
     def __init__(self) -> None:
         self._subscriptions: dict[str, set[Subscription]] = {}

@@ -1,7 +1,7 @@
 """The worker loop: drives any local agent's episodes for a service until a signal stops it.
 
 The same agent gets the same missions, seeds and observations as in a local evaluation, so the records are the same, to
-the hash. What the agent does wrong is told to the service in the words a local evaluation would use.
+the hash. A failure of the agent is reported to the service with the text of a local evaluation.
 """
 
 from __future__ import annotations

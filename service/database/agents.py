@@ -37,9 +37,9 @@ def list_agents(
 
     Args:
         session: To read in.
-        owner: Only this owner's; None: all owners'.
-        limit: At most so many.
-        after: A name.
+        owner: Only agents of this owner; None: of all owners.
+        limit: Largest number of results.
+        after: Name after which the results begin.
     """
     latest = select(Submission.agent_id, func.max(Submission.version).label("version")).group_by(Submission.agent_id)
     newest = latest.subquery()

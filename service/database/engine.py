@@ -25,19 +25,19 @@ class Database:
     """One database and its pool of connections; safe to use from any thread.
 
     Attributes:
-        engine: SQLAlchemy's.
+        engine: Engine of SQLAlchemy.
     """
 
     def __init__(self, url: str, *, busy_s: float = BUSY_S, pool: int = 20) -> None:
         """Prepares the engine, which connects at the first use.
 
         Args:
-            url: SQLAlchemy's, of SQLite or PostgreSQL.
+            url: SQLAlchemy URL of SQLite or PostgreSQL.
             busy_s: Seconds that a transaction waits for the lock of another one.
             pool: Connections at once; FastAPI has 40 threads, few of which are in the database at one moment.
 
         Raises:
-            InvalidInputError: No such kind of database.
+            InvalidInputError: The URL is of another kind of database.
         """
         self.engine = _make_engine(url, busy_s, pool)
         self.is_sqlite = self.engine.dialect.name == "sqlite"

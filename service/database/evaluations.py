@@ -122,11 +122,11 @@ def list_evaluations(
 
     Args:
         session: To read in.
-        owner: Only this owner's.
+        owner: Only evaluations of this owner.
         agent: Only evaluations of the agent of this name.
         benchmark: Only evaluations on versions of the benchmark of this name.
         status: Only evaluations of this status.
-        limit: At most so many.
+        limit: Largest number of results.
         after: Identifier of an evaluation; an unknown one gives none.
     """
     query = select(Evaluation).join(Submission, Submission.id == Evaluation.submission_id)

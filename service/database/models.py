@@ -41,7 +41,7 @@ class EvaluationStatus(StrEnum):
 
     @property
     def finished(self) -> bool:
-        """Whether the status is final unless somebody resumes."""
+        """Whether the status is final unless the evaluation is resumed."""
         return self in (EvaluationStatus.DONE, EvaluationStatus.FAILED, EvaluationStatus.CANCELLED)
 
 
@@ -89,7 +89,7 @@ class Base(DeclarativeBase):
 
 
 class Token(Base):
-    """A bearer token, stored hashed. What one `owner` submits, other owners cannot touch."""
+    """A bearer token, stored hashed. Other owners cannot change what its `owner` submits."""
 
     __tablename__ = "tokens"
 

@@ -1,7 +1,7 @@
 """Archive: moves a finished record from staging to a path by its hash, complete or not at all.
 
-A record is first linked into the archive, then remembered by the database, then removed from staging; wherever this is
-interrupted, doing it again ends the same.
+A record is first linked into the archive, then stored in the database, then removed from staging. The steps can be
+repeated after an interruption at any point.
 """
 
 from __future__ import annotations

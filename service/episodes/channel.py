@@ -24,10 +24,10 @@ class Kind(IntEnum):
     ACTIONS = 3  # one byte for the format, then actions by ego
     FAULT = 4  # JSON [fault, text]: the worker's agent has failed
     SEEN = 5  # tick, time, missed, then observations in msgpack
-    REFUSED = 6  # text: why the last actions cannot be taken
+    REFUSED = 6  # text: why the last actions are invalid
     FINISHED = 7  # the record is on disk
     IMPOSSIBLE = 8  # text: the order can never be driven
-    FAILED = 9  # text: an error of ours
+    FAILED = 9  # text: an internal error
 
 
 class Channel:

@@ -1,9 +1,8 @@
 """Cluster: connection of an episode process to a Ray cluster. Ray is the extra `cluster`.
 
-The process here only waits: for it, an actor somewhere keeps a worker process that drives, as
-`dohyo.evaluation.running.ray_executor` has them. Machines need not share a disk: an uploaded policy goes there as
-bytes, record and trajectory come back. The connection is held by the episode process and not by the server, which no
-fault of Ray's can then take down.
+The episode process only waits for a Ray actor whose worker process drives, as in
+`dohyo.evaluation.running.ray_executor`. Machines need not share a disk: an uploaded policy is sent as bytes, record and
+trajectory are sent back. The episode process holds the connection, so that a fault of Ray cannot end the server.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Process of a freeway morning in which a policy worker is the planner.
 
-Started like `dohyo.service.episodes.child`. The worker decides once a minute, before each publication; everybody else
-is played here: the forecaster takes the last reports for now, and connected vehicles drive what the plan says where
-they are, but for those near their leader, which are left to their drivers.
+Started like `dohyo.service.episodes.child`. The worker decides once a minute, before each publication. The rest is
+simulated here: the forecast is the last report, and connected vehicles drive the plan's speed at their place, except
+near their leader, where the driver controls them.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def drive_morning(order: FreewayOrder, channel: Channel) -> bytes:
     """Drives a morning in lockstep with its planner.
 
     Returns:
-        The last tick, as `SEEN`, then what became of the morning, as JSON.
+        The last tick, as `SEEN`, then the outcome of the morning, as JSON.
     """
     env = DissipationEnv(morning_of(order.benchmark), order.seed)
     space = env.action_space(PLANNER)

@@ -1,9 +1,9 @@
 """LeaseBook: workers, the episodes that they hold, and the lockstep between them.
 
-All of it lives on the event loop and in memory. A lease is fenced by its identifier: whoever lost one can reach its
-episode no more, and an episode given out again has another. Whose fault silence is: a worker that gives any sign of
-life after a decision was due has an agent that is too slow, which is the agent's fault; one that gives none until its
-lease ends has vanished, which is the infrastructure's.
+All of it lives on the event loop and in memory. A lease is fenced by its identifier: a worker that lost its lease
+cannot reach the episode, which gets a new lease. A worker that sends any request after its decision was due has an
+agent that is too slow: a fault of the agent. A worker that sends none until its lease ends has vanished: a fault of the
+infrastructure.
 """
 
 from __future__ import annotations

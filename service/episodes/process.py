@@ -27,7 +27,7 @@ from dohyo.service.episodes.order import EpisodeOrder
 
 PROGRAM = "dohyo.service.episodes.child"
 ALARM_BYTES = 8
-SECRETS = ("DOHYO_DATABASE",)  # useless to an agent
+SECRETS = ("DOHYO_DATABASE",)  # agents have no use for it
 
 
 class End(StrEnum):
@@ -46,7 +46,7 @@ class Outcome:
     Attributes:
         end: FINISHED: the record is on disk. HUNG: the agent never returned. FAILED: the infrastructure's fault.
         text: Reason, where it did not finish.
-        last: Of a remote episode that finished: its last tick, as `remote.SEEN`, and what else its program tells.
+        last: Of a remote episode that finished: its last tick, as `remote.SEEN`, and further bytes of its program.
     """
 
     end: End
@@ -59,7 +59,7 @@ class EpisodeProcess:
 
     Attributes:
         alive: Whether it can take an order.
-        seen: Called with every frame of a remote episode: what the worker is to see, and what was refused.
+        seen: Called with every frame of a remote episode: observations for the worker, and refused actions.
     """
 
     def __init__(self, policies: Path, program: str = PROGRAM, cluster: str | None = None) -> None:

@@ -1,7 +1,7 @@
 """The queue of episodes in the database. Each function is one small transaction.
 
-Every change of an episode asks for the status it had, so that what comes late (a record of an episode that was
-cancelled meanwhile, or taken up by somebody else) changes nothing, and nothing is counted twice.
+A change of an episode names the status that it must have. A late change, such as the record of an episode that was
+cancelled or given to another process meanwhile, therefore has no effect, and no episode is counted twice.
 """
 
 from __future__ import annotations

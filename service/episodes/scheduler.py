@@ -1,8 +1,8 @@
 """Scheduler: takes queued episodes in fair turns between owners, drives them, and stores their results.
 
 One task per live episode. The database and the disk are touched in threads only, so that no worker's step waits for
-them. Whatever is interrupted, even by kill -9, is taken up at the next start: whole records in staging are kept, all
-else is driven again.
+them. After an interruption, even by kill -9, the next start keeps complete records in staging and drives all other
+episodes again.
 """
 
 from __future__ import annotations

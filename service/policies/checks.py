@@ -1,7 +1,7 @@
 """Checks of an uploaded file: whether it is an ONNX policy that may drive.
 
-Cheap and certain ones first: size, then what the first bytes tell; then what the file says of itself (read in a
-sandboxed process); last, one decision in the sandbox. A refusal is one line that says what was expected and what came.
+Cheap and certain checks come first: size, first bytes, the file's description of itself (read in a sandboxed process),
+and last two decisions in the sandbox. A refusal is one line with the expected and the received value.
 """
 
 from __future__ import annotations

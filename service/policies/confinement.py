@@ -4,13 +4,14 @@ Always, or the process refuses to go on:
 * limits of address space and processor time; nothing written to files; no new files, processes, threads or core dumps;
 * a filter of system calls that leaves memory, time and the open pipes: no open, socket, fork, exec, kill, ptrace
   (Linux on x86-64 and aarch64; the latter's table is read from the kernel's headers, and untested);
-* not root: root becomes `nobody`. Anybody else stays who they are.
+* not root: root becomes `nobody`. Any other user is kept.
 
-Where the service may do so, as root or with user namespaces, and a second wall behind the filter:
+As root or with user namespaces also, as a second barrier behind the filter:
 * an empty root directory;
 * a network namespace without interfaces.
 
-And where the kernel allows: the first to be ended when memory runs out. There is no promise about side channels.
+Where the kernel allows it, the process is the first to be ended when memory runs out. There is no promise about side
+channels.
 """
 
 from __future__ import annotations
