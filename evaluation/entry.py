@@ -22,7 +22,7 @@ def load_entry(entry: str, what: str) -> Any:
     """
     module_name, _, name = entry.partition(":")
     if not module_name or not name:
-        raise InvalidInputError(f"{what} '{entry}': expected a registered name or 'module:{what.title()}'")
+        raise InvalidInputError(f"{what} '{entry}': expected a registered name or 'module:name'")
     try:
         module = import_module(module_name)
     except Exception as error:  # whatever a stranger's module does when it is loaded

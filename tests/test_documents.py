@@ -163,7 +163,7 @@ def test_every_path_named_exists(path: Path) -> None:
     source = path.read_text()
     to_be_made = set(re.findall(r"New file `([^`]+)`:", source))
     for name in set(inline(source)) - to_be_made:
-        if re.search(r"[A-Z]{4}|^out/|^\.venv/|^application/", name):
+        if re.search(r"[A-Z]{4}|^out/|^build/|^\.venv/|^application/", name):
             continue  # a placeholder, made by a command, or a media type
         if re.fullmatch(r"[\w.]+(/[\w.]+)+/?", name):
             assert (ROOT / name).exists(), name

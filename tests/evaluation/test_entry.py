@@ -17,7 +17,7 @@ def test_an_entry_is_loaded_and_called() -> None:
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ("Mine", "expected a registered name or 'module:Agent'"),
+        ("Mine", "expected a registered name or 'module:name'"),
         ("nowhere.at_all:Mine", "module 'nowhere.at_all' cannot be imported: ModuleNotFoundError: No module named"),
         ("broken_module_of_mine:Mine", "cannot be imported: SyntaxError"),
         ("several_lines_of_mine:Mine", "cannot be imported: RuntimeError: first$"),

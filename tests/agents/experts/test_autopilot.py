@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from dohyo.sumo_networks.errors import UnknownNameError
 from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Traffic
 from dohyo.sumo_networks.world import ActorKind, LightState
 from tests.agents.driving import drive, fronts, made, observed, speeds, touched
@@ -47,7 +48,7 @@ def test_its_settings_are_those_of_its_style() -> None:
 
     worlds = drive(Autopilot(max_speed=7.0), straight_road().with_ego(x=50.0), 15.0)
     assert speeds(worlds)[-1] == pytest.approx(7.0, abs=0.2)
-    with pytest.raises(TypeError):
+    with pytest.raises(UnknownNameError, match="did you mean 'max_speed'"):
         Autopilot(maximum_speed=7.0)
 
 

@@ -146,7 +146,7 @@ def test_what_does_not_fit_the_run_is_refused(arguments, message, folder, monkey
     ("arguments", "message"),
     [
         (("predictr",), "no trainer named 'predictr'; did you mean 'predictor'?"),
-        (("tests.agents.training.toys:NONE",), "has no attribute 'NONE'"),
+        (("tests.agents.training.toys:NONE",), "has no 'NONE'"),
         (("nowhere.at.all:X",), "No module named 'nowhere'"),
         (("tests.agents.training.toys:SMALL",), "expected a Trainer, got PpoConfig"),
         ((TOY, "--resume"), "no run in"),

@@ -190,7 +190,7 @@ def test_another_benchmark_in_the_same_folder_is_refused(tmp_path: Path) -> None
         ("tests.evaluation.agents:FailsWhenMade", "OSError: no weights here"),
         ("tests.evaluation.agents:NeedsTooMuch", "sensor 'objects' needs track 'privileged'"),
         ("pathlib:Path", "has no spec"),
-        ("steady", "module:Class"),
+        ("steady", "module:name"),
     ],
 )
 def test_an_impossible_agent_is_refused_before_anything_is_written(tmp_path: Path, entry: str, says: str) -> None:

@@ -57,6 +57,7 @@ def summary(km: float) -> Summary:
         episodes=1,
         lost=0,
         scores=dict.fromkeys(output.SCORES, none),
+        scores_lost_as_zero=None,
         per_km={"red_light": Estimate(0.0, 0.0, 3689.0, 1)},
         statuses={},
         km=km,
