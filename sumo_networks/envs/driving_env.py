@@ -29,15 +29,15 @@ from dohyo.sumo_networks.world import World
 Observation = dict[str, Float32Array]
 SensorNames = Sequence[str | SensorConfig]
 
-SENSOR_NOISE = 1  # keeps this stream of random numbers apart from the traffic's
+SENSOR_NOISE = 1  # separates this stream of random numbers from the traffic's
 DEFAULT_SENSORS = ("speedometer", "route", "objects", "junctions_ahead")
 RENDER_MODES = ("rgb_array",)
 RENDERING: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": round(1 / TICK_S)}
-"""What the metadata of every environment says of its pictures."""
+"""Metadata of every environment about its pictures."""
 
 
 class DrivingEnv(ParallelEnv):  # type: ignore[misc]
-    """A scenario whose egos are driven by actions, 10 per second.
+    """A scenario whose egos follow actions, 10 per second.
 
     An ego's episode terminates at its goal or when its reward function says so. It is truncated when more time has
     passed than the time limit allows, or when the scenario's duration is over. The ego then leaves the road. There can
@@ -45,7 +45,7 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
 
     Attributes:
         render_mode: "rgb_array" or None.
-        scenario: What is simulated.
+        scenario: The simulated scenario.
         possible_agents: Names of the missions.
         agents: Names of the egos still driving.
 
@@ -65,14 +65,14 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         """Plans the routes and checks every name; SUMO starts at `reset`.
 
         Args:
-            scenario: What to simulate.
-            sensors: Names from `sensors.SENSORS` or configurations of one's own, for all egos or by ego name.
+            scenario: The scenario to simulate.
+            sensors: Names from `sensors.SENSORS` or sensor configurations, for all egos or by ego name.
             control: Name from `control.CONTROLS`, for all egos or by ego name.
             reward: Name from `reward.REWARDS`; None: rewards are 0 and only the goal terminates.
             render_mode: "rgb_array" for pictures from `render`.
 
         Raises:
-            InvalidInputError: An unknown name, or a mission that cannot be driven.
+            InvalidInputError: A name is unknown, or a mission is impossible.
         """
         check_render_mode(render_mode)
         self.render_mode = render_mode
@@ -106,12 +106,12 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
 
     @property
     def started(self) -> bool:
-        """Whether there is a world: since the last `reset`, also after `close`."""
+        """Whether a world exists: from the first `reset` on, also after `close`."""
         return self._simulation is not None
 
     @property
     def world(self) -> World:
-        """What is true after the last tick.
+        """World after the last tick.
 
         Raises:
             SimulationError: The environment has not been reset yet.
@@ -138,7 +138,7 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         """Starts the scenario from its first tick.
 
         Args:
-            seed: Replaces the scenario's own.
+            seed: Seed that replaces the scenario's seed.
             options: Unused.
 
         Raises:
@@ -163,14 +163,14 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         """Drives every ego for one tick of 0.1 s.
 
         Args:
-            actions: One action per name in `agents`; those of egos whose episode has ended are ignored.
+            actions: One action per name in `agents`; actions of egos whose episode has ended are ignored.
 
         Returns:
             Observations, rewards, terminations, truncations and infos of the egos that drove in this tick.
 
         Raises:
             InvalidActionError: An action is missing, is for an unknown ego, has a wrong shape or is not finite;
-                nothing has moved then.
+                the simulation is then unchanged.
             SimulationError: SUMO failed.
         """
         drove, before = list(self.agents), self.world
@@ -200,7 +200,7 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         return observations, rewards, terminations, truncations, {name: {} for name in drove}
 
     def render(self) -> NDArray[np.uint8] | None:
-        """(480, 480, 3) RGB picture from above; in its middle the first ego that drives. None without a render mode."""
+        """(480, 480, 3) RGB picture from above, centred on the first active ego; None without a render mode."""
         if self.render_mode is None:
             return None
         if self._overhead is None:
@@ -209,19 +209,19 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         return self._overhead.frame(self.world, self._index[driving[0]])
 
     def check_action(self, name: str, action: object) -> None:
-        """Raises InvalidActionError where an action has a wrong shape or type, or is not finite."""
+        """Raises InvalidActionError if an action has a wrong shape or type, or is not finite."""
         self._controls[name].checked(action)
 
     def retire(self, name: str) -> None:
-        """Ends the episode of one ego and takes it off the road."""
+        """Ends the episode of one ego and removes it from the road."""
         self.agents.remove(name)
         self._running.retire(self._index[name])
 
     def record(self, recorder: LogRecorder) -> None:
-        """Adds the last tick to a log of all actors; the egos are not in it.
+        """Adds the last tick to a log of all actors except the egos.
 
         Raises:
-            InvalidInputError: The scenario replays a log itself.
+            InvalidInputError: The scenario itself replays a log.
         """
         if not isinstance(self._running, Simulation):
             raise InvalidInputError(f"scenario '{self.scenario.name}' replays a log; there is nothing to record")
@@ -255,6 +255,6 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
 
 
 def check_render_mode(mode: str | None) -> None:
-    """Raises UnknownNameError where an environment cannot draw in a mode; None draws nothing."""
+    """Raises UnknownNameError if a render mode does not exist; None draws nothing."""
     if mode is not None and mode not in RENDER_MODES:
         raise UnknownNameError("render mode", mode, RENDER_MODES)

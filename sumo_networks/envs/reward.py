@@ -26,7 +26,7 @@ class Reward(Protocol):
 
 @dataclass(slots=True)
 class ProgressReward:
-    """Metres of route driven in the tick; a contact costs 10 and ends the episode."""
+    """Distance along the route in the tick [m]; a contact costs 10 and ends the episode."""
 
     def __call__(self, before: World, after: World, ego: int) -> tuple[float, bool]:
         """See `Reward`."""
@@ -39,7 +39,7 @@ class RoachReward:
     """The reward of Roach, as RLAD and RLfOLD use it: speed, position, rotation, action, termination.
 
     r = r_speed + r_position + r_rotation + r_action + r_termination, with the desired speed falling linearly to 0
-    towards vehicles, pedestrians, red and yellow lights, and stop signs at which the ego has not stood yet.
+    towards vehicles, pedestrians, red and yellow lights, and stop signs at which the ego has not stopped yet.
 
     Attributes:
         max_speed: Desired speed on a free road, m/s (6 in RLAD, 5 in RLfOLD).
@@ -70,7 +70,7 @@ class RoachReward:
         return value, ended
 
     def desired_speed(self, world: World, ego: int) -> float:
-        """The speed an expert would drive, m/s."""
+        """Desired speed of an expert, m/s."""
         share = 1.0
         vehicle, pedestrian = _hazards(world, ego)
         share = min(share, float(np.clip(vehicle - 8.0, 0.0, 5.0)) / 5)
@@ -81,7 +81,7 @@ class RoachReward:
         return self.max_speed * share
 
     def _stop_sign(self, world: World, ego: int) -> float:
-        """Distance from the ego's centre to a stop sign within 18 m, unless it has stood there; else infinite."""
+        """Distance from the ego's centre to a stop sign within 18 m, m; infinite if none or if the ego has stopped."""
         for ahead, passage in passages_within(world.routes[ego], float(world.egos.progress[ego]), LIGHT_M):
             if has_stop_sign(passage):
                 if ahead < STANDING_M and world.egos.speed[ego] < 0.1:
@@ -96,7 +96,7 @@ STANDING_M = 7.0
 
 
 def _hazards(world: World, ego: int) -> tuple[float, float]:
-    """Distances to the nearest hazardous vehicle and pedestrian, m; infinite where there is none."""
+    """Distances to the nearest hazardous vehicle and pedestrian, m; infinite if there is none."""
     egos, actors, lanes = world.egos, world.actors, world.network.lanes
     others = np.flatnonzero(egos.active & (np.arange(len(egos.names)) != ego))
     offset = np.concatenate([actors.position, egos.position[others]]) - egos.position[ego]
@@ -115,7 +115,7 @@ def _hazards(world: World, ego: int) -> tuple[float, float]:
 
 
 def _closed_line(world: World, ego: int) -> float:
-    """Distance from the ego's centre to the next signal's line if that is red or yellow, within 18 m; else infinite."""
+    """Distance from the ego's centre to the next red or yellow signal within 18 m, m; infinite if there is none."""
     found = next_signal(world, ego, LIGHT_M)
     return found[0] if found is not None and found[1] in CLOSED else math.inf
 
@@ -127,7 +127,7 @@ def make_reward(name: str) -> Reward:
     """A reward function by name.
 
     Raises:
-        UnknownNameError: There is none of that name.
+        UnknownNameError: No reward function has that name.
     """
     if name not in REWARDS:
         raise UnknownNameError("reward", name, REWARDS)

@@ -16,20 +16,20 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
-"""Seeds from here on are held out from training."""
+"""Seeds from this number on are held out from training."""
 
 
 class SingleDrivingEnv(gymnasium.Env[Observation, NDArray[Any]]):
-    """A DrivingEnv for one ego, without names; every episode draws one of the scenarios, and its seed.
+    """A DrivingEnv for one ego, without agent names; every episode draws a scenario and a seed.
 
-    `reset(seed=...)` decides the draws of that episode and of all that follow. Since libsumo is global, one episode is
-    driven per process: a reset ends that of any other SingleDrivingEnv here, which must then be reset before its next
-    step. Several at once are a `VectorDrivingEnv`, or gymnasium's AsyncVectorEnv.
+    `reset(seed=...)` sets the generator of that draw and of all later ones. Since libsumo is global, a process runs one
+    episode at a time: a reset ends the episode of any other SingleDrivingEnv in the process, which must then be reset
+    before its next step. For several at once, use `VectorDrivingEnv` or gymnasium's AsyncVectorEnv.
 
     Attributes:
-        scenarios: What is drawn from.
+        scenarios: Scenarios to draw from.
         observation_space: One Box per sensor; gymnasium's FlattenObservation makes one Box of them.
-        action_space: The control interface's; values outside its bounds are clipped.
+        action_space: Space of the control interface; values outside its bounds are clipped.
         render_mode: "rgb_array" or None.
 
     Source: gymnasium's Env interface.
@@ -50,13 +50,13 @@ class SingleDrivingEnv(gymnasium.Env[Observation, NDArray[Any]]):
 
         Args:
             scenarios: One or more, each with one mission.
-            sensors: Names from `sensors.SENSORS` or configurations of one's own.
+            sensors: Names from `sensors.SENSORS` or sensor configurations.
             control: Name from `control.CONTROLS`.
             reward: Name from `reward.REWARDS`; None: rewards are 0 and only the goal terminates.
             render_mode: "rgb_array" for pictures from `render`.
 
         Raises:
-            InvalidInputError: An unknown name, no scenario, a scenario with several egos, or one that cannot be driven.
+            InvalidInputError: A name is unknown, no scenario is given, or a scenario has several egos or is impossible.
         """
         self.scenarios = (scenarios,) if isinstance(scenarios, Scenario) else tuple(scenarios)
         check_single(self.scenarios)
@@ -82,14 +82,14 @@ class SingleDrivingEnv(gymnasium.Env[Observation, NDArray[Any]]):
         """Draws a scenario and a seed below 2^30, and starts the episode.
 
         Args:
-            seed: Of this draw and of those to come.
+            seed: Seed of this draw and of all later ones.
             options: Unused.
 
         Returns:
             The observation, and infos with the "scenario" and its "seed".
 
         Raises:
-            InvalidInputError: The network cannot carry this traffic, or the mission cannot be driven.
+            InvalidInputError: The network cannot carry this traffic, or the mission is impossible.
             SimulationError: SUMO failed, or a DrivingEnv of this process is still open.
         """
         super().reset(seed=seed)
@@ -107,7 +107,7 @@ class SingleDrivingEnv(gymnasium.Env[Observation, NDArray[Any]]):
 
         Raises:
             ResetNeeded: The episode has ended, by itself or by the reset of another environment.
-            InvalidActionError: The action has a wrong shape or is not finite; nothing has moved then.
+            InvalidActionError: The action has a wrong shape or is not finite; the simulation is then unchanged.
             SimulationError: SUMO failed.
         """
         ego = self._ego
@@ -136,10 +136,10 @@ class SingleDrivingEnv(gymnasium.Env[Observation, NDArray[Any]]):
 
 
 def check_single(scenarios: Sequence[Scenario]) -> None:
-    """Refuses scenarios that are no episodes of one ego.
+    """Checks that every scenario has exactly one ego.
 
     Raises:
-        InvalidInputError: There is no scenario, or one has several egos.
+        InvalidInputError: No scenario is given, or a scenario has several egos.
     """
     if not scenarios:
         raise InvalidInputError("expected at least one scenario, got none")

@@ -1,4 +1,4 @@
-"""TorchRL on top of VectorDrivingEnv; apart from it, so that its workers need not load torch."""
+"""TorchRL on top of VectorDrivingEnv; a module of its own, so that workers need not load torch."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ def make_torchrl_env(
     reward: str | None = "roach",
     seed: int = 0,
 ) -> TorchDrivingEnv:
-    """An environment for TorchRL's collectors and losses; the arguments are those of `VectorDrivingEnv`.
+    """Makes an environment for TorchRL's collectors and losses; arguments as for `VectorDrivingEnv`.
 
     Args:
-        scenarios: What to drive.
-        num_envs: How many processes.
-        sensors: For all egos.
-        control: For all egos.
-        reward: For all egos.
-        seed: Of the run.
+        scenarios: Scenarios to drive.
+        num_envs: Number of environments, one process each.
+        sensors: Sensors of all egos.
+        control: Control interface of all egos.
+        reward: Reward function of all egos.
+        seed: Seed of the run.
     """
     vector = VectorDrivingEnv(scenarios, num_envs, sensors, control, reward, AutoresetMode.DISABLED)
     return TorchDrivingEnv(vector, seed)
@@ -45,20 +45,20 @@ def make_torchrl_env(
 class TorchDrivingEnv(EnvBase):  # type: ignore[misc]
     """A VectorDrivingEnv of N environments with batch size (N,), on the CPU.
 
-    With one ego, the keys are those of the sensors, "action" (N, ...), "reward", "done", "terminated" and "truncated"
-    (N, 1). With E > 1 egos all these lie under "agents", with (N, E, ...), beside "mask" (N, E): whether an ego
-    drives in the next step. At the root, "done" (N, 1) then says that the last ego's episode has ended, "terminated"
-    that all have terminated.
+    With one ego, the keys are the sensors' names, "action" (N, ...), "reward", "done", "terminated" and "truncated"
+    (N, 1). With E > 1 egos, all these are under "agents" with shape (N, E, ...), and "mask" (N, E) is True for egos
+    that drive in the next step. At the root, "done" (N, 1) is then True when the last ego's episode has ended, and
+    "terminated" when all have terminated.
 
     Source: TorchRL's EnvBase, and its PettingZooWrapper for the names with many egos.
     """
 
     def __init__(self, vector: VectorDrivingEnv, seed: int = 0) -> None:
-        """Wraps.
+        """Wraps a VectorDrivingEnv.
 
         Args:
-            vector: Made with AutoresetMode.DISABLED, since TorchRL resets by itself; it is closed with this.
-            seed: Of the run.
+            vector: Environments with AutoresetMode.DISABLED, since TorchRL resets them; closed with this environment.
+            seed: Seed of the run.
         """
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([vector.num_envs]))
         self._vector, self._seed, self._fresh = vector, seed, True
@@ -107,7 +107,7 @@ class TorchDrivingEnv(EnvBase):  # type: ignore[misc]
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict.get(("agents", "action") if self._many else "action")
         observations, rewards, terminations, truncations, _ = self._vector.step(action.numpy())
-        # An ego whose episode has ended stays so until all are reset.
+        # An ego whose episode has ended stays done until all are reset.
         self._terminated |= torch.from_numpy(terminations).unsqueeze(-1)
         self._truncated |= torch.from_numpy(truncations).unsqueeze(-1)
         return self._as_tensordict(observations, torch.from_numpy(rewards).float().unsqueeze(-1))

@@ -1,8 +1,8 @@
 """VectorDrivingEnv: many DrivingEnvs at once, one process each, since libsumo is global to its process.
 
-Observations, rewards, ends and actions lie in memory that parent and workers share; a step is one empty message to each
+Parent and workers share the memory of observations, rewards, ends and actions; a step is one empty message to each
 worker and one back, and nothing is pickled. The memory has no name in the file system, and a worker ends when its pipe
-does, so nothing is left behind however the parent ends.
+closes, so nothing remains however the parent ends.
 """
 
 from __future__ import annotations
@@ -38,21 +38,21 @@ JOIN_S = 5.0
 class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
     """N environments that step together.
 
-    Environment w drives the episodes w, w + N, w + 2N... of the run. Episode k has scenario k (of a list, cycled
-    through) and seed `training_seed(seed, k)`, whatever N is: with another N the same episodes are driven elsewhere.
+    Environment w drives the episodes w, w + N, w + 2N... of the run. Episode k has scenario k (of a list that repeats)
+    and seed `training_seed(seed, k)`. The episodes do not depend on N, only which environment drives them.
 
     With one ego per scenario, arrays start with (N,); with E > 1 egos with (N, E), in the order of the missions. An
     environment's episode ends with its last ego. Until then, an ego whose own episode has ended is masked: its action
     is ignored, its rewards and observations are 0, and `infos["active"]` is False.
 
     Attributes:
-        num_envs: N.
-        num_egos: E.
+        num_envs: Number N of environments.
+        num_egos: Number E of egos per environment.
         single_observation_space: One Box per sensor; (E, ...) where E > 1.
-        single_action_space: The control interface's space; (E, ...) where E > 1.
-        autoreset_mode: SAME_STEP: the step that ends an episode already returns the first observation of the next, and
-            the last one of the old in `infos["final_obs"][w]`. NEXT_STEP: the step after it ignores the action and
-            returns the first observation of the next. DISABLED: the caller resets, with
+        single_action_space: Space of the control interface; (E, ...) where E > 1.
+        autoreset_mode: SAME_STEP: the step that ends an episode returns the first observation of the next episode, and
+            the last observation of the ended one in `infos["final_obs"][w]`. NEXT_STEP: the step after the end ignores
+            the action and returns the first observation of the next episode. DISABLED: the caller resets, with
             `options={"reset_mask": ...}`.
 
     Source: gymnasium's VectorEnv interface.
@@ -71,19 +71,19 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         """Checks every name and starts the processes; SUMO starts at `reset`.
 
         Args:
-            scenarios: One or more with equally many egos; or a function from the episode's number to its scenario,
-                which the workers call (so it must be importable there).
-            num_envs: How many processes.
-            sensors: Names from `sensors.SENSORS` or configurations of one's own, for all egos.
+            scenarios: One or more scenarios with the same number of egos; or a function from an episode's number to its
+                scenario, which the workers import and call.
+            num_envs: Number of environments, one process each.
+            sensors: Names from `sensors.SENSORS` or sensor configurations, for all egos.
             control: Name from `control.CONTROLS`, for all egos.
             reward: Name from `reward.REWARDS`; None: rewards are 0 and only the goal terminates.
-            autoreset_mode: See the class.
+            autoreset_mode: Mode of automatic resets, see the class.
             render_mode: "rgb_array" for pictures from `render`.
 
         Raises:
-            InvalidInputError: An unknown name, no scenario, or scenarios of unequal numbers of egos.
+            InvalidInputError: A name is unknown, no scenario is given, or scenarios differ in the number of egos.
         """
-        self.closed = True  # until there is something to close
+        self.closed = True  # until the processes start
         if num_envs < 1:
             raise InvalidInputError(f"expected at least one environment, got num_envs={num_envs}")
         if reward is not None:
@@ -127,7 +127,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
 
     @property
     def pids(self) -> tuple[int, ...]:
-        """Process ids of the workers; none once closed."""
+        """Process ids of the workers; empty once closed."""
         return tuple(process.pid for process in self._processes if process.pid is not None)
 
     def reset(
@@ -136,15 +136,15 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         """Starts the next episode of every environment.
 
         Args:
-            seed: Starts a new run, from its episode 0. By default the run goes on; the first has seed 0.
-            options: "reset_mask": (N,) bool, which environments; the others' observations are as they were.
+            seed: Seed of a new run, which starts at episode 0. By default the run continues; the first run has seed 0.
+            options: "reset_mask": (N,) bool, environments to reset; the observations of the others do not change.
 
         Returns:
-            Observations, and infos as of `step`.
+            Observations, and infos as from `step`.
 
         Raises:
-            InvalidInputError: A scenario cannot be driven.
-            SimulationError: SUMO failed, a worker has died, or this is closed.
+            InvalidInputError: A scenario is impossible.
+            SimulationError: SUMO failed, a worker has died, or the environment is closed.
         """
         mask = np.ones(self.num_envs, np.bool_)
         if options and options.get("reset_mask") is not None:
@@ -161,20 +161,20 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         """Drives every ego of every environment for one tick of 0.1 s.
 
         Args:
-            actions: (N, ...) or (N, E, ...) of `action_space`.
+            actions: (N, ...) or (N, E, ...) array in `action_space`.
 
         Returns:
-            observations: By sensor, of its dtype, (N, ...) or (N, E, ...).
-            rewards: (N,) or (N, E), float64; so are:
-            terminations: Whether an ego's episode ended in this tick, at its goal or by its reward.
-            truncations: Whether it ended at the time limit.
-            infos: "active": whether the ego drove in this tick; "episode": (N,) number of the episode the observations
-            belong to; and where episodes ended and the next began, "final_obs", of the same form as the
-            observations but valid only where "_final_obs" (N,) is True.
+            observations: Arrays by sensor, with the sensor's dtype, (N, ...) or (N, E, ...).
+            rewards: (N,) or (N, E), float64.
+            terminations: (N,) or (N, E), whether an ego's episode ended in this tick, at its goal or by its reward.
+            truncations: (N,) or (N, E), whether an ego's episode ended at the time limit.
+            infos: "active": whether the ego drove in this tick; "episode": (N,) number of the observations' episode;
+            and, if an episode ended and the next began, "final_obs", in the form of the observations but valid only
+            where "_final_obs" (N,) is True.
 
         Raises:
-            InvalidActionError: The actions have a wrong shape or are not finite; nothing has moved then.
-            SimulationError: SUMO failed, a worker has died, or this is closed.
+            InvalidActionError: The actions have a wrong shape or are not finite; the simulations are then unchanged.
+            SimulationError: SUMO failed, a worker has died, or the environment is closed.
         """
         arrays = self._arrays
         arrays.actions[...] = self._checked(actions)
@@ -195,7 +195,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         """One (480, 480, 3) RGB picture from above per environment; None without a render mode.
 
         Raises:
-            SimulationError: An environment has not been reset, a worker has died, or this is closed.
+            SimulationError: An environment has not been reset, a worker has died, or the environment is closed.
         """
         if self.render_mode is None:
             return None
@@ -220,7 +220,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         return array.reshape(shape)
 
     def _ask(self, command: bytes, workers: Iterable[int]) -> None:
-        """Lets workers do something and waits for them all; raises the first of their errors."""
+        """Sends a command to workers and waits for all answers; raises the first error."""
         if self.closed:
             raise SimulationError("this VectorDrivingEnv is closed")
         asked, errors, worker = list(workers), [], -1
@@ -237,7 +237,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
             death = f"worker {worker} (process {process.pid}) ended with code {process.exitcode}"
             self.close()
             raise SimulationError(f"{death}; this VectorDrivingEnv is closed") from error
-        except BaseException:  # such as Ctrl-C: answers are still on their way and would be taken for later ones
+        except BaseException:  # such as Ctrl-C: pending answers would be taken for answers to the next command
             self.close()
             raise
         if errors:
@@ -250,7 +250,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         return {name: self._squeezed(array) for name, array in arrays.items()}
 
     def _final_observations(self) -> NDArray[np.object_]:
-        """(N,) the last observation of each episode that has ended, by sensor; None for the others."""
+        """(N,) last observation of each ended episode, by sensor; None for the others."""
         finals = np.full(self.num_envs, None, dtype=object)
         observations = self._observations(self._arrays.finals)
         for worker in np.flatnonzero(self._arrays.renewed).tolist():
@@ -258,7 +258,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         return finals
 
     def _squeezed(self, array: NDArray[Any]) -> NDArray[Any]:
-        """A copy, without the axis of egos where there is one ego."""
+        """Copies an array, without the axis of egos if there is one ego."""
         return array[:, 0].copy() if self.num_egos == 1 else array.copy()
 
 
@@ -272,7 +272,7 @@ def _count_egos(scenarios: ScenarioSource) -> int:
 
 
 def _shut_down(channels: list[WorkerPipe], processes: list[SpawnProcess]) -> None:
-    """Ends all workers: by the end of their pipes, or if that does not help, by force."""
+    """Ends all workers: closes their pipes, and kills workers that do not end."""
     for channel in channels:
         channel.close()
     for process in processes:

@@ -1,4 +1,4 @@
-"""What a VectorDrivingEnv and its workers share: memory without a name, and pipes looked at before sleeping on them."""
+"""Memory and pipes between a VectorDrivingEnv and its workers: unnamed shared memory, and polled pipes."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ from dohyo.sumo_networks.rendering.overhead import FRAME_SHAPE
 
 Observations = dict[str, Float32Array]
 
-# A process that sleeps between two ticks of 0.2 ms finds its core halted and its caches cold, and its tick takes half
-# as long again. So both sides look for the next message for a while before they sleep, and yield the core meanwhile.
+# After a sleep between two ticks of 0.2 ms, the core is halted and its caches are cold, and a tick takes 50 % longer.
+# So both sides poll for the next message for a time before they sleep, and yield the core between polls.
 SPIN_S = 0.0005
 
 
 @dataclass(slots=True)
 class Arrays:
-    """What parent and workers share, as numpy arrays on the same memory; N environments of E egos.
+    """Shared memory of parent and workers as numpy arrays; N environments of E egos.
 
     Attributes:
-        seed: (1,) of the run.
-        episode: (N,) number of the episode that is driven.
+        seed: (1,) seed of the run.
+        episode: (N,) number of the current episode.
         renewed: (N,) whether the last step ended an episode and began the next.
-        actions: (N, E, ...).
-        rewards: (N, E).
-        terminations: (N, E).
-        truncations: (N, E).
+        actions: (N, E, ...) actions of the next tick.
+        rewards: (N, E) rewards of the last tick.
+        terminations: (N, E) whether the ego's episode terminated.
+        truncations: (N, E) whether the ego's episode was truncated.
         active: (N, E) whether the ego drove in the last tick.
-        observations: (N, E, ...) by sensor.
-        finals: The same, of the last tick of the episode before; valid where `renewed`.
-        frames: (N, H, W, 3) the pictures drawn last; N is 0 without a render mode.
+        observations: (N, E, ...) observations by sensor.
+        finals: (N, E, ...) last observations of the previous episode by sensor; valid where `renewed`.
+        frames: (N, H, W, 3) last pictures; N is 0 without a render mode.
     """
 
     seed: IntArray
@@ -58,7 +58,7 @@ class Arrays:
 
 
 class SharedMemory:
-    """The memory itself, as it travels to the workers."""
+    """The shared memory, in the form that is sent to the workers."""
 
     def __init__(
         self,
@@ -87,7 +87,7 @@ class SharedMemory:
         self._finals = {name: block(box.dtype, envs, egos, *box.shape) for name, box in sensors.items()}
 
     def arrays(self) -> Arrays:
-        """Views on it, for this process."""
+        """Views of the memory as arrays of this process."""
         return Arrays(
             **{name: _view(block) for name, block in self._fields.items()},
             observations={name: _view(block) for name, block in self._observations.items()},
@@ -113,7 +113,7 @@ class WorkerPipe:
         self.send, self.close = pipe.send_bytes, pipe.close
 
     def receive(self) -> bytes:
-        """The next message; EOFError or OSError where the other end is gone."""
+        """Receives the next message; raises EOFError or OSError if the other end is closed."""
         patience = time.perf_counter() + SPIN_S
         while not self._poll.poll(0) and time.perf_counter() < patience:
             os.sched_yield()

@@ -1,4 +1,4 @@
-"""A worker of a VectorDrivingEnv: one DrivingEnv in a process, which steps on request."""
+"""Worker of a VectorDrivingEnv: a process with one DrivingEnv, which steps on request."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ RESET, STEP, RENDER = b"reset", b"step", b"render"
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What a worker needs to know once."""
+    """Settings of a worker, sent once."""
 
     scenarios: ScenarioSource
     sensors: tuple[str | SensorConfig, ...]
@@ -37,7 +37,7 @@ class Plan:
     autoreset: AutoresetMode
 
     def scenario(self, episode: int, egos: int) -> Scenario:
-        """Of an episode; InvalidInputError where it has not as many egos as the first one."""
+        """Scenario of an episode; InvalidInputError if its number of egos differs from the first one's."""
         if not callable(self.scenarios):
             return self.scenarios[episode % len(self.scenarios)]
         scenario = self.scenarios(episode)
@@ -77,7 +77,7 @@ class VectorWorker:
         self._write(observations)
 
     def step(self) -> None:
-        """One tick; the next episode starts with the tick that ends one, or instead of the tick after it."""
+        """Advances one tick; starts the next episode in the tick that ends one, or instead of the tick after it."""
         env = self.env
         if env is None:
             raise SimulationError(f"environment {self.worker} has not been reset")
@@ -102,17 +102,17 @@ class VectorWorker:
         if self.env is None:
             raise SimulationError(f"environment {self.worker} has not been reset")
         frame = self.env.render()
-        assert frame is not None  # the parent asks only with a render mode
+        assert frame is not None  # the parent sends the command only with a render mode
         self.arrays.frames[self.worker] = frame
 
     def close(self) -> None:
-        """Closes its environment, if there is one."""
+        """Closes the worker's environment, if there is one."""
         if self.env is not None:
             self.env.close()
             self.env = None
 
     def _renew(self) -> None:
-        """Starts the next episode; its rewards and ends stay those of the last tick."""
+        """Starts the next episode; the shared rewards and ends stay those of the last tick."""
         for name, array in self.observations.items():
             self.finals[name][...] = array
         ended = self.rewards.copy(), self.terminations.copy(), self.truncations.copy(), self.active.copy()
@@ -140,8 +140,8 @@ class VectorWorker:
 
 
 def work(pipe: Connection, memory: SharedMemory, plan: Plan, worker: int) -> None:
-    """A worker process: does what it is asked until its parent closes the pipe or dies."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
+    """Main function of a worker process: carries out commands until the parent closes the pipe or dies."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     channel, seat = WorkerPipe(pipe), VectorWorker(memory, plan, worker)
     commands = {RESET: seat.reset, STEP: seat.step, RENDER: seat.render}
     try:
@@ -158,16 +158,16 @@ def work(pipe: Connection, memory: SharedMemory, plan: Plan, worker: int) -> Non
 
 
 def packed(error: Exception) -> bytes:
-    """Class, arguments and traceback of an error; not the error, whose constructor may want other arguments."""
+    """Pickles class, arguments and traceback of an error; not the error, whose constructor may need other arguments."""
     trace = "".join(traceback.format_exception(error))
     try:
         return pickle.dumps((type(error), error.args, trace))
-    except Exception:  # whatever a stranger's error holds
+    except Exception:  # the arguments of an unknown error may not be picklable
         return pickle.dumps((SimulationError, (f"{type(error).__name__}: {error}",), trace))
 
 
 def unpacked(message: bytes, worker: int) -> Exception:
-    """The error that a worker has packed, with the worker's traceback as a note."""
+    """Unpickles a worker's error, with the worker's traceback as a note."""
     kind, args, trace = pickle.loads(message)
     error: Exception = kind.__new__(kind, *args)
     error.args = args

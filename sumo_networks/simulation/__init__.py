@@ -1,4 +1,4 @@
-"""The simulation of one scenario, in SUMO or against a log. Beside freeway/, the only package that imports libsumo."""
+"""The simulation of one scenario, in SUMO or against a log. Only this package and freeway/ import libsumo."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = [
 
 
 def start_simulation(plan: ScenarioPlan) -> Simulation | Replay:
-    """Starts a scenario: against its log if it names one, else in SUMO.
+    """Starts a scenario: against its log if the scenario names one, otherwise in SUMO.
 
     Raises:
         InvalidInputError: The network cannot carry the traffic, or the log is missing or damaged.

@@ -1,4 +1,4 @@
-"""ScenarioPlan: a scenario on its roads, checked before anything starts."""
+"""ScenarioPlan: a scenario with its network and routes, checked before SUMO starts."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from dohyo.sumo_networks.traffic.flows import make_flow_sources
 
 @dataclass(frozen=True, slots=True)
 class ScenarioPlan:
-    """All that a simulation needs to start, any number of times.
+    """Everything that a simulation needs to start; one plan may start many simulations.
 
     Attributes:
-        network: The roads.
-        scenario: What is simulated.
-        conditions: Of road, light and air.
-        vehicle: The egos' parameters, under these conditions.
-        routes: One per ego.
+        network: The road network.
+        scenario: The scenario to simulate.
+        conditions: Conditions of road, light and air.
+        vehicle: Vehicle parameters of the egos under these conditions.
+        routes: One route per ego.
     """
 
     network: RoadNetwork
@@ -42,7 +42,7 @@ class ScenarioPlan:
 
     @property
     def start_speeds(self) -> list[float]:
-        """Of each ego, m/s."""
+        """Start speed of each ego, m/s."""
         return [mission.start_speed_mps or 0.0 for mission in self.scenario.missions]
 
     def with_seed(self, seed: int) -> ScenarioPlan:
@@ -50,17 +50,17 @@ class ScenarioPlan:
         return replace(self, scenario=self.scenario.model_copy(update={"seed": seed}))
 
     def fleet(self) -> EgoFleet:
-        """The egos' vehicles at their starts."""
+        """Makes the egos' vehicles at their starts."""
         return EgoFleet(self.network, self.egos, self.routes, self.vehicle, self.start_speeds)
 
 
 def plan_scenario(network: RoadNetwork, scenario: Scenario, vehicle: VehicleParameters | None = None) -> ScenarioPlan:
-    """Plans the routes, and checks that flows and events are possible; SUMO is not needed for it.
+    """Plans the routes, and checks that flows and events are possible, without SUMO.
 
     Args:
-        network: The roads.
-        scenario: What to simulate.
-        vehicle: Of the egos on a dry road; None: the default car.
+        network: The road network.
+        scenario: The scenario to simulate.
+        vehicle: Vehicle parameters of the egos on a dry road; None: the default car.
 
     Raises:
         InvalidInputError: A mission, flow or event is impossible; the message says which and why.

@@ -1,4 +1,4 @@
-"""SUMO in this process: how it is started, and what becomes of its errors."""
+"""SUMO in this process: start, options, and errors."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ _TYPES = Path(__file__).parents[1] / "vehicle_types.add.xml"
 _OPTIONS = (
     *("--step-length", str(TICK_S), "--time-to-teleport", "300", "--lanechange.duration", "2"),
     *("--collision.action", "warn", "--collision.check-junctions", "true", "--collision.mingap-factor", "0"),
-    # Drivers know where the queues are; on shortest ways alone they all meet in the same street, and it locks.
+    # Drivers know where the queues are; on shortest paths alone, all use the same street and block it.
     *("--device.rerouting.probability", "1", "--device.rerouting.period", "30"),
-    # Two vehicles that each wait for the other inside a junction would stand for ever.
+    # Two vehicles that wait for each other inside a junction would otherwise stand for ever.
     *("--ignore-junction-blocker", "15"),
     *("--xml-validation", "never", "--no-step-log", "true", "--no-warnings", "true", "--duration-log.disable", "true"),
 )
 
 
 def sumo_version() -> str:
-    """Version of the SUMO in use."""
+    """Version of SUMO in use."""
     return str(libsumo.getVersion()[1])
 
 
 def start_sumo(network: RoadNetwork, seed: int, friction: float) -> None:
-    """Starts SUMO on a network, on roads with a share of their dry grip.
+    """Starts SUMO on a network, with `friction` as the share of the roads' dry grip.
 
     Raises:
-        InvalidInputError: The network's file is gone.
+        InvalidInputError: The network's file does not exist any more.
         SimulationError: Another simulation of this process is open, or SUMO could not load it.
     """
     if not network.path.exists():
@@ -46,7 +46,7 @@ def start_sumo(network: RoadNetwork, seed: int, friction: float) -> None:
     try:
         libsumo.start(["sumo", "-n", str(network.path), "-a", str(_TYPES), "--seed", str(seed), *options])
     except libsumo.TraCIException as error:
-        libsumo.close()  # what it could not load it keeps open
+        libsumo.close()  # SUMO stays open after a failed load
         raise SimulationError(f"SUMO could not load network '{network.name}': {error}") from error
     if slippery:
         for edge in libsumo.edge.getIDList():
@@ -54,7 +54,7 @@ def start_sumo(network: RoadNetwork, seed: int, friction: float) -> None:
 
 
 def set_impatience(impatience: float) -> None:
-    """How far drivers push into gaps that make others brake, from 0 to 1."""
+    """Sets SUMO's driver impatience, from 0 to 1; see `scenario.Traffic`."""
     for driver in DRIVERS:
         libsumo.vehicletype.setImpatience(driver, impatience)
 

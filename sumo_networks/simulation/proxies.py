@@ -1,4 +1,4 @@
-"""SUMO proxies: the vehicles in SUMO that stand for egos and scripted actors, so that the traffic reacts to them."""
+"""SUMO proxies: vehicles in SUMO that represent egos and scripted actors, so that the traffic reacts to them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dohyo.sumo_networks.world import ActorKind
 ALIGNED_RAD = 0.6
 GRAZED_M = 0.3
 _ANYWHERE = 2  # SUMO's keepRoute: the lane may be off the proxy's route
-_NEAR_M = 5.0  # proxies are on a lane already; SUMO's 100 m cost 80 us in a junction, these 10 us
+_NEAR_M = 5.0  # proxies are on a lane already; in a junction, SUMO's default of 100 m costs 80 us, 5 m cost 10 us
 _Point = tuple[float, float]
 
 
@@ -23,7 +23,7 @@ class SumoProxies:
     """All proxies of one simulation.
 
     Attributes:
-        names: Of every proxy that is or was in SUMO, and of those of the egos.
+        names: Names of the egos' proxies, and of all other proxies that are or were in SUMO.
     """
 
     def __init__(self, network: RoadNetwork, vehicle: VehicleParameters, egos: tuple[str, ...]) -> None:
@@ -38,7 +38,7 @@ class SumoProxies:
         libsumo.route.add(name, route.edges)
 
     def show_ego(self, name: str, centre: _Point, heading: float, route: Route, behind_m: float = 0.0) -> None:
-        """Moves the proxy of an ego to it, or so far behind it; off the road the proxy is hidden."""
+        """Moves the proxy of an ego to the ego, or `behind_m` behind it; off the road the proxy is hidden."""
         network, vehicle = self._network, self._vehicle
         front = ahead_of(*centre, heading, 0.5 * vehicle.length - behind_m)
         lane, offset, _ = network.nearest_lane(*front, heading, route.on_route)
@@ -49,7 +49,7 @@ class SumoProxies:
             self.hide(name)
 
     def show_actor(self, actor: ShowActor) -> None:
-        """Moves the proxy of a scripted actor to it; off the roads and askew on them the proxy is hidden."""
+        """Moves the proxy of a scripted actor to the actor; off the roads, or at an angle to them, it is hidden."""
         network = self._network
         lane, offset, error = network.nearest_lane(actor.x, actor.y, actor.heading, self._anywhere)
         beside = lane < 0 or abs(offset) > 0.5 * (network.lanes.width.item(lane) + actor.width) - GRAZED_M
@@ -70,8 +70,8 @@ class SumoProxies:
     def hide(self, name: str) -> None:
         """Removes a proxy, if there is one.
 
-        SUMO keeps a vehicle that moveToXY led off the road on the books of its last lane, and dies of a segmentation
-        fault when another vehicle comes along there.
+        SUMO keeps a vehicle that moveToXY moved off the road in the list of its last lane, and crashes with a
+        segmentation fault when another vehicle drives there.
         """
         if name in self._shown:
             self._shown.remove(name)
@@ -90,5 +90,5 @@ class SumoProxies:
         libsumo.vehicle.moveToXY(name, *place, *front, angle_of(heading), _ANYWHERE, _NEAR_M)
 
     def _strayed(self, name: str) -> bool:
-        """Whether SUMO found no lane for a proxy, as it may past the end of one."""
+        """Whether SUMO found no lane for a proxy, as may happen past the end of a lane."""
         return name in self._shown and not libsumo.vehicle.getLaneID(name)

@@ -1,4 +1,4 @@
-"""ActorRegistry: names, kinds and boxes of everything seen in SUMO, by key."""
+"""ActorRegistry: names, kinds and boxes of all actors seen in SUMO, by key."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ _Row = tuple[int, float, float, float, float, int, int]  # key, x, y, angle, spe
 
 
 class ActorRegistry:
-    """Everything seen so far; an actor's key is its row here.
+    """All actors seen so far; an actor's key is its row in the registry.
 
     Attributes:
-        names: By key.
+        names: Names by key.
     """
 
     def __init__(self, network: RoadNetwork, obstacles: Sequence[Obstacle]) -> None:
@@ -54,7 +54,7 @@ class ActorRegistry:
         ).reshape(-1, 4)
 
     def read(self, readings: Sequence[Reading]) -> Actors:
-        """The static boxes and the actors of some readings, in the order of keys."""
+        """Table of the static boxes and of the actors in readings, in the order of keys."""
         keys, lanes = self._keys, self._lane_index
         for name in sorted({reading[0] for reading in readings if reading[0] not in keys}):
             self._register_from_sumo(name)
@@ -92,7 +92,7 @@ class ActorRegistry:
         self.register(name, kind, domain.getLength(name), domain.getWidth(name))
 
     def register(self, name: str, kind: ActorKind, length: float, width: float) -> int:
-        """Gives an actor its key."""
+        """Registers an actor and returns its key."""
         key = self._keys[name] = len(self.names)
         self.names.append(name)
         if key == len(self._kind):
@@ -107,19 +107,19 @@ class ActorRegistry:
 def _columns(
     readings: FloatArray, obstacles: FloatArray, kinds: IntArray, lengths: FloatArray, widths: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """The columns of `Actors`: static boxes first, then SUMO's actors.
+    """Columns of `Actors`: static boxes first, then SUMO's actors.
 
     Args:
         readings: (N, 7) key, x, y [m, SUMO's point of reference], angle [degrees clockwise from north], speed [m/s],
             lane, indicator.
         obstacles: (S, 4) key, x, y [m], heading [rad].
         kinds: ActorKind by key.
-        lengths: m, by key.
-        widths: m, by key.
+        lengths: Lengths by key, m.
+        widths: Widths by key, m.
 
     Returns:
         (4, M) key, kind, lane, indicator; (M, 2) position; (4, M) heading, speed, length, width. Few arrays, since each
-        one that a kernel returns costs 0.4 us.
+        array that a kernel returns costs 0.4 us.
     """
     still, count = obstacles.shape[0], obstacles.shape[0] + readings.shape[0]
     names, position, body = np.empty((4, count), dtype=np.int64), np.empty((count, 2)), np.empty((4, count))
@@ -133,7 +133,7 @@ def _columns(
             continue
         _, x, y, angle, speed, lane, indicator = readings[row - still]
         heading = heading_of(angle)
-        # SUMO gives a vehicle's front bumper, a person's centre.
+        # SUMO's position is the front bumper of a vehicle, but the centre of a person.
         back = 0.0 if kinds[key] == _PEDESTRIAN else 0.5 * lengths[key]
         position[row, 0], position[row, 1] = ahead_of(x, y, heading, -back)
         names[2, row], names[3, row] = int(lane), int(indicator)

@@ -1,4 +1,4 @@
-"""Replay: a simulation without SUMO. The egos drive as ever; every other actor follows a log, whatever the egos do."""
+"""Replay: a simulation without SUMO. The egos drive freely; all other actors follow a log and do not react."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from dohyo.sumo_networks.world import Actors, Egos, World
 
 
 class Replay:
-    """One scenario against a log, with the interface of `Simulation`; any number of them in a process.
+    """One scenario against a log, with the interface of `Simulation`; a process may run any number of replays.
 
-    Scripted events are not performed: their actors are in the log, as all others are.
+    Scripted events do not run: their actors are in the log, as all others are.
 
     Attributes:
-        plan: What is simulated; its scenario names the log.
-        world: What is true after the last tick.
+        plan: Plan of the scenario, which names the log.
+        world: World after the last tick.
     """
 
     def __init__(self, plan: ScenarioPlan) -> None:
-        """Reads the log, puts the egos at their starts, and reads the world at tick 0.
+        """Reads the log, places the egos at their starts, and reads the world at tick 0.
 
         Raises:
             InvalidInputError: The scenario names no log, or the log is missing or damaged.
@@ -55,11 +55,11 @@ class Replay:
         return self.world
 
     def retire(self, ego: int) -> None:
-        """Takes an ego off the road; its row in `Egos` keeps its last values."""
+        """Removes an ego from the road; its row in `Egos` keeps its last values."""
         self._fleet.active[ego] = False
 
     def close(self) -> None:
-        """Nothing to end."""
+        """Does nothing: a replay has no process to end."""
 
     def _read(self, egos: Egos) -> World:
         actors = in_sight(self._log.actors(self._tick), egos)
@@ -78,7 +78,7 @@ class Replay:
     def _lights(self, log: Log) -> IntArray:
         changes = log.signals
         stop = int(np.searchsorted(changes[:, 0], self._tick, side="right"))
-        if stop > self._next_change:  # else the same array, so that readers may skip it
+        if stop > self._next_change:  # otherwise the same array, so that readers may skip it
             self._signals = self._signals.copy()
             for _, row, state in changes[self._next_change : stop].tolist():
                 self._signals[row] = state
@@ -87,7 +87,7 @@ class Replay:
 
 
 def in_sight(actors: Actors, egos: Egos) -> Actors:
-    """Those actors that an active ego can see."""
+    """Actors that an active ego can see."""
     seen = np.zeros(len(actors), dtype=np.bool_)
     for x, y in egos.position[egos.active].tolist():
         seen |= np.hypot(actors.position[:, 0] - x, actors.position[:, 1] - y) <= SIGHT_M

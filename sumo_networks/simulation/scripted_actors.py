@@ -1,4 +1,4 @@
-"""Scripted actors as rows of the world's table: SUMO does not move them, so it cannot be asked for them."""
+"""Scripted actors as rows of the world's table. SUMO does not move them, so they are not read from SUMO."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dohyo.sumo_networks.world import Actors, Egos
 def with_scripted(
     actors: Actors, scripted: Sequence[ScriptedActor], egos: Egos, registry: ActorRegistry, network: RoadNetwork
 ) -> Actors:
-    """The actors and those scripted ones that an ego is near enough to see, in the order of keys."""
+    """Table of the actors and of the scripted actors within sight of an ego, in the order of keys."""
     viewpoints = egos.position[egos.active].tolist()
     seen = [one for one in scripted if any(one.distance(x, y) <= SIGHT_M for x, y in viewpoints)]
     if not seen:
@@ -40,12 +40,12 @@ def with_scripted(
 
 
 def lane_under(actor: ScriptedActor, network: RoadNetwork, anywhere: BoolArray) -> int:
-    """The lane that an actor stands on, -1 if none.
+    """Lane under an actor, -1 if none.
 
     Args:
-        actor: Whose lane.
-        network: The roads.
-        anywhere: (L,) False for every lane: none is preferred.
+        actor: The actor.
+        network: The road network.
+        anywhere: (L,) False for every lane: no lane is preferred.
     """
     lane, offset, _ = network.nearest_lane(actor.x, actor.y, actor.heading, anywhere)
     return lane if lane >= 0 and abs(offset) <= 0.5 * network.lanes.width.item(lane) else -1

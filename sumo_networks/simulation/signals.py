@@ -1,4 +1,4 @@
-"""Signals: the state of every traffic light, as SUMO has it."""
+"""Signals: the states of all traffic lights, read from SUMO."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LIGHTS |= dict.fromkeys("ru", LightState.RED) | dict.fromkeys("oO", LightState.
 
 
 class SignalReader:
-    """Reads the states of all signals: of a light only when it may have switched, and decoded only when it has."""
+    """Reads the states of all signals; each light only when it may have switched."""
 
     def __init__(self, network: RoadNetwork) -> None:
         signals = network.signals
@@ -30,7 +30,7 @@ class SignalReader:
         self._state: IntArray = np.zeros(len(signals.link), dtype=np.int64)
 
     def read(self) -> IntArray:
-        """(K,) LightState."""
+        """(K,) LightState of every signal."""
         now = libsumo.simulation.getTime()
         for i, (light, rows, links) in enumerate(self._lights):
             if now < self._next_switch[i]:
@@ -47,6 +47,6 @@ class SignalReader:
 
 
 def _follows_plan(light: str) -> bool:
-    """Whether SUMO knows when a light may next switch; of a railway crossing's it does not."""
+    """Whether SUMO knows a light's next switch time; it does not for railway crossings."""
     types = {logic.type for logic in libsumo.trafficlight.getAllProgramLogics(light)}
     return types <= {libsumo.TRAFFICLIGHT_TYPE_STATIC, libsumo.TRAFFICLIGHT_TYPE_ACTUATED}

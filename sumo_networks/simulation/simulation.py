@@ -1,7 +1,7 @@
 """Simulation: one scenario in SUMO, tick by tick. Moves the egos, applies requests, and reads the world.
 
 SUMO's own safety must not hide faults: an ego's vehicle is integrated by `ego.dynamics`, and its SUMO proxy is moved
-after it with moveToXY, so that the traffic reacts to the ego.
+to it with moveToXY, so that the traffic reacts to the ego.
 """
 
 from __future__ import annotations
@@ -43,22 +43,22 @@ from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import Actors, Egos, World
 
 START_CLEARANCE_M = 20.0
-FASTER = 1.3  # how much faster than the limit an ego may come along
+FASTER = 1.3  # factor on the speed limit that an ego may drive, for the range of a log
 
 
 class Simulation:
     """A running simulation of one scenario in SUMO; one per process at a time, since libsumo is global.
 
     Attributes:
-        plan: What is simulated.
-        world: What is true after the last tick.
+        plan: Plan of the scenario.
+        world: World after the last tick.
     """
 
     world: World
     _survey: Survey | None
 
     def __init__(self, plan: ScenarioPlan) -> None:
-        """Starts SUMO, lets the traffic warm up, puts the egos at their starts, and reads the world at tick 0.
+        """Starts SUMO, lets the traffic warm up, places the egos at their starts, and reads the world at tick 0.
 
         Raises:
             InvalidInputError: The network cannot carry this traffic.
@@ -111,22 +111,22 @@ class Simulation:
         return self.world
 
     def keep_population(self, egos: FloatArray) -> None:
-        """Replaces the vehicles and pedestrians that arrived in the last step, and sends those of the flows.
+        """Replaces the vehicles and pedestrians that arrived in the last step, and sends the vehicles of flows.
 
         Args:
-            egos: (E, 2), m, where newcomers should not appear.
+            egos: (E, 2), m, points near which no actor should appear.
         """
         self._apply(self._population.update(*sumo_traffic.arrived(), egos))
 
     def retire(self, ego: int) -> None:
-        """Takes an ego off the road; its row in `Egos` keeps its last values."""
+        """Removes an ego from the road; its row in `Egos` keeps its last values."""
         if self._fleet.active[ego]:
             self._fleet.active[ego] = False
             self._surroundings.forget(self._proxy_names[ego])
             self._proxies.hide(self._proxy_names[ego])
 
     def record(self, recorder: LogRecorder) -> None:
-        """Adds the last tick to a log: all actors near where the egos may come within the scenario's duration."""
+        """Adds the last tick to a log: all actors near places that the egos can reach within the duration."""
         if self._survey is None:
             fastest = max(float(route.speed_limit.max()) for route in self.plan.routes)
             ahead_m = FASTER * fastest * (self.plan.scenario.duration_s or 0.0)
@@ -135,7 +135,7 @@ class Simulation:
         recorder.append(names, actors, self.world.signals)
 
     def all_actors(self) -> Actors:
-        """Everything in the whole network but the egos; keys are those of rows."""
+        """All actors in the whole network except the egos; keys are row numbers."""
         everywhere = Survey(self.plan.network, None)
         return everywhere.read(self._proxies.names, self._scripted, self._registry.obstacles())[1]
 
@@ -146,7 +146,7 @@ class Simulation:
             libsumo.close()
 
     def _apply(self, requests: Iterable[Request]) -> None:
-        """Carries out requests in SUMO, one after the other: nothing else adds, moves or removes an actor."""
+        """Carries out requests in SUMO in order; only this method adds, moves or removes actors."""
         for request in requests:
             match request:
                 case SpawnVehicle():
@@ -175,11 +175,11 @@ class Simulation:
             libsumo.simulationStep()
 
     def _place_egos(self) -> None:
-        """Shows the egos to SUMO for the first time, on starts that no other vehicle stands on."""
+        """Adds the egos to SUMO, after vehicles on their starts are removed."""
         for name, route in zip(self._proxy_names, self.plan.routes, strict=True):
             self._proxies.add_ego(name, route)
             self._surroundings.add(name)
-        # Twice: a vehicle that departs in the step in which SUMO first hears of the egos does not see them yet.
+        # Twice: a vehicle that departs in the step in which the egos enter SUMO does not react to them yet.
         for step in (1, 0):
             self.keep_population(self._starts())
             self._clear_starts()
@@ -198,7 +198,7 @@ class Simulation:
         self._apply(self._population.replace(removed, (), starts))
 
     def _in_the_way(self, name: str, distance: FloatArray) -> bool:
-        """Whether a vehicle, so far from each start [m], must make room."""
+        """Whether a vehicle at a distance from each start [m] must be removed."""
         if self._at_rest:
             return bool(distance.min() < START_CLEARANCE_M)
         ego = int(distance.argmin())
@@ -219,7 +219,7 @@ class Simulation:
 
     @property
     def _scripted(self) -> Sequence[ScriptedActor]:
-        """The actors in the world that SUMO does not move."""
+        """Actors in the world that SUMO does not move."""
         return [*self._events.actors, *self._jaywalkers.actors]
 
     def _show_ego(self, ego: int, behind_m: float = 0.0) -> None:

@@ -1,4 +1,4 @@
-"""SUMO's own traffic: what is asked of it without changing it, and the commands behind requests."""
+"""SUMO's own traffic: queries, and the commands that carry out requests."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def departed() -> Sequence[str]:
 
 
 def way_on_foot(walk: Walk) -> tuple[str, ...]:
-    """Edges of the way on foot; empty if there is none."""
+    """SUMO edge ids of the path of a walk; empty if there is none."""
     stages = libsumo.simulation.findIntermodalRoute(
         walk.source, walk.target, departPos=walk.source_m, arrivalPos=walk.target_m
     )
@@ -38,7 +38,7 @@ def way_on_foot(walk: Walk) -> tuple[str, ...]:
 def vehicles_near(x: float, y: float, radius_m: float) -> FloatArray:
     """(M, 6) x, y [m], heading [rad], length, width [m], speed [m/s] of vehicles near a point.
 
-    Egos and actors of events are among them; the proxies of jaywalkers are not.
+    Egos and actors of events are included; the proxies of jaywalkers are excluded.
     """
     rows = [
         (*vehicle_box(name), libsumo.vehicle.getSpeed(name))
@@ -55,14 +55,14 @@ def spawn_vehicle(request: SpawnVehicle) -> None:
     """Lets a vehicle enter as soon as there is room."""
     name = request.name
     libsumo.route.add(name, request.edges)
-    # A speed as a number would be an error of SUMO's where it is too fast for a light ahead.
+    # SUMO raises an error for a speed in numbers that is too fast for a light ahead.
     libsumo.vehicle.add(name, name, request.type, "now", request.lane, request.position, request.speed)
     if request.max_speed_mps is not None:
         libsumo.vehicle.setMaxSpeed(name, request.max_speed_mps)
 
 
 def spawn_pedestrian(request: SpawnPedestrian) -> None:
-    """Lets a pedestrian set out."""
+    """Lets a pedestrian enter."""
     walk = request.walk
     libsumo.person.add(request.name, walk.source, walk.source_m, typeID="pedestrian")
     libsumo.person.appendWalkingStage(request.name, request.edges, walk.target_m)
@@ -75,7 +75,7 @@ def cancel_vehicle(name: str) -> None:
 
 
 def remove_traffic_near(x: float, y: float, radius_m: float) -> list[str]:
-    """Removes the vehicles of the traffic whose front is nearer than this, and returns their names."""
+    """Removes the traffic's vehicles whose front is near a point, and returns their names."""
     removed = []
     for name in libsumo.vehicle.getIDList():
         if role_of(name) in TRAFFIC and math.dist(libsumo.vehicle.getPosition(name), (x, y)) < radius_m:

@@ -1,4 +1,4 @@
-"""Surroundings: the actors near the egos, read from SUMO in the way that costs least."""
+"""Surroundings: the actors near the egos, read from SUMO in the fastest way."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ Reading = tuple[str, float, float, float, float, str, int]
 
 FEW: Final = 80
 SPARE_M: Final = 20.0
-FASTEST_MPS: Final = 60.0  # neither SUMO's vehicles nor the egos can go faster
-_ELSEWHERE_M: Final = 1e8  # where SUMO says a vehicle is that it is just moving on
+FASTEST_MPS: Final = 60.0  # highest speed of SUMO's vehicles and of the egos
+_ELSEWHERE_M: Final = 1e8  # beyond: SUMO's position of a vehicle that it is teleporting
 _NO_SIGNALS: Final = 0
 _PERSON_VARIABLES = (libsumo.VAR_POSITION, libsumo.VAR_ANGLE, libsumo.VAR_SPEED, libsumo.VAR_LANE_ID)
 _VEHICLE_VARIABLES = (*_PERSON_VARIABLES, libsumo.VAR_SIGNALS)
@@ -27,34 +27,34 @@ _Point = tuple[float, float]
 class Surroundings:
     """Reads the vehicles and people within sight of the egos.
 
-    Few are asked one by one. Of many, SUMO collects those around each ego by itself: a context subscription slows its
-    step by 150 us in a junction full of vehicles, whereas asking costs 2 us each (make bench, ingolstadt with 50). Who
-    is far away is not asked again before he could have come into sight, at twice the fastest speed.
+    A small population is read actor by actor, at 2 us each. For a large one, SUMO collects the actors around each ego
+    by a context subscription, which slows its step by 150 us in a full junction (make bench, ingolstadt with 50).
+    An actor far away is not read again before it could come into sight, at twice the highest speed.
     """
 
     def __init__(self, traffic: Traffic, egos: int) -> None:
-        few = FEW * egos  # SUMO collects once per ego, we ask once for all
+        few = FEW * egos  # a subscription per ego, against one reading of all actors
         self._few = (traffic.vehicles + traffic.bicycles <= few, traffic.pedestrians <= few)
         self._viewpoints: dict[str, _Point] = {}
         self._reads = 0
         self._not_before: dict[str, int] = {}
 
     def add(self, viewpoint: str) -> None:
-        """Begins to look around a point, which `move` brings to its place."""
+        """Adds a viewpoint; `move` sets its place."""
         self._viewpoints[viewpoint] = (0.0, 0.0)
-        # A context around a point of interest outlives whatever SUMO does to an ego's proxy.
+        # A subscription around a point of interest stays valid when SUMO removes or teleports an ego's proxy.
         libsumo.poi.add(viewpoint, 0.0, 0.0, (0, 0, 0, 0))
         for domain, variables in self._subscriptions():
             libsumo.poi.subscribeContext(viewpoint, domain, SIGHT_M + SPARE_M, variables)
 
     def move(self, viewpoint: str, x: float, y: float) -> None:
-        """Looks around another point, from the next step on."""
+        """Moves a viewpoint, from the next step on."""
         self._viewpoints[viewpoint] = (x, y)
         if not all(self._few):
             libsumo.poi.setPosition(viewpoint, x, y)
 
     def forget(self, viewpoint: str) -> None:
-        """Looks there no more."""
+        """Removes a viewpoint."""
         # SUMO fails at its next step if a subscribed object is removed.
         for domain, _ in self._subscriptions():
             libsumo.poi.unsubscribeContext(viewpoint, domain, SIGHT_M + SPARE_M)
@@ -62,12 +62,12 @@ class Surroundings:
         del self._viewpoints[viewpoint]
 
     def read(self) -> list[Reading]:
-        """All actors in sight; an actor near several egos may come several times."""
+        """Reads all actors in sight; an actor near several egos may be listed several times."""
         points = list(self._viewpoints.values())
         few_vehicles, few_people = self._few
         self._reads += 1
         if libsumo.simulation.getEndingTeleportNumber():
-            self._not_before.clear()  # SUMO has moved some on
+            self._not_before.clear()  # SUMO has teleported vehicles
         found: list[Reading] = []
         if few_vehicles:
             self._ask(libsumo.vehicle, points, libsumo.vehicle.getSignals, found)
@@ -92,7 +92,7 @@ class Surroundings:
                 not_before[name] = now + int(away_m / (2.0 * FASTEST_MPS * TICK_S))
 
     def _collected(self, points: Sequence[_Point]) -> Iterator[Reading]:
-        # SUMO measures a context's range in ways of its own, so it is asked for more, and both ways tell the same.
+        # SUMO measures the range of a context differently, so it is set larger, and actors out of sight are left out.
         for viewpoint in self._viewpoints:
             for name, values in libsumo.poi.getContextSubscriptionResults(viewpoint).items():
                 x, y = values[libsumo.VAR_POSITION]

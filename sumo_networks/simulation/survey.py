@@ -1,4 +1,4 @@
-"""Survey: all actors along the egos' routes, seen or not, for a log that must serve an ego that stays behind too."""
+"""Survey: all actors along the egos' routes, seen or not, so that a log also fits an ego that drives slower."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ _Row = tuple[str, int, float, float, float, float, float, float, int, int]
 
 
 class Survey:
-    """Reads all actors within sight of any point that an ego on its route may reach.
+    """Reader of all actors within sight of any point that an ego can reach on its route.
 
     Attributes:
-        network: The roads.
-        points: (P, 2), m: where egos may come; None: anywhere.
+        network: The road network.
+        points: (P, 2), m, points that egos can reach; None: the whole network.
     """
 
     def __init__(self, network: RoadNetwork, points: FloatArray | None) -> None:
-        """Looks around (P, 2) points [m], or everywhere."""
+        """Prepares a survey around (P, 2) points [m], or of the whole network."""
         self.network, self.points = network, points
         self._lanes: Mapping[str, int] = network.lane_index
         self._anywhere = np.zeros(len(network.lanes.ids), dtype=np.bool_)
         self._bodies: dict[str, tuple[int, float, float]] = {}
 
     def read(self, proxies: set[str], scripted: Sequence[ScriptedActor], obstacles: Actors) -> tuple[list[str], Actors]:
-        """Names and states; keys are those of rows.
+        """Reads names and states; keys are row numbers.
 
         Args:
-            proxies: Names in SUMO that stand for egos and scripted actors.
-            scripted: The scripted actors themselves.
-            obstacles: Boxes that SUMO does not know.
+            proxies: Names of the SUMO proxies of egos and scripted actors, which are left out.
+            scripted: The scripted actors.
+            obstacles: Static boxes, which are not in SUMO.
         """
         rows = [
             (numbered(Role.OBSTACLE, i), int(obstacles.kind[i]), x, y, heading, 0.0, length, width, -1, 0)
@@ -70,7 +70,7 @@ class Survey:
             self._bodies[name] = known, domain.getLength(name), domain.getWidth(name)
         kind, length, width = self._bodies[name]
         heading = heading_of(domain.getAngle(name))
-        back = 0.0 if kind == ActorKind.PEDESTRIAN else 0.5 * length  # SUMO gives a vehicle's front bumper
+        back = 0.0 if kind == ActorKind.PEDESTRIAN else 0.5 * length  # SUMO's position is the front bumper
         x, y = ahead_of(x, y, heading, -back)
         lane = self._lanes.get(domain.getLaneID(name), -1)
         return name, kind, x, y, heading, domain.getSpeed(name), length, width, lane, INDICATOR[signals & 3]
@@ -82,7 +82,7 @@ class Survey:
 
 
 def reachable(routes: Sequence[Route], ahead_m: float) -> FloatArray:
-    """(P, 2) points [m] every 40 m of the routes, as far as an ego may come."""
+    """(P, 2) points [m] every 40 m of the routes, as far as an ego can drive."""
     reach = [route.position[: math.ceil(ahead_m) + SPACING_M] for route in routes]
     return np.concatenate([np.concatenate([path[::SPACING_M], path[-1:]]) for path in reach])
 

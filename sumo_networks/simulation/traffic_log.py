@@ -1,6 +1,6 @@
-"""Log: a recorded run of all actors but the egos, which `simulation.replay` plays back whatever an ego does.
+"""Log: a recorded run of all actors except the egos, which `simulation.replay` plays back.
 
-A log is known by the hash of its content, so that a scenario which names one cannot be driven against another.
+The hash of its content identifies a log, so that a scenario cannot run against a different log.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from dohyo.sumo_networks.networks.entries import user_catalog
 from dohyo.sumo_networks.world import Actors
 
 SHIPPED = Path(__file__).parents[1] / "logs"
-"""Logs that come with dohyo, so that its benchmarks stay the same when the agent that drove there changes."""
+"""Folder of logs that come with dohyo, so that benchmarks do not change when the recording agent changes."""
 DECIMALS = {"x": 2, "y": 2, "heading": 3, "speed": 2}
-"""To which logs round, so that the last bit of another machine's arithmetic does not make another log."""
+"""Decimals to which logs round, so that last-bit differences between machines do not change a log."""
 _DTYPES = {
     "kind": "|u1",
     "length": "<f4",
@@ -44,7 +44,7 @@ _DTYPES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Log:
-    """Where N actors were in each of T ticks, from tick 0 on; R rows in the order of time, read-only.
+    """States of N actors in T ticks from tick 0 on; R rows in the order of time, read-only.
 
     Attributes:
         names: SUMO id by key.
@@ -53,11 +53,11 @@ class Log:
         width: (N,) float32, m.
         first: (T + 1,) int32, first row of each tick.
         key: (R,) int32, rising within a tick.
-        x: (R,) float32, m, network frame: centre of the box; as all motion rounded, see `DECIMALS`.
+        x: (R,) float32, m, network frame: centre of the box; all motion is rounded, see `DECIMALS`.
         y: (R,) float32, m.
         heading: (R,) float32, rad.
         speed: (R,) float32, m/s.
-        lane: (R,) int32, lane it is on, -1 where it is on none.
+        lane: (R,) int32, lane under the actor, -1 if none.
         indicator: (R,) int8, turn indicator: 1 left, -1 right, 0 off.
         signals: (C, 3) int32, first states and changes of the lights: tick, row in `RoadNetwork.signals`, LightState.
     """
@@ -137,7 +137,7 @@ class LogRecorder:
         self._lights = signals.copy()
 
     def finish(self) -> Log:
-        """All that was appended."""
+        """Makes the log of all appended ticks."""
         kind, length, width = zip(*self._bodies, strict=True) if self._bodies else ((), (), ())
         counts = [len(rows[0]) for rows in self._rows]
         columns = [np.concatenate(column) for column in zip(*self._rows, strict=True)]
@@ -160,21 +160,21 @@ class LogRecorder:
 
 
 def logs_folder() -> Path:
-    """Where new logs are kept: $DOHYO_HOME/logs, else in the user's data folder."""
+    """Folder of new logs: $DOHYO_HOME/logs, else in the user's data folder."""
     return user_catalog().with_name("logs")
 
 
 def log_path(sha256: str) -> Path:
-    """The file of a log, whether it exists or not: one that comes with dohyo, else one in the user's folder."""
+    """Path of a log's file, existing or not: of a log that comes with dohyo, else in the user's folder."""
     shipped = SHIPPED / f"{sha256}.npz"
     return shipped if shipped.exists() else logs_folder() / shipped.name
 
 
 def write_log(log: Log) -> Path:
-    """Writes a log to its file, whole or not at all.
+    """Writes a log to its file, completely or not at all.
 
     Raises:
-        OSError: If the disk refuses.
+        OSError: The file cannot be written.
     """
     path = log_path(log.sha256())
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -186,14 +186,14 @@ def write_log(log: Log) -> Path:
 
 @lru_cache(maxsize=4)
 def read_log(sha256: str, folder: Path) -> Log:
-    """A log by its hash, which is checked.
+    """Reads a log by its hash, and checks the hash.
 
     Args:
-        sha256: Its content hash.
-        folder: Where logs are kept, see `logs_folder`.
+        sha256: Content hash of the log.
+        folder: Folder of logs, see `logs_folder`.
 
     Raises:
-        InvalidInputError: There is none, or it is damaged.
+        InvalidInputError: The log is missing or damaged.
     """
     shipped = SHIPPED / f"{sha256}.npz"
     path = shipped if shipped.exists() else folder / shipped.name
@@ -205,8 +205,8 @@ def read_log(sha256: str, folder: Path) -> Log:
         raise InvalidInputError(
             f"no log {sha256[:12]} in {folder}; dohyo benchmarks prepare NAME makes those of a benchmark"
         ) from error
-    except Exception as error:  # numpy and zipfile raise a dozen kinds for a damaged file
-        raise InvalidInputError(f"{path}: expected a log, and it cannot be read: {error}") from error
+    except Exception as error:  # numpy and zipfile raise many types of error for a damaged file
+        raise InvalidInputError(f"{path}: expected a log, but the file cannot be read: {error}") from error
     if (found := log.sha256()) != sha256:
         raise InvalidInputError(f"{path}: changed since it was written: expected content {sha256}, got {found}")
     return log
