@@ -1,1 +1,1 @@
-"""How a network and its traffic look: what the bird's-eye view and the cameras draw with."""
+"""Rendering of a network and its traffic, for the bird's-eye view, the cameras and the pictures from above."""

@@ -1,4 +1,4 @@
-"""Atmosphere: what conditions do to light, air and lens; and the colours of the ground."""
+"""Atmosphere: the effects of conditions on light, air and lens; and the colours of the ground."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _GROUND = {
     Surface.TRACK: (128, 120, 110),
 }
 GROUND_COLOURS: tuple[tuple[int, int, int], ...] = tuple(_GROUND[surface] for surface in Surface)
-"""(10, 3) by Surface, in daylight."""
+"""(10, 3) colours by Surface, in daylight."""
 
 FACADES: FloatArray = np.array(
     [
@@ -43,18 +43,18 @@ FACADES: FloatArray = np.array(
 
 @dataclass(frozen=True)
 class Atmosphere:
-    """Light, air and lens; colours are 0 to 255, shares 0 to 1.
+    """Light, air and lens; colours are from 0 to 255, shares from 0 to 1.
 
     Attributes:
-        range_m: Nothing farther away is seen.
+        range_m: Range of sight, m.
         zenith: (3,) colour of the sky above.
         horizon: (3,) colour of the sky at the horizon, and of fog.
-        tint: (3,) factor on every colour, light included.
-        sun: Share of the light that comes from one side.
-        lamps: How bright the ego's head lamps make what is near.
-        wet: How much the road shines.
-        noise: Standard deviation of a pixel, in levels of 255.
-        rain: Streaks per thousand pixels.
+        tint: (3,) factor on every colour, the light's brightness included.
+        sun: Share of the light that comes from the sun.
+        lamps: Brightness of near objects in the ego's head lamps.
+        wet: Strength of the road's reflection.
+        noise: Standard deviation of a pixel's noise, in levels of 255.
+        rain: Number of rain streaks per thousand pixels.
     """
 
     range_m: float
@@ -69,9 +69,9 @@ class Atmosphere:
 
     @classmethod
     def of(cls, conditions: Conditions) -> Atmosphere:
-        """What conditions look like.
+        """Atmosphere of conditions.
 
-        Rain is not a condition of its own: a road with less grip is wet, and where one cannot see 100 m it rains.
+        Conditions have no rain: a road with less grip is drawn wet, and rain is drawn if the visibility is below 100 m.
         """
         dark = 1.0 - conditions.daylight
         wet = float(np.clip((1.0 - conditions.friction) / 0.4, 0.0, 1.0))
@@ -97,17 +97,17 @@ class Atmosphere:
         )
 
     def transmission(self, distance: FloatArray) -> FloatArray:
-        """Share of a colour that is left at a distance, m; the rest is fog. 1 near, 0 at `range_m` and beyond.
+        """Share of a colour that remains at a distance [m]; the rest is fog. 1 near, 0 at `range_m` and beyond.
 
-        Falls with the fourth power of the distance, so that a clear day's near half stays clear although the world
-        ends at 100 m.
+        It falls with the fourth power of the distance, so that the near half stays clear on a clear day although the
+        world ends at 100 m.
         """
         share = np.clip(distance / self.range_m, 0.0, 1.0)
         end = np.exp(-3.0)
         return np.asarray((np.exp(-3.0 * share**4) - end) / (1.0 - end))
 
     def lit(self, distance: FloatArray) -> FloatArray:
-        """Factor on colours by distance, that the head lamps make, before `tint`."""
+        """Factor of the head lamps on colours, by distance [m]; applied before `tint`."""
         return np.asarray(1.0 + self.lamps * 2.4 * np.exp(-distance / 16.0))
 
 

@@ -1,7 +1,7 @@
-"""Bodies: what actors look like, as a few boxes each.
+"""Bodies: models of actors, as a few boxes each.
 
-A part is a box whose top may be smaller than its bottom. Along and across, its bounds are shares of half the actor's
-length and width, so that it fits any box that SUMO or an agent drives; heights are metres.
+A part is a box whose top may be smaller than its bottom. Its bounds along and across are shares of half the actor's
+length and width, so that it fits actors of any size; heights are in metres.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Part = tuple[float, ...]
 
 
 class Paint(IntEnum):
-    """Colour of a part; OWN is the actor's own."""
+    """Colour of a part; OWN is the colour of the actor."""
 
     OWN = 0
     GLASS = 1
@@ -39,7 +39,7 @@ class Paint(IntEnum):
 
 
 class When(IntFlag):
-    """When a part is drawn, and how: NEAR where it may be bigger than a pixel, COLOUR in colour pictures only."""
+    """Flags of drawing a part: NEAR only if it may be bigger than a pixel, COLOUR only in colour pictures."""
 
     ALWAYS = 0
     NEAR = 1
@@ -50,7 +50,7 @@ class When(IntFlag):
 
 
 ON_TOP = When.NEAR | When.COLOUR
-"""A patch of colour a centimetre or so before what it lies on: no matter to labels and depth."""
+"""A patch of colour about a centimetre in front of another part: without effect on labels and depth."""
 
 
 PAINTS: IntArray = np.array(
@@ -72,7 +72,7 @@ PAINTS: IntArray = np.array(
         (92, 94, 98),
     ]
 )
-"""(15, 3) by Paint."""
+"""(15, 3) colours by Paint."""
 
 CAR_PAINTS: IntArray = np.array(
     [
@@ -113,7 +113,7 @@ def _part(
     top_x: tuple[float, float] | None = None,
     narrower: float = 1.0,
 ) -> Part:
-    """A part: along, across, height; at its top `top_x` along, and `narrower` times as wide."""
+    """Makes a part: bounds along, across and in height; `top_x` along at its top, and `narrower` times as wide."""
     upper = top_x or x
     return (*x, *y, *z, *upper, narrower, float(side), float(side if top is None else top), float(when))
 
@@ -123,7 +123,7 @@ def _both_sides(low: float, high: float) -> tuple[tuple[float, float], tuple[flo
 
 
 def _wheels(*at: float, radius: float, length: float) -> Iterator[Part]:
-    """Pairs of wheels; `length` is the typical vehicle's, m."""
+    """Pairs of wheels; `length` is that of the typical vehicle, m."""
     half = 2 * radius / length
     for middle in at:
         for y in _both_sides(0.72, 1.003):
@@ -133,7 +133,7 @@ def _wheels(*at: float, radius: float, length: float) -> Iterator[Part]:
 def _wheel(
     middle: float, half: float, y: tuple[float, float], radius: float, paint: Paint, when: When
 ) -> Iterator[Part]:
-    """A hexagon: a box that widens, and one that narrows."""
+    """A wheel as a hexagon: a box that widens, and a box that narrows."""
     wide, narrow = (middle - half, middle + half), (middle - half / 2, middle + half / 2)
     yield _part(narrow, y, (0.0, radius), paint, when=when, top_x=wide)
     yield _part(wide, y, (radius, 2 * radius), paint, when=when, top_x=narrow)
@@ -246,7 +246,7 @@ def _tables() -> tuple[FloatArray, IntArray]:
 
 PARTS, PARTS_START = _tables()
 HEIGHT_M: FloatArray = np.array([PARTS[PARTS_START[k] : PARTS_START[k + 1], 5].max() for k in ActorKind])
-"""(9,) by ActorKind."""
+"""(9,) height by ActorKind, m."""
 
 
 def own_colours(kind: IntArray, key: IntArray) -> IntArray:
@@ -255,7 +255,7 @@ def own_colours(kind: IntArray, key: IntArray) -> IntArray:
 
 
 def _own() -> IntArray:
-    """(9, 64, 3) a table of colours for each kind."""
+    """(9, 64, 3) colours by kind and number."""
     out = np.empty((len(ActorKind), 64, 3), dtype=np.int64)
     number = np.arange(64)
     for kind in ActorKind:

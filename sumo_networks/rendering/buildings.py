@@ -1,4 +1,4 @@
-"""Buildings: plain boxes set back from the roads, that follow from the network alone. No map of real ones is used."""
+"""Buildings: plain boxes set back from the roads, generated from the network only, without maps of real buildings."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ COLUMNS = 7
 
 
 def buildings_near(network: RoadNetwork, x: float, y: float, radius: float) -> FloatArray:
-    """(B, 7) x, y [m], heading [rad], length, depth, height [m], a number in [0, 1) that decides its colour.
+    """(B, 7) x, y [m], heading [rad], length, depth, height [m], and a number in [0, 1) for the colour.
 
-    All whose centre is within a radius, and some beyond.
+    The result has all buildings whose centre is within a radius [m], and some beyond.
     """
     columns, rows = (range(int((at - radius) // BLOCK_M), int((at + radius) // BLOCK_M) + 1) for at in (x, y))
     return np.concatenate([_block(network, column, row) for column in columns for row in rows])
@@ -36,8 +36,8 @@ def buildings_near(network: RoadNetwork, x: float, y: float, radius: float) -> F
 def _block(network: RoadNetwork, column: int, row: int) -> FloatArray:
     """The buildings of one square of 256 m.
 
-    A candidate stands if it keeps clear of everything paved and of all better candidates that do; so the answer is the
-    same whichever square is asked for first.
+    A candidate is kept if it overlaps no paved area and no kept candidate of higher priority; so the result does not
+    depend on the order in which squares are computed.
     """
     candidates, priority, cells = _candidates(network)
     x0, y0 = column * BLOCK_M, row * BLOCK_M
@@ -54,7 +54,7 @@ def _block(network: RoadNetwork, column: int, row: int) -> FloatArray:
 
 
 def _clear(network: RoadNetwork, boxes: FloatArray, x0: float, y0: float) -> BoolArray:
-    """(B,) whether nothing paved is nearer than 1.5 m."""
+    """(B,) whether every paved area is at least 1.5 m away."""
     ground = ground_of(network)
     reach = 3 * LARGEST_M
     x1, y1 = x0 + BLOCK_M + reach, y0 + BLOCK_M + reach
@@ -79,7 +79,7 @@ def _corners(boxes: FloatArray, margin: float) -> FloatArray:
 
 @lru_cache(maxsize=4)
 def _candidates(network: RoadNetwork) -> tuple[FloatArray, FloatArray, CellIndex]:
-    """Rows as above along both sides of every street, with a priority in [0, 1); sorted by cell."""
+    """Candidate buildings along both sides of every street, their priorities in [0, 1), and the index by cell."""
     rows = np.concatenate([_along(network, side) for side in (-1.0, 1.0)])
     cells = CellIndex(rows[:, :2])
     rows = rows[cells.order]
@@ -116,7 +116,7 @@ def _along(network: RoadNetwork, side: float) -> FloatArray:
 
 
 def _verge(network: RoadNetwork, lane: IntArray, side: float) -> FloatArray:
-    """From each lane's centreline to the outer edge of its street on one side, m."""
+    """Distance from each lane's centreline to the outer edge of its street on one side, m."""
     lanes = network.lanes
     out = np.empty(len(lane))
     for row, one in enumerate(lane.tolist()):
@@ -127,7 +127,7 @@ def _verge(network: RoadNetwork, lane: IntArray, side: float) -> FloatArray:
 
 
 def _hash(seed: NDArray[np.uint64], number: NDArray[np.uint64], salt: int) -> FloatArray:
-    """Numbers in [0, 1) that look random and are the same everywhere (splitmix64's mixing)."""
+    """Pseudo-random numbers in [0, 1), the same on every machine (splitmix64's mixing)."""
     with np.errstate(over="ignore"):
         z: NDArray[np.uint64] = (
             seed * np.uint64(0x9E3779B97F4A7C15) + number * np.uint64(0xBF58476D1CE4E5B9) + np.uint64(salt * 7919 + 1)

@@ -1,4 +1,4 @@
-"""Develop: numba kernels that make pictures, labels and depths of what was drawn."""
+"""Develop: numba kernels that turn drawn values into pictures, labels and depths."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ def develop_colours(
     shift: int,
     out: NDArray[np.uint8],
 ) -> None:
-    """From values to a picture: fog and light on what stands, sky behind it, grain over all.
+    """Turns values into a picture: fog and light on bodies, sky behind them, grain on every pixel.
 
     Args:
-        value: (H, W) image.
+        value: (H, W) drawn values.
         inverse: (H, W) 1 / depth, 1/m.
         sky: (H, W) 0x00BBGGRR.
         ray: (H, W) metres along a pixel's ray per metre of depth.
         fog: (D, 2) light, and share of a colour left, per half metre.
         tint: (3,) factor on colours that do not shine.
         horizon: (3,) colour of fog.
-        range_m: Nothing farther away is seen.
+        range_m: Range of sight, m.
         grain: (G,) noise, G a power of two; empty for none.
-        shift: Where in it to begin.
-        out: (3, H, W).
+        shift: First index in the noise.
+        out: (3, H, W) output, the picture.
     """
     rows, columns = value.shape
     mask, noisy = grain.shape[0] - 1, grain.shape[0] > 0
@@ -74,10 +74,10 @@ def develop_colours(
 
 @njit(cache=True, error_model="numpy")
 def add_rain(picture: NDArray[np.uint8], streaks: FloatArray, colour: Float32Array) -> None:
-    """Short bright streaks.
+    """Adds short bright streaks of rain to a picture.
 
     Args:
-        picture: (3, H, W).
+        picture: (3, H, W) colours.
         streaks: (N, 3) column, row and length, each a share in [0, 1).
         colour: (3,) of the sky.
     """
@@ -97,7 +97,7 @@ def add_rain(picture: NDArray[np.uint8], streaks: FloatArray, colour: Float32Arr
 def develop_labels(
     value: Values, inverse: Float32Array, ray: Float32Array, range_m: float, out: NDArray[np.uint8]
 ) -> None:
-    """Labels nearer than the range; what is farther is 0, as the sky."""
+    """Labels of pixels within range; 0, as for the sky, beyond."""
     for row in range(value.shape[0]):
         for column in range(value.shape[1]):
             near = inverse[row, column]
@@ -107,7 +107,7 @@ def develop_labels(
 
 @njit(cache=True, error_model="numpy")
 def develop_depth(inverse: Float32Array, ray: Float32Array, range_m: float, far: float, out: Float32Array) -> None:
-    """Depth along the axis, m; `far` where nothing is nearer than the range."""
+    """Depth along the axis, m; `far` if nothing is within range."""
     for row in range(inverse.shape[0]):
         for column in range(inverse.shape[1]):
             near = inverse[row, column]

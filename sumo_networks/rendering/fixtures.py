@@ -1,4 +1,4 @@
-"""Fixtures: traffic-light heads and stop signs, where the network's stop lines say that they stand."""
+"""Fixtures: traffic-light heads and stop signs, placed at the network's stop lines."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _FROM_LEFT = {"t": 0, "l": 1, "L": 2, "s": 3, "R": 4, "r": 5}
 
 @dataclass(frozen=True)
 class Fixtures:
-    """All heads, wires and signs of a network, m and rad, network frame.
+    """All heads, wires and signs of a network; m and rad, network frame.
 
     Attributes:
         heads: (H, 3) x, y, direction of the traffic that the head faces.
         signal: (H,) signal that the head shows.
-        wires: (W, 4) both ends of the wire over a road on which its heads hang.
+        wires: (W, 4) both ends of the wire over a road that carries the heads.
         signs: (S, 3) x, y, direction of the traffic that the sign faces.
     """
 
@@ -40,9 +40,9 @@ class Fixtures:
 
 @lru_cache(maxsize=4)
 def fixtures_of(network: RoadNetwork) -> Fixtures:
-    """The fixtures of a network.
+    """Fixtures of a network.
 
-    SUMO knows no places of lights and signs. Here one head per signal hangs over each lane, 8 m beyond its stop line,
+    SUMO has no positions of lights and signs. Here one head per signal hangs over each lane, 8 m beyond its stop line,
     in the order of the turns, and one sign stands to the right of a road's stop lines.
     """
     heads: list[tuple[float, ...]] = []
@@ -88,7 +88,7 @@ def fixtures_of(network: RoadNetwork) -> Fixtures:
 
 
 def _wire(ends: FloatArray) -> FloatArray:
-    """(4,) the line through the outermost of some points, a little longer."""
+    """(4,) line through the outermost of several points, slightly extended."""
     across = ends[-1] - ends[0]
     across = across / max(float(np.hypot(*across)), 1e-9)
     at = ends @ across

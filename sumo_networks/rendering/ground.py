@@ -1,4 +1,4 @@
-"""Ground: numba kernels that look up in tiles what the pixels below the horizon show."""
+"""Ground: numba kernels that read the pixels below the horizon from tiles."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LOW, _BYTE, _ONE = np.uint64(255), np.uint64(8), np.uint64(1)
 
 @njit(cache=True, inline="always")
 def _spread(texel: np.uint32) -> np.int64:
-    """Red, green and blue 16 bits apart, so that one multiplication weighs all three."""
+    """Spreads red, green and blue 16 bits apart, so that one multiplication weights all three."""
     t = np.int64(texel)
     return (t & 0xFF) | ((t & 0xFF00) << 8) | ((t & 0xFF0000) << 16)
 
@@ -38,14 +38,14 @@ def ground_colours(
 
     Args:
         value: (H * W,) image.
-        pixel: (N,) which pixels.
-        points: (N, 4) where each looks at, and how far it is from one sample to the next; x, y, dx, dy, m, ego frame.
-        taps: (N,) samples, 1 to 4, over a pixel's height; negative: that many, each between four texels.
-        tone: (N, 2) light on it, and share of `horizon` over it.
+        pixel: (N,) indices of the pixels.
+        points: (N, 4) point x, y on the ground and step dx, dy from sample to sample, m, ego frame.
+        taps: (N,) number of samples over a pixel's height, 1 to 4; negative: each sample between four texels.
+        tone: (N, 2) light on the ground, and share of `horizon` mixed in.
         ego: (3,) x, y [m], heading [rad].
-        tint: (3,) factor.
-        horizon: (3,) colour.
-        window: Tiles that cover what is seen.
+        tint: (3,) factor on colours.
+        horizon: (3,) colour of the horizon.
+        window: Tiles that cover the visible ground.
     """
     cos, sin = math.cos(ego[2]), math.sin(ego[2])
     pool, table = window.pool, window.table
@@ -101,15 +101,15 @@ def ground_labels(
     labels: NDArray[np.uint8],
     window: TileWindow,
 ) -> None:
-    """As `ground_colours`, the label of the surface in the middle of each pixel.
+    """Labels the pixels that show ground by the surface in the middle of each pixel.
 
     Args:
         value: (H * W,) image.
-        pixel: (N,) which pixels.
-        points: (N, 4) of which x, y are used.
+        pixel: (N,) indices of the pixels.
+        points: (N, 4) as of `ground_colours`; only x, y are used.
         ego: (3,) x, y [m], heading [rad].
-        labels: (10,) by Surface.
-        window: Tiles that cover what is seen.
+        labels: (10,) labels by Surface.
+        window: Tiles that cover the visible ground.
     """
     pool, table = window.pool, window.table
     scale = 1.0 / window.metres_per_px

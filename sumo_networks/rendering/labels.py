@@ -1,4 +1,4 @@
-"""Labels: what a pixel of a semantic image shows."""
+"""Labels: classes of the pixels of a semantic image."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dohyo.sumo_networks.world import ActorKind, LightState
 
 
 class Label(IntEnum):
-    """Class of a pixel. The four of traffic lights are LIGHT_OFF plus `world.LightState`."""
+    """Class of a pixel. The four classes of traffic lights are LIGHT_OFF plus `world.LightState`."""
 
     NONE = 0
     TERRAIN = 1

@@ -1,4 +1,4 @@
-"""Overhead: frames of an episode from above, north up, centred on an ego. For people; no sensor reads them."""
+"""Overhead: frames of an episode from above, north up, centred on an ego. For people, not for sensors."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ SUPERSAMPLING = 3
 ROUTE_M, ROUTE_WIDTH_M = 200, 2.4
 STOP_LINE_M = 0.6
 PERSON_M = 0.5
-"""Radius of the disc that stands for a pedestrian, m."""
+"""Radius of the disc that represents a pedestrian, m."""
 
 FRAME_SHAPE = (SIDE_PX, SIDE_PX, 3)
 
 
 class Layer(IntEnum):
-    """What a pixel may show, bottom first: the colour of a pixel is that of its last layer."""
+    """Layer of a pixel, bottom first; a pixel has the colour of its last layer."""
 
     SIDEWALK = 0
     ROAD = 1
@@ -82,7 +82,7 @@ class Overhead:
         """(480, 480, 3) RGB picture of the surroundings of one ego.
 
         Args:
-            world: What is true now.
+            world: The current world.
             ego: Index of the ego in the middle.
         """
         x, y = world.egos.position[ego].tolist()
@@ -131,7 +131,7 @@ class Overhead:
 
 @njit(cache=True, error_model="numpy")
 def _average(bits: NDArray[np.uint16], colours: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
-    """(H, W, 3) the mean colour of the 3 x 3 samples of each pixel, from a (2 ** layers, 3) table."""
+    """(H, W, 3) mean colour of the 3 x 3 samples of each pixel, from a (2 ** layers, 3) table."""
     for row in range(out.shape[0]):
         for column in range(out.shape[1]):
             red, green, blue = 4, 4, 4
@@ -154,7 +154,7 @@ def _notches(boxes: FloatArray) -> FloatArray:
 
 
 def _light(world: World, row: int) -> LightState:
-    """LightState at a stop line: the best of its lane's signals, OFF where there is none."""
+    """LightState at a stop line: the most permissive of its lane's signals, OFF if there is none."""
     network = world.network
     if not network.stop_lines.lit[row]:
         return LightState.OFF

@@ -1,8 +1,8 @@
-"""Perspective: numba kernels that project boxes and faces into an image, nearest first to stay.
+"""Perspective: numba kernels that project boxes and faces into an image, with a depth test.
 
 A camera's frame is x along its axis, y left, z up. A pixel (row, column) looks along (1, (cx - column - 0.5) / f,
-(cy - row - 0.5) / f). `inverse` holds 1 / depth of what is nearest so far, so that a face hides what is behind it
-pixel by pixel; `value` holds 0xFFBBGGRR, or a label. Flags FF: 1 the colour is final, 2 it shines by itself.
+(cy - row - 0.5) / f). `inverse` holds 1 / depth of the nearest face so far, for a depth test pixel by
+pixel; `value` holds 0xFFBBGGRR, or a label. Flags FF: 1 the colour is final, 2 it emits light.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Values = NDArray[np.uint32]
 
 
 class Canvas(NamedTuple):
-    """The image that is drawn, and the camera and the light of it.
+    """An image to draw into, with its camera and light.
 
     Attributes:
         value: (H, W) image.
@@ -32,9 +32,10 @@ class Canvas(NamedTuple):
         ego: (3,) x, y [m], heading [rad].
         mount: (4, 3) position of the camera in the ego frame, then its axes forward, left and up.
         lens: (3,) focal length, cx, cy, px.
-        light: (8,) direction to the sun in the camera frame, its share, the world's up in the camera frame, spare.
-        range_m: Nothing farther away is drawn.
-        scratch: (8, 16, 3) room for corners.
+        light: (8,) direction to the sun in the camera frame, the sun's share of the light, the world's up in the camera
+            frame, unused.
+        range_m: Range of sight, m.
+        scratch: (8, 16, 3) working memory for corners.
     """
 
     value: Values
@@ -56,7 +57,7 @@ def pack(red: float, green: float, blue: float) -> np.uint32:
 
 @njit(cache=True, error_model="numpy")
 def clip_near(polygon: FloatArray, count: int, out: FloatArray) -> int:
-    """Cuts a polygon off at NEAR_M before the camera; returns how many corners are left (Sutherland-Hodgman)."""
+    """Clips a polygon at NEAR_M before the camera; returns the number of corners left (Sutherland-Hodgman)."""
     kept = 0
     for i in range(count):
         j = i + 1 if i + 1 < count else 0
@@ -75,7 +76,7 @@ def clip_near(polygon: FloatArray, count: int, out: FloatArray) -> int:
 
 @njit(cache=True, error_model="numpy")
 def span(corners: FloatArray, count: int, row: int, columns: int) -> tuple[int, int]:
-    """First column, and one past the last, whose middle is in a convex polygon in one row."""
+    """First column, and one past the last, whose middle is inside a convex polygon in a row."""
     y = row + 0.5
     left, right = math.inf, -math.inf
     xa, ya = corners[count - 1, 0], corners[count - 1, 1]
@@ -95,10 +96,10 @@ def span(corners: FloatArray, count: int, row: int, columns: int) -> tuple[int, 
 def project(
     polygon: FloatArray, count: int, lens: FloatArray, clipped: FloatArray, corners: FloatArray
 ) -> tuple[int, float, float]:
-    """Corners of a polygon in the image.
+    """Projects the corners of a polygon into the image.
 
     Returns:
-        Their number (0: nothing before the camera), lowest and highest of their rows.
+        Number of corners (0: nothing before the camera), lowest and highest of their rows.
     """
     focal, cx, cy = lens[0], lens[1], lens[2]
     kept = clip_near(polygon, count, clipped)
@@ -115,7 +116,7 @@ def project(
 
 @njit(cache=True, error_model="numpy")
 def plane(polygon: FloatArray) -> tuple[float, float, float, float]:
-    """Outward unit normal of a face and its distance; the distance is negative where its outside is seen."""
+    """Outward unit normal of a face and its distance; the distance is negative if the outside is visible."""
     ax, ay, az = polygon[1, 0] - polygon[0, 0], polygon[1, 1] - polygon[0, 1], polygon[1, 2] - polygon[0, 2]
     bx, by, bz = polygon[2, 0] - polygon[0, 0], polygon[2, 1] - polygon[0, 1], polygon[2, 2] - polygon[0, 2]
     nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
@@ -128,15 +129,15 @@ def plane(polygon: FloatArray) -> tuple[float, float, float, float]:
 
 @njit(cache=True, error_model="numpy")
 def face(canvas: Canvas, polygon: FloatArray, count: int, colour: FloatArray, flags: int, label: int) -> None:
-    """Draws one convex face, seen from outside (corners counter-clockwise), where nothing nearer is.
+    """Draws one convex face, seen from outside (corners counter-clockwise), with a depth test.
 
     Args:
-        canvas: What to draw into.
+        canvas: Image to draw into.
         polygon: (N, 3) corners, m, camera frame.
-        count: How many of them.
+        count: Number of corners used.
         colour: (3,) 0 to 255.
-        flags: Of the value.
-        label: Written instead of the colour, where it is not negative.
+        flags: Flags of the value.
+        label: Label to write instead of the colour; negative: write the colour.
     """
     value, inverse, lens, light, scratch = canvas.value, canvas.inverse, canvas.lens, canvas.light, canvas.scratch
     nx, ny, nz, distance = plane(polygon)
@@ -171,15 +172,15 @@ def face(canvas: Canvas, polygon: FloatArray, count: int, colour: FloatArray, fl
 
 @njit(cache=True, error_model="numpy")
 def facade(canvas: Canvas, polygon: FloatArray, colour: FloatArray, label: int, seed: int, night: float) -> None:
-    """Draws one wall of a building: as `face`, with rows of windows, some of them lit in the dark.
+    """Draws one wall of a building as `face`, with rows of windows; some are lit in the dark.
 
     Args:
-        canvas: What to draw into.
+        canvas: Image to draw into.
         polygon: (4, 3) corners, m, camera frame: bottom left, bottom right, top right, top left from outside.
-        colour: (3,) of the wall.
+        colour: (3,) colour of the wall.
         label: As of `face`.
-        seed: Decides which windows are lit.
-        night: Share of windows that are.
+        seed: Seed of the choice of lit windows.
+        night: Share of lit windows.
     """
     value, inverse, lens, light, scratch = canvas.value, canvas.inverse, canvas.lens, canvas.light, canvas.scratch
     nx, ny, nz, distance = plane(polygon)
@@ -224,7 +225,7 @@ def facade(canvas: Canvas, polygon: FloatArray, colour: FloatArray, label: int, 
             t = (ux + uy * dy + uz * dz) * depth - u0
             bay, floor = math.floor(s), math.floor(t)
             fs, ft = s - bay, t - floor
-            # How much of the pixel is window: a box filter as wide as the pixel, in bays and in floors.
+            # Share of the pixel that is window: a box filter as wide as the pixel, along the wall and in height.
             blur_s = max(depth / focal * bays / width * (1.0 + 2.0 * abs(ay)), 0.02)
             blur_t = max(depth / (focal * storey), 0.02)
             inside_s = min(max((min(fs - 0.24, 0.76 - fs)) / blur_s + 0.5, 0.0), 1.0)
@@ -252,7 +253,7 @@ def facade(canvas: Canvas, polygon: FloatArray, colour: FloatArray, label: int, 
 def shadow(
     value: Values, polygon: FloatArray, count: int, lens: FloatArray, strength: float, scratch: FloatArray
 ) -> None:
-    """Darkens the ground inside a polygon on it."""
+    """Darkens the ground inside a polygon."""
     rows, columns = value.shape
     corners = scratch[1]
     kept, low, high = project(polygon, count, lens, scratch[0], corners)
@@ -268,15 +269,15 @@ def shadow(
 
 @njit(cache=True, error_model="numpy")
 def frame_of(x: float, y: float, heading: float, ego: FloatArray, mount: FloatArray, out: FloatArray) -> None:
-    """A body's origin on the ground and its axes, in the camera frame.
+    """Computes a body's origin on the ground and its axes, in the camera frame.
 
     Args:
-        x: Origin, m, network frame.
-        y: Origin, m, network frame.
-        heading: rad.
+        x: x of the origin, m, network frame.
+        y: y of the origin, m, network frame.
+        heading: Heading of the body, rad.
         ego: (3,) x, y [m], heading [rad] of the ego.
         mount: (4, 3) position of the camera in the ego frame, then its axes forward, left and up.
-        out: (4, 3) origin, then the axes forward, left and up.
+        out: (4, 3) output: origin, then the axes forward, left and up.
     """
     cos, sin = math.cos(ego[2]), math.sin(ego[2])
     dx, dy = x - ego[0], y - ego[1]
@@ -293,7 +294,7 @@ def frame_of(x: float, y: float, heading: float, ego: FloatArray, mount: FloatAr
 
 @njit(cache=True, error_model="numpy")
 def point(frame: FloatArray, x: float, y: float, z: float, out: FloatArray) -> None:
-    """A point of a body in the camera frame."""
+    """Transforms a point of a body into the camera frame."""
     for i in range(3):
         out[i] = frame[0, i] + x * frame[1, i] + y * frame[2, i] + z * frame[3, i]
 
@@ -305,12 +306,12 @@ def block(
     """Draws a box whose top may be smaller than its bottom.
 
     Args:
-        canvas: What to draw into.
-        frame: Of the body it belongs to.
+        canvas: Image to draw into.
+        frame: Frame of the body, from `frame_of`.
         box: (9,) x from, x to, y from, y to, z from, z to, x from at the top, x to at the top, share of the width
             there; m, body frame.
-        side: (3,) colour of its sides.
-        top: (3,) colour of its top.
+        side: (3,) colour of the sides.
+        top: (3,) colour of the top.
         flags: As of `face`.
         label: As of `face`.
     """
@@ -331,7 +332,7 @@ def block(
         farthest = max(farthest, corners[i, 0])
     if farthest < NEAR_M:
         return
-    # Where the camera is in the body's frame decides which sides of a plain box it cannot see.
+    # The camera's place in the body's frame decides which sides of a plain box are hidden.
     ex, ey, ez = 0.0, 0.0, 0.0
     for i in range(3):
         ex -= frame[0, i] * frame[1, i]

@@ -23,14 +23,14 @@ def warp(
     of_surface: Bits,
     window: TileWindow,
 ) -> None:
-    """Turns the ground's tiles into the ego's frame: every pixel takes the texel that its middle lies in.
+    """Transforms the ground's tiles into the ego's frame: every pixel takes the texel at its middle.
 
     Args:
-        bits: (H, W) written.
-        view: (3,) metres per pixel; how far the top edge is ahead and the left edge to the left of the ego, m.
+        bits: (H, W) output.
+        view: (3,) metres per pixel; distances of the top edge ahead and of the left edge to the left of the ego, m.
         ego: (3,) x, y [m], heading [rad].
         of_surface: (10,) bits by Surface.
-        window: Tiles that cover what is seen.
+        window: Tiles that cover the visible ground.
     """
     rows, columns = bits.shape
     pool, table = window.pool, window.table
@@ -85,7 +85,7 @@ def draw_boxes(bits: Bits, boxes: FloatArray, layer: IntArray, view: FloatArray,
 def draw_arrows(
     bits: Bits, boxes: FloatArray, speed: FloatArray, seconds: float, bit: int, view: FloatArray, ego: FloatArray
 ) -> None:
-    """Adds an arrow from the middle of each box along its heading, as long as it moves in some time."""
+    """Adds an arrow from the middle of each box along its heading, as long as its motion in a time."""
     corners = np.empty((4, 2))
     thick = max(0.35, 1.5 * view[0])
     for i in range(boxes.shape[0]):
@@ -147,7 +147,7 @@ def draw_path(bits: Bits, points: FloatArray, width: float, bit: int, view: Floa
 
 @njit(cache=True, error_model="numpy")
 def to_masks(bits: Bits, masks: NDArray[np.uint8]) -> None:
-    """(C, H, W) 255 where the bit of the layer is set, else 0."""
+    """(C, H, W) masks: 255 where the bit of the layer is set, else 0."""
     flat = bits.reshape(-1)
     planes = masks.reshape(masks.shape[0], -1)
     for layer in range(planes.shape[0]):
@@ -158,7 +158,7 @@ def to_masks(bits: Bits, masks: NDArray[np.uint8]) -> None:
 
 @njit(cache=True, error_model="numpy")
 def to_colours(bits: Bits, colours: NDArray[np.uint8], picture: NDArray[np.uint8]) -> None:
-    """(3, H, W) the colour of each pixel's set of layers, from a (2 ** layers, 3) table."""
+    """(3, H, W) colour of each pixel's set of layers, from a (2 ** layers, 3) table."""
     flat = bits.reshape(-1)
     planes = picture.reshape(3, -1)
     for i in range(flat.shape[0]):

@@ -1,4 +1,4 @@
-"""Scene: numba kernels that draw what stands and what moves, and the shadows of the latter."""
+"""Scene: numba kernels that draw actors with their shadows, buildings and fixtures."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ SIGN_M, SIGN_RADIUS_M = 2.43, 0.46
 
 @njit(cache=True, error_model="numpy")
 def draw_shadows(canvas: Canvas, bodies: FloatArray, heights: FloatArray, sun: FloatArray, strength: float) -> None:
-    """The shadows of bodies: soft under them, and to the side away from the sun.
+    """Draws the shadows of bodies: soft under them, and to the side away from the sun.
 
     Args:
-        canvas: What to draw into.
+        canvas: Image to draw into.
         bodies: (N, 5) x, y [m], heading [rad], length, width [m].
-        heights: (N,) m.
-        sun: (2,) how far a shadow reaches per metre of height, m, network frame.
-        strength: Share of the light that the sun gives.
+        heights: (N,) heights, m.
+        sun: (2,) vector of a shadow per metre of height, m, network frame.
+        strength: Share of the light that comes from the sun.
     """
     ego, mount, lens, range_m, scratch = canvas.ego, canvas.mount, canvas.lens, canvas.range_m, canvas.scratch
     frame, polygon = scratch[4], scratch[5]
@@ -58,7 +58,7 @@ def _rectangle(frame: FloatArray, a: float, b: float, polygon: FloatArray) -> No
 
 @njit(cache=True, error_model="numpy")
 def _swept(frame: FloatArray, a: float, b: float, u: float, v: float, polygon: FloatArray) -> int:
-    """The convex hull of a rectangle and of the same rectangle moved by (u, v)."""
+    """Convex hull of a rectangle and of the same rectangle moved by (u, v)."""
     count = 0
     for i in range(4):
         x = a if i == 1 or i == 2 else -a
@@ -84,9 +84,9 @@ class Bodies(NamedTuple):
     Attributes:
         boxes: (N, 5) x, y [m], heading [rad], length, width [m].
         kind: (N,) ActorKind.
-        indicator: (N,) 1 left, -1 right.
-        colours: (N, 3) each one's own.
-        heights: (N,) m.
+        indicator: (N,) turn indicator: 1 left, -1 right, 0 off.
+        colours: (N, 3) colour of each actor.
+        heights: (N,) heights, m.
     """
 
     boxes: FloatArray
@@ -97,13 +97,13 @@ class Bodies(NamedTuple):
 
 
 class Models(NamedTuple):
-    """What each kind of actor looks like.
+    """Models of each kind of actor.
 
     Attributes:
-        labels: (9,) by kind.
-        parts: (P, 12) of `bodies`.
+        labels: (9,) labels by kind.
+        parts: (P, 12) parts, see `bodies`.
         start: (10,) first part of each kind.
-        paints: (14, 3) by Paint.
+        paints: (15, 3) colours by Paint.
     """
 
     labels: NDArray[np.uint8]
@@ -114,13 +114,13 @@ class Models(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def draw_bodies(canvas: Canvas, bodies: Bodies, models: Models, coloured: bool) -> None:
-    """Draws actors part by part; small parts only where they are bigger than a pixel.
+    """Draws actors part by part; small parts only if they are bigger than a pixel.
 
     Args:
-        canvas: What to draw into.
+        canvas: Image to draw into.
         bodies: The actors.
-        models: What they look like.
-        coloured: Draw colours instead of labels.
+        models: Models of the actors.
+        coloured: Whether to draw colours instead of labels.
     """
     ego, mount, lens, range_m, scratch = canvas.ego, canvas.mount, canvas.lens, canvas.range_m, canvas.scratch
     boxes, kind, indicator = bodies.boxes, bodies.kind, bodies.indicator
@@ -135,7 +135,7 @@ def draw_bodies(canvas: Canvas, bodies: Bodies, models: Models, coloured: bool) 
         half_length, half_width = boxes[i, 3] / 2, boxes[i, 4] / 2
         reach = math.sqrt(half_length * half_length + half_width * half_width + bodies.heights[i] * bodies.heights[i])
         depth = frame[0, 0]
-        # A sphere around it that lies wholly outside the view: left or right of it, above or below, or behind.
+        # Skip an actor whose bounding sphere is wholly outside the view: behind, to the side, above or below.
         if depth + reach < NEAR_M or abs(frame[0, 1]) - depth * slope_u > reach * math.sqrt(1.0 + slope_u * slope_u):
             continue
         if abs(frame[0, 2]) - depth * slope_v > reach * math.sqrt(1.0 + slope_v * slope_v):
@@ -165,11 +165,11 @@ def draw_buildings(canvas: Canvas, buildings: FloatArray, facades: FloatArray, l
     """Draws buildings with their windows; nearest first would be faster, but any order gives the same picture.
 
     Args:
-        canvas: What to draw into.
-        buildings: (B, 7) of `buildings_near`.
-        facades: (F, 3) colours.
+        canvas: Image to draw into.
+        buildings: (B, 7) from `buildings_near`.
+        facades: (F, 3) colours of walls.
         label: As of `face`.
-        night: Share of windows that are lit.
+        night: Share of lit windows.
     """
     ego, mount, lens, range_m, scratch = canvas.ego, canvas.mount, canvas.lens, canvas.range_m, canvas.scratch
     frame, corners, polygon, colour = scratch[4], scratch[5], scratch[6], np.empty(3)
@@ -207,15 +207,15 @@ def draw_buildings(canvas: Canvas, buildings: FloatArray, facades: FloatArray, l
 def draw_fixtures(
     canvas: Canvas, heads: FloatArray, states: IntArray, wires: FloatArray, signs: FloatArray, semantic: bool
 ) -> None:
-    """Draws traffic-light heads with their lamps, the wires they hang on, and stop signs.
+    """Draws traffic-light heads with their lamps and wires, and stop signs.
 
     Args:
-        canvas: What to draw into.
+        canvas: Image to draw into.
         heads: (H, 3) x, y [m], direction of the traffic [rad].
-        states: (H,) LightState.
+        states: (H,) LightState of each head.
         wires: (W, 4) both ends, m.
         signs: (S, 3) as `heads`.
-        semantic: Draw labels instead of colours.
+        semantic: Whether to draw labels instead of colours.
     """
     ego, mount, range_m, scratch = canvas.ego, canvas.mount, canvas.range_m, canvas.scratch
     frame, polygon, box, grey = scratch[4], scratch[5], np.empty(9), np.array([52.0, 55.0, 60.0])

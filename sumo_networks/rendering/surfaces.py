@@ -1,4 +1,4 @@
-"""Surfaces: what lies on the ground of a network, as polygons in painting order."""
+"""Surfaces: the ground of a network as polygons in painting order."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SHARPEST_MITRE = 1.6
 
 
 class Surface(IntEnum):
-    """What lies on the ground somewhere."""
+    """Kind of ground surface."""
 
     TERRAIN = 0
     ROAD = 1
@@ -40,18 +40,18 @@ class Surface(IntEnum):
 
 @dataclass(frozen=True)
 class Ground:
-    """The ground of one network.
+    """Polygons of the ground of one network.
 
     Attributes:
         quads: (Q, 4, 2) corners, m, network frame; sorted by cell.
         surface: (Q,) Surface of each.
-        layer: (Q,) lower layers are painted first.
-        thin: (Q,) a marking that coarse pictures must widen.
-        outlines: Junctions and walking areas, (P, 2) each, m.
+        layer: (Q,) layer of each; lower layers are painted first.
+        thin: (Q,) whether it is a marking that coarse pictures must widen.
+        outlines: Outlines of junctions and walking areas, (P, 2) each, m.
         outline_surface: Surface of each outline.
         outline_layer: Layer of each outline.
         outline_bounds: (N, 4) smallest x, y, largest x, y of each outline, m.
-        cells: Which quads lie where.
+        cells: Index of the quads by cell.
     """
 
     quads: Float32Array
@@ -66,10 +66,10 @@ class Ground:
 
 
 class CellIndex:
-    """Points by square cells, for those in a rectangle.
+    """Index of points by square cells, for look-ups by rectangle.
 
     Attributes:
-        order: Order in which the caller has to sort what the points stand for.
+        order: Order in which the caller must sort the objects at the points.
     """
 
     def __init__(self, points: FloatArray) -> None:
@@ -81,7 +81,7 @@ class CellIndex:
         self._start = np.searchsorted(number[self.order], np.arange(self._columns * self._rows + 1))
 
     def near(self, x0: float, y0: float, x1: float, y1: float, margin: float = 0.0) -> IntArray:
-        """Rows, in the sorted order, of all points in a rectangle and of some around it."""
+        """Rows, in the sorted order, of all points in a rectangle and of some points around it."""
         first = np.floor((np.array([x0, y0]) - margin - self._low) / CELL_M).astype(int)
         last = np.floor((np.array([x1, y1]) + margin - self._low) / CELL_M).astype(int)
         left, right = max(int(first[0]), 0), min(int(last[0]), self._columns - 1)
@@ -95,7 +95,7 @@ class CellIndex:
 
 @lru_cache(maxsize=4)
 def ground_of(network: RoadNetwork) -> Ground:
-    """The ground of a network; kept for the last few."""
+    """Ground of a network; the last few are cached."""
     parts = list(_layers(network))
     quads = np.concatenate([quads for quads, _, _ in parts]).astype(np.float32)
     surface = np.concatenate([np.full(len(quads), kind) for quads, kind, _ in parts])
@@ -117,7 +117,7 @@ def ground_of(network: RoadNetwork) -> Ground:
     )
 
 
-# Layers; outlines of junctions lie on 2 and of walking areas on 4, each over its own kerb.
+# Outlines of junctions have layer 2 and of walking areas layer 4, each above its own kerb.
 _TRACK, _JUNCTION_KERB, _JUNCTION, _WALK_KERB, _WALK, _CYCLE, _ROAD_KERB, _ROAD, _CROSS, _STRIPE, _LINE = range(11)
 
 
@@ -139,7 +139,7 @@ def _layers(network: RoadNetwork) -> Iterator[tuple[FloatArray, Surface, int]]:
     yield sidewalk.band(half), Surface.SIDEWALK, _WALK
     yield _Lines(network, cycle).band(half), Surface.CYCLEWAY, _CYCLE
     yield road.band(half + KERB_M), Surface.KERB, _ROAD_KERB
-    # A little wider than it is, so that no kerb shows between two lanes.
+    # A little wider than the lane, so that no kerb is visible between two lanes.
     yield _Lines(network, lanes.drivable).band(half + OVERLAP_M), Surface.ROAD, _ROAD
     crossing = _Lines(network, lanes.crossing)
     yield crossing.band(half), Surface.CROSSING, _CROSS
@@ -151,7 +151,7 @@ def _layers(network: RoadNetwork) -> Iterator[tuple[FloatArray, Surface, int]]:
 
 
 class _Lines:
-    """The centrelines of some lanes, cut into pieces of at most 25 m, with a normal at every point."""
+    """Centrelines of chosen lanes, cut into pieces of at most 25 m, with a normal at every point."""
 
     def __init__(self, network: RoadNetwork, chosen: BoolArray) -> None:
         lane, points = _without_repeats(network, chosen)
@@ -165,7 +165,7 @@ class _Lines:
         tangent = before + after
         norm = np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-9)
         tangent /= norm[:, None]
-        # At a bend an offset line is longer than its distance, by the cosine of half the angle.
+        # At a bend, the offset of a corner is the distance divided by the cosine of half the angle.
         corner = np.minimum(np.where(norm > 1.01, 2.0 / norm, 1.0), SHARPEST_MITRE)
         self.normal = np.column_stack([-tangent[:, 1], tangent[:, 0]]) * corner[:, None]
         # One arc length for all lanes, with a gap of 100 m between two of them.
@@ -176,7 +176,7 @@ class _Lines:
 
         Args:
             half: (L,) half the strip's width by lane, m.
-            aside: (L,) or one: distance of its middle to the left of the centreline, m.
+            aside: (L,) or a number: distance of the strip's middle to the left of the centreline, m.
         """
         middle = np.broadcast_to(aside, np.shape(half))[self.lane]
         left = self.points + self.normal * (middle + half[self.lane])[:, None]
@@ -184,7 +184,7 @@ class _Lines:
         return np.stack([right[:-1], right[1:], left[1:], left[:-1]], axis=1)[self.joined]
 
     def dashes(self, aside: FloatArray | float, half: FloatArray, on: float, period: float) -> FloatArray:
-        """(Q, 4, 2) pieces of such strips, `on` m long, one every `period` m, centred on each lane."""
+        """(Q, 4, 2) dashes along the lanes, `on` m long, one every `period` m, centred on each lane."""
         if not len(self.points):
             return np.empty((0, 4, 2))
         first = np.flatnonzero(np.concatenate([[True], ~self.joined]))
@@ -202,7 +202,7 @@ class _Lines:
 
 
 def _without_repeats(network: RoadNetwork, chosen: BoolArray) -> tuple[IntArray, FloatArray]:
-    """Lane of every point of the chosen lanes, and the points, those left out that repeat the one before."""
+    """Lane of every point of the chosen lanes, and the points; repeated points are left out."""
     lanes = network.lanes
     lane = np.repeat(np.arange(len(lanes.ids)), np.diff(lanes.start))
     keep = chosen[lane]
@@ -213,7 +213,7 @@ def _without_repeats(network: RoadNetwork, chosen: BoolArray) -> tuple[IntArray,
 
 
 def _cut(lane: IntArray, points: FloatArray) -> tuple[IntArray, FloatArray]:
-    """The same with points added, so that no two of a lane are farther apart than 25 m."""
+    """Adds points, so that consecutive points of a lane are at most 25 m apart."""
     if len(lane) < 2:
         return lane, points
     step = np.diff(points, axis=0)
@@ -234,14 +234,14 @@ def _thick(a: FloatArray, b: FloatArray, half: FloatArray) -> FloatArray:
 
 
 def _rim(outline: FloatArray) -> FloatArray:
-    """(Q, 4, 2) the kerb around an outline, in pieces of at most 25 m."""
+    """(Q, 4, 2) kerb around an outline, in pieces of at most 25 m."""
     closed = np.vstack([outline, outline[:1]])
     _, points = _cut(np.zeros(len(closed), dtype=np.int64), closed)
     return _thick(points[:-1], points[1:], np.full(len(points) - 1, KERB_M))
 
 
 def _outlines(network: RoadNetwork) -> tuple[list[FloatArray], list[Surface], list[int]]:
-    """Junctions where cars pass are road, other junctions and walking areas are sidewalk."""
+    """Outlines with surface and layer: junctions for cars are road, others and walking areas are sidewalk."""
     lanes = network.lanes
     names = [str(name) for name in lanes.ids]
     driven = {
@@ -269,7 +269,7 @@ def _outlines(network: RoadNetwork) -> tuple[list[FloatArray], list[Surface], li
 
 
 def _stop_lines(network: RoadNetwork) -> FloatArray:
-    """(Q, 4, 2) half a metre before each stop line."""
+    """(Q, 4, 2) strips of half a metre before each stop line."""
     right, left = network.stop_lines.segment[:, :2], network.stop_lines.segment[:, 2:]
     across = left - right
     across = across / np.maximum(np.hypot(across[:, 0], across[:, 1]), 1e-9)[:, None]

@@ -1,4 +1,4 @@
-"""Tiles: the ground of a network rasterised once, in square pieces of which the least used are forgotten."""
+"""Tiles: the rasterised ground of a network, in squares; the least recently used squares are dropped."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ THINNEST_PX = 3.0
 
 
 class TileWindow(NamedTuple):
-    """The tiles that cover a rectangle, as kernels look them up.
+    """Tiles that cover a rectangle, for kernels.
 
     Attributes:
-        pool: Of `Tiles`.
+        pool: Pool of `Tiles`.
         table: (R, C) slots in the pool.
         left: Column of the first tile.
         bottom: Row of the first tile.
@@ -43,27 +43,27 @@ class TileWindow(NamedTuple):
 class Tiles:
     """The ground of one network at one resolution.
 
-    A tile has one row and one column more than its share, so that a sample between texels needs no neighbour. A texel
-    of the pool of colours is 0xSSBBGGRR: the surface in its middle, and the mean colour of nine points. The pool of
-    surfaces has bytes. Both are allocated whole and touched slot by slot: at most CAPACITY tiles of 264 kB in colour
-    (34 MB) or 66 kB without (8.5 MB), whatever the size of the network.
+    A tile overlaps its neighbours by one row and one column, so that a sample between texels needs one tile only. A
+    texel of the pool of colours is 0xSSBBGGRR: the surface in its middle, and the mean colour of nine points. The pool
+    of surfaces has bytes. Both pools are allocated at once and used slot by slot: at most CAPACITY tiles of 264 kB in
+    colour (34 MB) or 66 kB without (8.5 MB), for networks of any size.
 
     Attributes:
-        metres_per_px: Size of a texel.
+        metres_per_px: Size of a texel, m.
         pool: (CAPACITY, 257, 257) uint32 or uint8; row 0 is the tile's southern edge, column 0 its western.
-        generation: Changes whenever a tile was forgotten.
+        generation: Number that changes when a tile is dropped.
     """
 
     def __init__(
         self, ground: Ground, metres_per_px: float, colours: FloatArray | None, capacity: int = CAPACITY
     ) -> None:
-        """Allocates; nothing is drawn yet.
+        """Allocates the pool; draws nothing yet.
 
         Args:
-            ground: What to draw.
-            metres_per_px: Size of a texel.
-            colours: (10, 3) by Surface, 0 to 255; None for surfaces alone.
-            capacity: Tiles kept.
+            ground: Ground to draw.
+            metres_per_px: Size of a texel, m.
+            colours: (10, 3) colours by Surface, 0 to 255; None for surfaces only.
+            capacity: Number of tiles kept.
         """
         self.metres_per_px, self.generation = metres_per_px, 0
         self.pool: NDArray[Any] = np.empty(
@@ -74,7 +74,7 @@ class Tiles:
 
     @property
     def side_m(self) -> float:
-        """Edge of a tile, m."""
+        """Edge length of a tile, m."""
         return TILE_PX * self.metres_per_px
 
     def __len__(self) -> int:
@@ -87,7 +87,7 @@ class Tiles:
             (R, C) slots, column and row of the first tile.
 
         Raises:
-            ValueError: It takes more tiles than are kept.
+            ValueError: The rectangle needs more tiles than the pool has.
         """
         side = self.side_m
         left, bottom = math.floor(x0 / side), math.floor(y0 / side)
@@ -123,13 +123,13 @@ class Tiles:
 
 @lru_cache(maxsize=16)
 def surface_tiles(network: RoadNetwork, metres_per_px: float, capacity: int = CAPACITY) -> Tiles:
-    """Tiles of bytes, shared by all sensors of this process that look at a network at one resolution."""
+    """Tiles of surfaces, shared by all sensors of this process with the same network and resolution."""
     return Tiles(ground_of(network), metres_per_px, None, capacity)
 
 
 @lru_cache(maxsize=16)
 def colour_tiles(network: RoadNetwork, metres_per_px: float, colours: tuple[tuple[int, int, int], ...]) -> Tiles:
-    """Tiles of colours, shared likewise."""
+    """Tiles of colours, shared by all sensors of this process with the same network, resolution and colours."""
     return Tiles(ground_of(network), metres_per_px, np.array(colours, dtype=np.float64))
 
 
@@ -139,12 +139,12 @@ def rasterise(
     """(side_px, side_px) Surface in the middle of every texel of a square.
 
     Args:
-        ground: What to draw.
+        ground: Ground to draw.
         x0: Western edge, m.
         y0: Southern edge, m.
-        side_px: Texels along its edge.
-        metres_per_px: Size of a texel.
-        thinnest_px: Markings are drawn at least so wide.
+        side_px: Number of texels along the square's edge.
+        metres_per_px: Size of a texel, m.
+        thinnest_px: Least width of markings, texels.
     """
     image = np.zeros((side_px, side_px), dtype=np.uint8)
     x1, y1 = x0 + side_px * metres_per_px, y0 + side_px * metres_per_px
@@ -168,7 +168,7 @@ def rasterise(
 
 
 def _widened(quads: FloatArray, width: float) -> FloatArray:
-    """Quads whose shorter side is at least so long."""
+    """Widens quads, so that the shorter side is at least `width` [m]."""
     out = quads.copy()
     middle = quads.mean(axis=1, keepdims=True)
     edges = quads[:, [1, 2]] - quads[:, [0, 1]]
@@ -183,7 +183,7 @@ def _widened(quads: FloatArray, width: float) -> FloatArray:
 
 @njit(cache=True)
 def _paint(image: NDArray[np.uint8], points: FloatArray, start: IntArray, surface: IntArray, order: IntArray) -> None:
-    """Fills polygons one over the other; a texel belongs to a polygon if its middle does (even-odd)."""
+    """Fills polygons in order; a texel belongs to a polygon if its middle is inside (even-odd rule)."""
     rows, columns = image.shape
     cuts = np.empty(256)
     for k in order:
@@ -213,7 +213,7 @@ def _paint(image: NDArray[np.uint8], points: FloatArray, start: IntArray, surfac
 
 @njit(cache=True)
 def _average(fine: NDArray[np.uint8], colours: Float32Array, out: NDArray[np.uint32]) -> None:
-    """Mean colour of 3 x 3 points, and the surface of the middle one."""
+    """Mean colour of 3 x 3 points, and the surface of the middle point."""
     for row in range(out.shape[0]):
         for column in range(out.shape[1]):
             red, green, blue = np.float32(0.5), np.float32(0.5), np.float32(0.5)

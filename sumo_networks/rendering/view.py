@@ -1,4 +1,4 @@
-"""View: all that follows from a camera and conditions alone: every pixel's ray, and where it meets the ground."""
+"""View: tables that depend on a camera and conditions only, such as every pixel's ray and ground point."""
 
 from __future__ import annotations
 
@@ -51,16 +51,16 @@ class Level:
 
 @dataclass(frozen=True)
 class CameraView:
-    """All that follows from a camera and conditions alone: every pixel's ray, and where it meets the ground.
+    """Tables that depend on a camera and conditions only, such as every pixel's ray and ground point.
 
     Attributes:
         lens: (3,) focal length, cx, cy, px.
         mount: (4, 3) position in the ego frame, axes forward, left and up.
         ray: (H, W) metres along the ray per metre of depth.
-        inverse: (H, W) 1 / depth of the ground; 0 for the sky and what is out of sight.
-        sky: (H, W) 0x00BBGGRR.
-        levels: The ground's pixels.
-        air: Of the conditions.
+        inverse: (H, W) 1 / depth of the ground; 0 for the sky and out of sight.
+        sky: (H, W) colour of the sky, 0x00BBGGRR.
+        levels: Pixels of the ground by resolution.
+        air: Atmosphere of the conditions.
         fog: (D, 2) light, and share of a colour left, per half metre.
     """
 
@@ -76,7 +76,7 @@ class CameraView:
 
 @lru_cache(maxsize=32)
 def view_of(optics: Optics, conditions: Conditions) -> CameraView:
-    """The tables of a camera; kept, since every episode makes its sensors anew."""
+    """Tables of a camera; cached, since every episode makes new sensors."""
     air = Atmosphere.of(conditions)
     focal = optics.width / 2 / math.tan(math.radians(optics.fov_deg) / 2)
     lens = np.array([focal, optics.width / 2, optics.height / 2])
@@ -111,20 +111,20 @@ def _axes(optics: Optics) -> FloatArray:
 
 
 def _rays(lens: FloatArray, mount: FloatArray, rows: FloatArray, columns: FloatArray) -> FloatArray:
-    """(..., 3) where pixels look, ego frame, per metre of depth."""
+    """(..., 3) rays of pixels, ego frame, per metre of depth."""
     focal, cx, cy = (float(one) for one in lens)
     steps = np.stack([np.ones_like(rows), (cx - columns) / focal, (cy - rows) / focal], axis=-1)
     return np.asarray(steps @ mount[1:])
 
 
 def _ground_depth(mount: FloatArray, ray: FloatArray) -> FloatArray:
-    """Depth at which rays meet the ground, m; infinite for those that do not."""
+    """Depth at which rays meet the ground, m; infinite for rays that miss it."""
     down = -ray[..., 2]
     return np.where(down > 1e-6, mount[0, 2] / np.maximum(down, 1e-6), np.inf)
 
 
 def _sky(air: Atmosphere, rise: FloatArray) -> NDArray[np.uint32]:
-    """(H, W) colours by the sine of the angle above the horizon."""
+    """(H, W) colours of the sky, from the sine of the angle above the horizon."""
     share = np.clip((rise - 0.06) / 0.6, 0.0, 1.0)[..., None] ** 0.8
     colour = np.clip(air.horizon * (1.0 - share) + air.zenith * share, 0, 255).astype(np.uint32)
     return np.asarray(colour[..., 0] | (colour[..., 1] << 8) | (colour[..., 2] << 16), dtype=np.uint32)
@@ -133,7 +133,7 @@ def _sky(air: Atmosphere, rise: FloatArray) -> NDArray[np.uint32]:
 def _levels(
     air: Atmosphere, lens: FloatArray, mount: FloatArray, rows: FloatArray, columns: FloatArray, depth: FloatArray
 ) -> tuple[Level, ...]:
-    """The ground's pixels, sorted by the resolution that suits them."""
+    """Pixels of the ground, grouped by the resolution of their tiles."""
     seen = np.isfinite(depth)
     ray = _rays(lens, mount, rows, columns)
     points = mount[0, :2] + ray[..., :2] * np.where(seen, depth, 0.0)[..., None]
@@ -146,13 +146,13 @@ def _levels(
     along = ends[1] - ends[0]
     along *= np.minimum(1.0, LONGEST_TAP_M / np.maximum(np.hypot(along[..., 0], along[..., 1]), 1e-9))[..., None]
     wanted = np.floor(np.log2(np.maximum(across, 1e-9) / FINEST_M))
-    # Fine tiles only near by, or a camera of many pixels would need hundreds of them.
+    # Fine tiles only near the ego, since a camera of many pixels would otherwise need hundreds of them.
     coarse = np.ceil(np.log2(np.maximum(np.hypot(points[..., 0], points[..., 1]), 1e-9) / FINEST_REACH_M))
     number = np.clip(np.maximum(wanted, coarse), 0, LEVELS - 1).astype(int)
     length = np.linalg.norm(ray, axis=-1)
     distance = np.where(seen, depth, 0.0) * length
     left = air.transmission(distance)
-    # A wet road mirrors the sky the more, the flatter one looks at it.
+    # The flatter the view on a wet road, the more the road mirrors the sky.
     mirror = air.wet * 0.85 * (1.0 - np.clip(-ray[..., 2] / length, 0.0, 1.0)) ** 4
     light = air.lit(distance) * (1.0 - 0.3 * air.wet) * (1.0 - mirror) * left
     haze = mirror * left + (1.0 - left)
