@@ -1,4 +1,4 @@
-"""Agent: the one interface every policy fulfils, and how one is made from its name."""
+"""Agent: the interface of every policy, and the function that makes one from its entry."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ Explanation = dict[str, Any]
 
 
 class AgentSpec(Config):
-    """What an agent is, sees and does.
+    """Name, track, sensors and control of an agent.
 
     Attributes:
-        name: For people and file names.
-        track: Which sensors it may use.
-        sensors: What it sees, names of `dohyo.sumo_networks.sensors.SENSORS`.
-        control: How it acts, a name of `dohyo.sumo_networks.ego.control.CONTROLS`.
+        name: Name of the agent, for people and file names.
+        track: Track, which limits the sensors that the agent may use.
+        sensors: Names of the sensors that the agent reads, of `dohyo.sumo_networks.sensors.SENSORS`.
+        control: Name of the control interface, of `dohyo.sumo_networks.ego.control.CONTROLS`.
     """
 
     name: str
@@ -41,10 +41,10 @@ class AgentSpec(Config):
 
 
 class Agent(Protocol):
-    """A policy that drives one ego. Inherit from it to get the optional methods.
+    """A policy that drives one ego. A subclass inherits the optional methods.
 
     Attributes:
-        spec: Known before the first episode.
+        spec: Specification of the agent, known before the first episode.
     """
 
     spec: AgentSpec
@@ -57,25 +57,25 @@ class Agent(Protocol):
         return
 
     def reset(self, mission: Mission, seed: int) -> None:
-        """Prepares for an episode; everything random must follow from the seed."""
+        """Prepares for an episode; all randomness must follow from the seed."""
 
     def act(self, observation: Observation) -> np.ndarray:
-        """One decision, 10 times a simulated second.
+        """Decides once per tick, 10 times per simulated second.
 
         Args:
             observation: One float32 array per sensor of the spec.
 
         Returns:
-            An action of the control interface's space.
+            Action in the space of the control interface.
         """
         ...
 
     def explain(self) -> Explanation | None:
-        """Why the last decision was taken, as plain JSON; None where the agent has nothing to say."""
+        """Explanation of the last decision as plain JSON; None if the agent has none."""
         return None
 
     def close(self) -> None:
-        """Frees what the agent holds."""
+        """Frees the resources of the agent."""
 
 
 def make_agent(entry: str, settings: Mapping[str, Any] | None = None) -> Agent:
@@ -91,8 +91,8 @@ def make_agent(entry: str, settings: Mapping[str, Any] | None = None) -> Agent:
 
 
 def agent_info(agent: Agent, entry: str, settings: Mapping[str, Any] | None = None) -> AgentInfo:
-    """What a record says of an agent."""
-    # An agent that wraps others is made of all their sources, and of the files that any of them calls its own.
+    """Description of an agent for records."""
+    # The sources of an agent that wraps others include theirs, and all files that any of them names as its own.
     parts = [agent]
     while (inner := getattr(parts[-1], "inner", None)) is not None:
         parts.append(inner)
@@ -113,7 +113,7 @@ def agent_info(agent: Agent, entry: str, settings: Mapping[str, Any] | None = No
 
 
 def _check(agent: Agent, entry: str) -> None:
-    """Refuses an agent before it costs any simulation."""
+    """Checks the specification of an agent before any simulation."""
     missing = [name for name in ("spec", "reset", "act") if not hasattr(agent, name)]
     if missing:
         raise InvalidInputError(f"agent '{entry}' has no {', '.join(missing)} (see dohyo.evaluation.agent.Agent)")

@@ -1,4 +1,4 @@
-"""Entry: an object of anybody's module, by "module:name"; whatever is wrong with it is one line."""
+"""Entry: loads an object of any module by "module:name"; each error is one line."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, UnknownNam
 
 
 def load_entry(entry: str, what: str) -> Any:
-    """What "module:name" names.
+    """Loads the object that "module:name" names.
 
     Args:
-        entry: The module and the name in it.
-        what: Word for it in messages, such as "agent".
+        entry: Module and the name in it.
+        what: Word for the object in messages, such as "agent".
 
     Raises:
-        InvalidInputError: No such form, a module that cannot be imported, or no such name in it.
+        InvalidInputError: Not of this form, a module that cannot be imported, or no such name in it.
     """
     module_name, _, name = entry.partition(":")
     if not module_name or not name:
         raise InvalidInputError(f"{what} '{entry}': expected a registered name or 'module:name'")
     try:
         module = import_module(module_name)
-    except Exception as error:  # whatever a stranger's module does when it is loaded
+    except Exception as error:  # a foreign module may raise anything when it is loaded
         raise InvalidInputError(
             f"{what} '{entry}' cannot be made: module '{module_name}' cannot be imported: {_cause(error)}"
         ) from error
@@ -35,10 +35,10 @@ def load_entry(entry: str, what: str) -> Any:
 
 
 def make_entry(entry: str, what: str, settings: Mapping[str, Any]) -> Any:
-    """Calls what "module:name" names with settings as keyword arguments.
+    """Calls the object that "module:name" names, with the settings as keyword arguments.
 
     Raises:
-        InvalidInputError: As for `load_entry`; an unknown setting; or the call fails.
+        InvalidInputError: As for `load_entry`; or a setting is unknown, or the call fails.
     """
     maker = load_entry(entry, what)
     _check_settings(maker, entry, what, settings)
@@ -51,11 +51,11 @@ def make_entry(entry: str, what: str, settings: Mapping[str, Any]) -> Any:
 
 
 def _check_settings(maker: Any, entry: str, what: str, settings: Mapping[str, Any]) -> None:
-    """Refuses a setting that the maker does not know, with the names that it does know."""
+    """Raises an error for a setting that the callable does not have; the message lists those it has."""
     try:
         parameters = inspect.signature(maker).parameters.values()
     except (TypeError, ValueError):
-        return  # nothing is known of it; the call decides
+        return  # the signature is unknown; the call decides
     if any(one.kind is one.VAR_KEYWORD for one in parameters):
         return
     known = [one.name for one in parameters if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)]

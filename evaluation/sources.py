@@ -1,4 +1,4 @@
-"""Sources: which files make an agent what it is, so that one that was edited is not taken for what it was."""
+"""Sources: the files that define an agent, so that records distinguish an edited agent from the old one."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ _NAMED = re.compile(r"(\w+(?:\.\w+)+)(?::\w+)?")
 
 
 def source_files(kind: type) -> tuple[Path, ...]:
-    """The file that defines a class, and those of its package that it imports, directly or not.
+    """The file that defines a class, and all files of its package that it imports, directly or indirectly.
 
-    Its package is everything under the first part of its module's name, and for dohyo's own agents their floor.
-    Imports are read, not followed at run time: those inside functions count too, and modules that a string names for
-    later loading ("package.module" or "package.module:Class"); nothing is executed. Files that hold no more than a
-    docstring are left out; so are other packages, whose versions a record states.
+    The package is everything under the first part of the module's name; for agents of dohyo it is their floor. Imports
+    are read from the source and nothing is executed. Imports inside functions count, and so do modules named by a
+    string ("package.module" or "package.module:Class"). Files with only a docstring are left out, and so are other
+    packages, whose versions a record states.
 
     Args:
-        kind: The agent's class.
+        kind: Class of the agent.
 
     Returns:
-        Its own file, then the others in the order of their modules' names.
+        The file of the class, then the others in the order of their modules' names.
 
     Raises:
-        TypeError: The class has no file, such as one typed at a prompt.
+        TypeError: The class has no file, such as a class defined at a prompt.
         OSError: A file cannot be read.
     """
     own = Path(inspect.getfile(kind))
@@ -52,7 +52,7 @@ def source_files(kind: type) -> tuple[Path, ...]:
 
 
 def _root(module: str) -> str:
-    """The package whose files may be part of an agent: within dohyo only the floor, not all of it."""
+    """The package whose files may be part of an agent: within dohyo only the floor of the agent."""
     parts = module.split(".")
     return ".".join(parts[: 2 if parts[0] == "dohyo" else 1])
 
@@ -66,7 +66,7 @@ def _file_of(module: str, root: str, package: Path) -> Path | None:
 
 
 def _mentioned(module: str, path: Path) -> Iterator[str]:
-    """Modules that may be loaded with a module: its packages, and what it imports, by absolute name."""
+    """Absolute names of modules that may be loaded with a module: its packages and its imports."""
     parts = module.split(".")
     yield from (".".join(parts[:count]) for count in range(1, len(parts)))
     here = parts if path.name == "__init__.py" else parts[:-1]
@@ -83,7 +83,7 @@ def _state(path: Path) -> tuple[Path, int, int]:
 
 @lru_cache(maxsize=1024)
 def _imports(path: Path, _mtime_ns: int, _size: int) -> tuple[tuple[int, str, tuple[str, ...]], ...] | None:
-    """Level, module and members of every import of a file; None if it holds no more than a docstring."""
+    """Level, module and members of every import of a file; None if the file has only a docstring."""
     try:
         tree = ast.parse(path.read_bytes())
     except (SyntaxError, ValueError):

@@ -2,8 +2,8 @@
 
 Intervals are percentile bootstraps, except where resampling shows no spread: a share of successes has Wilson's
 interval, and a rate without any event has Poisson's. 30 successes of 30, or no collision in 10 km, do not prove
-perfection. Values are sorted before they are resampled and the generator's seed is fixed, so an estimate depends on the
-values alone, not on their order.
+perfection. Values are sorted before they are resampled and the seed of the generator is fixed: an estimate depends on
+the values alone, not on their order.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ Verdict = Literal["<", "=", ">"]
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A number with its uncertainty.
+    """A mean with its 95 % interval.
 
     Attributes:
-        mean: The estimate; None without values.
+        mean: Mean; None without values.
         low: Lower end of the 95 % interval; None with fewer than two values.
-        high: Upper end; None with fewer than two values.
+        high: Upper end of the 95 % interval; None with fewer than two values.
         n: Number of values.
     """
 
@@ -45,12 +45,12 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """How a differs from b on matched values.
+    """Paired comparison of a and b on matched values.
 
     Attributes:
-        difference: Mean of a - b.
-        probability: Share of resamples in which that mean is above 0.
-        verdict: ">" or "<" where the interval leaves out 0, else "=": no significant difference.
+        difference: Mean of a - b, with its interval.
+        probability: P(a > b), the share of resamples in which that mean is above 0.
+        verdict: ">" or "<" if the interval excludes 0, a significant difference; else "=".
     """
 
     difference: Estimate
@@ -84,7 +84,7 @@ def share_estimate(successes: Sequence[bool]) -> Estimate:
     share = sum(successes) / n
     if n == 1:
         return Estimate(100.0 * share, None, None, 1)
-    from scipy.stats import binomtest  # type: ignore[import-untyped]  # slow to import, so only where needed
+    from scipy.stats import binomtest  # type: ignore[import-untyped]  # slow to import: only if needed
 
     interval = binomtest(sum(successes), n).proportion_ci(confidence_level=0.95, method="wilson")
     return Estimate(100.0 * share, 100.0 * float(interval.low), 100.0 * float(interval.high), n)
@@ -100,15 +100,15 @@ def ratio_estimate(
 ) -> Estimate:
     """Pooled ratio sum(numerators) / max(floor, sum(denominators)), with its interval.
 
-    Numerator and denominator of one unit are resampled together. Where nothing was counted, the upper end is the
-    exact Poisson bound, 3.69 events.
+    Numerator and denominator of one unit are resampled together. Where nothing was counted, the upper end is the exact
+    Poisson bound, 3.69 events.
 
     Args:
-        numerators: One per unit.
-        denominators: One per unit, at least 0.
-        floor: Smallest denominator, above 0.
+        numerators: Numerator of each unit.
+        denominators: Denominator of each unit, at least 0.
+        floor: Smallest value of the sum of denominators, above 0.
         n_resamples: Number of resamples.
-        seed: Of the resampling.
+        seed: Seed of the resampling.
 
     Raises:
         InvalidInputError: If the lengths differ, a value is not finite, or the floor is not above 0.

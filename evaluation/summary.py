@@ -45,19 +45,20 @@ class Summary:
     """One agent on one benchmark; every mean is over drives (one ego of one episode).
 
     Attributes:
-        agent: Its name.
+        agent: Name of the agent.
         benchmark: Name of the benchmark, or None.
         benchmark_hash: Content hash of the benchmark, or None.
         rules: Version of the leaderboard's rules behind the penalty and the driving score.
-        irs_length: The length that the infraction rate score divides by.
+        irs_length: Length by which the infraction rate score divides.
         episodes: Number of episodes in the means.
         lost: Number of episodes lost to gridlocks and infrastructure faults.
-        scores: Estimate by name (`SCORES`): percent, except infraction_penalty in [0, 1]. Lost drives are left out.
-        scores_lost_as_zero: The same with every lost drive counting 0, as CARLA divides by all planned routes; None
-            where no drive was lost.
-        per_km: Infractions per km of route completed, pooled, for every kind of infraction.
+        scores: Estimate of each score of `SCORES`, by its name: percent, except infraction_penalty in [0, 1]. Lost
+            drives are left out.
+        scores_lost_as_zero: Estimates with every lost drive counting 0, as CARLA divides by all planned routes; None if
+            no drive was lost.
+        per_km: Infractions per km of route completed, pooled over drives, for every kind of infraction.
         statuses: Number of drives by status, lost episodes left out.
-        km: Kilometres of route completed.
+        km: Length of route completed in all drives, km.
     """
 
     agent: str
@@ -75,10 +76,10 @@ class Summary:
 
 
 def summarise(records: Iterable[EpisodeRecord], *, rules: Rules = "2.0", irs_length: IrsLength = "driven") -> Summary:
-    """Scores every drive of every record, and gives the means with their intervals.
+    """Scores every drive of every record; returns the means with their intervals.
 
-    A lost episode is lost for all of its egos, also for those that had finished. The result does not depend on the
-    order of the records.
+    A lost episode is lost for all of its egos, also for egos that had finished. The result does not depend on the order
+    of the records.
 
     Raises:
         InvalidInputError: If there is no record, they mix agents or benchmarks, or one scenario comes twice.
@@ -110,7 +111,7 @@ def summarise(records: Iterable[EpisodeRecord], *, rules: Rules = "2.0", irs_len
 def summarise_cells(
     records: Iterable[EpisodeRecord], *, rules: Rules = "2.0", irs_length: IrsLength = "driven"
 ) -> dict[str, Summary]:
-    """One summary per cell of the benchmark, in the order in which the records name them; see `summarise`."""
+    """One summary per cell of the benchmark, in the order of their first records; see `summarise`."""
     cells: dict[str, list[EpisodeRecord]] = {}
     for record in records:
         cells.setdefault(record.scenario.cell, []).append(record)
@@ -124,13 +125,12 @@ def compare(
     rules: Rules = "2.0",
     irs_length: IrsLength = "driven",
 ) -> dict[str, Comparison]:
-    """Compares two agents by the drives both have made: same scenario name, seed and ego name.
+    """Compares two agents on the drives of both: same scenario name, seed and ego name.
 
-    Drives of one side only, and lost episodes, are left out; each comparison's `difference.n` says how many pairs
-    remain.
+    Drives of only one agent and lost episodes are left out; `difference.n` of each comparison is the number of pairs.
 
     Returns:
-        A comparison (a - b) for every name in `SCORES`.
+        Comparison (a - b) for every name in `SCORES`.
 
     Raises:
         InvalidInputError: If no drive matches, one comes twice on a side, or matched scenarios differ in content.
@@ -170,7 +170,7 @@ def as_document(summary: Summary) -> dict[str, Any]:
 
 
 def _scores(scored: Sequence[dict[str, float]], lost_drives: int) -> dict[str, Estimate]:
-    """Estimate of every score over scored drives, and over lost ones as 0."""
+    """Estimate of every score over scored drives and over lost drives, which count 0."""
     zeros = [0.0] * lost_drives
     return {name: _estimate(name, [*(drive[name] for drive in scored), *zeros]) for name in SCORES}
 
@@ -221,7 +221,7 @@ def _only_benchmark(records: Sequence[EpisodeRecord]) -> tuple[str, str] | None:
 
 
 def _reject_repeats(records: Sequence[EpisodeRecord]) -> None:
-    """The same scenario driven twice by the same agent adds no evidence, and would narrow the intervals."""
+    """Refuses scenarios that come twice: they add no evidence, and would narrow the intervals."""
     for digest, count in Counter(record.scenario.content_hash() for record in records).items():
         if count > 1:
             scenario = next(one.scenario for one in records if one.scenario.content_hash() == digest)

@@ -16,19 +16,19 @@ from dohyo.sumo_networks.scenario import Config, Scenario
 
 
 class Infraction(Config):
-    """One thing that went wrong, at one moment.
+    """One infraction of an ego, at one moment.
 
     Attributes:
-        kind: What.
-        time_s: Simulated time since the ego's start.
-        x_m: Where the ego's centre was, network frame.
-        y_m: Where the ego's centre was, network frame.
-        route_m: Progress along the route then.
-        actor: SUMO id of the other, of the traffic light or of the lane; None where there is none.
-        magnitude: How much, in the kind's unit: closing speed of a collision, m/s; ego's speed over a stop line, m/s;
-            distance driven outside the lanes, from the route or ahead of an emergency vehicle, m; ego's speed in
-            percent of the traffic's; time stood or elapsed, s.
-        at_fault: Whether the ego caused it (nuPlan's rules); None where the question does not arise.
+        kind: Kind of infraction.
+        time_s: Simulated time since the ego's start, s.
+        x_m: x of the ego's centre, m, network frame.
+        y_m: y of the ego's centre, m, network frame.
+        route_m: Progress of the ego along its route, m.
+        actor: SUMO id of the other actor, of the traffic light or of the lane; None if none is involved.
+        magnitude: Size of the infraction, in the unit of its kind. Collision: closing speed, m/s. Stop line: speed of
+            the ego, m/s. Lanes, route and emergency vehicle: distance outside, from or ahead of it, m. Minimum speed:
+            speed of the ego in percent of the traffic's. Others: time stood or elapsed, s.
+        at_fault: Whether the ego caused the collision (nuPlan's rules); None for other kinds.
     """
 
     kind: InfractionKind
@@ -47,16 +47,16 @@ class Infraction(Config):
 
 
 class AgentInfo(Config):
-    """Who drove: enough to drive again.
+    """Description of an agent, sufficient to drive its episodes again.
 
     Attributes:
-        name: For people.
-        entry: "module:Class" that makes it.
-        source_sha256: Of the files it is made of, so that a changed agent is not mistaken for the old one.
-        track: Which sensors it may use.
-        sensors: What it sees.
-        control: How it acts.
-        settings: What it was made with.
+        name: Name of the agent, for people.
+        entry: "module:Class" of the agent.
+        source_sha256: Hash of the source files of the agent, so that a changed agent is not mistaken for the old one.
+        track: Track, which limits the sensors that the agent may use.
+        sensors: Names of the sensors that the agent reads.
+        control: Name of the control interface of the agent.
+        settings: Keyword arguments that the agent was constructed with.
     """
 
     name: str
@@ -69,20 +69,20 @@ class AgentInfo(Config):
 
 
 class EgoRecord(Config):
-    """What one ego did.
+    """The drive of one ego.
 
     Attributes:
-        name: The mission's name.
-        agent: Who drove.
-        status: How it ended.
-        failure: One line for a human where the agent or the simulation failed, else None.
-        duration_s: Simulated time from start to end.
-        route_length_m: Length of the planned route.
-        progress_m: Furthest progress along the route.
-        driven_m: Distance driven.
-        outside_lanes_m: Distance driven with the centre outside the lanes.
-        contacts: Number of distinct actors ever touched, at fault or not.
-        infractions: In the order of time.
+        name: Name of the mission.
+        agent: Agent that drove.
+        status: Status with which the drive ended.
+        failure: One line for people if the agent or the simulation failed, else None.
+        duration_s: Simulated time from start to end, s.
+        route_length_m: Length of the planned route, m.
+        progress_m: Largest progress along the route, m.
+        driven_m: Distance driven, m.
+        outside_lanes_m: Distance driven with the centre outside the lanes, m.
+        contacts: Number of distinct actors that the ego ever touched, at fault or not.
+        infractions: Infractions in the order of time.
     """
 
     name: str
@@ -99,7 +99,7 @@ class EgoRecord(Config):
 
 
 class Versions(Config):
-    """What produced the record; part of its hash, since any of them may change the numbers."""
+    """Versions of the software and network behind a record; part of its hash, since each may change the numbers."""
 
     dohyo: str
     sumo: str
@@ -111,13 +111,13 @@ class Timing(Config):
     """Wall-clock facts; never part of the hash.
 
     Attributes:
-        created: ISO 8601, UTC.
-        wall_s: Time of the whole episode.
-        ticks_per_s: Simulation ticks per wall second.
-        decision_ms: Milliseconds per decision by ego: p50, p95, p99.
-        realtime: Whether the simulation went on by the wall clock, without waiting for late decisions. Such an episode
-            cannot be driven again, and no ranking takes it.
-        missed: Ticks that went by with the last decision because none had come in time; only if `realtime`.
+        created: Date and time at which the record was made, ISO 8601, UTC.
+        wall_s: Wall-clock time of the whole episode, s.
+        ticks_per_s: Simulation ticks per second of wall-clock time.
+        decision_ms: Milliseconds per decision, by the name of the ego: p50, p95, p99.
+        realtime: Whether the simulation followed the wall clock, without waiting for late decisions. Such an episode
+            cannot be reproduced, and no ranking includes it.
+        missed: Number of ticks that used the previous decision since the next one was late; only if `realtime`.
     """
 
     created: str
@@ -132,14 +132,14 @@ class EpisodeRecord(Config):
     """The facts of one episode.
 
     Attributes:
-        scenario: Everything needed to replay it.
-        benchmark: Name and content hash of the benchmark it belongs to, or None.
-        egos: One per mission, in the scenario's order.
+        scenario: Scenario, which has everything needed to drive the episode again.
+        benchmark: Name and content hash of the benchmark of the episode, or None.
+        egos: Drives, one per mission, in the order of the scenario.
         ticks: Number of ticks simulated.
-        versions: What produced it.
+        versions: Versions that produced the record.
         trajectory_sha256: Digest of the trajectories' values (not of the Parquet file, whose bytes may vary).
         record_hash: Digest of all of the above.
-        timing: Wall-clock facts, outside the hash.
+        timing: Wall-clock facts, which are not in the hash.
     """
 
     scenario: Scenario
@@ -153,5 +153,5 @@ class EpisodeRecord(Config):
 
     @property
     def lost(self) -> bool:
-        """Whether the infrastructure failed in it: such an episode is in no mean, whatever its other egos did."""
+        """Whether the infrastructure failed in the episode: then none of its egos enters a mean."""
         return any(ego.status.infrastructure_fault for ego in self.egos)

@@ -1,7 +1,7 @@
-"""What dohyo means by each status and each kind of infraction: the one table that everything else derives from.
+"""Specifications of all statuses and kinds of infraction: the one table from which everything else derives.
 
-Scores read the penalties, the judge reads the endings, records the units, reports and the dashboard labels and marks. A
-new kind is one entry here, and a criterion of its own in `evaluation/criteria/`.
+Scores read the penalties, the judge the endings, records the units; reports and the dashboard read labels and marks. A
+new kind is one entry here and a criterion in `evaluation/criteria/`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Hatch = Literal["", "/", "x", "."]
 
 
 class Outcome(StrEnum):
-    """What a status says about the agent; on every page a colour of this name."""
+    """Meaning of a status for the agent; every page has a colour of this name."""
 
     SUCCESS = "success"
     """The goal was reached, or the scenario ended as planned."""
@@ -30,7 +30,7 @@ class Outcome(StrEnum):
 
 
 class Status(StrEnum):
-    """How an ego's episode ended; FINISHED: its scenario was over before the goal was reached, as planned."""
+    """Status with which an ego's episode ended; FINISHED: the scenario was over before the goal, as planned."""
 
     PERFECT = "perfect"
     COMPLETED = "completed"
@@ -48,7 +48,7 @@ class Status(StrEnum):
 
     @property
     def outcome(self) -> Outcome:
-        """What it says about the agent."""
+        """The outcome that the status means for the agent."""
         return _ENDINGS[self][0]
 
     @property
@@ -73,12 +73,12 @@ class Status(StrEnum):
 
     @property
     def worth_another_try(self) -> bool:
-        """Whether the same episode may end otherwise; a gridlock will not, since it follows from the seed."""
+        """Whether driving the episode again may end otherwise; a gridlock does not, since it follows from the seed."""
         return self is Status.SIMULATION
 
 
 class InfractionKind(StrEnum):
-    """What can go wrong, in the order in which criteria are asked and pages list it."""
+    """Kinds of infraction, in the order in which criteria are evaluated and pages list them."""
 
     COLLISION_PEDESTRIAN = "collision_pedestrian"
     COLLISION_VEHICLE = "collision_vehicle"
@@ -96,17 +96,17 @@ class InfractionKind(StrEnum):
 
     @property
     def specification(self) -> Specification:
-        """All that is particular to the kind."""
+        """The specification of the kind."""
         return SPECIFICATIONS[self]
 
 
 @dataclass(frozen=True, slots=True)
 class Penalty:
-    """Penalty of every infraction of a kind in the driving score.
+    """Constant penalty of each infraction of a kind in the driving score.
 
     Attributes:
-        factor: p, under rules 1.0 and 2.0, in (0, 1].
-        cost: c, under rules 2.1, at least 0.
+        factor: Factor p under rules 1.0 and 2.0, in (0, 1].
+        cost: Cost c under rules 2.1, at least 0.
     """
 
     factor: float
@@ -123,7 +123,7 @@ class Penalty:
 
 @dataclass(frozen=True, slots=True)
 class ShortfallPenalty:
-    """A penalty in proportion to what is missing of 100 %.
+    """Penalty in proportion to the difference from 100 %.
 
     With s = magnitude / 100, p = 1 - factor_weight (1 - s) and c = cost_weight (1 - s).
     """
@@ -145,7 +145,7 @@ class Mark:
     """How a kind of infraction is drawn on every page.
 
     Attributes:
-        symbol: Its plotly symbol.
+        symbol: Name of the plotly symbol.
         path: The same shape as an SVG path within -5..5, y down.
     """
 
@@ -155,16 +155,16 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Specification:
-    """Everything that sets one kind of infraction apart from the others.
+    """All properties of one kind of infraction.
 
     Attributes:
-        label: Its name for a reader.
-        unit: Of its magnitude.
-        mark: How it is drawn.
-        penalty: In the driving score; None: the kind costs nothing there, or enters in another way.
-        since: First rules of the leaderboard that know it.
-        ends: Status of an ego whose episode it ends; None: the ego drives on.
-        collision: Whether it is a contact with something.
+        label: Name of the kind, for people.
+        unit: Unit of the magnitude.
+        mark: Mark on every page.
+        penalty: Penalty in the driving score; None if the kind has none, or enters in another way.
+        since: First version of the leaderboard's rules with this kind.
+        ends: Status of an ego whose episode the infraction ends; None if the ego drives on.
+        collision: Whether the infraction is a collision.
     """
 
     label: str
@@ -287,5 +287,5 @@ COLLISIONS: Final = frozenset(kind for kind in InfractionKind if kind.specificat
 
 
 def _missing(percent: float) -> float:
-    """Share in [0, 1] that is missing of 100 %."""
+    """Difference from 100 % as a share in [0, 1]."""
     return 1.0 - min(max(percent, 0.0), 100.0) / 100.0

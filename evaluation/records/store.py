@@ -27,7 +27,7 @@ def seal(record: EpisodeRecord) -> EpisodeRecord:
     """The record with its hash: sha256 of its canonical JSON without timing and hash.
 
     Raises:
-        InvalidInputError: If it holds what JSON cannot: an object among an agent's settings, or a NaN.
+        InvalidInputError: If JSON cannot represent it: an object among an agent's settings, or a NaN.
     """
     try:
         digest = _facts_hash(record.model_dump(mode="json"))
@@ -39,21 +39,22 @@ def seal(record: EpisodeRecord) -> EpisodeRecord:
 def write_record(directory: Path, stem: str, record: EpisodeRecord, trajectory: Trajectory) -> Path:
     """Writes a sealed record, replacing one of the same stem.
 
-    The JSON makes the record exist, so an old one is removed first and the new one written last: wherever this is
-    interrupted, there is a whole record or none.
+    A record exists if its JSON exists. An old JSON is therefore removed first and the new one written last: after any
+    interruption there is a whole record or none.
 
     Args:
-        directory: Made if missing.
-        stem: Name of both files, without suffix.
-        record: Sealed.
-        trajectory: The one whose digest the record holds.
+        directory: Folder of the record; made if missing.
+        stem: Name of both files without their suffix.
+        record: Sealed record, see `seal`.
+        trajectory: Trajectory of the record, with the digest that it states.
 
     Returns:
         Path of the JSON file.
 
     Raises:
-        InvalidInputError: If the record is not sealed, the trajectory is another's, or the stem is no file name.
-        OSError: If the disk refuses.
+        InvalidInputError: If the record is not sealed, the trajectory belongs to another record, or the stem is no file
+            name.
+        OSError: If the files cannot be written.
     """
     if not stem or stem.startswith(".") or Path(stem).name != stem:
         raise InvalidInputError(f"expected a file name without folder or leading dot, got {stem!r}")
@@ -82,10 +83,10 @@ def read_record(path: Path) -> EpisodeRecord:
     """Reads the facts of one record and checks their hash.
 
     Args:
-        path: Of the JSON file.
+        path: Path of the JSON file.
 
     Raises:
-        InvalidInputError: If the file is missing, truncated, changed since it was written, or no record.
+        InvalidInputError: If the file is missing, truncated, changed since it was written, or not a record.
     """
     document = _document(path)
     document.pop(_PARQUET_DIGEST, None)
@@ -103,10 +104,10 @@ def read_trajectory(path: Path) -> Trajectory:
     """Reads the trajectories of one record and checks their digest.
 
     Args:
-        path: Of the record's JSON file.
+        path: Path of the record's JSON file.
 
     Raises:
-        InvalidInputError: If either file is missing or damaged, or the trajectories are not the record's.
+        InvalidInputError: If either file is missing or damaged, or the trajectories belong to another record.
     """
     document = _document(path)
     table = path.with_suffix(".parquet")
@@ -114,7 +115,7 @@ def read_trajectory(path: Path) -> Trajectory:
         digest = hashlib.sha256(table.read_bytes()).hexdigest()
     except OSError as error:
         raise InvalidInputError(f"{table}: expected the trajectories of {path.name}, got {error.strerror}") from error
-    # Polars may abort the whole process on a damaged file, so it must not see one.
+    # Polars may abort the whole process on a damaged file: the digest of the bytes is checked first.
     if digest != document.get(_PARQUET_DIGEST):
         raise InvalidInputError(f"{table}: changed since it was written, or truncated: {path.name} has another digest")
     trajectory = Trajectory.read_parquet(table)
@@ -124,7 +125,7 @@ def read_trajectory(path: Path) -> Trajectory:
 
 
 def read_records(directory: Path) -> list[EpisodeRecord]:
-    """Reads all records of a folder in the order of their file names; temporary files are no records.
+    """Reads all records of a folder in the order of their file names; temporary files are ignored.
 
     Raises:
         InvalidInputError: If the folder is missing or any of its records cannot be read.
@@ -135,7 +136,7 @@ def read_records(directory: Path) -> list[EpisodeRecord]:
 
 
 def _document(path: Path) -> dict[str, Any]:
-    """The JSON object of a record whose facts still have the hash written beside them."""
+    """The JSON object of a record, after its facts were compared with the hash in it."""
     try:
         text = path.read_bytes()
     except FileNotFoundError as error:

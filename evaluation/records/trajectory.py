@@ -1,4 +1,4 @@
-"""Trajectory: where everything was after every tick, as one long table."""
+"""Trajectory: the pose of every ego and actor after every tick, as one long table."""
 
 from __future__ import annotations
 
@@ -44,23 +44,23 @@ _SIGNALS: Final = "dohyo:signals"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """What was where after every tick; R rows in the order of time, read-only.
+    """Poses of all egos and actors after every tick; R rows in the order of time, read-only.
 
     Attributes:
         tick: (R,) int32, ticks since the egos started.
         key: (R,) int32, number of the actor; -1 - index for an ego.
-        kind: (R,) uint8, ActorKind.
+        kind: (R,) uint8, ActorKind of the actor.
         x: (R,) float32, m, network frame: centre of the box.
         y: (R,) float32, m.
         heading: (R,) float32, rad, counter-clockwise from +x.
         speed: (R,) float32, m/s.
         length: (R,) float32, m.
         width: (R,) float32, m.
-        acceleration: (R,) float32, m/s^2, longitudinal; NaN but for egos, as the next three.
+        acceleration: (R,) float32, m/s^2, longitudinal; NaN except for egos, as the next three columns.
         steering: (R,) float32, rad, front wheel angle.
         progress: (R,) float32, m, along the route.
         lateral: (R,) float32, m, signed distance to the route, left positive.
-        names: SUMO id, or mission name of an ego, by key; one for every key in the table.
+        names: SUMO id, or mission name of an ego, of every key in the table.
         signals: (C, 3) int32, first states and changes of the lights: tick, row in `RoadNetwork.signals`, LightState.
     """
 
@@ -84,7 +84,7 @@ class Trajectory:
         return len(self.tick)
 
     def states(self, rows: IntArray) -> ObjectStates:
-        """Some rows as float64: with the tick left out, and what only egos have."""
+        """Some rows as a table of float64, without the tick and without the columns that only egos have."""
         return ObjectStates(
             key=self.key[rows].astype(np.int64),
             kind=self.kind[rows].astype(np.int64),
@@ -98,7 +98,7 @@ class Trajectory:
     def sha256(self) -> str:
         """Hex digest of the values: little-endian bytes of every column, the names by key, the signals.
 
-        Not of the Parquet file, whose bytes depend on the version of its writer.
+        It is not the digest of the Parquet file, whose bytes depend on the version of the writer.
         """
         digest = hashlib.sha256()
         for column, dtype in _DTYPES.items():
@@ -108,9 +108,9 @@ class Trajectory:
         return digest.hexdigest()
 
     def write_parquet(self, target: Path | IO[bytes]) -> None:
-        """Writes the table, with a column `name` beside `key`, which a dictionary keeps small.
+        """Writes the table, with a column `name` beside `key`, dictionary-encoded.
 
-        The signals, of another shape, are in the file's metadata: JSON, zlib, base64.
+        The signals have another shape and stand in the metadata of the file: JSON, zlib, base64.
         """
         keys = np.array(sorted(self.names), dtype=np.int32)
         names = pl.Series("name", [self.names[int(key)] for key in keys], dtype=pl.String)
@@ -122,10 +122,10 @@ class Trajectory:
 
     @classmethod
     def read_parquet(cls, path: Path) -> Trajectory:
-        """Reads what `write_parquet` wrote; `dohyo.evaluation.records.store.read_trajectory` also notices damage.
+        """Reads a file of `write_parquet`; `dohyo.evaluation.records.store.read_trajectory` also detects damage.
 
         Raises:
-            InvalidInputError: If the file is missing, no Parquet, or holds another table.
+            InvalidInputError: If the file is missing, is not Parquet, or holds another table.
         """
         expected = "expected a table of trajectories in Parquet"
         try:
@@ -154,7 +154,8 @@ class Trajectory:
 class TrajectoryRecorder:
     """Collects worlds, tick by tick, into a Trajectory.
 
-    Values are copied, so the world's arrays may be reused. An ego's rows end with the tick in which it ended.
+    Values are copied, so the world's arrays may be reused. The rows of an ego end with the tick in which its episode
+    ended.
     """
 
     def __init__(self) -> None:
@@ -165,7 +166,7 @@ class TrajectoryRecorder:
         self._signals: list[tuple[int, int, int]] = []
 
     def append(self, world: World) -> None:
-        """Adds the egos that are active, or were in the tick before, all actors, and the lights that changed."""
+        """Adds the egos that are active or were active in the tick before, all actors, and the lights that changed."""
         self._append_signals(world)
         egos, actors = world.egos, world.actors
         recorded = egos.active if self._active_before is None else egos.active | self._active_before
@@ -193,18 +194,18 @@ class TrajectoryRecorder:
     def _append_signals(self, world: World) -> None:
         if self._last is None:
             changed = np.arange(len(world.signals))
-        elif world.signals is self._last.signals:  # most ticks: the simulation reuses what did not change
+        elif world.signals is self._last.signals:  # most ticks: an unchanged array is reused
             return
         else:
             changed = np.flatnonzero(world.signals != self._last.signals)
         self._signals += [(world.tick, row, int(world.signals[row])) for row in changed.tolist()]
 
     def finish(self) -> Trajectory:
-        """All that was appended; the recorder may go on."""
+        """The trajectory so far; the recorder may go on."""
         arrays = {column: values[: self._rows].copy() for column, values in self._columns.items()}
         for values in arrays.values():
             if values.dtype.kind == "f":
-                values[np.isnan(values)] = np.nan  # arithmetic leaves NaNs of either sign, and the digest sees bits
+                values[np.isnan(values)] = np.nan  # arithmetic gives NaNs of either sign, and the digest reads bits
         last = self._last
         keys = np.unique(arrays["key"]).tolist()
         names = {} if last is None else {key: last.name_of(key) for key in keys}
@@ -219,7 +220,7 @@ class TrajectoryRecorder:
 
 
 def _blank(dtype: str, rows: int) -> NDArray[Any]:
-    """Floats start as NaN: what actors leave unwritten."""
+    """New columns; floats start as NaN, the value of columns that actors do not have."""
     return np.full(rows, np.nan if dtype == "<f4" else 0, dtype=dtype)
 
 

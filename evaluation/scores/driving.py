@@ -1,7 +1,7 @@
 """Driving score: route completion, infraction penalty, their product, and the infraction rate score.
 
-Pure functions of one ego's record. Every collision infraction of the record counts, at fault or not, as in CARLA: the
-collision criterion has already left out those of a standing ego.
+Pure functions of one ego's record. Every collision infraction of the record counts, at fault or not, as in CARLA. The
+collision criterion has already left out the collisions of a standing ego.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ Rules = Literal["1.0", "2.0", "2.1"]
 IrsLength = Literal["driven", "route"]
 
 MIN_KM: Final = 0.001
-"""Floor of every distance that something is divided by, km."""
+"""Smallest distance that a score divides by, km."""
 
 
 def route_completion(ego: EgoRecord) -> float:
     """Route completion RC, percent in [0, 100].
 
-    RC = 100 where the goal was reached, else 100 * progress / route length, kept strictly below 100: an ego that
-    stopped short of its goal has not completed its route. Source: CARLA Leaderboard.
+    RC = 100 if the goal was reached, else 100 * progress / route length, kept strictly below 100: an ego that stopped
+    before its goal has not completed its route. Source: CARLA Leaderboard.
 
     Raises:
         InvalidInputError: If progress or route length is not finite.
@@ -53,11 +53,11 @@ def infraction_penalty(infractions: Iterable[Infraction], rules: Rules, outside_
 
     Rules 1.0 and 2.0: IP = (1 - outside) * prod(p), one factor p per infraction.
     Rules 2.1: IP = (1 - outside) / (1 + sum(c)), one cost c per infraction.
-    Factors, costs and the rules that know a kind are its specification's (`InfractionKind.specification`); an
-    infraction that ends the route has none. Source: CARLA Leaderboard 1.0, 2.0, 2.1.
+    The specification of a kind (`InfractionKind.specification`) gives its factor, its cost and the first rules that
+    have it; an infraction that ends the route has neither factor nor cost. Source: CARLA Leaderboard 1.0, 2.0, 2.1.
 
     Args:
-        infractions: Of one ego. Their OUTSIDE_LANES events are not read: that infraction enters as a distance.
+        infractions: Infractions of one ego. OUTSIDE_LANES is ignored here, since it enters as a distance.
         rules: Version of the leaderboard's rules.
         outside_fraction: Share of the driven distance outside the lanes, [0, 1].
 
@@ -89,14 +89,14 @@ def infraction_rate_score(ego: EgoRecord, lambda_: float = 4.0, length: IrsLengt
     IRS = RC * (1 - outside) * prod_i exp(-lambda * (n_i / L) * (1 - p_i)), with n_i infractions of kind i, p_i their
     factors under rules 2.0 and L in km, at least 0.001 km. Source: Coelho 2024.
 
-    The thesis leaves open how leaving the lanes enters. Here it keeps the driving score's factor, (1 - outside): that
-    share is already a rate, so IRS stays what it was when a route and its infractions double.
+    The thesis does not say how driving outside the lanes enters. Here it keeps the factor of the driving score, (1 -
+    outside). That share is already a rate, so IRS does not change if a route and its infractions double.
 
     Args:
-        ego: The drive.
-        lambda_: Decay, km per infraction.
-        length: What L is: "driven", the distance driven (consistent with the thesis's table), or "route", the route's
-            length (the thesis's text).
+        ego: Record of the drive.
+        lambda_: Decay rate, km per infraction.
+        length: Meaning of L: "driven", the distance driven (consistent with the thesis's table), or "route", the length
+            of the route (the thesis's text).
 
     Raises:
         InvalidInputError: If lambda is negative, the length unknown, or a number NaN.
@@ -112,7 +112,7 @@ def infraction_rate_score(ego: EgoRecord, lambda_: float = 4.0, length: IrsLengt
 
 
 def _is_known(kind: InfractionKind, rules: Rules) -> bool:
-    """Whether a version of the rules knows a kind of infraction."""
+    """Whether a version of the rules has a kind of infraction."""
     versions = get_args(Rules)
     return versions.index(kind.specification.since) <= versions.index(rules)
 

@@ -1,4 +1,4 @@
-"""Frames: what a record and its trajectory say of one ego and of those around it, tick by tick."""
+"""Frames: the states of one ego and of all actors around it, tick by tick, from a record and its trajectory."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ _AROUND_M = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Touch:
-    """The first tick in which the ego and somebody else touch.
+    """First contact of the ego with another actor.
 
     Attributes:
-        tick: Row of the frames.
-        key: Of the other.
-        kind: ActorKind of the other.
-        at_fault: Whether the ego caused it.
+        tick: Tick of the contact, a row of the frames.
+        key: Key of the other actor.
+        kind: ActorKind of the other actor.
+        at_fault: Whether the ego caused the contact.
     """
 
     tick: int
@@ -47,12 +47,13 @@ class Frames:
     """One ego's drive, T ticks long.
 
     Attributes:
-        network: The roads.
-        route: The ego's.
-        boxes: (T, 5) the ego's: x, y [m], heading [rad], length, width [m].
-        speed: (T,), m/s.
-        progress: (T,), m along the route.
-        others: Everybody else in each of the T ticks; other egos are among them, with their keys of the trajectory.
+        network: Network that was driven on.
+        route: Route of the ego.
+        boxes: (T, 5) boxes of the ego: x, y [m], heading [rad], length, width [m].
+        speed: (T,) speed of the ego, m/s.
+        progress: (T,) progress of the ego along its route, m.
+        others: States of all other actors in each of the T ticks, other egos included, with their keys of the
+            trajectory.
     """
 
     network: RoadNetwork
@@ -74,13 +75,13 @@ class Frames:
 
     @cached_property
     def outside(self) -> FloatArray:
-        """(T,), m: how far the farthest corner of the ego is outside the drivable area, 0 within it."""
+        """(T,) distance of the ego's farthest corner from the drivable area [m]; 0 within the area."""
         points = shapely.points(corners(self.boxes))
         return np.asarray(shapely.distance(_drivable_near(self.network, self.boxes[:, :2]), points).max(axis=1))
 
     @cached_property
     def keeps_lane(self) -> BoolArray:
-        """(T,) whether the ego's corners are all on one lane, or on lanes that follow each other."""
+        """(T,) whether all corners of the ego are on one lane, or on lanes that follow each other."""
         centre_lanes = self.lanes[0].tolist()
         kept = [keeps_to_one_lane(self.network, box, lane) for box, lane in zip(self.boxes, centre_lanes, strict=True)]
         return np.array(kept, dtype=np.bool_)
@@ -93,7 +94,7 @@ class Frames:
 
     @cached_property
     def touches(self) -> tuple[Touch, ...]:
-        """Everybody the ego touches, each at the first tick, in the order of time."""
+        """First contacts with every actor that the ego touches, in the order of time."""
         found: dict[int, Touch] = {}
         for tick, others in enumerate(self.others):
             for i in np.flatnonzero(boxes_overlap(self.boxes[tick : tick + 1], others.boxes())[0]).tolist():
@@ -115,16 +116,16 @@ class Frames:
 
 
 def frames_of(record: EpisodeRecord, trajectory: Trajectory, network: RoadNetwork, ego: int = 0) -> Frames:
-    """One ego's frames.
+    """The frames of one ego.
 
     Args:
-        record: Of the episode.
-        trajectory: Of the same episode.
-        network: On which it was driven.
-        ego: Which one.
+        record: Record of the episode.
+        trajectory: Trajectory of the same episode.
+        network: Network that was driven on.
+        ego: Index of the ego.
 
     Raises:
-        InvalidInputError: The trajectory does not hold the ego without gaps, or its mission cannot be driven there.
+        InvalidInputError: The trajectory of the ego has gaps, or its mission cannot be driven on the network.
     """
     route = plan_route(network, record.scenario.missions[ego])
     rows = np.flatnonzero(trajectory.key == -1 - ego)
@@ -141,7 +142,7 @@ def frames_of(record: EpisodeRecord, trajectory: Trajectory, network: RoadNetwor
 
 
 def corners(boxes: FloatArray) -> FloatArray:
-    """(N, 4, 2), m: corners of (N, 5) boxes."""
+    """(N, 4, 2) corners of (N, 5) boxes [m]."""
     x, y, heading, length, width = boxes.T
     along = 0.5 * length[:, None] * np.array([1.0, 1.0, -1.0, -1.0])
     aside = 0.5 * width[:, None] * np.array([1.0, -1.0, -1.0, 1.0])
@@ -150,7 +151,7 @@ def corners(boxes: FloatArray) -> FloatArray:
 
 
 def _drivable_near(network: RoadNetwork, points: FloatArray) -> shapely.Geometry:
-    """Union of the drivable lanes and junctions around some points; the whole network's takes seconds."""
+    """Union of the drivable lanes and junctions around some points; a union over the whole network takes seconds."""
     low, high = points.min(axis=0) - _AROUND_M, points.max(axis=0) + _AROUND_M
     lanes, junctions = network.lanes, network.junctions
 

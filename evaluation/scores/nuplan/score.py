@@ -1,4 +1,4 @@
-"""Closed-loop score: nuPlan's, from one drive's record, its trajectory, the roads, and a reference's progress.
+"""nuPlan's closed-loop score of one drive, from its record, its trajectory, the network and the reference's progress.
 
     score = 100 x NC x DAC x DDC x MP x (5 EP + 5 TTC + 4 SL + 2 C) / 16
 
@@ -52,18 +52,18 @@ _WEIGHTS: Final = {"progress": 5.0, "time_to_collision": 5.0, "speed_limit": 4.0
 
 @dataclass(frozen=True, slots=True)
 class ClosedLoop:
-    """The terms of one drive, each in [0, 1], 1 the best.
+    """The terms of one drive, each in [0, 1], where 1 is best.
 
     Attributes:
         no_collision: NC, no at-fault collision.
         drivable_area: DAC, drivable-area compliance.
         driving_direction: DDC, driving-direction compliance.
-        making_progress: MP.
+        making_progress: MP, making progress.
         time_to_collision: TTC within bound.
         speed_limit: SL, speed-limit compliance.
-        progress: EP, ego progress along the reference's.
-        comfort: C.
-        red_lights: Crossed; in no term.
+        progress: EP, progress of the ego as a share of the reference's.
+        comfort: C, comfort.
+        red_lights: Number of red lights crossed, which enters no term.
     """
 
     no_collision: float
@@ -93,17 +93,17 @@ def closed_loop(
 ) -> ClosedLoop:
     """Every term of one drive.
 
-    A drive that ended because the agent failed as a program is 0 throughout: dropping it would reward the failure.
+    All terms of a drive are 0 if the agent failed as a program: leaving the drive out would reward the failure.
 
     Args:
-        record: Of the episode.
-        trajectory: Of the same episode.
-        network: On which it was driven.
-        reference_m: How far the reference came in the same scenario, m.
-        ego: Which one.
+        record: Record of the episode.
+        trajectory: Trajectory of the same episode.
+        network: Network that was driven on.
+        reference_m: Progress of the reference in the same scenario, m.
+        ego: Index of the ego.
 
     Raises:
-        InvalidInputError: A reference that is no distance, or a trajectory that does not hold the drive.
+        InvalidInputError: The reference is not a distance, or the trajectory does not contain the drive.
     """
     if not 0.0 <= reference_m < math.inf:
         raise InvalidInputError(f"expected the reference's progress in metres, got {reference_m}")
@@ -133,9 +133,10 @@ def red_lights(ego: EgoRecord) -> int:
 
 
 def no_collision(frames: Frames) -> float:
-    """NC: over people on foot or bicycle, vehicles, and objects, the product of max(0, 1 - n / (k + 1)).
+    """NC: product of max(0, 1 - n / (k + 1)) over people (on foot or bicycle), vehicles and objects.
 
-    n is the number of those the ego touched by its own fault, each once; k is 0, but 1 for objects.
+    n is the number of actors or objects that the ego touched by its own fault, each counted once; k is 1 for objects,
+    else 0.
     """
     n = {"vulnerable": 0, "vehicle": 0, "object": 0}
     for touch in frames.touches:
@@ -152,9 +153,9 @@ def drivable_area(frames: Frames) -> float:
 
 
 def driving_direction(frames: Frames) -> float:
-    """DDC: 1 if the ego never went back 2 m or more along its lanes within 1 s, 0.5 if it never went back 6 m, else 0.
+    """DDC: 1 if the ego went back less than 2 m along its lanes within any 1 s, 0.5 if less than 6 m, else 0.
 
-    Metres forward count against metres back. A tick with the centre on no lane counts 0 m.
+    Metres forward are subtracted from metres back. A tick with the centre on no lane counts 0 m.
     """
     lane, offset, error = frames.lanes
     moved = np.diff(frames.boxes[:, :2], axis=0, prepend=frames.boxes[:1, :2])
@@ -167,9 +168,9 @@ def driving_direction(frames: Frames) -> float:
 
 
 def ego_progress(frames: Frames, reference_m: float) -> float:
-    """EP: the ego's progress along its route as a share of the reference's, both at least 2 m; at most 1.
+    """EP: progress of the ego along its route as a share of the reference's, both taken as at least 2 m; at most 1.
 
-    0 for an ego that ends more than 2 m behind its start.
+    EP is 0 for an ego that ends more than 2 m behind its start.
     """
     progress = float(frames.progress[-1] - frames.progress[0])
     if progress < -PROGRESS_THRESHOLD_M:
@@ -188,16 +189,16 @@ def speed_limit(frames: Frames) -> float:
 
 
 def time_to_collision(frames: Frames) -> float:
-    """TTC: 1 if no one is ever less than 0.95 s away; see `times_to_collision`."""
+    """TTC: 1 if the time to collision is never below 0.95 s, else 0; see `times_to_collision`."""
     return float((times_to_collision(frames) > TTC_BOUND_S).all())
 
 
 def times_to_collision(frames: Frames) -> FloatArray:
-    """(T,), s: when the ego meets the next one if all keep speed and heading; infinity beyond 3 s.
+    """(T,) time to collision [s] if all actors keep speed and heading; infinity beyond 3 s.
 
-    Counted are actors within 30 degrees of the heading, seen from the rear axle; and, while the ego is in several
-    lanes, off the drivable area or in a junction, all that are not behind it. Infinite while the ego stands (at most
-    0.005 m/s); 0 at an at-fault collision. An actor that has touched the ego no longer counts.
+    Actors within 30 degrees of the heading count, seen from the rear axle. While the ego is in several lanes, off the
+    drivable area or in a junction, all actors that are not behind it count. The time is infinite while the ego stands
+    (at most 0.005 m/s) and 0 at an at-fault collision. An actor that has touched the ego no longer counts.
     """
     touched = {touch.key: touch.tick for touch in frames.touches}
     wide = ~frames.keeps_lane | (frames.outside > 0.0) | frames.in_junction
@@ -240,7 +241,7 @@ def _first_meeting(ego: FloatArray, speed: float, boxes: FloatArray, speeds: Flo
 
 
 def comfort(frames: Frames) -> float:
-    """C: 1 if accelerations, jerks, yaw rate and yaw acceleration all stay within nuPlan's bounds."""
+    """C: 1 if accelerations, jerks, yaw rate and yaw acceleration all stay within nuPlan's bounds, else 0."""
     return float(all(low <= value <= high for value, low, high in _extremes(frames)))
 
 
@@ -261,11 +262,11 @@ def _extremes(frames: Frames) -> list[tuple[float, float, float]]:
 
 
 def _derivative(values: FloatArray, window: int, order: int = 1) -> FloatArray:
-    """(T,) a derivative by time, by a Savitzky-Golay filter with a polynomial one degree above it; 0 in a short drive.
+    """(T,) derivative by time from a Savitzky-Golay filter, whose polynomial is one degree higher; 0 in a short drive.
 
-    Windows are odd: an even one would lag by half a tick.
+    Windows are odd: an even window would lag by half a tick.
     """
-    from scipy.signal import savgol_filter  # type: ignore[import-untyped]  # slow to import, so only where needed
+    from scipy.signal import savgol_filter  # type: ignore[import-untyped]  # slow to import: only if needed
 
     count = len(values)
     window = min(window, count if count % 2 else count - 1)

@@ -1,4 +1,4 @@
-"""Closed-loop summary: nuPlan's score of an agent's records, as a whole and by type of scenario."""
+"""Closed-loop summary: nuPlan's score of an agent's records, over all drives and by type of scenario."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ class ScoredDrive:
     """One drive and its terms.
 
     Attributes:
-        scenario: Name.
-        seed: Of the scenario.
-        ego: Name of the mission.
-        kind: Type of the scenario: the name of its cell up to the first dot.
-        terms: Of the score.
+        scenario: Name of the scenario.
+        seed: Seed of the scenario.
+        ego: Name of the ego's mission.
+        kind: Type of the scenario, which is the name of its cell up to the first dot.
+        terms: Terms of the score.
     """
 
     scenario: str
@@ -51,13 +51,13 @@ class ClosedLoopSummary:
     """Means over drives, in percent, with their intervals.
 
     Attributes:
-        score: The closed-loop score. Lost drives are left out.
-        score_lost_as_zero: The same with every lost drive counting 0, as in nuPlan; None where no drive was lost.
-        collisions: CR: 100 x (1 - mean NC); the less, the better.
-        off_road: DA: 100 x (1 - mean DAC); the less, the better.
-        progress: EP: 100 x mean EP.
+        score: Closed-loop score; lost drives are left out.
+        score_lost_as_zero: Closed-loop score with every lost drive counting 0, as in nuPlan; None if no drive was lost.
+        collisions: CR, 100 x (1 - mean NC); lower is better.
+        off_road: DA, 100 x (1 - mean DAC); lower is better.
+        progress: EP, 100 x mean EP.
         terms: 100 x the mean of each of `TERMS`.
-        red_lights: Crossed in all drives; in no score.
+        red_lights: Number of red lights crossed in all drives, which enters no score.
         drives: Number of drives.
         lost: Number of drives lost to gridlocks and infrastructure faults.
     """
@@ -74,15 +74,15 @@ class ClosedLoopSummary:
 
 
 def applies(record: EpisodeRecord) -> bool:
-    """Whether a record has a closed-loop score: its scenario states the reference's progress."""
+    """Whether a record has a closed-loop score, which needs the reference's progress in its scenario."""
     return record.scenario.reference_m is not None
 
 
 def score_records(records: Iterable[tuple[EpisodeRecord, Path]]) -> list[ScoredDrive]:
-    """Scores every drive of every record, given with its path; lost episodes are left out.
+    """Scores every drive of every record; lost episodes are left out.
 
     Raises:
-        InvalidInputError: A scenario without a reference, or a trajectory that is missing or damaged.
+        InvalidInputError: A scenario has no reference, or a trajectory is missing or damaged.
     """
     found = []
     for record, path in records:
@@ -100,7 +100,7 @@ def score_records(records: Iterable[tuple[EpisodeRecord, Path]]) -> list[ScoredD
 
 
 def summarise_closed_loop(drives: Sequence[ScoredDrive], lost: int = 0) -> ClosedLoopSummary:
-    """The means of some drives, beside which others were lost."""
+    """Means of the scored drives, and the score that also counts the lost drives as 0."""
 
     def mean(value: Callable[[ClosedLoop], float]) -> Estimate:
         return _estimate([value(one.terms) for one in drives])
@@ -119,14 +119,14 @@ def summarise_closed_loop(drives: Sequence[ScoredDrive], lost: int = 0) -> Close
 
 
 def _estimate(percents: Sequence[float]) -> Estimate:
-    """The mean; a share has Wilson's interval, since resampling shows no spread at 0 and 100 %."""
+    """Mean with its interval; a share has Wilson's interval, since resampling shows no spread at 0 and 100 %."""
     if all(value in (0.0, 100.0) for value in percents):
         return share_estimate([value > 0.0 for value in percents])
     return mean_estimate(percents)
 
 
 def by_type(drives: Sequence[ScoredDrive]) -> dict[str, ClosedLoopSummary]:
-    """One summary per type of scenario, in the order in which the drives name them."""
+    """One summary per type of scenario, in the order of their first drives."""
     kinds: dict[str, list[ScoredDrive]] = {}
     for drive in drives:
         kinds.setdefault(drive.kind, []).append(drive)
@@ -134,10 +134,10 @@ def by_type(drives: Sequence[ScoredDrive]) -> dict[str, ClosedLoopSummary]:
 
 
 def compare_closed_loop(a: Sequence[ScoredDrive], b: Sequence[ScoredDrive]) -> Comparison:
-    """Compares the scores of two agents (a - b) on the drives both have made.
+    """Compares the scores of two agents (a - b) on the drives of both.
 
     Raises:
-        InvalidInputError: There is no such drive.
+        InvalidInputError: No drive is common to both.
     """
     first, second = ({(one.scenario, one.seed, one.ego): one.terms.score for one in side} for side in (a, b))
     keys = sorted(first.keys() & second.keys())
