@@ -1,1 +1,1 @@
-"""Benchmarks of the freeway: their definition, results and page."""
+"""Benchmarks of the freeway: definitions, results and page."""

@@ -1,4 +1,4 @@
-"""Benchmarks of the freeway: speeds to forecast, and traffic to even out. No car is driven by an agent in them."""
+"""Benchmarks of the freeway: forecasts of speeds, and control of traffic. No agent drives a car in them."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ FREEWAY_BENCHMARKS = BENCHMARKS / "freeway"
 
 
 class _Named(Config):
-    """What both kinds have.
+    """Common fields of both kinds of benchmark.
 
     Attributes:
-        name: In the catalog.
-        description: One line for people.
-        headline: Name of the number that ranks.
-        metric: For people: how that number is computed.
-        network: A freeway of the network catalog.
+        name: Name in the catalog.
+        description: Description in one line, for people.
+        headline: Name of the metric that ranks.
+        metric: Computation of that metric in words, for people.
+        network: Name of a freeway in the network catalog.
     """
 
     headline: ClassVar[str]
@@ -45,14 +45,14 @@ class _Named(Config):
 
 
 class ForecastBenchmark(_Named):
-    """Days of segment speeds, of which the next rows are to be forecast from the last ones.
+    """Days of segment speeds; the task is to forecast the next rows from the last rows.
 
     Attributes:
-        days: Whole days in meso (easy), or mornings of dense congestion in micro (hard).
-        number: How many.
-        seed: Of the days; other sets of the same seed are other days.
-        probes: Share of the vehicles whose speed is reported.
-        free_kmh: What a normalised speed of 1 is.
+        days: Kind of days: whole days in meso (easy), or mornings of dense congestion in micro (hard).
+        number: Number of days.
+        seed: Seed of the days; different sets with the same seed have different days.
+        probes: Share of the vehicles that report their speed, in [0, 1].
+        free_kmh: Speed that is normalised to 1, km/h.
     """
 
     headline = "mse"
@@ -66,22 +66,22 @@ class ForecastBenchmark(_Named):
 
     @property
     def order(self) -> DatasetRequest:
-        """What `freeway.dataset.make_dataset` makes of it."""
-        from dohyo.sumo_networks.freeway.dataset import DatasetRequest  # imports SUMO; a list of names must not
+        """Configuration of the days for `freeway.dataset.make_dataset`."""
+        from dohyo.sumo_networks.freeway.dataset import DatasetRequest  # imports SUMO: slow
 
         numbers = {"easy": 0, "hard": 0, self.days: self.number}
         return DatasetRequest(days=0, seed=self.seed, probes=self.probes, network=self.network, **numbers)
 
 
 class TrafficBenchmark(_Named):
-    """Mornings whose traffic a controller of connected cars is to make even, one for each seed.
+    """Mornings in which a controller of connected cars smooths the traffic, one for each seed.
 
     Attributes:
-        start_s: Time of day at which control and measurement begin.
-        duration_s: Of both.
-        warm_up_s: Before the feed of segment speeds begins.
-        penetration: Share of connected cars.
-        seeds: Driven by default.
+        start_s: Time of day at which control and measurement begin, s.
+        duration_s: Duration of control and measurement, s.
+        warm_up_s: Simulated time before the feed of segment speeds begins, s.
+        penetration: Share of connected cars, in [0, 1].
+        seeds: Seeds that are driven by default.
     """
 
     headline = "speed_std"
@@ -99,26 +99,26 @@ _READ: TypeAdapter[FreewayBenchmark] = TypeAdapter(Annotated[FreewayBenchmark, F
 
 
 def freeway_benchmark_names() -> list[str]:
-    """Names of the benchmarks of the freeway that come with dohyo, sorted."""
+    """Sorted names of the built-in benchmarks of the freeway."""
     return sorted(path.stem for path in FREEWAY_BENCHMARKS.glob("*.toml"))
 
 
 def is_freeway_benchmark(name: str) -> bool:
-    """Whether a name, or the path of a .toml file, is of the freeway."""
+    """Whether a name, or the path of a .toml file, is that of a benchmark of the freeway."""
     if not name.endswith(".toml"):
         return name in freeway_benchmark_names()
     try:
         return "kind" in tomllib.loads(Path(name).read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return False  # whoever reads it next says what is wrong
+        return False  # the function that loads it reports the error
 
 
 def load_freeway_benchmark(name: str) -> FreewayBenchmark:
-    """A benchmark of the freeway by name, or from a path of a .toml file.
+    """Loads a benchmark of the freeway by its name, or from the path of a .toml file.
 
     Raises:
-        UnknownNameError: No such name.
-        InvalidInputError: The file is missing or broken; the message says where.
+        UnknownNameError: No benchmark has this name.
+        InvalidInputError: The file is missing or invalid; the message says where.
     """
     if not name.endswith(".toml") and name not in freeway_benchmark_names():
         raise UnknownNameError("benchmark of the freeway", name, freeway_benchmark_names())
@@ -136,9 +136,9 @@ def load_freeway_benchmark(name: str) -> FreewayBenchmark:
 
 
 def days_folder(benchmark: ForecastBenchmark) -> Path:
-    """Where a benchmark's days are kept once they are made: $DOHYO_HOME/freeway, else in the user's data folder.
+    """Folder of a benchmark's days once they are made: in $DOHYO_HOME/freeway, else in the user's data folder.
 
-    Days of another SUMO or another version of dohyo lie elsewhere, so that an update never mixes them.
+    Another version of SUMO or of dohyo has another folder, so that an update never mixes days.
     """
     from dohyo.sumo_networks.freeway.dataset import dataset_facts
 

@@ -19,12 +19,12 @@ PAGE = "report.html"
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A row of the table.
+    """One row of the table.
 
     Attributes:
-        row: What is in it.
-        why: What a missing difference means.
-        top: End of the axis of both estimates.
+        row: Metric with its estimates.
+        why: Reason for a missing difference.
+        top: Upper end of the axis of both estimates.
     """
 
     row: Row
@@ -34,7 +34,7 @@ class Shown:
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """A unit's headline value, of the agent and of the reference."""
+    """Headline value of one unit, of the agent and of the reference."""
 
     name: str
     ours: float
@@ -45,7 +45,7 @@ def write_page(out: Path, result: FreewayResult) -> Path:
     """Writes the page beside the result's file.
 
     Raises:
-        InvalidInputError: It cannot be written.
+        InvalidInputError: The file cannot be written.
     """
     try:
         write_atomically(out / PAGE, page(result).encode())
@@ -82,7 +82,7 @@ def page(result: FreewayResult) -> str:
 
 
 def finding(result: FreewayResult) -> str:
-    """The headline in a sentence."""
+    """The result on the headline metric, as a sentence."""
     first = result.metrics[0]
     ours, theirs = result.estimates[first.key], result.reference_estimates[first.key]
     said = f"{first.title} {number(ours.mean or 0.0)} ({first.unit})"
@@ -95,7 +95,7 @@ def finding(result: FreewayResult) -> str:
 
 
 def unit_word(result: FreewayResult) -> str:
-    """What one unit is."""
+    """Word for one unit: day or seed."""
     return "day" if isinstance(result.benchmark, ForecastBenchmark) else "seed"
 
 

@@ -1,7 +1,7 @@
-"""The result of one agent on one benchmark of the freeway: facts by day or seed, and what they come to.
+"""The result of one agent on one benchmark of the freeway: facts by day or seed, with their means and comparisons.
 
-Every unit (a day, or a morning's seed) gives one value per metric, for the agent and for a reference on the same unit.
-Means, intervals and paired differences follow from these alone; they are in the file for whoever only wants to read.
+Every unit (a day, or the seed of a morning) gives one value per metric, for the agent and for a reference on the same
+unit. Means, intervals and paired differences are computed from these alone; the file has them for readers.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ Units = Mapping[str, Mapping[str, float]]
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """What is measured on every unit.
+    """A quantity that is measured on every unit.
 
     Attributes:
-        key: Its name in the facts.
-        title: For a reader.
-        unit: Of its values as they are shown.
-        better: Which is; None: neither.
-        root: Units give squares; means and intervals are shown as their roots.
+        key: Name in the facts.
+        title: Name for people.
+        unit: Unit of the values as they are shown.
+        better: Whether lower or higher values are better; None: neither.
+        root: Whether the values are squares; their means and intervals are then shown as roots.
     """
 
     key: str
@@ -47,12 +47,12 @@ class Metric:
 
 @dataclass(frozen=True, slots=True)
 class AgentFacts:
-    """Who was evaluated.
+    """The agent that was evaluated.
 
     Attributes:
-        name: As it was given.
-        settings: Beside it.
-        sha256: Of what it learned, or of its sources.
+        name: Name as given by the user.
+        settings: Settings as given by the user.
+        sha256: Hash of its learned weights, or of its sources.
     """
 
     name: str
@@ -65,14 +65,14 @@ class FreewayResult:
     """One agent on one benchmark of the freeway.
 
     Attributes:
-        benchmark: Which.
-        agent: Who.
-        reference: Name of who it is compared with.
-        metrics: What was measured; the first one is the headline.
-        units: The agent's values.
-        reference_units: The reference's.
-        versions: What produced them: dohyo, SUMO, the network's hash.
-        timing: Whatever is by the clock; in no hash.
+        benchmark: Benchmark of the evaluation.
+        agent: Agent that was evaluated.
+        reference: Name of the agent that it is compared with.
+        metrics: Metrics that were measured; the first one is the headline.
+        units: Values of the agent, by unit and metric.
+        reference_units: Values of the reference, likewise.
+        versions: Versions of dohyo and SUMO, and the hash of the network.
+        timing: Wall-clock facts, which are in no hash.
     """
 
     benchmark: FreewayBenchmark
@@ -86,17 +86,17 @@ class FreewayResult:
 
     @cached_property
     def estimates(self) -> dict[str, Estimate]:
-        """Of the agent, by metric."""
+        """Estimates of the agent, by metric."""
         return {metric.key: self._estimate(metric, self.units) for metric in self.metrics}
 
     @cached_property
     def reference_estimates(self) -> dict[str, Estimate]:
-        """Of the reference, by metric."""
+        """Estimates of the reference, by metric."""
         return {metric.key: self._estimate(metric, self.reference_units) for metric in self.metrics}
 
     @cached_property
     def comparisons(self) -> dict[str, Comparison]:
-        """The agent minus the reference on the units of both, by metric; of squares where a metric has roots."""
+        """Agent minus reference on the units of both, by metric; a metric with `root` compares squares."""
         both = [name for name in self.units if name in self.reference_units]
         sides = (self.units, self.reference_units)
         return {
@@ -107,11 +107,11 @@ class FreewayResult:
 
     @property
     def record_hash(self) -> str:
-        """Hex sha256 of all that is not timing: the same agent, benchmark and versions give the same."""
+        """Hex sha256 of everything except timing: the same agent, benchmark and versions give the same hash."""
         return content_hash(self._facts())
 
     def percent(self, key: str) -> Estimate | None:
-        """The difference from the reference as a share of the reference's mean, %; None without a reference."""
+        """Difference from the reference in percent of the reference's mean; None without a reference."""
         base = self.reference_estimates[key].mean
         if not base or key not in self.comparisons or self.agent.name == self.reference:
             return None
@@ -120,7 +120,7 @@ class FreewayResult:
         return Estimate(mean, low, high, found.n)
 
     def document(self) -> dict[str, Any]:
-        """All of it as plain JSON."""
+        """The whole result as plain JSON."""
         scores = {
             metric.key: {
                 "title": metric.title,
@@ -151,7 +151,7 @@ class FreewayResult:
 
 
 def _root(squares: Estimate) -> Estimate:
-    """Roots keep an order, so those of an interval's ends are the interval of the root."""
+    """The root is monotonic, so the roots of an interval's ends are the interval of the root."""
     mean, low, high = (
         None if one is None else math.sqrt(max(one, 0.0)) for one in (squares.mean, squares.low, squares.high)
     )
@@ -163,10 +163,10 @@ def _compared(comparison: Comparison | None) -> dict[str, Any] | None:
 
 
 def claim(out: Path, benchmark: FreewayBenchmark, agent: AgentFacts) -> None:
-    """Refuses a folder that holds another evaluation, before anything is driven.
+    """Refuses a folder with another evaluation, before anything is driven.
 
     Raises:
-        InvalidInputError: It does.
+        InvalidInputError: The folder has the result of another evaluation.
     """
     path = out / RESULT
     if not path.exists():
@@ -202,15 +202,15 @@ def write_result(out: Path, result: FreewayResult) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A metric with both estimates.
+    """A metric with the estimates of agent and reference.
 
     Attributes:
-        metric: Which.
-        ours: The agent's.
-        theirs: The reference's.
-        percent: The paired difference as a share of the reference's mean, %; None where there is none, or where it
-            would only repeat that of the squares.
-        verdict: Of that difference; "" without one.
+        metric: Metric of the row.
+        ours: Estimate of the agent.
+        theirs: Estimate of the reference.
+        percent: Paired difference in percent of the reference's mean; None if there is none, or if it would only repeat
+            that of the squares.
+        verdict: Verdict on that difference; "" without one.
     """
 
     metric: Metric
@@ -221,7 +221,7 @@ class Row:
 
 
 def rows(result: FreewayResult) -> Iterator[Row]:
-    """One for each metric."""
+    """One row for each metric."""
     for metric in result.metrics:
         percent = None if metric.root else result.percent(metric.key)
         verdict = result.comparisons[metric.key].verdict if percent is not None else ""

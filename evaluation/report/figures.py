@@ -1,4 +1,4 @@
-"""Figures of evaluations: records in, Figure out."""
+"""Figures of evaluations, made from records."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ Records = Mapping[str, Sequence[EpisodeRecord]]
 
 
 def scored(records: Iterable[EpisodeRecord]) -> Iterator[tuple[EpisodeRecord, EgoRecord]]:
-    """Every drive that enters a score; an episode that the infrastructure lost is left out whole."""
+    """Every drive that enters a score; all drives of a lost episode are left out."""
     return ((record, ego) for record in records if not record.lost for ego in record.egos)
 
 
 def mission_name(record: EpisodeRecord, ego: EgoRecord) -> str:
-    """The scenario, and which of its egos where there are several."""
+    """Name of the scenario, with the name of the ego if there are several."""
     return record.scenario.name if len(record.egos) == 1 else f"{record.scenario.name} / {ego.name}"
 
 
@@ -42,7 +42,7 @@ def score_by_mission(records: Records, *, rules: Rules = "2.0") -> go.Figure:
     """Driving score of every agent on every mission, hardest at the top, with intervals over seeds.
 
     Args:
-        records: By agent.
+        records: Records by agent.
         rules: Version of the leaderboard's rules.
     """
     estimates = {agent: _mission_estimates(some, rules) for agent, some in records.items()}
@@ -80,10 +80,10 @@ def score_by_mission(records: Records, *, rules: Rules = "2.0") -> go.Figure:
 
 
 def infractions_along_route(records: Records) -> go.Figure:
-    """Where along its route each agent errs: the rate in every tenth, over each single infraction by kind.
+    """Infractions along the routes: the rate in every tenth above, each infraction by kind below.
 
     Args:
-        records: By agent.
+        records: Records by agent.
     """
     kinds = [kind for kind in InfractionKind if any(one.kind is kind for one, _ in _infractions(records))]
     figure = make_subplots(rows=2, shared_xaxes=True, vertical_spacing=0.06, row_heights=[150, 60 + 30 * len(kinds)])
@@ -138,10 +138,10 @@ def infractions_along_route(records: Records) -> go.Figure:
 
 
 def episode_endings(records: Records) -> go.Figure:
-    """How each agent's drives ended; those lost to the infrastructure are shown, and belong to nobody's score.
+    """Number of drives of each agent by their ending; lost drives are shown although they enter no score.
 
     Args:
-        records: By agent.
+        records: Records by agent.
     """
     counts = {agent: Counter(ego.status for one in some for ego in one.egos) for agent, some in records.items()}
     palette = PALETTES["light"]
@@ -166,7 +166,7 @@ def episode_endings(records: Records) -> go.Figure:
         f" of {sum(n for status, n in count.items() if not status.infrastructure_fault)}"
         for agent, count in counts.items()
     )
-    _entitle(figure, f"Goals reached: {reached}", "Number of drives by how they ended; those lost count for nobody.")
+    _entitle(figure, f"Goals reached: {reached}", "Number of drives by how they ended; lost drives enter no score.")
     figure.update_xaxes(title_text="drives")
     figure.update_yaxes(autorange="reversed", showgrid=False)
     return figure.update_layout(
@@ -186,7 +186,7 @@ def _mission_estimates(records: Iterable[EpisodeRecord], rules: Rules) -> dict[s
 
 
 def _hardest_first(estimates: Mapping[str, Mapping[str, Estimate]]) -> list[str]:
-    """Missions by the agents' mean driving score, then by name."""
+    """Missions in the order of the mean driving score over agents, then by name."""
     means: dict[str, list[float]] = {}
     for by_mission in estimates.values():
         for mission, one in by_mission.items():
@@ -196,7 +196,7 @@ def _hardest_first(estimates: Mapping[str, Mapping[str, Estimate]]) -> list[str]
 
 def _mission_finding(estimates: Mapping[str, Mapping[str, Estimate]], missions: Sequence[str]) -> str:
     if not missions:
-        return "No mission was driven to an end that counts"
+        return "No mission has a drive that counts"
     hardest = f"'{label(missions[0])}' is the hardest of {len(missions)} missions"
     if len(missions) == 1:
         hardest = f"'{label(missions[0])}' is the only mission"
@@ -209,7 +209,7 @@ def _mission_finding(estimates: Mapping[str, Mapping[str, Estimate]], missions: 
 
 
 def _best(estimates: Mapping[str, Mapping[str, Estimate]], mission: str) -> str | None:
-    """The agent with the highest mean on a mission; None where two share it."""
+    """The agent with the highest mean on a mission; None if two agents share it."""
     means = {agent: by_mission[mission].mean or 0.0 for agent, by_mission in estimates.items() if mission in by_mission}
     best = max(means.values())
     leaders = [agent for agent, mean in means.items() if mean == best]
@@ -221,7 +221,7 @@ def _infractions(records: Records) -> Iterator[tuple[Infraction, EgoRecord]]:
 
 
 def _rate_by_tenth(records: Iterable[EpisodeRecord]) -> list[float | None]:
-    """Infractions per km driven in each tenth of the route; None where less than 100 m were driven."""
+    """Infractions per km driven in each tenth of the route; None if less than 100 m were driven there."""
     km, counts = np.zeros(10), np.zeros(10)
     for _, ego in scored(records):
         tenth_m = ego.route_length_m / 10
@@ -232,12 +232,12 @@ def _rate_by_tenth(records: Iterable[EpisodeRecord]) -> list[float | None]:
 
 
 def _shifts(n: int) -> FloatArray:
-    """(n,) offsets within a row of height 1, so that n agents do not cover each other."""
+    """(n,) offsets within a row of height 1, so that the marks of n agents do not overlap."""
     return (np.arange(n, dtype=np.float64) - (n - 1) / 2) * min(0.22, 0.7 / max(n, 1))
 
 
 def _reach(end: float | None, mean: float) -> float:
-    """How far one end of an interval lies from its mean; 0 where there is no interval."""
+    """Distance from the mean to one end of an interval; 0 if there is no interval."""
     return 0.0 if end is None else abs(end - mean)
 
 

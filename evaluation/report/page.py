@@ -48,10 +48,10 @@ class Column:
     """A score as a column of the comparison.
 
     Attributes:
-        key: Its name in `Summary.scores`.
-        title: For a reader.
-        unit: Of its values.
-        top: Upper end of the axis that all cells share; the lower is 0.
+        key: Name in `Summary.scores`.
+        title: Name for people.
+        unit: Unit of the values.
+        top: Upper end of the axis of all cells; the lower end is 0.
     """
 
     key: str
@@ -76,7 +76,7 @@ TypeRow = tuple[str, ClosedLoopSummary]
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A plotly figure taken apart, so that the page can set its title and colours itself."""
+    """A plotly figure in parts, so that the page can set its title and colours."""
 
     name: str
     title: Markup
@@ -96,14 +96,14 @@ def write_report(
     """Writes one self-contained HTML file; the same records give the same bytes.
 
     Args:
-        evaluations: Of different agents on the same version of one benchmark.
-        path: Where to write; missing folders are created. Records are linked relative to it.
-        rules: Version of the leaderboard's rules behind penalty and driving score.
-        irs_length: What length the infraction rate score divides by.
-        lanes: The lanes to draw of a network, by its name in the scenarios.
+        evaluations: Evaluations of different agents on the same version of one benchmark.
+        path: Path of the file; missing folders are created. Links to records are relative to it.
+        rules: Version of the leaderboard's rules for penalty and driving score.
+        irs_length: Length by which the infraction rate score divides.
+        lanes: Function that returns the lanes of a network to draw, by its name in the scenarios.
 
     Returns:
-        The path written.
+        The path of the written file.
 
     Raises:
         InvalidInputError: If there is no evaluation, an agent comes twice, the benchmarks differ, or records cannot be
@@ -136,7 +136,7 @@ def write_report(
 
 
 def _closed_loop(contenders: Sequence[Contender]) -> list[tuple[Contender, ClosedLoopSummary, list[TypeRow]]]:
-    """Each agent's closed-loop summary, as a whole and by type; empty where the records have no reference."""
+    """Closed-loop summary of each agent, over all drives and by type; empty if the records have no reference."""
     found = []
     for one in contenders:
         records = one.evaluation.records
@@ -186,7 +186,7 @@ def _environment() -> Environment:
 
 
 def _facts(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLength) -> list[tuple[str, str, str]]:
-    """Name, value and a note on hover: what a reader needs to trust or to repeat the numbers."""
+    """Name, value and note of the facts that a reader needs to trust or to repeat the numbers."""
     records = [record for one in evaluations for record in one.records]
     seeds = sorted({record.scenario.seed for record in records})
     per_agent = "; ".join(f"{one.agent}: {len(one.records)}" for one in evaluations)
@@ -201,13 +201,13 @@ def _facts(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLengt
         ("seeds", str(len(seeds)), ", ".join(map(str, seeds))),
         ("episodes", str(len(records)), per_agent),
         ("lost", str(sum(one.lost for one in records)), "Episodes lost to gridlocks and infrastructure faults"),
-        ("network", _listed(record.scenario.network for record in records), "Where the episodes took place"),
+        ("network", _listed(record.scenario.network for record in records), "Networks of the episodes"),
         (
             "SUMO",
             _listed(record.versions.sumo.removeprefix("SUMO ") for record in records),
             "Version of the traffic simulation",
         ),
-        ("dohyo", _listed(record.versions.dohyo for record in records), "Version that drove the episodes"),
+        ("dohyo", _listed(record.versions.dohyo for record in records), "Version of dohyo that drove the episodes"),
     ]
 
 
@@ -216,13 +216,13 @@ def _listed(values: Iterable[str]) -> str:
 
 
 def _per_km_top(contenders: Sequence[Contender]) -> float:
-    """Upper end of the axis that all rates share."""
+    """Upper end of the common axis of all rates."""
     rates = [rate for one in contenders for rate in one.summary.per_km.values()]
     return max((rate.high or rate.mean or 0.0 for rate in rates), default=0.0) or 1.0
 
 
 def _pictures(contenders: Sequence[Contender], rules: Rules) -> Iterator[Picture]:
-    """Those figures that have something to show."""
+    """The figures that have data."""
     records = {one.name: one.evaluation.records for one in contenders}
     if any(one.summary.episodes for one in contenders):
         yield _picture("score-by-mission", figures.score_by_mission(records, rules=rules))
@@ -247,7 +247,7 @@ def _picture(name: str, figure: go.Figure) -> Picture:
 
 
 def _script_json(document: object) -> Markup:
-    """JSON that can stand in a script element, whatever the strings in it say."""
+    """JSON that is safe in a script element, whatever strings it contains."""
     return Markup(json.dumps(document, sort_keys=True, separators=(",", ":")).replace("<", "\\u003c"))
 
 
@@ -258,7 +258,7 @@ def _marks(drives: Iterable[Drive], network: str) -> Iterator[tuple[Drive, Infra
 
 
 def _spot_text(spot: Spot[Drive]) -> str:
-    """What a mark on the map says on hover: one fact per line."""
+    """Text of a mark on the map: one fact per line."""
     return "\n".join(
         (
             f"{spot.infraction.kind.specification.label}: {spot.drive.contender.name}",
@@ -269,7 +269,7 @@ def _spot_text(spot: Spot[Drive]) -> str:
 
 
 def _route_text(infraction: Infraction) -> str:
-    """What a mark on the bar of a route says on hover."""
+    """Text of a mark on the bar of a route."""
     return ", ".join((infraction.kind.specification.label, *_details(infraction)))
 
 

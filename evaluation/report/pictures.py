@@ -1,4 +1,4 @@
-"""A figure on disk: a page that needs no network, and a picture beside it where there is a chromium."""
+"""Saves a figure as a page that needs no network, and as a picture beside it if chromium is installed."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ _MARGIN_PX, _SETTLED_MS = 16, 1000
 
 
 def write_page(drawn: go.Figure, path: Path, title: str) -> list[Path]:
-    """Writes a figure of fixed size as a page, and as a PNG of the same name where there is a chromium.
+    """Writes a figure of fixed size as a page, and as a PNG of the same name if chromium is installed.
 
     Args:
-        drawn: With a width and a height, px.
-        path: Of the page, *.html; its folder is made.
-        title: Of the page, for the browser's tab.
+        drawn: Figure with a width and a height, px.
+        path: Path of the page, *.html; its folder is made.
+        title: Title of the page, for the browser's tab.
 
     Returns:
-        What was written.
+        The paths of the written files.
 
     Raises:
-        InvalidInputError: The name is not that of a page.
+        InvalidInputError: The path does not end in .html.
     """
     if path.suffix != ".html":
         raise InvalidInputError(f"expected a page's name that ends in .html, got '{path}'; its picture goes beside it")
@@ -44,7 +44,7 @@ def write_page(drawn: go.Figure, path: Path, title: str) -> list[Path]:
 
 
 def _photograph(chromium: str, page: Path, picture: Path, width: int, height: int) -> None:
-    from playwright.sync_api import sync_playwright  # wanted only where there is a chromium
+    from playwright.sync_api import sync_playwright  # imported only if chromium is installed
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])

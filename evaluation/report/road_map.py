@@ -18,7 +18,7 @@ from dohyo.sumo_networks.networks.catalog import load_network
 D = TypeVar("D")
 
 LaneShape = tuple[FloatArray, float]
-"""A lane as drawn: (P, 2) centreline, m, network frame, and its width, m."""
+"""A lane to draw: (P, 2) centreline, m, network frame, and its width, m."""
 
 MAP_MARGIN_M = 150.0
 CROWD_M = 4.0
@@ -39,15 +39,15 @@ class Spot(Generic[D]):
 
 @dataclass(frozen=True, slots=True)
 class Map(Generic[D]):
-    """A network with the infractions on it. Boxes are SVG view boxes: m, y down.
+    """A network with the infractions on it. Boxes are SVG view boxes, m, y down.
 
     Attributes:
-        network: Its name.
-        note: Why there are no lanes, or nothing.
+        network: Name of the network.
+        note: Reason for missing lanes; empty if there are lanes.
         lanes: SVG path data by lane width, m.
-        whole: Box of everything.
-        home: Box of what matters: the infractions and their surroundings.
-        spots: The infractions.
+        whole: Box of the whole network and all infractions.
+        home: Box of the first view: the infractions and their surroundings.
+        spots: Infractions with their places.
     """
 
     network: str
@@ -59,13 +59,13 @@ class Map(Generic[D]):
 
 
 def drivable_lanes(network: str) -> list[LaneShape]:
-    """The lanes that cars may use.
+    """Lanes that cars may use.
 
     Args:
         network: Name in the catalog, or path of a SUMO net.
 
     Raises:
-        InvalidInputError: If there is no such network here.
+        InvalidInputError: If this machine does not have the network.
     """
     roads = load_network(network)
     return [
@@ -79,9 +79,9 @@ def lay_out_map(
     """Lays out a network and the infractions on it.
 
     Args:
-        network: Its name.
-        marks: Infractions, each with the drive it belongs to.
-        lanes: Gives the lanes of a network; where it raises InvalidInputError, the map has none and says why.
+        network: Name of the network.
+        marks: Infractions, each with its drive.
+        lanes: Function that returns the lanes of a network; if it raises InvalidInputError, the map has a note instead.
     """
     note = ""
     try:
@@ -109,7 +109,7 @@ def _box(points: FloatArray, margin: float, margin_m: float) -> tuple[float, flo
 
 
 def _lane_paths(shapes: Iterable[LaneShape]) -> dict[float, str]:
-    """All centrelines of one width as one SVG path, to the decimetre, y down."""
+    """All centrelines of one width as one SVG path, with a resolution of 0.1 m, y down."""
     paths: dict[float, list[str]] = {}
     for shape, width in shapes:
         decimetres = np.rint(shape * (10.0, -10.0)).astype(int)
@@ -120,7 +120,7 @@ def _lane_paths(shapes: Iterable[LaneShape]) -> dict[float, str]:
 
 
 def _spots(marks: Iterable[tuple[D, Infraction]]) -> Iterator[Spot[D]]:
-    """One per infraction; those closer than CROWD_M are laid out as a sunflower lays out its seeds."""
+    """One spot per infraction; infractions closer than CROWD_M are laid out in a sunflower spiral."""
     crowd: Counter[tuple[int, int]] = Counter()
     for drive, one in marks:
         cell = round(one.x_m / CROWD_M), round(one.y_m / CROWD_M)

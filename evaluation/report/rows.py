@@ -1,4 +1,4 @@
-"""The rows of a report: who drove, each drive with its score factor by factor, and who compares with whom."""
+"""The rows of a report: agents, drives with their scores factor by factor, and pairs of agents."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """One agent on one benchmark, as the report needs it.
+    """The evaluation of one agent on one benchmark.
 
     Attributes:
-        agent: Its name, unique in the report.
+        agent: Name of the agent, unique in the report.
         benchmark: Name of the benchmark.
         benchmark_hash: Content hash of the benchmark.
-        records: Of all episodes, lost ones included.
-        record_paths: Their JSON files, in the same order.
-        metric: How the headline score is computed, in words.
+        records: Records of all episodes, lost ones included.
+        record_paths: Paths of the records' JSON files, in the same order.
+        metric: Computation of the headline score in words.
     """
 
     agent: str
@@ -56,7 +56,7 @@ class Evaluation:
 
 @dataclass(frozen=True, slots=True)
 class Contender:
-    """An agent in the report: its place, colour and numbers."""
+    """An agent in the report, with its place, colour and numbers."""
 
     place: int
     name: str
@@ -67,7 +67,7 @@ class Contender:
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """A piece of a score's formula, and what it stands for."""
+    """A part of a score's formula, with its meaning."""
 
     text: str
     note: str
@@ -75,7 +75,7 @@ class Term:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """One ego of one episode, as a row of the table."""
+    """One ego of one episode, a row of the table of drives."""
 
     anchor: str
     contender: Contender
@@ -89,7 +89,7 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Two agents and how they compare; without a drive in common, only the reason why not."""
+    """Two agents and their comparisons; without a common drive, only the reason."""
 
     a: Contender
     b: Contender
@@ -110,7 +110,7 @@ def _mean(estimate: Estimate) -> float:
 
 
 def make_drives(contenders: Sequence[Contender], path: Path, rules: Rules) -> Iterator[Drive]:
-    """Every ego of every episode; `path` is the page's, from which the links to the records start."""
+    """Every ego of every episode; links to records are relative to `path`, the path of the page."""
     folder = path.parent.resolve()
     for contender in contenders:
         one = contender.evaluation
@@ -130,7 +130,7 @@ def make_drives(contenders: Sequence[Contender], path: Path, rules: Rules) -> It
 
 
 def worst_first(drive: Drive) -> tuple[float, str, int, str]:
-    """Sorts drives: those to look at first, then the same order in every run."""
+    """Sort key of drives: lowest driving score first; ties have the same order in every run."""
     return drive.score, drive.mission, drive.record.scenario.seed, drive.contender.name
 
 
@@ -155,12 +155,12 @@ def _why(ego: EgoRecord, rules: Rules) -> Iterator[Term]:
 
 
 def _factor(value: float) -> str:
-    """Like `number`, without trailing zeros: people write 0.6, not 0.600."""
+    """A number like `number`, without trailing zeros: 0.6, not 0.600."""
     return f"{value:.3g}"
 
 
 def make_pair(a: Contender, b: Contender, rules: Rules, irs_length: IrsLength) -> Pair:
-    """How two compare on the drives they have in common, or why they have none."""
+    """Compares two agents on their common drives, or gives the reason if they have none."""
     try:
         comparisons = compare(a.evaluation.records, b.evaluation.records, rules=rules, irs_length=irs_length)
     except InvalidInputError as error:

@@ -1,4 +1,4 @@
-"""CSV that spreadsheets open without harm."""
+"""CSV that is safe to open in a spreadsheet."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Rows as CSV with a header; None is an empty cell.
 
-    Text that a spreadsheet would run as a formula gets an apostrophe in front. Source: OWASP, CSV injection.
+    Text that a spreadsheet would evaluate as a formula gets an apostrophe in front. Source: OWASP, CSV injection.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -25,5 +25,5 @@ def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 def _cell(value: object) -> object:
     if value is None:
         return ""
-    # A character alone, such as the verdict "=", is no formula.
+    # A single character, such as the verdict "=", is not a formula.
     return f"'{value}" if isinstance(value, str) and len(value) > 1 and value.startswith(_FORMULA) else value

@@ -1,4 +1,4 @@
-"""Look: what all figures, tables and pages share; a palette, a mark per kind of infraction, how a number is written."""
+"""Style of all figures, tables and pages: palettes, marks of infractions, the form of numbers."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from dohyo.evaluation.statistics import Estimate
 Scheme = Literal["light", "dark"]
 
 OKABE_ITO = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442", "#999999")
-"""Okabe and Ito's eight, with the grey that replaces their black where a page may be dark."""
+"""The eight colours of Okabe and Ito, with grey instead of black, since a page may be dark."""
 SANS = "ui-sans-serif, system-ui, sans-serif"
 MISSING = "\N{EM DASH}"
 
 
 @dataclass(frozen=True, slots=True)
 class Palette:
-    """The colours that change between light and dark.
+    """The colours that differ between light and dark pages.
 
     Attributes:
-        panel: Behind figures and tables.
-        ink: Text.
-        quiet: Second text.
-        line: Hairlines and grids.
-        success: The goal was reached.
-        warning: The agent failed as a program.
-        infraction: The agent failed as a driver.
-        infrastructure: Nobody's driving failed.
+        panel: Background of figures and tables.
+        ink: Colour of text.
+        quiet: Colour of secondary text.
+        line: Colour of hairlines and grids.
+        success: Colour of drives that reached the goal.
+        warning: Colour of drives in which the agent failed as a program.
+        infraction: Colour of drives in which the agent failed as a driver.
+        infrastructure: Colour of drives that were lost.
     """
 
     panel: str
@@ -56,9 +56,9 @@ PALETTES: Mapping[Scheme, Palette] = MappingProxyType(
 
 
 def agent_colours(agents: Iterable[str]) -> dict[str, str]:
-    """A colour per agent that follows from its name, so that it is the same on every page.
+    """A colour per agent, computed from its name, so that it is the same on every page.
 
-    Where two agents of one page ask for the same colour, the later name gets the next free one; grey comes last.
+    If two agents of one page have the same colour, the later name gets the next free one; grey comes last.
     """
     *hues, grey = OKABE_ITO
     colours: dict[str, str] = {}
@@ -72,7 +72,7 @@ def agent_colours(agents: Iterable[str]) -> dict[str, str]:
 
 
 def template(scheme: Scheme = "light") -> go.layout.Template:
-    """The look that all figures share."""
+    """The plotly template of all figures."""
     palette = PALETTES[scheme]
     axis = {
         "gridcolor": palette.line,
@@ -121,17 +121,17 @@ def template(scheme: Scheme = "light") -> go.layout.Template:
 
 
 def ending(status: Status) -> str:
-    """A status without the word before its colon, which colour and sign already say."""
+    """A status without the word before its colon, which repeats its colour and sign."""
     return status.value.rpartition(": ")[2].removeprefix("agent ").removeprefix("agent's ")
 
 
 def label(text: str) -> str:
-    """A name from a record as plotly text, which would otherwise read markup in it."""
+    """A name from a record, escaped, since plotly reads markup in texts."""
     return html.escape(text, quote=False)
 
 
 def interval(estimate: Estimate) -> str:
-    """An estimate in the project's words, such as `78.4 [75.9, 80.6] n=75`."""
+    """An estimate as text, such as `78.4 [75.9, 80.6] n=75`."""
     if estimate.mean is None:
         return MISSING
     if estimate.low is None or estimate.high is None:
@@ -149,7 +149,7 @@ def probability(value: float) -> str:
 
 
 def markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table."""
+    """A table in Markdown."""
     return "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))
 
 

@@ -89,8 +89,8 @@ def infraction_rate_score(ego: EgoRecord, lambda_: float = 4.0, length: IrsLengt
     IRS = RC * (1 - outside) * prod_i exp(-lambda * (n_i / L) * (1 - p_i)), with n_i infractions of kind i, p_i their
     factors under rules 2.0 and L in km, at least 0.001 km. Source: Coelho 2024.
 
-    The thesis does not say how driving outside the lanes enters. Here it keeps the factor of the driving score, (1 -
-    outside). That share is already a rate, so IRS does not change if a route and its infractions double.
+    The thesis does not say how driving outside the lanes enters. Here it keeps the driving score's factor,
+    (1 - outside). That share is already a rate, so IRS does not change if a route and its infractions double.
 
     Args:
         ego: Record of the drive.
