@@ -1,1 +1,1 @@
-"""Scripts that draw the benchmarks; their output is committed in `benchmarks/`."""
+"""Scripts that draw the missions of benchmarks; their output is committed in `benchmarks/`."""

@@ -1,7 +1,7 @@
 """Draws `obstacles`, `precrash`, `endurance` and the leaderboards: python -m dohyo.evaluation.authoring.draw_events.
 
 As in draw_missions.py, places are drawn at random from fixed seeds and the files are committed. A scripted event is
-kept where it fits; the leaderboards place theirs at every evaluation, from its seed.
+kept where it fits. The events of the leaderboards are placed at every evaluation, from its seed.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ VEHICLES: Mapping[str, tuple[str, tuple[tuple[float, float], ...]]] = {
     "truck": ("truck", ((6.8, 2.3), (7.5, 2.4), (8.5, 2.5), (9.5, 2.5), (11.0, 2.55))),
     "bus": ("bus", ((9.0, 2.4), (12.0, 2.55), (13.5, 2.55))),
 }
-"""27 vehicles: class in SUMO; length and width, m."""
+"""27 vehicles: SUMO's class, length [m], width [m]."""
 
 WALKERS = tuple(product((0.35, 0.5), (0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.8, 2.0, 2.5, 3.0)))
 """26 pedestrians: width of shoulders [m], pace [m/s]; children and adults, from a shuffle to a run."""
@@ -53,12 +53,12 @@ PRECRASH = {
     "oncoming_in_lane": ("town-train", "town-test", "district"),
     "stopped_behind_curve": ("town-train", "town-test", "district"),
 }
-"""Kinds of event and where they may be. Source: NHTSA's pre-crash scenarios, as Albilani uses them."""
+"""Kinds of event and the places where they are possible. Source: NHTSA's pre-crash scenarios, as Albilani uses them."""
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """A mission and the event on it, as they stand in a file."""
+    """A mission and its event, as written in a file."""
 
     mission: Mission
     event: Mapping[str, Value]
@@ -74,7 +74,7 @@ class Draw:
         self._lanes = np.flatnonzero(lanes.drivable & ~lanes.internal & (lanes.length > 40.0))
 
     def mission(self, name: str, low: float, high: float, stops: int = 0) -> tuple[Mission, Route]:
-        """A mission whose route has a length within a range [m] and passes so many random edges."""
+        """A mission through a given number of random edges, whose route has a length within a range [m]."""
         for _ in range(ATTEMPTS):
             start, goal = (self._place() for _ in range(2))
             via = tuple(self.network.edge_id(int(lane)) for lane in self.rng.choice(self._lanes, stops))
@@ -89,7 +89,7 @@ class Draw:
         raise InvalidInputError(f"network '{self.network.name}' has no route of {low:.0f} to {high:.0f} m")
 
     def scripted(self, name: str, low: float, high: float, event: Mapping[str, Value]) -> Drawn:
-        """A mission on which an event fits."""
+        """A mission on whose route an event fits."""
         for _ in range(ATTEMPTS):
             mission, route = self.mission(name, low, high)
             at = event.get("at_m", round(float(self.rng.uniform(*PRECRASH_AT_M)), 1))
@@ -105,7 +105,7 @@ class Draw:
 
 
 def fits(event: Mapping[str, Value], network: RoadNetwork, route: Route) -> bool:
-    """Whether an event can happen on a route."""
+    """Whether an event is possible on a route."""
     one: Event = TypeAdapter[Event](Event).validate_python({"name": "event", **event})
     try:
         check_placement(one, "ego", network, route)
@@ -115,7 +115,7 @@ def fits(event: Mapping[str, Value], network: RoadNetwork, route: Route) -> bool
 
 
 def obstacles() -> Iterator[str]:
-    """Lines of obstacles.toml: each of 27 vehicles and 26 pedestrians three times, dealt out to both towns."""
+    """Lines of obstacles.toml: each of 27 vehicles and 26 pedestrians three times, distributed over both towns."""
     yield from _head(
         "obstacles",
         "An empty road, and something appears 30 m ahead, stays a while, and goes: stop, and drive on",
@@ -145,7 +145,7 @@ def obstacles() -> Iterator[str]:
 
 
 def precrash() -> Iterator[str]:
-    """Lines of precrash.toml: twelve places for each kind of accident that is about to happen."""
+    """Lines of precrash.toml: twelve places for each kind of pre-crash event."""
     yield from _head(
         "precrash",
         "Seven kinds of accidents about to happen, twelve places each, in light traffic",
@@ -165,7 +165,7 @@ def precrash() -> Iterator[str]:
 
 
 def leaderboard(name: str, routes: Mapping[str, int], conditions: Sequence[str], seed: int) -> Iterator[str]:
-    """Lines of a leaderboard: so many routes of 1 to 3 km per network, with scripted events on the way."""
+    """Lines of a leaderboard: a number of routes of 1 to 3 km per network, with scripted events on the way."""
     yield from _head(
         name,
         f"{sum(routes.values())} routes of 1 to 3 km in city traffic, with a scripted event every 200 to 300 m",
@@ -184,7 +184,7 @@ def leaderboard(name: str, routes: Mapping[str, int], conditions: Sequence[str],
 
 
 def endurance() -> Iterator[str]:
-    """Lines of endurance.toml: routes long enough to drive 2500 m."""
+    """Lines of endurance.toml: routes of at least 2500 m."""
     yield from _head(
         "endurance",
         "Ten long routes through each town in regular traffic: how far without a collision?",

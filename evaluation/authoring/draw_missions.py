@@ -1,8 +1,8 @@
 """Draws the missions of `nocrash` and `corl2017`: python -m dohyo.evaluation.authoring.draw_missions.
 
-The originals' start and goal points belong to CARLA's towns. Ours are drawn at random, from fixed seeds, among the
-lanes of our towns: no U-turns, a given range of lengths, and for CoRL2017 a given number of turns. The files are
-committed, so a network that changes does not move the missions silently.
+The original start and goal points belong to CARLA's towns. Here they are drawn at random, from fixed seeds, among the
+lanes of dohyo's towns: no U-turns, a given range of lengths, and for CoRL2017 a given number of turns. The files are
+committed, so a change of a network does not silently move the missions.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def draw(network: RoadNetwork, seed: int, accepts: Callable[[Route], bool]) -> l
     """25 different missions whose routes are accepted.
 
     Raises:
-        InvalidInputError: The network has not as many.
+        InvalidInputError: The network has fewer such routes.
     """
     rng, lanes = np.random.default_rng(seed), network.lanes
     long = np.flatnonzero(lanes.drivable & ~lanes.internal & (lanes.length > 40.0))
@@ -62,7 +62,7 @@ def _suits(network: RoadNetwork, mission: Mission, accepts: Callable[[Route], bo
 
 
 def turns(route: Route) -> int:
-    """Number of junctions at which a route does not go straight on."""
+    """Number of junctions at which a route turns."""
     return sum(passage.command is not Command.STRAIGHT for passage in route.passages)
 
 
@@ -78,7 +78,7 @@ def nocrash() -> Iterator[str]:
         'rules = "2.0"',
         "stop_on_collision = true",
         "seeds = [0, 1, 2]",
-        # As in the original's code. Papers write 10 km/h, which is the mean speed of dense traffic itself.
+        # As in the code of the original. Papers say 10 km/h, which is the mean speed of dense traffic itself.
         "time_limit = { speed_kmh = 5.0, extra_s = 20.0 }",
     )
     for town, levels in TOWNS.items():

@@ -1,13 +1,13 @@
 """Draws `val14` and `val14-train`: python -m dohyo.evaluation.authoring.draw_val14 NAME [--pin].
 
-For each seed the traffic of a network warms up for 30 s. Every car in it is a candidate: the ego takes its place, at
-its speed, with a route that may make a scenario of some type of it. The reference then drives 15 s in live traffic, and
-the candidate is kept if the run passes that type's test in `dohyo.evaluation.authoring.scenario_types`. Types that
-traffic alone gives too rarely get a scripted event on the way, and have to pass the same test.
+For each seed the traffic of a network warms up for 30 s. Every car in it is a candidate: the ego replaces the car, with
+its speed and a route on which a scenario of some type is likely. The reference then drives 15 s in live traffic. The
+candidate is kept if this run passes the test of that type in `dohyo.evaluation.authoring.scenario_types`. Types that
+are too rare in traffic alone get a scripted event on the way, and have to pass the same test.
 
-Places and seeds of both benchmarks are apart: an edge belongs to one of them by a hash of its name. What a file has
-already is kept, and what it lacks is drawn. `--pin` keeps all missions, drives the reference anew, and writes its logs
-and progress: for when the reference or the simulation changed.
+The benchmarks share no places and no seeds: a hash of its name assigns an edge to one of them. Scenarios that a file
+has are kept, and only missing ones are drawn. After a change of the reference or the simulation, `--pin` keeps all
+missions, drives the reference again, and writes its logs and progress.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.benchmarks.traffic_logs import drive_reference
 from dohyo.sumo_networks.errors import InvalidInputError
 
-SEARCHED = ("district", "ingolstadt", "braunschweig", "adlershof")  # the quickest first
-QUARTERS_UNTIL = 1  # seeds
-TRIES = 3  # candidates per network, seed and type
-LONGEST_SEARCH = 60  # seeds
-SAME_PLACE_FROM = 6  # seeds after which a type may come twice on one edge, at different moments
+SEARCHED = ("district", "ingolstadt", "braunschweig", "adlershof")  # the fastest to simulate first
+QUARTERS_UNTIL = 1  # number of seeds in which each network gives only its quarter
+TRIES = 3  # largest number of candidates per network, seed and type
+LONGEST_SEARCH = 60  # largest number of seeds
+SAME_PLACE_FROM = 6  # number of seeds after which a type may come twice on one edge, at different times
 METRIC = "closed-loop score: NC x DAC x DDC x MP x (5 EP + 5 TTC + 4 SL + 2 C) / 16, mean over drives (nuPlan)"
 
 Found = tuple[str, str, ScriptedMission]
@@ -62,27 +62,27 @@ Found = tuple[str, str, ScriptedMission]
 def draw(
     name: str, per_type: int, first_seed: int, train: bool, reference_agent: str, there: Sequence[Found] = ()
 ) -> Iterator[Found]:
-    """Type, network and mission of each scenario that is still missing, as it is found.
+    """Searches the missing scenarios; yields type, network and mission of each when it is found.
 
     Args:
-        name: For the scenarios while they are tried.
-        per_type: How many of each type.
-        first_seed: Of the traffic.
-        train: Whether to use the edges of training, not those of the benchmark.
-        reference_agent: "module:Class" of the agent that is the measure.
-        there: Scenarios found before.
+        name: Name of the scenarios during the search.
+        per_type: Number of scenarios of each type.
+        first_seed: First seed of the traffic.
+        train: Whether to use the edges for training instead of those for the benchmark.
+        reference_agent: "module:Class" of the reference agent.
+        there: Scenarios that were found before.
 
     Raises:
-        InvalidInputError: Some type could not be found so often.
+        InvalidInputError: Too few scenarios of some type were found.
     """
     found = Counter(kind for kind, _, _ in there)
     local = Counter((kind, network_name) for kind, network_name, _ in there)
     used = {(kind, network_name, mission.start.lane.rpartition("_")[0]) for kind, network_name, mission in there}
     moments = {(mission.excerpt.seed, mission.start) for _, _, mission in there if mission.excerpt}
-    # Seeds that were searched before would only fail again.
+    # Seeds that were searched before would fail again.
     begin = max((seed - first_seed + 1 for seed, _ in moments), default=0)
     for number in range(begin, begin + LONGEST_SEARCH):
-        # Each network gives its quarter first; the other networks fill what it lacks.
+        # Each network gives a quarter first; the other networks replace what it lacks.
         share = per_type if number >= QUARTERS_UNTIL else math.ceil(per_type / len(TRAFFIC))
         for network_name in SEARCHED:
             wanted = [one for one in TYPES if found[one] < per_type and local[one, network_name] < share]
@@ -104,7 +104,7 @@ def draw(
                     tries += 1
                     kept, types = confirm(kind, snapshot, mission, reference_agent)
                     if kept is not None:
-                        # A run that is not of the type it was meant for may be of another that is still wanted.
+                        # A run that is not of the intended type may be of another type that is still missing.
                         own = [one for one in types if found[one] < per_type and local[one, network_name] < share]
                         chosen = kind if kind in own else min(own, key=lambda one: found[one], default=None)
                         moments.add((snapshot.seed, mission.start))
@@ -176,9 +176,9 @@ def _toml(value: object) -> str:
 
 
 def pinned(benchmark: Benchmark, reference_agent: str, workers: int) -> Iterator[Found]:
-    """The missions of a benchmark, with the reference agent's drives of today.
+    """The missions of a benchmark, with new drives of the reference agent.
 
-    A run that is no longer of its type is named, and kept: its place in the list is part of the benchmark.
+    A run that is no longer of its type is reported and kept: its place in the list is part of the benchmark.
     """
     todo = [(cell, mission) for cell in benchmark.cells for mission in benchmark.missions[cell.missions]]
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
@@ -213,7 +213,7 @@ def missions_of(benchmark: Benchmark) -> list[Found]:
 
 
 def write(name: str, reference_agent: str, pin: bool, workers: int) -> None:
-    """Draws the missing scenarios of a benchmark's file, or pins those in it; an interruption keeps what was found."""
+    """Draws the missing scenarios of a benchmark's file, or pins those in it; an interruption loses no finished one."""
     file = BENCHMARKS / f"{name}.toml"
     found = missions_of(load_benchmark(name)) if file.exists() and not pin else []
     draws = (
@@ -231,8 +231,8 @@ def write(name: str, reference_agent: str, pin: bool, workers: int) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Draws a benchmark of recorded scenarios.")
     parser.add_argument("name", choices=VARIANTS)
-    parser.add_argument("--reference", required=True, help="module:Class of the agent that is the measure")
-    parser.add_argument("--pin", action="store_true", help="keep the missions, renew logs and references")
-    parser.add_argument("--workers", type=int, default=1, help="processes that pin")
+    parser.add_argument("--reference", required=True, help="module:Class of the reference agent")
+    parser.add_argument("--pin", action="store_true", help="keep the missions, drive the reference again")
+    parser.add_argument("--workers", type=int, default=1, help="number of processes for --pin")
     arguments = parser.parse_args()
     write(arguments.name, arguments.reference, arguments.pin, arguments.workers)

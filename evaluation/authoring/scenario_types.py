@@ -1,7 +1,8 @@
 """Scenario types: the 14 of nuPlan's planning challenge, each as a test of a recorded run.
 
-nuPlan mines its types from logs of human drivers by tags whose thresholds are not all public; the thresholds here are
-ours, fixed before the benchmark was drawn, and suit traffic that keeps to SUMO's lanes. A run may be of several types.
+nuPlan finds its types in logs of human drivers by tags, whose thresholds are not all public. The thresholds here are
+ours. They were fixed before the benchmark was drawn and suit SUMO's traffic, which keeps to lanes. A run may be of
+several types.
 
 Source: nuPlan challenge 2023 (names); definitions ours.
 """
@@ -45,16 +46,16 @@ _VEHICLES = (ActorKind.CAR, ActorKind.VAN, ActorKind.TRUCK, ActorKind.BUS, Actor
 
 @dataclass(frozen=True)
 class Run:
-    """Drive of one ego among others, in T ticks from tick 0.
+    """Drive of one ego among other actors, in T ticks from tick 0.
 
     Attributes:
-        network: The roads.
-        route: The ego's.
-        log: Motion of all others.
-        heading: (T,), rad.
-        speed: (T,), m/s.
-        position: (T, 2), m: centre of the box.
-        progress: (T,), m along the route.
+        network: Network of the drive.
+        route: Route of the ego.
+        log: Motion of all other actors.
+        heading: (T,) heading of the ego, rad.
+        speed: (T,) speed of the ego, m/s.
+        position: (T, 2) centre of the ego's box, m.
+        progress: (T,) progress of the ego along its route, m.
     """
 
     network: RoadNetwork
@@ -66,12 +67,12 @@ class Run:
     progress: FloatArray
 
     def actors(self, tick: int) -> Actors:
-        """Everybody else in one tick."""
+        """All other actors in one tick."""
         return self.log.actors(tick)
 
     @cached_property
     def lead(self) -> FloatArray:
-        """(T, 3) gap [m], speed [m/s] and length [m] of the vehicle ahead in the ego's path; NaN where none is."""
+        """(T, 3) gap [m], speed [m/s] and length [m] of the vehicle ahead in the ego's path; NaN if there is none."""
         out = np.full((len(self.speed), 3), np.nan)
         for tick in range(len(out)):
             actors, at = self.actors(tick), float(self.progress[tick])
@@ -93,7 +94,7 @@ def _point(actors: Actors, row: int) -> tuple[float, float]:
 
 
 def _lasts(holds: BoolArray, seconds: float) -> bool:
-    """Whether something holds for so long without a break."""
+    """Whether a condition holds for a duration without a break."""
     ticks = round(seconds / TICK_S)
     if len(holds) < ticks:
         return False
@@ -101,7 +102,7 @@ def _lasts(holds: BoolArray, seconds: float) -> bool:
 
 
 def _enters(run: Run, command: Command, lit: bool) -> bool:
-    """Whether the ego's front enters a junction within 6 s of the start, to leave it that way."""
+    """Whether the ego's front enters a junction within 6 s of the start, and its route there has a given direction."""
     fronts = run.progress + HALF_LENGTH_M
     passage = next((one for one in run.route.passages if one.entry > fronts[0]), None)
     if passage is None or passage.command is not command or (lit and passage.signal < 0):
@@ -111,7 +112,7 @@ def _enters(run: Run, command: Command, lit: bool) -> bool:
 
 
 def _turned(run: Run) -> float:
-    """Largest change of heading, left positive, rad."""
+    """Largest change of heading, rad, left positive."""
     change = np.unwrap(run.heading) - run.heading[0]
     return float(change[np.argmax(np.abs(change))])
 
@@ -127,7 +128,7 @@ def starting_right_turn(run: Run) -> bool:
 
 
 def starting_straight_traffic_light_intersection_traversal(run: Run) -> bool:
-    """The ego enters a junction with a light within 6 s, straight on, and gets 10 m into it."""
+    """The ego enters a junction with a light within 6 s, goes straight on, and drives 10 m or more into it."""
     return _enters(run, Command.STRAIGHT, lit=True)
 
 
@@ -138,25 +139,25 @@ def stopping_with_lead(run: Run) -> bool:
 
 
 def high_lateral_acceleration(run: Run) -> bool:
-    """Speed times yaw rate is 1.5 m/s^2 or more for 0.5 s, to one side."""
+    """The ego's speed times its yaw rate is 1.5 m/s^2 or more for 0.5 s, to one side."""
     lateral = run.speed * np.gradient(np.unwrap(run.heading), TICK_S)
     return any(_lasts(side * lateral >= LATERAL_MPS2, LATERAL_S) for side in (1.0, -1.0))
 
 
 def high_magnitude_speed(run: Run) -> bool:
-    """9 m/s or more for the first 5 s."""
+    """The ego drives 9 m/s or more for the first 5 s."""
     return bool((run.speed[: round(FAST_S / TICK_S)] >= FAST_MPS).all())
 
 
 def low_magnitude_speed(run: Run) -> bool:
-    """Between 0.3 and 1.2 m/s for 1 s within the first 5 s."""
+    """The ego drives between 0.3 and 1.2 m/s for 1 s within the first 5 s."""
     first = run.speed[: round(FAST_S / TICK_S)]
     return _lasts((first >= CRAWLING_MPS[0]) & (first <= CRAWLING_MPS[1]), CRAWLING_S)
 
 
 def traversing_pickup_dropoff(run: Run) -> bool:
-    """The ego passes a vehicle that stands at the kerb, its centre 1.8 to 5 m to the right of the ego's path."""
-    # Scripted vehicles are put on stage in the first tick after the start.
+    """The ego passes a vehicle that stands at the kerb, with its centre 1.8 to 5 m to the right of the ego's path."""
+    # Scripted vehicles appear in the first tick after the start.
     first, last = run.actors(min(2, len(run.speed) - 1)), run.actors(len(run.speed) - 1)
     vehicles = np.isin(first.kind, (*_VEHICLES, ActorKind.STATIC)) & (first.speed < STANDING_MPS)
     for i in np.flatnonzero(vehicles).tolist():
@@ -196,7 +197,7 @@ def stationary_in_traffic(run: Run) -> bool:
 
 
 def near_multiple_vehicles(run: Run) -> bool:
-    """4 or more vehicles are within 20 m, between centres, for 1 s in which the ego drives 2 m/s or more."""
+    """For 1 s, 4 or more vehicles are within 20 m of the ego, between centres, while it drives 2 m/s or more."""
     crowded = np.zeros(len(run.speed), dtype=np.bool_)
     for tick in range(len(crowded)):
         actors = run.actors(tick)
@@ -206,7 +207,7 @@ def near_multiple_vehicles(run: Run) -> bool:
 
 
 def changing_lane(run: Run) -> bool:
-    """The ego's route changes lane, from within 60 m of the start, and the ego completes it."""
+    """The ego's route changes lane within 60 m of the start, and the ego completes the change."""
     return any(
         run.progress[0] <= change.start <= CHANGE_WITHIN_M and run.progress[-1] >= change.end
         for change in run.route.lane_changes
@@ -241,4 +242,4 @@ TYPES: Mapping[str, Callable[[Run], bool]] = MappingProxyType(
         )
     }
 )
-"""Every type's test, by its name."""
+"""The test of every type, by the name of the type."""

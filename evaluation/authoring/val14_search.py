@@ -1,4 +1,4 @@
-"""The search behind `val14`: cars that the ego may replace, and the reference's drive from there."""
+"""The search for `val14`: cars that the ego may replace, and drives of the reference from their places."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ TRAFFIC: Mapping[str, Traffic] = {
     "ingolstadt": Traffic(vehicles=60, bicycles=6, pedestrians=30, warm_up_s=WARM_UP_S),
     "district": Traffic(vehicles=100, bicycles=10, pedestrians=80, warm_up_s=WARM_UP_S),
 }
-TRAIN_SHARE = 4  # one edge in so many
+TRAIN_SHARE = 4  # one edge in this many is for training
 ALWAYS_STAGED = ("traversing-pickup-dropoff", "waiting-for-pedestrian-to-cross")
 STAGED: Mapping[str, tuple[Mapping[str, str | float | int], ...]] = {
     "traversing-pickup-dropoff": ({"kind": "parking_crossing_pedestrian", "at_m": 3.0, "ahead_m": 35.0},),
@@ -56,13 +56,13 @@ STAGED: Mapping[str, tuple[Mapping[str, str | float | int], ...]] = {
 
 @dataclass(frozen=True)
 class Snapshot:
-    """The traffic of one network and seed when the ego would start.
+    """The traffic of one network and seed at the time of the ego's start.
 
     Attributes:
-        network: The roads.
-        seed: Of the traffic.
-        actors: Everybody.
-        world: For the lights.
+        network: Network of the traffic.
+        seed: Seed of the traffic.
+        actors: All actors.
+        world: World with the states of the lights.
     """
 
     network: RoadNetwork
@@ -73,14 +73,14 @@ class Snapshot:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A car whose place the ego may take.
+    """A car that the ego may replace.
 
     Attributes:
-        row: In the snapshot's actors.
-        lane: It is on.
-        at_m: Its centre on that lane, m as SUMO measures it.
-        speed: m/s.
-        left_m: To the end of the lane, m.
+        row: Row in the actors of the snapshot.
+        lane: Lane of the car.
+        at_m: Position of its centre on that lane, in SUMO's measure, m.
+        speed: Speed of the car, m/s.
+        left_m: Distance to the end of the lane, m.
     """
 
     row: int
@@ -91,7 +91,7 @@ class Candidate:
 
 
 def take_snapshot(network_name: str, seed: int) -> Snapshot:
-    """The traffic when it has warmed up without an ego."""
+    """The traffic after it has warmed up without an ego."""
     network = load_network(network_name)
     long = int(np.argmax(np.where(network.lanes.drivable & ~network.lanes.internal, network.lanes.length, 0.0)))
     lane = str(network.lanes.ids[long])
@@ -124,7 +124,7 @@ def cars(snapshot: Snapshot) -> list[Candidate]:
 def propose(
     kind: str, snapshot: Snapshot, one: Candidate, rng: np.random.Generator, staged: bool
 ) -> ScriptedMission | None:
-    """A mission from a car's place that may be of a type; None where it cannot."""
+    """A mission from a car's place that may be of a type; None if it cannot."""
     if not promising(kind, snapshot, one, staged):
         return None
     network = snapshot.network
@@ -152,7 +152,7 @@ def propose(
 
 
 def promising(kind: str, snapshot: Snapshot, one: Candidate, staged: bool) -> bool:
-    """Whether a car's state lets its next 15 s be of a type: a cheap guess, before anything is driven."""
+    """Whether the next 15 s of a car may be of a type: a fast guess, before anything is driven."""
     actors = snapshot.actors
     offset = actors.position - actors.position[one.row]
     heading = float(actors.heading[one.row])
@@ -203,9 +203,9 @@ def suits(kind: str, route: Route) -> bool:
 def confirm(
     kind: str, snapshot: Snapshot, mission: ScriptedMission, reference_agent: str
 ) -> tuple[ScriptedMission | None, list[str]]:
-    """Drives the reference agent through a mission; the mission with its excerpt, and the types of the run.
+    """Drives the reference agent through a mission; returns the mission with its excerpt, and the types of the run.
 
-    There is none where the reference arrived too early, touched somebody, or SUMO failed.
+    The mission is None if the reference arrived too early, touched another actor, or SUMO failed.
     """
     cell = Cell(name=kind, network=snapshot.network.name, missions="all", traffic=TRAFFIC[snapshot.network.name])
     scenario = scenario_of(cell, mission, snapshot.seed)
@@ -235,7 +235,7 @@ def scenario_of(cell: Cell, mission: ScriptedMission, seed: int) -> Scenario:
 
 
 def run_of(scenario: Scenario, reference: Reference) -> Run:
-    """The reference's drive, for the tests of the types."""
+    """The drive of the reference, for the tests of the types."""
     network, trajectory = load_network(scenario.network), reference.trajectory
     ego = trajectory.key == -1
     columns = (trajectory.heading, trajectory.speed, trajectory.progress)
@@ -246,13 +246,13 @@ def run_of(scenario: Scenario, reference: Reference) -> Run:
 
 
 def excerpt_of(seed: int, reference: Reference) -> Excerpt:
-    """The excerpt of a reference's drive for the benchmark's file; keeps its log."""
+    """The excerpt of a reference's drive for the benchmark's file; also stores its log."""
     write_log(reference.log)
     return Excerpt(seed=seed, warm_up_s=WARM_UP_S, reference_m=reference.progress_m, log=reference.log.sha256())
 
 
 def _beside(network: RoadNetwork, lane: int) -> tuple[int, str]:
-    """A neighbour from which one may leave in a direction that the lane itself does not have; -1 if there is none."""
+    """A neighbour lane with a connection in a direction that the lane itself does not have; -1 if there is none."""
     connections = network.connections
     own = {str(connections.direction[c]) for c in network.connections_from(lane)}
     for neighbour in (int(network.lanes.left[lane]), int(network.lanes.right[lane])):
@@ -264,7 +264,7 @@ def _beside(network: RoadNetwork, lane: int) -> tuple[int, str]:
 
 
 def route_from(network: RoadNetwork, one: Candidate, lane: int, turn: str) -> Mission | None:
-    """A mission from a car's place by the first junction in one of some directions, then straight on, 15 s or more."""
+    """A mission of 15 s or more from a car's place: at the first junction in a given direction, then straight on."""
     lanes, connections = network.lanes, network.connections
     if lane < 0:
         return None
@@ -291,7 +291,7 @@ def route_from(network: RoadNetwork, one: Candidate, lane: int, turn: str) -> Mi
 
 
 def along(shape: FloatArray, point: FloatArray) -> tuple[float, float, float]:
-    """Arc length [m], signed distance [m, left positive] and direction [rad] of a polyline where a point is nearest."""
+    """Arc length [m], signed distance [m, left positive] and direction [rad] of a polyline, nearest to a point."""
     arc, best = _arc(shape), (math.inf, 0.0, 0.0, 0.0)
     for i, (a, b) in enumerate(pairwise(shape)):
         step = b - a
@@ -310,20 +310,20 @@ def _arc(shape: FloatArray) -> FloatArray:
 
 
 def _green(snapshot: Snapshot, lane: int) -> bool:
-    """Whether no light is red at the end of a lane."""
+    """Whether the lights at the end of a lane show no red."""
     connections = snapshot.network.connections
     signals = [int(connections.signal[c]) for c in snapshot.network.connections_from(lane)]
     return all(s < 0 or snapshot.world.signals[s] == LightState.GREEN for s in signals)
 
 
 def belongs(network: RoadNetwork, lane: int, train: bool) -> bool:
-    """Whether the edge of a lane belongs to the training benchmark, or to the other."""
+    """Whether the edge of a lane belongs to the training benchmark."""
     digest = hashlib.sha256(network.edge_id(lane).encode()).digest()
     return (digest[0] % TRAIN_SHARE == 0) is train
 
 
 def _touches(reference: Reference) -> Iterator[bool]:
-    """Whether the reference touched somebody, tick by tick: such a run is no example."""
+    """For each tick, whether the reference touched another actor: such a run is rejected."""
     trajectory = reference.trajectory
     ego = np.flatnonzero(trajectory.key == -1)
     for tick, row in enumerate(ego.tolist()):

@@ -1,1 +1,1 @@
-"""One agent on one benchmark: executors, resumption, locks."""
+"""Evaluations of one agent on one benchmark: executors, resumption, locks."""

@@ -1,7 +1,7 @@
-"""Executors: how the episodes of an evaluation are spread over processes. One libsumo per process.
+"""Executors: distribute the episodes of an evaluation over processes. One libsumo per process.
 
-A worker writes each record itself, so that finished records survive the death of any other process. The parent hands
-out jobs and watches: it replaces a dead worker and tries its job once more, and it ends a worker whose agent never
+A worker writes each record itself, so that finished records survive the death of any other process. The parent assigns
+jobs and supervises: it replaces a dead worker and tries its job once more, and it ends a worker whose agent never
 returns. A worker whose parent has died ends itself.
 """
 
@@ -38,15 +38,15 @@ POLL_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One episode to drive, and the place of its record.
+    """One episode to drive, with the path of its record.
 
     Attributes:
-        scenario: To drive.
-        info: The agent.
-        benchmark: Name and content hash.
-        directory: Folder of the records.
+        scenario: Scenario to drive.
+        info: Description of the agent.
+        benchmark: Name and content hash of the benchmark.
+        directory: Folder of the record.
         stem: File name without suffix.
-        act_deadline_s: Wall-clock time for one decision.
+        act_deadline_s: Wall-clock time allowed for one decision, s.
     """
 
     scenario: Scenario
@@ -61,7 +61,7 @@ class Executor(Protocol):
     """Runs jobs, in any order, and yields each record once it is on disk."""
 
     def run(self, jobs: Sequence[Job]) -> Iterator[EpisodeRecord]:
-        """Yields one record per job; an episode lost to the infrastructure is a record too."""
+        """Yields one record per job; an episode lost to the infrastructure has a record too."""
 
 
 @dataclass(slots=True)
@@ -69,7 +69,7 @@ class ProcessPool:
     """Worker processes on this machine.
 
     Attributes:
-        workers: How many.
+        workers: Number of worker processes.
     """
 
     workers: int = 1
@@ -85,7 +85,7 @@ class ProcessPool:
 
 
 def drive_all(jobs: Sequence[Job], crew: Sequence[Worker]) -> Iterator[EpisodeRecord]:
-    """Spreads jobs over worker processes, which stay alive; yields one record per job, as `Executor` does."""
+    """Distributes jobs over worker processes, which stay alive; yields one record per job, as `Executor` does."""
     pending = deque((job, 1) for job in jobs)
     for worker in crew:
         worker.take(pending)
@@ -101,7 +101,7 @@ def drive_all(jobs: Sequence[Job], crew: Sequence[Worker]) -> Iterator[EpisodeRe
 
 @dataclass(slots=True)
 class Worker:
-    """One worker process, as its parent sees it."""
+    """The parent's handle of one worker process."""
 
     job: Job | None = None
     attempt: int = 0
@@ -126,18 +126,18 @@ class Worker:
             self.job, self.attempt = pending.popleft()
             try:
                 self.pipe.send(self.job)
-            except OSError:  # it died between jobs
+            except OSError:  # the worker died between jobs
                 self.stop()
                 self._start()
                 self.pipe.send(self.job)
 
     def hangs(self) -> bool:
-        """Whether a call of the agent has outlived its deadline, so that only the end of the process ends it."""
+        """Whether a call of the agent is past its deadline, so that the process must be ended."""
         must_end_by = self.must_end_by.value
         return self.job is not None and must_end_by > 0 and time.monotonic() > must_end_by + KILL_GRACE_S
 
     def collect(self, pending: deque[tuple[Job, int]]) -> EpisodeRecord | None:
-        """The finished record; or one for a job that cannot be finished; or None where it will be tried again."""
+        """The finished record, or one for a job that cannot be finished; None if the job will be tried again."""
         job, hangs = self.job, self.hangs()
         assert job is not None
         answer = self._answer()
@@ -158,14 +158,14 @@ class Worker:
         return lost_episode(job, Status.SIMULATION, failure)
 
     def _answer(self) -> EpisodeRecord | InvalidInputError | str | None:
-        """The worker's message: a record, or the reason for its absence; None where it died without one."""
+        """The worker's message: a record, or the reason for its absence; None if the worker died without a message."""
         try:
             return self.pipe.recv() if self.pipe.poll() else None
         except (EOFError, OSError):
             return None
 
     def stop(self) -> None:
-        """Ends the process, gently where it is idle."""
+        """Ends the process; an idle one by closing its pipe."""
         self.pipe.close()
         self.process.join(timeout=1.0 if self.job is None else 0.0)
         if self.process.is_alive():
@@ -174,7 +174,7 @@ class Worker:
 
 
 def lost_episode(job: Job, status: Status, failure: str) -> EpisodeRecord:
-    """Writes the record of an episode whose process did not live to write it."""
+    """Writes the record of an episode whose process died before it wrote one."""
     network = load_network(job.scenario.network)
     egos = tuple(
         EgoRecord(
@@ -225,9 +225,9 @@ def _work(pipe: Connection, must_end_by: Synchronized[float]) -> None:
         job = jobs.popleft()
         try:
             pipe.send(drive_job(job, watch))
-        except InvalidInputError as error:  # no second attempt would go better, nor would the other jobs
+        except InvalidInputError as error:  # a second attempt would fail too, and so would the other jobs
             pipe.send(InvalidInputError(str(error)))
-        except Exception as error:  # an error of dohyo itself: the batch survives, and the record states it
+        except Exception as error:  # an error of dohyo itself: the evaluation goes on, and the record states it
             traceback.print_exc()
             pipe.send(f"{type(error).__name__}: {error}")
 

@@ -1,4 +1,4 @@
-"""Lock: a folder of results is written by one process at a time."""
+"""Lock: only one process at a time writes to a folder of results."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def held(folder: Path, what: str = "folder") -> Iterator[None]:
     """Makes a folder and keeps other processes out of it until the block, or this process, ends.
 
     Args:
-        folder: To lock.
-        what: Its name in an error.
+        folder: Folder to lock.
+        what: Name of the folder in an error.
 
     Raises:
         InvalidInputError: The folder cannot be made, or another process holds it.

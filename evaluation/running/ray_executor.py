@@ -1,7 +1,7 @@
-"""RayExecutor: an evaluation spread over a Ray cluster. Ray is the extra `cluster`, and only imported when it is used.
+"""RayExecutor: distributes an evaluation over a Ray cluster. Ray is the extra `cluster`, imported only when it is used.
 
-On each machine, small Ray actors keep one worker process each. The worker is the process pool's, which handles failures
-of agents and deaths of workers. A job that Ray itself loses, with an actor or a machine, is tried once more elsewhere.
+On each machine, small Ray actors have one worker process each. It is the worker of the process pool, which handles
+failures of agents and deaths of workers. A job that Ray loses with an actor or a machine is tried once more elsewhere.
 Machines need not share a disk: actors send records and trajectories, and the driver writes them.
 """
 
@@ -40,12 +40,12 @@ THREADS = "OMP_NUM_THREADS"
 class RayExecutor:
     """Worker processes on the machines of a Ray cluster.
 
-    dohyo, Ray, Python and the agent's module must be the same on all of them; versions of dohyo, SUMO and the network
-    are compared, the agent's code is not.
+    All machines need the same versions of dohyo, Ray, Python and the agent's module. The versions of dohyo, SUMO and
+    the network are compared; the agent's code is not.
 
     Attributes:
-        address: Of the cluster, as `ray.init` takes it; None: a cluster of its own on this machine.
-        workers: How many; None: one per CPU of the cluster.
+        address: Address of the cluster, as for `ray.init`; None: a new cluster on this machine.
+        workers: Number of workers; None: one per CPU of the cluster.
     """
 
     address: str | None = None
@@ -81,7 +81,7 @@ def require_ray() -> Any:
     """The module `ray`.
 
     Raises:
-        InvalidInputError: It is not installed.
+        InvalidInputError: Ray is not installed.
     """
     if find_spec("ray") is None:
         raise InvalidInputError("executor 'ray' needs the package ray: pip install 'dohyo[cluster]'")
@@ -89,7 +89,7 @@ def require_ray() -> Any:
 
 
 def connect(ray: Any, address: str | None) -> None:
-    """Makes this process a driver of a cluster.
+    """Connects this process to a cluster as its driver.
 
     Raises:
         InvalidInputError: There is no such cluster.
@@ -109,7 +109,7 @@ def connect(ray: Any, address: str | None) -> None:
 
 
 def _knock(address: str) -> None:
-    """Refuses an address without a listener; Ray would try for minutes."""
+    """Refuses an address at which nothing listens; Ray would try for minutes."""
     host, colon, port = address.removeprefix("ray://").rpartition(":")
     if not colon or not port.isdigit():
         return  # such as "auto"
@@ -120,14 +120,14 @@ def _knock(address: str) -> None:
 
 
 class _Crew:
-    """The actors, as the driver sees them."""
+    """The driver's handles of the actors."""
 
     def __init__(self, ray: Any, count: int) -> None:
         self._ray = ray
         self._actor = ray.remote(num_cpus=1, max_restarts=0)(Station)
         self._tasks: dict[
             Any, tuple[Any, Job | None, int]
-        ] = {}  # by Ray's reference to the answer: actor, its job, attempt
+        ] = {}  # by Ray's reference to the result: actor, its job, attempt
         self._failed_starts = 0
         for _ in range(count):
             self._start_actor()
@@ -152,7 +152,7 @@ class _Crew:
         self._tasks[actor.ready.remote()] = (actor, None, 0)
 
     def _collect(self, answer: Any, pending: deque[tuple[Job, int]]) -> EpisodeRecord | None:
-        """The record of a job that has ended, if any; gives its actor the next job."""
+        """The record of a job that has ended, if any; assigns the next job to its actor."""
         actor, job, attempt = self._tasks.pop(answer)
         try:
             result = self._ray.get(answer)
@@ -172,7 +172,7 @@ class _Crew:
     def _without_actor(
         self, job: Job | None, attempt: int, pending: deque[tuple[Job, int]], error: Exception
     ) -> EpisodeRecord | None:
-        """Tries the job of an actor that Ray has lost once more, or gives the record of a lost episode."""
+        """Tries the job of an actor that Ray has lost once more, or returns the record of a lost episode."""
         reason = first_line(error)
         if job is None:
             self._failed_starts += 1
@@ -187,14 +187,14 @@ class _Crew:
 
 
 class Station:
-    """An actor's work: one worker process, and its records as values instead of files."""
+    """Ray actor with one worker process; it returns records as values instead of files."""
 
     def __init__(self, search_path: Sequence[str], threads: str | None) -> None:
         """Starts the worker process.
 
         Args:
-            search_path: The driver's; the process finds the same modules, where they exist on this machine.
-            threads: The driver's OMP_NUM_THREADS. Ray sets its own, and a policy's last bits may depend on it.
+            search_path: Python path of the driver, so that the process finds the same modules if this machine has them.
+            threads: OMP_NUM_THREADS of the driver. Ray sets another, on which the last bits of a policy may depend.
         """
         os.environ.pop(THREADS, None)
         if threads is not None:
@@ -203,13 +203,13 @@ class Station:
         self._worker = Worker()
 
     def ready(self) -> None:
-        """Returns once the actor lives."""
+        """Returns once the actor is running."""
 
     def drive(self, job: Job) -> tuple[EpisodeRecord, dict[str, Any]]:
         """Drives one job.
 
         Returns:
-            Its record, and the fields of its trajectory.
+            The record of the job, and the fields of its trajectory.
         """
         with tempfile.TemporaryDirectory(prefix="dohyo-") as folder:
             here = dataclasses.replace(job, directory=Path(folder))
@@ -220,10 +220,10 @@ class Station:
 
 
 def write_here(job: Job, record: EpisodeRecord, columns: dict[str, Any]) -> EpisodeRecord:
-    """Writes a record that came from elsewhere into the driver's folder.
+    """Writes a record from another machine to the driver's folder.
 
     Raises:
-        InvalidInputError: It was made by other versions than those here.
+        InvalidInputError: The record was made by other versions than those on this machine.
     """
     here = versions(load_network(job.scenario.network))
     if record.versions != here:
@@ -233,6 +233,6 @@ def write_here(job: Job, record: EpisodeRecord, columns: dict[str, Any]) -> Epis
 
 
 def first_line(error: Exception) -> str:
-    """Type and beginning of an error of Ray's, whose messages are pages long."""
+    """Type and beginning of an error of Ray, whose messages are pages long."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return f"{type(error).__name__}: {lines[0] if lines else ''}"[:300]

@@ -31,9 +31,9 @@ class Manifest(Config):
     """Description of a result folder.
 
     Attributes:
-        agent: The agent.
-        benchmark: The whole benchmark, so that the folder explains itself.
-        benchmark_sha256: Its content hash.
+        agent: Description of the agent.
+        benchmark: Whole benchmark, so that the folder needs no other file.
+        benchmark_sha256: Content hash of the benchmark.
     """
 
     agent: AgentInfo
@@ -46,10 +46,10 @@ class Result:
     """One agent on one benchmark.
 
     Attributes:
-        manifest: Agent and benchmark.
-        records: One per scenario and seed, in the benchmark's order.
-        paths: Of the records, in the same order.
-        resumed: How many of them an earlier run had finished.
+        manifest: Manifest with the agent and the benchmark.
+        records: Records, one per scenario and seed, in the benchmark's order.
+        paths: Paths of the records, in the same order.
+        resumed: Number of records that an earlier run had finished.
     """
 
     manifest: Manifest
@@ -74,16 +74,16 @@ def run_benchmark(
     """Evaluates an agent; a second call with the same arguments drives only the missing episodes.
 
     Args:
-        benchmark: Name, path of a .toml, or the benchmark itself.
+        benchmark: Benchmark, or its name, or the path of a .toml file.
         entry: "module:Class" of the agent.
         settings: Keyword arguments of its constructor.
-        seeds: By default the benchmark's own.
+        seeds: Seeds to drive; by default those of the benchmark.
         out: Folder of the results.
-        executor: By default one worker process.
-        act_deadline_s: Wall-clock time for one decision.
-        progress: Called with each finished record (None at the start), the number done, and the total.
-        preparing: Called while logs are made that are missing, with the number done and the total.
-        reverse: Drive the scenarios in reverse order; the records are the same.
+        executor: Executor of the episodes; by default one worker process.
+        act_deadline_s: Wall-clock time allowed for one decision, s.
+        progress: Function called with each finished record (None at the start), the number done, and the total.
+        preparing: Function called while missing logs are made, with the number done and the total.
+        reverse: Whether to drive the scenarios in reverse order; the records are the same.
 
     Raises:
         InvalidInputError: An unknown name, an agent that cannot be made, a mission that cannot be driven, or a folder
@@ -121,10 +121,10 @@ def run_benchmark(
 
 
 def read_result(out: Path) -> Result:
-    """The evaluation in a result folder.
+    """Reads the evaluation in a result folder.
 
     Raises:
-        InvalidInputError: No result folder, or a broken record in it.
+        InvalidInputError: The folder is not a result folder, or has a damaged record.
     """
     manifest = _read_manifest(out)
     found = [(read_record(path), path) for path in sorted((out / RECORDS).glob("*.json"))]
@@ -147,7 +147,7 @@ def _read_manifest(out: Path) -> Manifest:
 
 
 def _claim(out: Path, manifest: Manifest) -> None:
-    """Writes the manifest, or checks that the one there is the same."""
+    """Writes the manifest, or checks that the existing one is the same."""
     if (out / MANIFEST).exists():
         there = _read_manifest(out)
         if there.benchmark_sha256 != manifest.benchmark_sha256:
@@ -173,7 +173,7 @@ def _claim(out: Path, manifest: Manifest) -> None:
 def _finished(
     out: Path, stems: Sequence[str], scenarios: Sequence[Scenario], manifest: Manifest
 ) -> list[tuple[str, EpisodeRecord | None]]:
-    """Records that need not be driven again: whole, of this version, and not lost to the infrastructure."""
+    """Records whose episodes need not be driven again: whole, of this version, and not lost to the infrastructure."""
     now = {name: versions(load_network(name)) for name in manifest.benchmark.networks}
     found = []
     for stem, scenario in zip(stems, scenarios, strict=True):
