@@ -29,7 +29,7 @@ class ProgressReward:
     """Distance along the route in the tick [m]; a contact costs 10 and ends the episode."""
 
     def __call__(self, before: World, after: World, ego: int) -> tuple[float, bool]:
-        """See `Reward`."""
+        """Computes the reward of one tick; see `Reward`."""
         hit = is_touched(after, ego)
         return float(after.egos.progress[ego] - before.egos.progress[ego]) - 10.0 * hit, hit
 
@@ -55,7 +55,7 @@ class RoachReward:
     _stood_before: float = field(default=-1.0, init=False, repr=False)
 
     def __call__(self, before: World, after: World, ego: int) -> tuple[float, bool]:
-        """See `Reward`."""
+        """Computes the reward of one tick; see `Reward`."""
         egos = after.egos
         speed = float(egos.speed[ego])
         value = 1.0 - abs(speed - self.desired_speed(after, ego)) / self.max_speed

@@ -1,4 +1,4 @@
-"""The sensors, one file each, and the registry by which agents ask for them."""
+"""The sensors, one file each, and the registry of their names."""
 
 from __future__ import annotations
 
@@ -67,17 +67,17 @@ def make_sensors(
     conditions: Conditions | None = None,
     rng: np.random.Generator | None = None,
 ) -> tuple[Sensor, ...]:
-    """Sensors by name, for one ego and episode.
+    """Makes sensors for one ego and episode.
 
     Args:
-        names: Of `SENSORS`; or configurations of one's own.
-        track: The agent's.
-        conditions: By default clear.
-        rng: Of the sensors' noise.
+        names: Names from `SENSORS` or sensor configurations.
+        track: Track of the agent.
+        conditions: Conditions of the scenario; clear by default.
+        rng: Generator of the sensors' noise.
 
     Raises:
-        UnknownNameError: There is no such sensor.
-        InvalidInputError: The track may not use one of them.
+        UnknownNameError: A sensor does not exist.
+        InvalidInputError: The track does not allow a sensor.
     """
     out = []
     for name in names:

@@ -1,4 +1,4 @@
-"""What a sensor is, and how agents ask for one."""
+"""Base classes of sensors and of their configurations, and the tracks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dohyo.sumo_networks.world import World
 
 
 class Track(IntEnum):
-    """Which sensors an agent may use; each track includes those below it."""
+    """Set of sensors that an agent may use; each track includes the tracks below it."""
 
     SENSORS = 0
     MAP = 1
@@ -28,7 +28,7 @@ class Sensor(ABC):
 
     Attributes:
         name: Key in the observation.
-        track: The lowest track that may use it.
+        track: Lowest track that may use the sensor.
         space: Shape, dtype and bounds of the array.
     """
 
@@ -38,16 +38,16 @@ class Sensor(ABC):
 
     @classmethod
     def make(cls, conditions: Conditions, rng: np.random.Generator) -> Self:
-        """A sensor for one ego and episode; those that conditions do not touch ignore both arguments."""
+        """Makes a sensor for one ego and episode; sensors without noise ignore both arguments."""
         return cls()
 
     @abstractmethod
     def read(self, world: World, ego: int) -> NDArray[Any]:
-        """The array as one ego senses it now: float32, but uint8 where it is a picture."""
+        """Reads the array for one ego: float32, or uint8 for pictures."""
 
 
 class SensorConfig(Config, ABC):
-    """A sensor with parameters. Like a class of `Sensor`, it makes one per ego and episode.
+    """Configuration of a sensor with parameters; it makes one sensor per ego and episode.
 
     Attributes:
         name: Key in the observation.
@@ -58,7 +58,7 @@ class SensorConfig(Config, ABC):
     @property
     @abstractmethod
     def track(self) -> Track:
-        """The lowest track that may use it."""
+        """Lowest track that may use the sensor."""
 
     @property
     @abstractmethod
@@ -67,4 +67,4 @@ class SensorConfig(Config, ABC):
 
     @abstractmethod
     def make(self, conditions: Conditions, rng: np.random.Generator) -> Sensor:
-        """A sensor for one ego and episode."""
+        """Makes a sensor for one ego and episode."""

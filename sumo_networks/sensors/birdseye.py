@@ -37,7 +37,7 @@ TEXELS_PER_PX = 2
 
 
 class Layer(IntEnum):
-    """What a mask shows, bottom first: where layers overlap, the picture shows the last."""
+    """Layer of a mask, bottom first: where layers overlap, the picture shows the last one."""
 
     ROAD = 0
     ROUTE = 1
@@ -75,20 +75,20 @@ COLOURS: dict[Layer, tuple[int, int, int]] = {
 
 
 class BirdseyeConfig(SensorConfig):
-    """A view from above.
+    """Configuration of a view from above.
 
     Attributes:
         name: Key in the observation.
         mode: "masks", one per Layer, or "rgb".
-        width: px.
-        height: px.
-        metres_per_px: m.
-        ahead_m: From the ego's centre to the top edge.
-        left_m: From the ego's centre to the left edge; by default half the width.
-        route_m: How much of the route is drawn.
-        route_width_m: m.
-        pedestrian_scale: How many times as large as life people are drawn, so that they can be seen.
-        arrow_s: An arrow is as long as its actor moves in this time.
+        width: Width of the view, px.
+        height: Height of the view, px.
+        metres_per_px: Size of a pixel, m.
+        ahead_m: Distance from the ego's centre to the top edge, m.
+        left_m: Distance from the ego's centre to the left edge, m; by default half the width.
+        route_m: Length of the route that is drawn, m.
+        route_width_m: Width of the route's line, m.
+        pedestrian_scale: Factor on the size of people, so that they are visible.
+        arrow_s: Time in which an actor moves the length of its arrow, s.
     """
 
     mode: Literal["masks", "rgb"] = "masks"
@@ -104,25 +104,25 @@ class BirdseyeConfig(SensorConfig):
 
     @property
     def track(self) -> Track:
-        """Exact others and the route: privileged."""
+        """Privileged, since the view shows the route and the exact places of others."""
         return Track.PRIVILEGED
 
     @property
     def space(self) -> Box:
-        """Channels first."""
+        """Box of the array, channels first."""
         channels = len(Layer) if self.mode == "masks" else 3
         return Box(0, 255, (channels, self.height, self.width), np.uint8)
 
     def make(self, conditions: Conditions, rng: np.random.Generator) -> Birdseye:
-        """See `SensorConfig`."""
+        """Makes the sensor; see `SensorConfig`."""
         return Birdseye(self)
 
 
 class Birdseye(Sensor):
     """(14, H, W) uint8 a mask per Layer, 0 or 255; or (3, H, W) uint8 colours.
 
-    Row 0 is farthest ahead, column 0 farthest left. A light is a disc on its stop line: the route's own state where
-    the route passes, elsewhere the best of the lane's signals. Bicycles' and cars' arrows are as long as their speed.
+    Row 0 is farthest ahead, column 0 farthest left. A light is a disc on its stop line: the route's own signal on the
+    route, elsewhere the most permissive of the lane's signals. The arrows of bicycles and cars grow with their speed.
     """
 
     track = Track.PRIVILEGED
@@ -137,14 +137,14 @@ class Birdseye(Sensor):
             np.array([left, left - config.width * config.metres_per_px]),
         )
         self._corners = np.array([(a, b) for a in x for b in y])
-        # Enough for a view that lies across the tiles.
+        # Enough tiles for a view at any angle.
         side = math.hypot(config.width, config.height) * TEXELS_PER_PX / TILE_PX + 2.0
         self._capacity = max(CAPACITY, math.ceil(side) ** 2)
         self._key: tuple[object, ...] = ()
         self._table: tuple[IntArray, int, int] = (np.empty((0, 0), dtype=np.int64), 0, 0)
 
     def read(self, world: World, ego: int) -> NDArray[np.uint8]:
-        """See the class."""
+        """Reads the array; see the class."""
         config = self.config
         place = np.array([*world.egos.position[ego], world.egos.heading[ego]])
         box = self._draw_ground(world.network, place)
@@ -159,7 +159,7 @@ class Birdseye(Sensor):
         return out
 
     def _draw_ground(self, network: RoadNetwork, place: FloatArray) -> tuple[float, float, float, float]:
-        """Roads and lines; returns smallest x, y, largest x, y of what is in view, m."""
+        """Draws roads and lines; returns smallest x, y, largest x, y of the view, m."""
         cos, sin = math.cos(place[2]), math.sin(place[2])
         x = place[0] + self._corners @ (cos, -sin)
         y = place[1] + self._corners @ (sin, cos)
@@ -207,7 +207,7 @@ class Birdseye(Sensor):
 
 
 def _light_layers(world: World, ego: int, rows: IntArray) -> IntArray:
-    """(N,) bit of the light at each stop line, 0 where there is none or it is off."""
+    """(N,) bit of the light at each stop line, 0 if there is none or it is off."""
     network = world.network
     connections = network.connections
     own = {passage.connection for passage in world.routes[ego].passages if passage.signal >= 0}
@@ -233,7 +233,7 @@ def _stop_lines(network: RoadNetwork) -> tuple[IntArray, FloatArray, CellIndex]:
 
 @lru_cache(maxsize=1)
 def _palette() -> NDArray[np.uint8]:
-    """(2 ** 14, 3) the colour of the last layer of every set of layers."""
+    """(2 ** 14, 3) colour of the last layer of every set of layers."""
     bits = np.arange(1 << len(Layer))
     out = np.empty((len(bits), 3), dtype=np.uint8)
     out[:] = BACKGROUND

@@ -1,7 +1,7 @@
-"""Camera: a flat-shaded rendering of what a camera on the ego would see. It is no photograph.
+"""Camera: a flat-shaded rendering of the view of a camera on the ego, without photorealism.
 
-The ground is looked up in tiles, everything else is boxes and faces, projected and kept pixel by pixel where nothing
-nearer is: what is hidden is hidden. Neither the route nor any other knowledge of the scenario is in the picture.
+The ground is read from tiles; everything else is boxes and faces, projected with a depth test per pixel, so that
+occlusion is exact. Neither the route nor any other knowledge of the scenario is in the picture.
 """
 
 from __future__ import annotations
@@ -46,20 +46,20 @@ _MODELS = Models(OF_KIND, PARTS, PARTS_START, PAINTS)
 
 
 class CameraConfig(SensorConfig):
-    """A camera: what it shows, its picture and where it is mounted.
+    """Configuration of a camera: mode, picture and mounting.
 
     Attributes:
         name: Key in the observation.
         mode: "rgb", "semantic" (classes of `rendering.labels.Label`) or "depth".
-        width: px.
-        height: px.
-        fov_deg: Horizontal angle of view; pixels are square.
-        x_m: Of the mounting, ahead of the centre of the ego's box.
-        y_m: To its left.
-        z_m: Above the road.
-        yaw_deg: To the left.
-        pitch_deg: Upwards.
-        roll_deg: Clockwise, seen from behind.
+        width: Width of the picture, px.
+        height: Height of the picture, px.
+        fov_deg: Horizontal angle of view, degrees; pixels are square.
+        x_m: Distance of the mounting ahead of the centre of the ego's box, m.
+        y_m: Distance of the mounting to the left of the centre, m.
+        z_m: Height of the mounting above the road, m.
+        yaw_deg: Yaw to the left, degrees.
+        pitch_deg: Pitch upwards, degrees.
+        roll_deg: Roll clockwise, seen from behind, degrees.
     """
 
     mode: Literal["rgb", "semantic", "depth"] = "rgb"
@@ -75,17 +75,17 @@ class CameraConfig(SensorConfig):
 
     @property
     def optics(self) -> Optics:
-        """Without the mode."""
+        """Picture and mounting, without the mode."""
         return Optics(**{field.name: getattr(self, field.name) for field in dataclasses.fields(Optics)})
 
     @property
     def track(self) -> Track:
-        """A car can carry a camera."""
+        """Track of sensors that a car can carry."""
         return Track.SENSORS
 
     @property
     def space(self) -> Box:
-        """Channels first."""
+        """Box of the array, channels first."""
         if self.mode == "depth":
             return Box(0.0, FAR_M, (1, self.height, self.width), np.float32)
         if self.mode == "semantic":
@@ -93,22 +93,22 @@ class CameraConfig(SensorConfig):
         return Box(0, 255, (3, self.height, self.width), np.uint8)
 
     def make(self, conditions: Conditions, rng: np.random.Generator) -> Camera:
-        """See `SensorConfig`."""
+        """Makes the sensor; see `SensorConfig`."""
         return Camera(self, conditions, rng)
 
 
 class Camera(Sensor):
     """(3, H, W) uint8 colours; or (1, H, W) uint8 labels; or (1, H, W) float32 depth along the axis, m.
 
-    Row 0 is the top. Depth is 1000 and the label 0 where nothing is within the conditions' visibility, nor within the
-    100 m in which the world is known. Pictures are uint8, since that is what image encoders and replay buffers take.
+    Row 0 is the top. Depth is 1000 and the label 0 if nothing is within the conditions' visibility or within 100 m,
+    the range of the world. Pictures are uint8, as image encoders and replay buffers expect.
     """
 
     track = Track.SENSORS
 
     def __init__(self, config: CameraConfig, conditions: Conditions, rng: np.random.Generator) -> None:
         self.config, self.name, self.space = config, config.name, config.space
-        # Its own stream: another sensor of the ego must not feel that there is a camera.
+        # A generator of its own, so that a camera does not change the noise of other sensors.
         self._view, self._rng = view_of(config.optics, conditions), rng.spawn(1)[0]
         air = self._view.air
         self._tint, self._horizon = air.tint.astype(np.float32), air.horizon.astype(np.float32)
@@ -122,7 +122,7 @@ class Camera(Sensor):
         self._around: _Surroundings | None = None
 
     def read(self, world: World, ego: int) -> NDArray[Any]:
-        """See the class."""
+        """Reads the array; see the class."""
         config, view = self.config, self._view
         place = np.array([*world.egos.position[ego], world.egos.heading[ego]])
         if self._around is None or not self._around.holds(world.network, place):
@@ -152,7 +152,7 @@ class Camera(Sensor):
                 ground_labels(flat, level.pixel, level.points, place, OF_SURFACE, window)
 
     def _table(self, number: int, tiles: Tiles, corners: FloatArray, place: FloatArray) -> tuple[IntArray, int, int]:
-        """Slots of the tiles that one level needs; asked for anew only when they change."""
+        """Slots of the tiles that one level needs; updated only when the tiles change."""
         cos, sin = math.cos(place[2]), math.sin(place[2])
         x = place[0] + corners[:, 0] * cos - corners[:, 1] * sin
         y = place[1] + corners[:, 0] * sin + corners[:, 1] * cos
@@ -212,7 +212,7 @@ class Camera(Sensor):
 
 
 class _Surroundings:
-    """What stands around a place; good until the ego has moved by 8 m."""
+    """Buildings and fixtures around a place; valid until the ego has moved by 8 m."""
 
     def __init__(self, network: RoadNetwork, place: FloatArray) -> None:
         self._network, self._x, self._y = network, float(place[0]), float(place[1])
@@ -224,16 +224,16 @@ class _Surroundings:
         self.signs = fixtures.signs[fixtures.sign_cells.near(*box)]
         buildings = buildings_near(network, self._x, self._y, reach + LARGEST_BUILDING_M)
         distance = np.hypot(buildings[:, 0] - self._x, buildings[:, 1] - self._y)
-        # Nearest first, so that most of what is hidden costs no more than a comparison.
+        # Nearest first, so that most hidden pixels cost one comparison only.
         order = np.argsort(distance, kind="stable")
         self.buildings = buildings[order[distance[order] < reach + LARGEST_BUILDING_M]]
         first = int(np.flatnonzero(network.lanes.drivable)[0])
         (x0, y0), (x1, y1) = network.lane_shape(first)[:2]
-        # The sun stands where the network's first road points, so that a turned network has a turned sun.
+        # The sun's direction is that of the network's first road, so that it turns with a rotated network.
         self.sun = math.atan2(y1 - y0, x1 - x0) + SUN_ASIDE_RAD
 
     def holds(self, network: RoadNetwork, place: FloatArray) -> bool:
-        """Whether all that can be seen from a place is here."""
+        """Whether everything visible from a place is included."""
         return self._network is network and math.hypot(place[0] - self._x, place[1] - self._y) < MOVED_M
 
 
@@ -252,7 +252,7 @@ def _bodies(world: World, ego: int) -> tuple[FloatArray, IntArray, IntArray, Int
 
 
 def _light(view: CameraView, sun: float, heading: float) -> tuple[FloatArray, FloatArray]:
-    """(8,) as of `perspective.face`, and (2,) where shadows fall, m per metre of height, network frame."""
+    """(8,) light as in `perspective.Canvas`, and (2,) vector of shadows per metre of height, m, network frame."""
     level, height = math.cos(SUN_HEIGHT_RAD), math.sin(SUN_HEIGHT_RAD)
     direction = np.array([level * math.cos(sun - heading), level * math.sin(sun - heading), height])
     up = view.mount[1:, 2]

@@ -1,7 +1,7 @@
-"""Conflicts: actors that will cross or join the ego's path, where they do, and who has the right of way.
+"""Conflicts: actors that will cross or join the ego's path, the meeting points, and the right of way.
 
-What an attentive driver who knows the junction sees: others follow their lane, turn where their indicator says, and
-people on foot keep walking the way they walk, on a crossing to its other side.
+The predictions are those of an attentive driver: others follow their lane and turn as indicated, and pedestrians keep
+their direction, on a crossing to its other side.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ _INDICATED = {1: "lLt", -1: "rR", 0: "s"}
 class Conflicts(Sensor):
     """(16, 8) actors whose expected path meets the ego's route within 60 m, nearest conflict first.
 
-    Columns: distance from the ego's front to where the paths meet [m, negative beside the ego], distance from its front
-    at which its rear has left [m] (1000 where the other joins the ego's lane), distance of the other's front to where
-    they meet [m] (negative: it is there now), distance of the other's front at which its rear has left [m], its speed
-    [m/s], right of way (1 the ego must give way, 0 undecided, -1 the other must), kind (`world.ActorKind`), key. Actors
-    already ahead in the ego's path, and those that follow it, are left out: they are leaders and followers, not
-    conflicts. Unused rows have distances of 1000 and kind -1.
+    Columns: distance from the ego's front to the conflict area [m, negative beside the ego], distance that the ego's
+    front must drive until its rear has left the area [m] (1000 if the other joins the ego's lane), distance from the
+    other's front to the area [m] (negative: inside), distance that the other's front must drive until its rear has left
+    [m], the other's speed [m/s], right of way (1 the ego must give way, 0 undecided, -1 the other must), kind
+    (`world.ActorKind`), key. Leaders and followers on the ego's path are no conflicts and are left out. Unused rows
+    have distances of 1000 and kind -1.
     """
 
     name = "conflicts"
@@ -48,7 +48,7 @@ class Conflicts(Sensor):
         self._network: RoadNetwork | None = None
 
     def read(self, world: World, ego: int) -> Float32Array:
-        """See the class."""
+        """Reads the array; see the class."""
         if self._network is not world.network:
             self._network, self._paths = world.network, {}
         route, egos, actors = world.routes[ego], world.egos, world.actors
@@ -56,7 +56,7 @@ class Conflicts(Sensor):
         length, half_width = float(egos.length[ego]), float(egos.width[ego]) / 2
         rear = float(egos.progress[ego]) - length / 2
         first = route.index(rear)
-        # Where the ego's rear is on that path: not at its start where the route has only begun.
+        # Place of the ego's rear on that path: not its start if the route has only begun.
         rear -= first * route.length / (len(route.position) - 1)
         path = route.position[first : first + EGO_LOOKAHEAD_M]
         ahead = np.hypot(*(actors.position - egos.position[ego]).T) < EGO_LOOKAHEAD_M + 40.0
@@ -91,7 +91,7 @@ class Conflicts(Sensor):
         return out
 
     def _expected_path(self, world: World, actor: int) -> tuple[FloatArray, int, float]:
-        """Points a metre apart from the actor's centre on, the connection it will take, and metres to that junction."""
+        """Points 1 m apart from the actor's centre on, its next connection, and the distance to that junction [m]."""
         actors = world.actors
         x, y = actors.position[actor]
         if actors.kind[actor] == ActorKind.PEDESTRIAN:
@@ -113,7 +113,7 @@ class Conflicts(Sensor):
     def _priority(
         self, world: World, ego: int, meets_at: float, actor: int, connection: int, to_junction: float
     ) -> float:
-        """1 where the ego must give way, -1 where the other must, 0 where nothing decides."""
+        """Right of way: 1 the ego must give way, -1 the other must, 0 undecided."""
         actors, network = world.actors, world.network
         if actors.kind[actor] == ActorKind.PEDESTRIAN:
             return 1.0
@@ -133,7 +133,7 @@ class Conflicts(Sensor):
 
 
 def _passage_at(passages: tuple[Passage, ...], s: float) -> Passage | None:
-    """The junction passage that contains, or comes last before, an arc length."""
+    """Junction passage at an arc length, or the last one before it."""
     found = None
     for passage in passages:
         if passage.entry - 2.0 <= s:
@@ -142,7 +142,7 @@ def _passage_at(passages: tuple[Passage, ...], s: float) -> Passage | None:
 
 
 def _lane_path(network: RoadNetwork, lane: int, indicator: int) -> tuple[FloatArray, int, float]:
-    """The expected path of an actor on a lane: points a metre apart, its first connection, metres to that."""
+    """Expected path of an actor on a lane: points 1 m apart, its first connection, and the distance to that [m]."""
     connections, here = network.connections, lane
     shapes, length = [network.lane_shape(lane)], float(network.lanes.length[lane])
     enough, connection, to_junction = length + ACTOR_LOOKAHEAD_M, -1, 1000.0
@@ -162,11 +162,11 @@ def _lane_path(network: RoadNetwork, lane: int, indicator: int) -> tuple[FloatAr
 
 @njit(cache=True)
 def _meeting(ego: FloatArray, other: FloatArray, reach: float) -> tuple[float, float, float, float]:
-    """Where two paths of points a metre apart come within reach of each other.
+    """Finds where two paths of points 1 m apart come within reach [m] of each other.
 
     Returns:
-        Index on the ego's path where they meet and part, index on the other's path likewise; -1 first where they
-        never meet, or where the other is in the ego's path already, or comes up behind it, and heads the same way.
+        Indices on the ego's path at which the paths meet and part, then those on the other's path. The first is -1 if
+        the paths never meet, or if the other is in the ego's path already, or behind it, with the same direction.
     """
     enter, leave, other_enter, other_leave = -1, -1, 1_000_000, -1
     spacing = math.hypot(other[1, 0] - other[0, 0], other[1, 1] - other[0, 1])

@@ -1,4 +1,4 @@
-"""Detections: what a good detector reports of the objects around, under the conditions of the episode."""
+"""Detections: the report of a good object detector under the conditions of the episode."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ REFERENCE_M = 20.0
 
 
 class Detections(Sensor):
-    """(48, 8) as `Objects`, but only within sight, with noise in position and speed, and some missing.
+    """(48, 8) as `Objects`, but within the range of sight, with noise in position and speed, and with dropouts.
 
     The noise of a position grows in proportion to the distance. No occlusion and no false positives.
     """
@@ -32,14 +32,14 @@ class Detections(Sensor):
 
     @classmethod
     def make(cls, conditions: Conditions, rng: np.random.Generator) -> Self:
-        """See `Sensor`."""
+        """Makes the sensor; see `Sensor`."""
         return cls(conditions, rng)
 
     def read(self, world: World, ego: int) -> Float32Array:
-        """See the class."""
+        """Reads the array; see the class."""
         conditions, rng = self._conditions, self._rng
         true = self._objects.read(world, ego)
-        # Drawn for all rows, so that the noise of one row does not depend on how many others there are.
+        # Drawn for all rows, so that the noise of one row does not depend on the number of rows.
         missing = rng.random(ROWS) < conditions.dropout
         error = rng.standard_normal((ROWS, 3)).astype(np.float32)
         distance = np.hypot(true[:, 1], true[:, 2])

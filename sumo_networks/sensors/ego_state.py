@@ -16,8 +16,8 @@ from dohyo.sumo_networks.world import World
 class EgoState(Sensor):
     """(9,) x, y [m], heading [rad], speed, acceleration, yaw rate, steering [rad], length, width [m] of the ego.
 
-    x, y and heading are the box centre's in the frame of the route's first point (x along the route there, y to its
-    left), which shows motion from tick to tick, but not the place on the map. Speed is in m/s, acceleration in
+    x, y and heading of the box centre are in the frame of the route's first point (x along the route there, y to its
+    left). They show motion from tick to tick, but not the place on the map. Speed is in m/s, acceleration in
     m/s^2, yaw rate in rad/s; steering is the front wheel angle.
     """
 
@@ -26,7 +26,7 @@ class EgoState(Sensor):
     space = Box(-np.inf, np.inf, (9,), np.float32)
 
     def read(self, world: World, ego: int) -> Float32Array:
-        """See the class."""
+        """Reads the array; see the class."""
         egos, route = world.egos, world.routes[ego]
         (dx, dy), first = egos.position[ego] - route.position[0], float(route.heading[0])
         cos, sin = math.cos(first), math.sin(first)

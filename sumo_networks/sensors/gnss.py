@@ -1,4 +1,4 @@
-"""GNSS: a position at 10 Hz, wrong by white and by slowly changing errors, and at times missing."""
+"""GNSS: a position at 10 Hz with white and slowly changing errors and dropouts."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _CEP = 1.1774  # circular error probable of a round normal distribution, in stan
 
 @dataclass(frozen=True, slots=True)
 class GnssNoise:
-    """What a receiver reports wrongly.
+    """Errors of a receiver.
 
     Attributes:
-        sigma_m: Standard deviation of the error in east and in north, m; up has 1.5 times as much.
-        correlated_share: Share of that variance that changes slowly (first-order Gauss-Markov); the rest is white.
+        sigma_m: Standard deviation of the error in east and in north, m; the error in height is 1.5 times as large.
+        correlated_share: Share of the variance that changes slowly (first-order Gauss-Markov); the rest is white.
         correlation_s: Time constant of the slow part, s.
         rate_hz: Fixes per second, at most 10.
-        dropout: Share of fixes that are missing, drawn one by one.
+        dropout: Share of missing fixes, drawn for each fix.
     """
 
     sigma_m: float
@@ -46,7 +46,7 @@ RTK = GnssNoise(sigma_m=0.02)
 
 
 class GnssErrors:
-    """Adds the errors of one receiver to what is true; the slow part lives on from fix to fix."""
+    """Adds the errors of one receiver to true positions; the slow part persists from fix to fix."""
 
     def __init__(self, noise: GnssNoise, rng: np.random.Generator) -> None:
         self._noise, self._rng = noise, rng
@@ -54,7 +54,7 @@ class GnssErrors:
         self._slow: FloatArray = rng.standard_normal(3)
 
     def corrupt(self, position: FloatArray, dt: float) -> FloatArray:
-        """(3,) the reported position [m] for the true one, dt [s] after the last."""
+        """(3,) reported position [m] for a true position [m], `dt` [s] after the last one."""
         noise, drawn = self._noise, self._rng.standard_normal((2, 3))
         kept = math.exp(-dt / noise.correlation_s)
         self._slow = kept * self._slow + math.sqrt(1.0 - kept * kept) * drawn[0]
@@ -64,12 +64,12 @@ class GnssErrors:
 
 
 class Gnss(Sensor):
-    """(9,) fix (0 or 1), x, y, z [m, network frame], latitude, longitude as in NMEA, and whether they are real.
+    """(9,) fix (0 or 1), x, y, z [m, network frame], latitude and longitude as in NMEA, and georeference (0 or 1).
 
     Columns: fix; x (east), y (north), z (up); latitude in whole degrees and minutes, longitude in whole degrees and
-    minutes (a float32 holds degrees to 0.4 m only, minutes to 1 cm); 1 where the network has a UTM projection, 0 where
-    latitude and longitude count from a local origin at 0, 0. Without a fix all others are 0. It is mounted at the box's
-    centre. Errors are those of `L80`; the conditions do not touch it.
+    minutes (a float32 resolves degrees to 0.4 m only, minutes to 1 cm); 1 if the network has a UTM projection, 0 if
+    latitude and longitude count from a local origin at 0, 0. Without a fix all other columns are 0. The antenna is at
+    the box's centre. Errors are those of `L80`; conditions have no effect.
     """
 
     name = "gnss"
@@ -82,14 +82,14 @@ class Gnss(Sensor):
 
     @classmethod
     def make(cls, conditions: Conditions, rng: np.random.Generator) -> Self:
-        """See `Sensor`."""
+        """Makes the sensor; see `Sensor`."""
         return cls(rng.spawn(1)[0])
 
     def read(self, world: World, ego: int) -> Float32Array:
-        """See the class."""
+        """Reads the array; see the class."""
         every = round(10.0 / self._noise.rate_hz)
         missing = self._rng.random() < self._noise.dropout
-        # Drawn at every tick, so that a lower rate does not shift the errors.
+        # Drawn at every tick, so that a lower rate does not change the errors of later ticks.
         x, y, z = self._errors.corrupt(np.append(world.egos.position[ego], 0.0), 0.1)
         if missing or world.tick % every:
             return np.zeros(9, dtype=np.float32)
@@ -99,7 +99,7 @@ class Gnss(Sensor):
 
 
 class GnssRtk(Gnss):
-    """(9,) as `Gnss`, of a receiver with corrections (`RTK`)."""
+    """(9,) as `Gnss`, for a receiver with corrections (`RTK`)."""
 
     name = "gnss_rtk"
 

@@ -1,4 +1,4 @@
-"""IMU: specific force and angular rate at 100 Hz, with the offsets and the noise of a cheap one."""
+"""IMU: specific force and angular rate at 100 Hz, with the offsets and the noise of a low-cost IMU."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ _Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class ImuNoise:
-    """What an IMU reports wrongly. White noise and walk act on each axis alike, in continuous time.
+    """Errors of an IMU. White noise and random walk are the same on each axis, in continuous time.
 
     Attributes:
-        accelerometer_offset: Constant per mounting, m/s^2.
-        gyroscope_offset: Constant per mounting, rad/s.
+        accelerometer_offset: Mean offset, constant per mounting, m/s^2.
+        gyroscope_offset: Mean offset, constant per mounting, rad/s.
         accelerometer_spread: Standard deviation of the offset from journey to journey, m/s^2.
-        gyroscope_spread: The same, rad/s.
-        accelerometer_density: White noise, m/s^2 per root Hz.
-        gyroscope_density: White noise, rad/s per root Hz.
-        accelerometer_walk: Of the offset, m/s^2 per root second.
-        gyroscope_walk: Of the offset, rad/s per root second.
-        vibration: White noise of the accelerometer while the vehicle moves, standard deviation of a sample, m/s^2.
+        gyroscope_spread: Standard deviation of the offset from journey to journey, rad/s.
+        accelerometer_density: Density of white noise, m/s^2 per root Hz.
+        gyroscope_density: Density of white noise, rad/s per root Hz.
+        accelerometer_walk: Random walk of the offset, m/s^2 per root second.
+        gyroscope_walk: Random walk of the offset, rad/s per root second.
+        vibration: Standard deviation of a sample's white noise in acceleration while the vehicle moves, m/s^2.
     """
 
     accelerometer_offset: _Vector = (0.0, 0.0, 0.0)
@@ -51,23 +51,23 @@ ICM_20600 = ImuNoise(
     # Measured on the kart of Albilani's thesis, table 4.2 (there in m/s^2 and degrees per second).
     accelerometer_offset=(0.266818, 0.180452, -0.089558),
     gyroscope_offset=(math.radians(-1.237829), math.radians(-2.018467), math.radians(-0.798545)),
-    # The thesis finds them close to these on other journeys, and gives no number; ours.
+    # The thesis reports similar offsets on other journeys, without numbers; these numbers are ours.
     accelerometer_spread=0.05,
     gyroscope_spread=math.radians(0.1),
     # TDK's data sheet: 100 ug and 4 mdps per root Hz.
     accelerometer_density=100e-6 * GRAVITY,
     gyroscope_density=math.radians(0.004),
-    # In no data sheet; ours, such that an offset moves by 0.2 mg and 40 degrees/h in 100 s, usual for consumer MEMS.
+    # No data sheet has these; ours: an offset moves by 0.2 mg and 40 degrees/h in 100 s, as usual for consumer MEMS.
     accelerometer_walk=2e-4,
     gyroscope_walk=2e-5,
 )
 
 
 class ImuErrors:
-    """Adds the errors of one IMU to what is true, for one journey; the offsets walk on from call to call.
+    """Adds the errors of one IMU to true values, for one journey; the offsets drift from call to call.
 
     Attributes:
-        offset: (6,) of the accelerometer [m/s^2] and the gyroscope [rad/s], at the last sample.
+        offset: (6,) offsets of the accelerometer [m/s^2] and the gyroscope [rad/s], at the last sample.
     """
 
     def __init__(self, noise: ImuNoise, rng: np.random.Generator) -> None:
@@ -77,12 +77,12 @@ class ImuErrors:
         self.offset: FloatArray = table + spread * rng.standard_normal(6)
 
     def corrupt(self, true: FloatArray, moving: bool | FloatArray = True, dt: float = SUBSTEP_S) -> FloatArray:
-        """What the IMU reports.
+        """Computes the output of the IMU.
 
         Args:
             true: (N, 6) specific force [m/s^2] and angular rate [rad/s], body frame, in order of time.
             moving: Whether the vehicle moves, for all or (N,) for each sample.
-            dt: Between samples, s.
+            dt: Time between samples, s.
         """
         noise, n = self._noise, len(true)
         walk = np.repeat([noise.accelerometer_walk, noise.gyroscope_walk], 3) * math.sqrt(dt)
@@ -104,16 +104,16 @@ def specific_force_and_rate(
     yaw_acceleration: FloatArray,
     mounting: tuple[float, float],
 ) -> FloatArray:
-    """What a perfect IMU measures on a flat road.
+    """Computes the output of a perfect IMU on a flat road.
 
-    The rear axle accelerates by v' ahead and by v w to the left; a point forward and to its left also by the turning.
+    The rear axle accelerates by v' ahead and by v w to the left; at other points the rotation adds acceleration.
 
     Args:
-        speed: (N,) of the rear axle, m/s.
-        acceleration: (N,) along the heading, m/s^2.
-        yaw_rate: (N,) rad/s.
-        yaw_acceleration: (N,) rad/s^2.
-        mounting: Forward and to the left of the rear axle, m.
+        speed: (N,) speed of the rear axle, m/s.
+        acceleration: (N,) acceleration along the heading, m/s^2.
+        yaw_rate: (N,) yaw rate, rad/s.
+        yaw_acceleration: (N,) yaw acceleration, rad/s^2.
+        mounting: Position forward and to the left of the rear axle, m.
 
     Returns:
         (N, 6) specific force (x forward, y left, z up; at rest 0, 0, g) [m/s^2] and angular rate [rad/s].
@@ -132,7 +132,7 @@ class Imu(Sensor):
 
     Columns: forward, left, up; then roll, pitch and yaw rate about the same axes. Row i holds for the 0.01 s that end
     0.1 - 0.01 (i + 1) s ago. At rest it reads 0, 0, 9.81 plus offsets and noise (`ICM_20600`). Before the first tick
-    the vehicle stands. It sits at the box's centre unless mounted elsewhere.
+    the vehicle stands. The IMU is at the box's centre by default.
     """
 
     name = "imu"
@@ -145,12 +145,12 @@ class Imu(Sensor):
         noise: ImuNoise = ICM_20600,
         mounting: tuple[float, float] | None = None,
     ) -> None:
-        """An IMU for one ego and episode.
+        """Makes an IMU for one ego and episode.
 
         Args:
-            rng: Of its noise.
-            noise: Its errors.
-            mounting: Forward and to the left of the rear axle, m; None: the centre of the box.
+            rng: Generator of the noise.
+            noise: Errors of the IMU.
+            mounting: Position forward and to the left of the rear axle, m; None: the centre of the box.
         """
         self._errors = ImuErrors(noise, rng)
         self._mounting = mounting or (VehicleParameters().axle_to_centre, 0.0)
@@ -158,11 +158,11 @@ class Imu(Sensor):
 
     @classmethod
     def make(cls, conditions: Conditions, rng: np.random.Generator) -> Self:
-        """See `Sensor`."""
+        """Makes the sensor; see `Sensor`."""
         return cls(rng.spawn(1)[0])
 
     def read(self, world: World, ego: int) -> Float32Array:
-        """See the class."""
+        """Reads the array; see the class."""
         motion = world.egos.motion[ego]
         acceleration, yaw_rate = motion[:, 0], motion[:, 1]
         speed = world.egos.speed[ego] - SUBSTEP_S * (acceleration.sum() - np.cumsum(acceleration))

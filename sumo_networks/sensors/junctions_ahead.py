@@ -1,4 +1,4 @@
-"""JunctionsAhead: the next junctions of the route, their signals and their right of way."""
+"""JunctionsAhead: the next junctions of the route, with signals and right of way."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ SIGHT_M = 100.0
 class JunctionsAhead(Sensor):
     """(4, 4) the next junctions within 100 m of the ego's front, nearest first.
 
-    Columns: distance from the front bumper to the junction (its stop line, where there is one) [m, negative once
-    passed], distance to the junction's end [m], signal (`world.LightState`, -1 where there is none), right of way
+    Columns: distance from the front bumper to the junction (to its stop line, if there is one) [m, negative once
+    passed], distance to the junction's end [m], signal (`world.LightState`, -1 if there is none), right of way
     (`rules.right_of_way.RightOfWay`: 0 major, 1 yield, 2 stop sign). A junction stays until the ego's front has left
     it. Unused rows have distances of 1000 and signal -1.
     """
@@ -28,7 +28,7 @@ class JunctionsAhead(Sensor):
     space = Box(-np.inf, np.inf, (ROWS, 4), np.float32)
 
     def read(self, world: World, ego: int) -> Float32Array:
-        """See the class."""
+        """Reads the array; see the class."""
         front = float(world.egos.progress[ego] + world.egos.length[ego] / 2)
         out = np.zeros((ROWS, 4), dtype=np.float32)
         out[:, :2], out[:, 2] = 1000.0, -1.0

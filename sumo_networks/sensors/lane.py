@@ -1,4 +1,4 @@
-"""Lane: where the ego is in its lane."""
+"""Lane: the ego's place in its lane."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dohyo.sumo_networks.world import World
 class LaneSensor(Sensor):
     """(5,) on a lane (0 or 1), offset from its centre [m, left positive], heading error [rad], width [m], limit [m/s].
 
-    All but the first are 0 where no lane is near.
+    All columns but the first are 0 if no lane is near.
     """
 
     name = "lane"
@@ -21,7 +21,7 @@ class LaneSensor(Sensor):
     space = Box(np.array([0, -50, -4, 0, 0], np.float32), np.array([1, 50, 4, 50, 100], np.float32))
 
     def read(self, world: World, ego: int) -> Float32Array:
-        """See the class."""
+        """Reads the array; see the class."""
         egos, lanes = world.egos, world.network.lanes
         lane = int(egos.lane[ego])
         if lane < 0:

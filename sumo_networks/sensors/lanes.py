@@ -29,10 +29,10 @@ ROAD, JUNCTION, CROSSING = 0, 1, 2
 class LanesSensor(Sensor):
     """(160, 52) pieces of lanes, at most 40 m long, within 100 m of the ego, nearest first.
 
-    Columns: lane (a number, stable in the network), piece (0 is its first), kind (0 road, 1 inside a junction,
+    Columns: lane (a number, stable in the network), piece (0 is the first), kind (0 road, 1 inside a junction,
     2 pedestrian crossing), width [m], speed limit [m/s], on the route (2 the route's own lane, 1 another lane of the
     route's roads, 0 neither), signal (`world.LightState` of the connection that leads into a lane inside a junction,
-    -1 where there is none), lanes that follow the lane's last piece (5 columns, -1 unused); then 20 points x, y [m, ego
+    -1 if there is none), lanes that follow the lane's last piece (5 columns, -1 unused); then 20 points x, y [m, ego
     frame: centre, x forward, y left] along the piece, in driving direction. Unused rows have lane -1 and zeros.
     """
 
@@ -45,7 +45,7 @@ class LanesSensor(Sensor):
         self._on_route: IntArray = np.zeros(0, dtype=np.int64)
 
     def read(self, world: World, ego: int) -> Float32Array:
-        """See the class."""
+        """Reads the array; see the class."""
         table, route = pieces(world.network), world.routes[ego]
         if route is not self._route:
             self._route, self._on_route = route, _on_route(world.network, route)
@@ -65,13 +65,13 @@ class LanesSensor(Sensor):
 
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """The lanes of a network cut into pieces, N of them.
+    """N pieces of the lanes of a network.
 
     Attributes:
         lane: (N,) index into `RoadNetwork.lanes`.
         attributes: (N, 5) lane, piece, kind, width [m], limit [m/s].
         signal: (N,) index of the signal of the connection that leads into the lane, -1 if none.
-        followers: (N, 5) lanes that follow, -1 unused; only on a lane's last piece.
+        followers: (N, 5) lanes that follow, -1 unused; set only on a lane's last piece.
         points: (N, 20, 2), m, network frame.
         centre: (N, 2), m.
         reach: (N,) distance from the centre to the farthest point, m.
@@ -117,7 +117,7 @@ def pieces(network: RoadNetwork) -> Pieces:
 
 
 def _signals(network: RoadNetwork) -> IntArray:
-    """(L,) the signal of the connection that leads into each lane inside a junction, also into its later parts."""
+    """(L,) signal of the connection into each lane inside a junction, later parts of the passage included."""
     connections = network.connections
     signal = np.full(len(network.lanes.ids), -1, dtype=np.int64)
     for c in np.flatnonzero(connections.signal >= 0).tolist():
@@ -142,7 +142,7 @@ def _followers(network: RoadNetwork) -> IntArray:
 
 
 def _on_route(network: RoadNetwork, route: Route) -> IntArray:
-    """(L,) 2 for the route's lanes, 1 for the others of its roads, 0 for the rest."""
+    """(L,) 2 for the route's lanes, 1 for other lanes of its roads, 0 for the rest."""
     edges = np.unique(network.lanes.edge[route.on_route])
     beside = np.isin(network.lanes.edge, edges) & ~network.lanes.internal
     return np.where(route.on_route, 2, np.where(beside, 1, 0))

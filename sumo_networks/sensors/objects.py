@@ -1,4 +1,4 @@
-"""Objects: everything around, exactly."""
+"""Objects: all actors around the ego, without errors."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Objects(Sensor):
     space = Box(-np.inf, np.inf, (ROWS, COLUMNS), np.float32)
 
     def read(self, world: World, ego: int) -> Float32Array:
-        """See the class."""
+        """Reads the array; see the class."""
         actors, egos = world.actors, world.egos
         return _nearest(ego, egos.active, egos.columns(), actors.kind, actors.key, actors.columns())
 
@@ -41,7 +41,7 @@ class Objects(Sensor):
 def _nearest(
     ego: int, active: BoolArray, egos: BoxColumns, kind: IntArray, key: IntArray, actors: BoxColumns
 ) -> Float32Array:
-    """(48, 8) the rows of `Objects` for one ego, of the columns of `Egos` and of `Actors`."""
+    """(48, 8) rows of `Objects` for one ego, from the columns of `Egos` and of `Actors`."""
     out = np.zeros((ROWS, COLUMNS), dtype=np.float32)
     out[:, 0] = -1.0
     x, y, heading = egos.position[ego, 0], egos.position[ego, 1], egos.heading[ego]
@@ -69,7 +69,7 @@ def _nearest(
 
 @njit(cache=True)
 def _write_box(boxes: BoxColumns, i: int, eye: tuple[float, float, float, float, float], out: Float32Array) -> None:
-    """Columns 1 to 6 of one box, seen from an eye at x, y [m], with heading [rad], its cosine and its sine."""
+    """Writes columns 1 to 6 of one box, relative to an eye: x, y [m], heading [rad], its cosine and its sine."""
     x, y, heading, cos, sin = eye
     dx, dy = boxes.position[i, 0] - x, boxes.position[i, 1] - y
     out[1] = dx * cos + dy * sin

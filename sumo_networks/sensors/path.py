@@ -1,4 +1,4 @@
-"""Path: the route from a little behind the ego to as far as eight seconds may take it."""
+"""Path: the route from 12 m behind the ego to the distance that it can drive in 8 s."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class PathSensor(Sensor):
     """(192, 6) the route's path, a point every metre, from 12 m behind the ego's projection on it to 179 m ahead.
 
     Columns: x, y [m, ego frame: centre, x forward, y left], heading relative to the ego [rad], curvature [1/m, left
-    positive], speed limit [m/s], lane width [m]. Before the start the first point repeats, past the goal the last one.
+    positive], speed limit [m/s], lane width [m]. Before the start the first point repeats, past the goal the last.
     """
 
     name = "path"
@@ -28,7 +28,7 @@ class PathSensor(Sensor):
     space = Box(-np.inf, np.inf, (POINTS, 6), np.float32)
 
     def read(self, world: World, ego: int) -> Float32Array:
-        """See the class."""
+        """Reads the array; see the class."""
         route, egos = world.routes[ego], world.egos
         rows = route.index(float(egos.progress[ego])) - BEHIND + np.arange(POINTS)
         rows = np.minimum(np.maximum(rows, 0), len(route.position) - 1)

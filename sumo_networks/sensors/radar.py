@@ -1,4 +1,4 @@
-"""Radar: nine rays ahead that end at the first body they meet."""
+"""Radar: nine rays ahead, each up to the first body."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ REFERENCE_M = 20.0
 class Radar(Sensor):
     """(9, 3) one row per ray from the middle of the front bumper, at 60, 45, ... -60 degrees (left to right).
 
-    Columns: distance to the first body met [m, at most 80], what it is (`world.ActorKind`, -1 where nothing is met),
-    and how fast the two come apart along the ray [m/s, negative: they approach]. Bodies are boxes: kerbs and houses
-    send nothing back. The conditions add noise that grows with the distance, noise of the speed, and rays that return
-    nothing; fog does not shorten the range.
+    Columns: distance to the first body [m, at most 80], its kind (`world.ActorKind`, -1 if there is none), and its
+    relative speed along the ray [m/s, negative: approaching]. Bodies are the boxes of actors: kerbs and houses return
+    nothing. Conditions add noise that grows with the distance, noise of the speed, and rays that return nothing; fog
+    does not shorten the range.
 
     Source: the rays of Albilani's parking agent (60 degrees to either side, 15 apart, 80 m); the speed is ours.
     """
@@ -43,11 +43,11 @@ class Radar(Sensor):
 
     @classmethod
     def make(cls, conditions: Conditions, rng: np.random.Generator) -> Self:
-        """See `Sensor`."""
+        """Makes the sensor; see `Sensor`."""
         return cls(conditions, rng.spawn(1)[0])
 
     def read(self, world: World, ego: int) -> Float32Array:
-        """See the class."""
+        """Reads the array; see the class."""
         actors, egos, noise = world.actors, world.egos, self._conditions
         bodies = np.empty((len(actors) + len(egos.names), 7))
         bodies[: len(actors), :5], bodies[: len(actors), 5] = actors.boxes(), actors.speed
@@ -73,15 +73,15 @@ class Radar(Sensor):
 
 @njit(cache=True)
 def _scan(x: float, y: float, heading: float, speed: float, length: float, bodies: FloatArray) -> FloatArray:
-    """The rays of one ego.
+    """Computes the rays of one ego.
 
     Args:
-        x: Centre of its box, m.
-        y: m.
-        heading: rad.
-        speed: m/s.
-        length: m.
-        bodies: (M, 7) x, y, heading, length, width, speed along the heading, kind (negative: not there).
+        x: x of the ego's box centre, m.
+        y: y of the ego's box centre, m.
+        heading: Heading of the ego, rad.
+        speed: Speed of the ego, m/s.
+        length: Length of the ego, m.
+        bodies: (M, 7) x, y, heading, length, width, speed along the heading, kind (negative: no body).
     """
     out = np.zeros((ANGLES.shape[0], 3))
     cos, sin = math.cos(heading), math.sin(heading)
@@ -92,7 +92,7 @@ def _scan(x: float, y: float, heading: float, speed: float, length: float, bodie
         for i in range(bodies.shape[0]):
             if bodies[i, 6] < 0.0:
                 continue
-            # Most bodies' circles lie off the ray, which spares the boxes' trigonometry.
+            # The bounding circles of most bodies miss the ray, which saves the trigonometry of the boxes.
             dx, dy = bodies[i, 0] - front_x, bodies[i, 1] - front_y
             reach, along = 0.5 * (bodies[i, 3] + bodies[i, 4]), dx * ux + dy * uy
             if abs(dx * uy - dy * ux) > reach or along < -reach or along - reach > out[ray, 0]:

@@ -1,4 +1,4 @@
-"""Route: the reference path ahead, and what the navigation says."""
+"""Route: the reference path ahead, and the commands of the navigation."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ POINTS = 80
 
 
 class RouteSensor(Sensor):
-    """(80, 7) the path ahead, a point every metre from the ego's projection on it.
+    """(80, 7) path ahead, a point every metre from the ego's projection on the route.
 
     Columns: x, y [m, ego frame: centre, x forward, y left], heading relative to the ego [rad], curvature [1/m, left
     positive], speed limit [m/s], lane width [m], navigation command (`routing.Command`). Past the goal the last point
@@ -30,7 +30,7 @@ class RouteSensor(Sensor):
     space = Box(-np.inf, np.inf, (POINTS, 7), np.float32)
 
     def read(self, world: World, ego: int) -> Float32Array:
-        """See the class."""
+        """Reads the array; see the class."""
         route, egos = world.routes[ego], world.egos
         x, y = egos.position[ego]
         return path_ahead(
@@ -43,21 +43,21 @@ class RouteSensor(Sensor):
 
 
 class Navigation(Sensor):
-    """(3,) command (`routing.Command`), metres of route left, metres of route driven."""
+    """(3,) command (`routing.Command`), distance left on the route [m], distance driven on the route [m]."""
 
     name = "navigation"
     track = Track.SENSORS
     space = Box(np.zeros(3, np.float32), np.array([5, 1e6, 1e6], np.float32))
 
     def read(self, world: World, ego: int) -> Float32Array:
-        """See the class."""
+        """Reads the array; see the class."""
         route, progress = world.routes[ego], float(world.egos.progress[ego])
         command = route.command[route.index(progress)]
         return np.array([command, max(route.length - progress, 0.0), progress], dtype=np.float32)
 
 
 class PathColumns(NamedTuple):
-    """A path of N points as `path_ahead` takes it: columns of `routes.route.Route`, which has their units."""
+    """A path of N points for `path_ahead`: columns of `routes.route.Route`, in the same units."""
 
     position: FloatArray
     heading: FloatArray
@@ -69,7 +69,7 @@ class PathColumns(NamedTuple):
 
 @njit(cache=True)
 def path_ahead(first: int, x: float, y: float, heading: float, path: PathColumns) -> Float32Array:
-    """(80, 7) the route from a row on, as `RouteSensor` has it, seen from x, y [m], heading [rad]."""
+    """(80, 7) route from a row on, as in `RouteSensor`, in the frame of a vehicle at x, y [m], heading [rad]."""
     out = np.empty((POINTS, 7), dtype=np.float32)
     cos, sin = math.cos(heading), math.sin(heading)
     for row in range(POINTS):

@@ -1,4 +1,4 @@
-"""Route map: the route as a map holds it, in the network's frame; for agents that must find themselves on it."""
+"""Route map: the route in the network's frame, for agents that must localise themselves."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ PAGE_M = 50.0
 
 
 class RouteMap(Sensor):
-    """(256, 8) a page of the route in the network frame, a point every metre.
+    """(256, 8) part of the route in the network frame, a point every metre.
 
     Columns: x, y [m, network frame], heading [rad], curvature [1/m, left positive], speed limit [m/s], lane width [m],
-    navigation command (`routing.Command`), metres from the route's start. The page begins at a multiple of 50 m that
-    lies 50 to 100 m behind the ego, and so locates the ego no better than that. Past the goal the last point
-    repeats; its last column does not grow.
+    navigation command (`routing.Command`), distance from the route's start [m]. The part begins at a multiple of 50 m
+    that lies 50 to 100 m behind the ego, so that it locates the ego only to 50 m. Past the goal the last point
+    repeats, the last column included.
     """
 
     name = "route_map"
@@ -27,7 +27,7 @@ class RouteMap(Sensor):
     space = Box(-np.inf, np.inf, (POINTS, 8), np.float32)
 
     def read(self, world: World, ego: int) -> Float32Array:
-        """See the class."""
+        """Reads the array; see the class."""
         route = world.routes[ego]
         begin = max(PAGE_M * (float(world.egos.progress[ego]) // PAGE_M - 1.0), 0.0)
         last = len(route.position) - 1

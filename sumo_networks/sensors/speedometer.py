@@ -1,4 +1,4 @@
-"""Speedometer: how fast, and where the wheels point."""
+"""Speedometer: speed and front wheel angle."""
 
 from __future__ import annotations
 
@@ -18,5 +18,5 @@ class Speedometer(Sensor):
     space = Box(np.array([0, -1], np.float32), np.array([100, 1], np.float32))
 
     def read(self, world: World, ego: int) -> Float32Array:
-        """See the class."""
+        """Reads the array; see the class."""
         return np.array([world.egos.speed[ego], world.egos.steering[ego]], dtype=np.float32)
