@@ -1,4 +1,4 @@
-"""The freeway: 11.4 km of heavy traffic, in which connected vehicles may be commanded and speeds are measured."""
+"""The freeway: 11.4 km of heavy traffic, with commands to connected vehicles and speed measurements."""
 
 from __future__ import annotations
 

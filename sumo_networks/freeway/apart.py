@@ -1,7 +1,7 @@
-"""A simulation in a process of its own: what SUMO keeps of it ends with that process.
+"""Simulations in a process of their own, so that SUMO's remaining state ends with that process.
 
-After queues (meso) SUMO refuses bicycles for the rest of its process. The processes are forked from a server that has
-loaded SUMO and started nothing, which costs some 20 ms each.
+After a simulation of queues (meso), SUMO rejects bicycles for the rest of the process. The processes are forked from a
+server that has loaded SUMO but has not started it, which takes about 20 ms each.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ def drive_apart(drive: Callable[[Progress], Result], progress: Progress) -> Resu
     """Calls a function in a fresh process.
 
     Args:
-        drive: What to call, with the function that takes its progress; it and its result can be pickled.
-        progress: Told the same, here.
+        drive: Function to call with a function that receives its progress; it and its result can be pickled.
+        progress: Function that receives the progress in this process.
 
     Returns:
-        What the function returned.
+        Result of the function.
 
     Raises:
         SimulationError: The process ended without an answer.
-        Exception: Whatever the function raised.
+        Exception: The function raised this error.
     """
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["dohyo.sumo_networks.freeway.days"])
@@ -55,7 +55,7 @@ def drive_apart(drive: Callable[[Progress], Result], progress: Progress) -> Resu
 
 
 def _answer(connection: Connection, drive: Callable[[Progress], Result]) -> None:
-    """Sends each progress, a float, and at last (result, error)."""
+    """Sends each progress as a float, and at the end (result, error)."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the waiting parent is interrupted, and ends this process
     try:
         connection.send((drive(lambda share: connection.send(float(share))), None))

@@ -1,4 +1,4 @@
-"""The dataset of the freeway: days of segment speeds in three sets, days apart, as Parquet files that can be resumed.
+"""Dataset of the freeway: days of segment speeds in three sets of different days, as Parquet files; resumable.
 
 `train` and `easy` are whole days in meso, weekdays and weekends in turn; `hard` are mornings of dense congestion in
 micro, 440 minutes each.
@@ -35,20 +35,20 @@ FACTS = "dataset.json"
 EASY_SHARE = 60 / 350
 HARD_START_S, HARD_MINUTES = 6.0 * 3600, 440
 HARD_DEMAND = (1.04, 1.06, 1.08, 1.10)
-"""Demand of the hard mornings in turn: each is congested for hours."""
+"""Demand factors of the hard mornings in turn; each morning is congested for hours."""
 HARD_PEAK_WIDTH = 1.5
 
 
 class DatasetRequest(Config):
-    """Which days to make.
+    """Request for a dataset: numbers of days and their settings.
 
     Attributes:
-        days: Days to train on; 0 where the sets to judge by are all that is wanted.
-        easy: Whole days to judge by; None: 60 for every 350 to train on, at least two.
-        hard: Congested mornings to judge by.
-        seed: Decides everything.
+        days: Number of training days; 0 for a dataset with evaluation sets only.
+        easy: Number of whole days for evaluation; None: 60 for every 350 training days, at least two.
+        hard: Number of congested mornings for evaluation.
+        seed: Seed of all random numbers.
         probes: Share of the vehicles whose speed is reported.
-        network: A freeway of the catalog.
+        network: Catalog name of a freeway.
     """
 
     days: Annotated[int, Field(ge=0, le=9999)]
@@ -59,7 +59,7 @@ class DatasetRequest(Config):
     network: str = "freeway"
 
     def number(self, split: Split) -> int:
-        """Days of a set."""
+        """Number of days of a set."""
         easy = max(2, round(self.days * EASY_SHARE)) if self.easy is None else self.easy
         return {"train": self.days, "easy": easy, "hard": self.hard}[split]
 
@@ -69,11 +69,11 @@ class DayOrder:
     """One file of the dataset.
 
     Attributes:
-        split: Its set.
-        number: From 1 within the set.
-        scale: How it is simulated.
-        scenario: What is simulated.
-        noise: Seed of what the measurement gets wrong.
+        split: Set of the day.
+        number: Number within the set, from 1 on.
+        scale: Scale of the simulation.
+        scenario: Scenario to simulate.
+        noise: Seed of the measurement errors.
     """
 
     split: Split
@@ -84,12 +84,12 @@ class DayOrder:
 
     @property
     def file(self) -> Path:
-        """Its place in the dataset."""
+        """Path of the file within the dataset."""
         return Path(self.split) / f"day-{self.number:04}.parquet"
 
 
 def day_orders(order: DatasetRequest) -> Iterator[DayOrder]:
-    """All days of an order; a day depends on the seed, its set and its number alone, not on how many there are."""
+    """All days of a request; a day depends only on the seed, its set and its number, not on the number of days."""
     road = load_freeway(order.network)
     for place, split in enumerate(SPLITS):
         for number in range(1, order.number(split) + 1):
@@ -120,19 +120,19 @@ def make_dataset(
     progress: Callable[[int, int, float], None] = lambda _done, _of, _share: None,
     workers: int = 1,
 ) -> int:
-    """Makes the days that are not there yet; a day is written whole or not at all.
+    """Makes the missing days; a day is written completely or not at all.
 
     Args:
-        order: Which days.
-        folder: Of the dataset.
-        progress: Told the days done, their number, and the share of the one being made, where there is one worker.
-        workers: Processes; the days are the same however many there are.
+        order: Request with the days to make.
+        folder: Folder of the dataset.
+        progress: Function that receives the days done, all days, and, with one worker, the current day's share.
+        workers: Number of processes; it does not change the days.
 
     Returns:
-        How many days were made now.
+        Number of days made by this call.
 
     Raises:
-        InvalidInputError: The folder holds a dataset of another order, or cannot be written.
+        InvalidInputError: The folder has a dataset of another request, or cannot be written.
         SimulationError: SUMO failed.
     """
     _claim(order, folder)
@@ -162,7 +162,7 @@ def _make(day: DayOrder, folder: Path, progress: Callable[[float], None] = lambd
 
 
 def day_table(day: SpeedDay, noise: np.random.SeedSequence) -> pl.DataFrame:
-    """One row per minute: `minute`, the reported speeds `segment_00`, ..., and the true ones `truth_00`, ..., m/s."""
+    """One row per minute: `minute`, reported speeds `segment_00`, ... and true speeds `truth_00`, ..., m/s."""
     reported = reported_speeds(day.probes.speed_mps, day.probes.seconds, np.random.default_rng(noise))
     columns = {"minute": day.minute.astype(np.int32)}
     for name, speeds in (("segment", reported), ("truth", day.truth.speed_mps)):
@@ -171,7 +171,7 @@ def day_table(day: SpeedDay, noise: np.random.SeedSequence) -> pl.DataFrame:
 
 
 def dataset_facts(order: DatasetRequest) -> dict[str, object]:
-    """What a dataset is, but for the number of its days."""
+    """Facts that identify a dataset, without the number of its days."""
     road = load_freeway(order.network)
     return {
         "network": order.network,
@@ -189,7 +189,7 @@ def dataset_facts(order: DatasetRequest) -> dict[str, object]:
 
 
 def _claim(order: DatasetRequest, folder: Path) -> None:
-    """Writes what the dataset is, or checks that it is this one: the number of days may grow, nothing else change."""
+    """Writes the dataset's facts, or checks that they are the same; only the number of days may grow."""
     facts, path = dataset_facts(order), folder / FACTS
     try:
         folder.mkdir(parents=True, exist_ok=True)

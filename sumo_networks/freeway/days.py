@@ -1,7 +1,7 @@
-"""One day of segment speeds: the freeway is driven from its demand, and measured minute by minute.
+"""One day of segment speeds: a simulation of the freeway from its demand, measured minute by minute.
 
-Queues (meso) are what bulk days are made of; single vehicles (micro) where waves matter. Both are driven from the same
-routes, and both are measured by SUMO itself, edge by edge, so that no vehicle passes through Python.
+Most days are simulated as queues (meso); days with stop-and-go waves as single vehicles (micro). Both use the same
+routes, and in both SUMO itself measures edge by edge, so that Python reads no single vehicle.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from dohyo.sumo_networks.simulation.process import failing_as_simulation_error
 
 Scale = Literal["meso", "micro"]
 CRAWL_MPS = 5.5
-"""Speed past an incident of a day in meso, where nothing can stand in a lane: about three quarters get through."""
+"""Speed past an incident in meso, where no vehicle can block a lane, m/s: about 75 % of the flow passes."""
 
 MESO_JAM_FACTOR = 0.55
-"""On standing gaps in meso: its queues are uniform with more, and have stop-and-go waves with this."""
+"""Factor on standing gaps in meso: with this value queues have stop-and-go waves; with more they are uniform."""
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What SUMO measured of one group of vehicles, T minutes and S segments.
+    """SUMO's measurements of one group of vehicles, T minutes and S segments.
 
     Attributes:
-        speed_mps: (T, S) space-mean speed; NaN where no vehicle of the group was.
-        seconds: (T, S) time that the group spent there, summed over vehicles.
-        left: (T, S) vehicles that left the segment downstream, or by its ramp.
+        speed_mps: (T, S) space-mean speed; NaN without a vehicle of the group.
+        seconds: (T, S) time that the group spent in the segment, summed over vehicles, s.
+        left: (T, S) number of vehicles that left the segment downstream or by its ramp.
     """
 
     speed_mps: FloatArray
@@ -52,12 +52,12 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class SpeedDay:
-    """A stretch of a day, T minutes.
+    """Measurements of T minutes of a day.
 
     Attributes:
-        minute: (T,) since midnight.
-        truth: All vehicles.
-        probes: Those whose speed is reported.
+        minute: (T,) minutes since midnight.
+        truth: Measurements of all vehicles.
+        probes: Measurements of the probes, the vehicles whose speed is reported.
     """
 
     minute: FloatArray
@@ -66,12 +66,12 @@ class SpeedDay:
 
 
 def drive_day(scenario: FreewayScenario, scale: Scale, progress: Progress = lambda _share: None) -> SpeedDay:
-    """Drives a scenario and measures it.
+    """Simulates a scenario and measures it.
 
     Args:
-        scenario: What to drive.
+        scenario: Scenario to simulate.
         scale: `meso` for queues, in a process of its own; `micro` for single vehicles, in this one.
-        progress: Told the share that is done, 0 to 1.
+        progress: Function that receives the share done, 0 to 1.
 
     Raises:
         SimulationError: SUMO failed, or another simulation of this process is open (`micro`).

@@ -16,21 +16,21 @@ from dohyo.sumo_networks.freeway.scenario import WEEKEND, Day, FreewayScenario, 
 
 SLICE_S = 60.0
 APPROACH_MPS = 28.0
-"""How fast a car comes to where it breaks down."""
+"""Assumed speed of a car on its way to the place of its breakdown, m/s."""
 
 NIGHT = 0.10
-"""The least demand, as a share of the peak's."""
+"""Smallest demand, as a share of the peak's."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bell:
-    """A part of the day's demand that comes and goes.
+    """A bell-shaped part of the day's demand.
 
     Attributes:
-        height: Share of an ordinary morning's peak.
-        centre_h: When it is highest, hours since midnight.
-        rise_h: How slowly it comes, one standard deviation.
-        fall_h: How slowly it goes.
+        height: Height as a share of an ordinary morning's peak.
+        centre_h: Time of the maximum, hours since midnight.
+        rise_h: Standard deviation before the maximum, hours.
+        fall_h: Standard deviation after the maximum, hours.
     """
 
     height: float
@@ -39,7 +39,7 @@ class Bell:
     fall_h: float
 
     def at(self, hour: FloatArray) -> FloatArray:
-        """Its part of the demand at hours of the day."""
+        """Demand of this part at hours of the day."""
         width = np.where(hour < self.centre_h, self.rise_h, self.fall_h)
         return np.asarray(self.height * np.exp(-0.5 * ((hour - self.centre_h) / width) ** 2))
 
@@ -51,14 +51,14 @@ WEEKEND_DAY = (Bell(0.52, 13.5, 4.2, 4.0), Bell(0.12, 18.0, 2.5, 3.0))
 
 @dataclass(frozen=True, eq=False)
 class Demand:
-    """V vehicles in the order of their departure.
+    """Journeys of V vehicles in the order of their departure.
 
     Attributes:
-        time_s: (V,) since midnight.
+        time_s: (V,) time of departure, s since midnight.
         entry: (V,) 0 the approach, k the k-th on-ramp.
         exit: (V,) 0 the departure, k the k-th off-ramp.
         kind: (V,) row in `KINDS`.
-        probe: (V,).
+        probe: (V,) whether the vehicle reports its speed.
     """
 
     time_s: FloatArray
@@ -69,7 +69,7 @@ class Demand:
 
 
 def share_of_peak(day: Day, time_s: FloatArray) -> FloatArray:
-    """Demand at times of a day as a share of an ordinary morning's peak, before the day's own factor."""
+    """Demand at times of a day as a share of an ordinary morning's peak, without the day's own factor."""
     hour = np.asarray(time_s) / 3600
     if day.weekday in WEEKEND:
         return NIGHT + sum((bell.at(hour) for bell in WEEKEND_DAY), np.zeros_like(hour))
@@ -83,7 +83,7 @@ def share_of_peak(day: Day, time_s: FloatArray) -> FloatArray:
 
 
 def draw_demand(road: FreewayRoad, scenario: FreewayScenario) -> Demand:
-    """The scenario's vehicles; those of one seed come at the same times for every penetration and share of probes."""
+    """Draws the scenario's vehicles; departure times do not depend on the penetration and the share of probes."""
     times, ways, trucks, links, probes = (
         np.random.default_rng(child) for child in np.random.SeedSequence(scenario.seed).spawn(6)[:5]
     )
@@ -107,7 +107,7 @@ def draw_demand(road: FreewayRoad, scenario: FreewayScenario) -> Demand:
 
 
 def _exits(road: FreewayRoad, entry: IntArray, rng: np.random.Generator) -> IntArray:
-    """Each vehicle passes the off-ramps that lie ahead of its entry one by one, and takes each with its share."""
+    """Draws the exits: a vehicle takes each off-ramp after its entry with the probability of the ramp's share."""
     taken = np.zeros(len(entry), dtype=np.int64)
     for place, ramp in enumerate(road.mainline.off_ramps.values(), start=1):
         leaves = (rng.random(len(entry)) < ramp.share) & (taken == 0) & _ahead(road)[entry, place - 1]
@@ -123,10 +123,10 @@ def _ahead(road: FreewayRoad) -> BoolArray:
 def write_routes(
     road: FreewayRoad, scenario: FreewayScenario, demand: Demand, path: Path, jam_factor: float = 1.0
 ) -> None:
-    """Writes SUMO's route file: types, ways, and one vehicle `v0`, `v1`, ... per row of the demand.
+    """Writes SUMO's route file: types, routes, and one vehicle `v0`, `v1`, ... per row of the demand.
 
     Raises:
-        InvalidInputError: An incident lies beyond the segments, or on a lane that is not there.
+        InvalidInputError: An incident lies beyond the segments, or on a lane that does not exist.
     """
     ways = sorted({*zip(demand.entry.tolist(), demand.exit.tolist(), strict=True)})
     with path.open("w", encoding="utf-8") as file:
@@ -154,7 +154,7 @@ def _vehicles(demand: Demand) -> Iterator[tuple[float, str]]:
 
 @dataclass(frozen=True, slots=True)
 class _Wreck:
-    """A car that comes in time to break down where an incident is to be."""
+    """A car that departs in time to break down at the place of an incident."""
 
     departs_s: float
     line: str
@@ -172,10 +172,10 @@ class _Wreck:
 
 
 def lane_at(road: FreewayRoad, incident: Incident) -> tuple[str, float]:
-    """SUMO lane an incident blocks, and how far along it, m.
+    """SUMO id of the lane that an incident blocks, and the position along the lane, m.
 
     Raises:
-        InvalidInputError: It lies beyond the segments, or on a lane that is not there.
+        InvalidInputError: The incident lies beyond the segments, or on a lane that does not exist.
     """
     if not road.bounds_m[0] <= incident.position_m < road.bounds_m[-1]:
         raise InvalidInputError(

@@ -1,4 +1,4 @@
-"""Drivers: imperfect people in cars and trucks, as SUMO's vehicle types."""
+"""Drivers: imperfect drivers of cars and trucks, as SUMO's vehicle types."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from types import MappingProxyType
 
 CAR, CONNECTED, TRUCK = "car", "connected", "truck"
 KINDS = (CAR, CONNECTED, TRUCK)
-"""What a vehicle is; a connected one is a car that may be commanded, and drives like any other until it is."""
+"""Kinds of vehicles; a connected car accepts commands, and drives like any other car without one."""
 PROBE = "_probe"
-"""Ends the type of a vehicle that reports its speed to the segment measurements."""
+"""Suffix of the type of a vehicle that reports its speed to the segment measurements."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,13 +21,13 @@ class Driver:
         model: SUMO's car-following model and its own parameters.
         v_class: SUMO's vehicle class.
         emission: SUMO's emission class.
-        length_m: Of the vehicle.
-        width_m: Of the vehicle.
-        max_speed_mps: Of the vehicle.
-        accel_mps2: Usual strongest acceleration.
-        decel_mps2: Comfortable deceleration.
-        tau_s: Time gap.
-        min_gap_m: Standing gap.
+        length_m: Length of the vehicle, m.
+        width_m: Width of the vehicle, m.
+        max_speed_mps: Highest speed of the vehicle, m/s.
+        accel_mps2: Strongest usual acceleration, m/s^2.
+        decel_mps2: Comfortable deceleration, m/s^2.
+        tau_s: Time gap, s.
+        min_gap_m: Standing gap, m.
         speed_factor: SUMO's distribution of desired speed over the limit.
     """
 
@@ -45,7 +45,7 @@ class Driver:
 
 
 _HUMAN = 'carFollowModel="EIDM" actionStepLength="1" taccmax="1.0"'
-"""SUMO's extended intelligent driver model: people see gaps and speeds wrongly, and decide once per second."""
+"""SUMO's extended intelligent driver model: drivers misjudge gaps and speeds, and decide once per second."""
 
 DRIVERS = MappingProxyType(
     {
@@ -80,11 +80,11 @@ DRIVERS = MappingProxyType(
 
 
 def vehicle_types(tau_factor: float, jam_factor: float = 1.0) -> Iterator[str]:
-    """SUMO's vType elements of every kind, as probe and not.
+    """SUMO's vType elements of every kind, with and without probe.
 
     Args:
-        tau_factor: On every time gap.
-        jam_factor: On every standing gap.
+        tau_factor: Factor on every time gap.
+        jam_factor: Factor on every standing gap.
     """
     for kind in KINDS:
         driver = DRIVERS[TRUCK if kind == TRUCK else CAR]

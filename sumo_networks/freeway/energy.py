@@ -1,4 +1,4 @@
-"""The CIRCLES energy model of a mid-size SUV on a flat road: fuel from speed and acceleration."""
+"""CIRCLES energy model of a mid-size SUV on a flat road: fuel rate from speed and acceleration."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dohyo.sumo_networks.arrays import FloatArray
 
 @njit(cache=True)
 def fuel_rate(v: float, a: float) -> float:
-    """Fuel of a mid-size SUV on a flat road, g/s; v in m/s, a in m/s^2. Source: CIRCLES energy models."""
+    """Fuel rate of a mid-size SUV on a flat road, g/s; v in m/s, a in m/s^2. Source: CIRCLES energy models."""
     if v > 9.16 and a <= -0.26854 - 0.0015267 * v - 0.00032843 * v * v:
         return 0.0
     positive = max(a, 0.0)
@@ -23,6 +23,6 @@ def _fuel_rates(v, a):  # type: ignore[no-untyped-def]
 
 
 def fuel_rates(speed: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """The same for arrays, g/s."""
+    """`fuel_rate` for arrays, g/s."""
     rates: FloatArray = _fuel_rates(speed, acceleration)
     return rates

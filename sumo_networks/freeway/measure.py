@@ -1,4 +1,4 @@
-"""Measurements as in the field: segment speeds from a few probes, with gaps and late; pings; and space-time maps."""
+"""Measurements as in the field: late segment speeds from a few probes, with gaps; pings; and space-time maps."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from dohyo.sumo_networks.freeway.world import NO_LANE, FreewayWorld
 MINUTE_S: Final = 60.0
 PING_S: Final = 1.0
 LAG_MINUTES: Final = 3
-"""The longest time between a minute's end and its report."""
+"""Longest time between a minute's end and its report, minutes."""
 LEAST_SECONDS: Final = 5.0
-"""Probes must have spent this long in a segment, all together, or the minute has no speed."""
+"""Least total time of probes in a segment, s; with less, the minute has no speed."""
 NOISE_MPS: Final = 0.3
-"""Standard deviation of a reported speed around the probes' mean."""
+"""Standard deviation of a reported speed around the probes' mean, m/s."""
 OUTAGES_PER_DAY: Final = 0.6
-"""Of one segment; they last 12 minutes on average."""
+"""Mean number of outages of one segment per day; they last 12 minutes on average."""
 OUTAGE_MINUTES: Final = 12.0
 FEED_OUTAGES_PER_DAY: Final = 0.15
-"""Of all segments at once."""
+"""Mean number of outages of all segments at once per day."""
 
 
 def reported_speeds(speed_mps: FloatArray, seconds: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """(T, S) what the feed reports of the probes' mean speeds: with noise, and with gaps as NaN.
+    """(T, S) reported speeds from the probes' mean speeds, with noise, and with gaps as NaN.
 
-    A minute has no speed where too few probes were, and during outages of one segment or of the whole feed.
+    A minute has no speed if a segment has too few probes, and during outages of one segment or of the whole feed.
 
     Args:
-        speed_mps: (T, S) mean speed of the probes by minute and segment, NaN where none was.
-        seconds: (T, S) time the probes spent there, summed over vehicles.
-        rng: Decides noise and outages.
+        speed_mps: (T, S) mean speed of the probes by minute and segment, NaN without a probe.
+        seconds: (T, S) time of the probes in the segment, summed over vehicles, s.
+        rng: Generator of noise and outages.
     """
     minutes, segments = speed_mps.shape
     noisy = np.maximum(speed_mps + rng.normal(0.0, NOISE_MPS, speed_mps.shape), 0.0)
@@ -57,11 +57,11 @@ def _outages(minutes: int, expected: float, rng: np.random.Generator) -> BoolArr
 
 
 class SegmentFeed:
-    """Segment speeds as they arrive while a simulation runs: one row per minute, and each some minutes late.
+    """Segment speeds during a simulation: one row per minute, each with a delay of some minutes.
 
     Attributes:
-        road: Whose segments.
-        lag_minutes: Between a minute's end and its report.
+        road: Freeway with the segments.
+        lag_minutes: Time between a minute's end and its report, minutes.
     """
 
     def __init__(self, road: FreewayRoad, seed: int, lag_minutes: int = LAG_MINUTES) -> None:
@@ -74,7 +74,7 @@ class SegmentFeed:
         self._rows: list[tuple[int, FloatArray]] = []
 
     def observe(self, world: FreewayWorld) -> None:
-        """Takes in one world; call it every tick, or at least every few seconds."""
+        """Adds one world; call it every tick, or at least every few seconds."""
         minute = int(world.time_s // MINUTE_S)
         if self._minute is not None and minute != self._minute:
             self._close_minute(self._minute)
@@ -85,10 +85,10 @@ class SegmentFeed:
         np.add.at(self._seconds, world.segment[seen], passed)
 
     def reported(self, time_s: float) -> tuple[IntArray, FloatArray]:
-        """What has arrived until a time of day.
+        """Speeds that have arrived until a time of day.
 
         Returns:
-            (M,) minutes since midnight, ascending; and (M, S) their speeds, m/s, NaN where there is none.
+            (M,) minutes since midnight, ascending; and (M, S) their speeds, m/s, NaN for gaps.
         """
         known = [(minute, row) for minute, row in self._rows if (minute + 1 + self.lag_minutes) * MINUTE_S <= time_s]
         speeds = np.array([row for _, row in known]).reshape(len(known), self.road.segments)
@@ -103,14 +103,14 @@ class SegmentFeed:
 
 @dataclass(frozen=True, eq=False)
 class Pings:
-    """States that connected vehicles sent: K pings in the order in which they came.
+    """States that connected vehicles sent: K pings in the order of arrival.
 
     Attributes:
-        time_s: (K,) time of day.
+        time_s: (K,) time of day, s.
         name: (K,) SUMO id of the vehicle.
-        position_m: (K,) along the mainline.
-        lane: (K,) from the left.
-        speed_mps: (K,).
+        position_m: (K,) position along the mainline, m.
+        lane: (K,) lane, counted from the left.
+        speed_mps: (K,) speed, m/s.
     """
 
     time_s: FloatArray
@@ -121,7 +121,7 @@ class Pings:
 
 
 class PingLog:
-    """The pings of the last seconds: every connected vehicle on the mainline sends its state once per second."""
+    """Pings of the last seconds: every connected vehicle on the mainline sends its state once per second."""
 
     def __init__(self, keep_s: float = MINUTE_S) -> None:
         self._keep_s = keep_s
@@ -129,7 +129,7 @@ class PingLog:
         self._kept: deque[Pings] = deque()
 
     def observe(self, world: FreewayWorld) -> None:
-        """Takes in one world; call it every tick."""
+        """Adds one world; call it every tick."""
         if world.time_s < self._next_s:
             return
         self._next_s = world.time_s + PING_S
@@ -141,7 +141,7 @@ class PingLog:
             self._kept.popleft()
 
     def pings(self) -> Pings:
-        """All that are kept, oldest first."""
+        """All pings kept, oldest first."""
         if not self._kept:
             none = np.empty(0)
             return Pings(none, np.empty(0, np.str_), none, np.empty(0, np.int64), none)
@@ -153,8 +153,8 @@ class SpaceTimeMap:
     """Mean speeds on a grid of time and space, over all vehicles of the mainline.
 
     Attributes:
-        cell_s: Height of a cell in time.
-        cell_m: Its length along the mainline, from the first segment's start.
+        cell_s: Duration of a cell, s.
+        cell_m: Length of a cell along the mainline, m; cells begin at the first segment's start.
     """
 
     def __init__(self, road: FreewayRoad, start_s: float, duration_s: float, cell_s: float, cell_m: float) -> None:
@@ -164,7 +164,7 @@ class SpaceTimeMap:
         self._speed, self._count = np.zeros((2, *shape))
 
     def observe(self, world: FreewayWorld) -> None:
-        """Takes in one world; worlds outside the grid's time are left out."""
+        """Adds one world; worlds outside the grid's time are ignored."""
         row = math.floor((world.time_s - self._start_s) / self.cell_s)
         if not 0 <= row < len(self._count):
             return
@@ -174,25 +174,25 @@ class SpaceTimeMap:
         np.add.at(self._count[row], column, 1.0)
 
     def speed_mps(self) -> FloatArray:
-        """(time, space) mean speed, NaN where no vehicle was."""
+        """(time, space) mean speed, m/s; NaN without a vehicle."""
         some = self._count > 0
         return np.asarray(np.divide(self._speed, self._count, out=np.full_like(self._speed, np.nan), where=some))
 
 
 def wave_speed(speed_mps: FloatArray, cell_s: float, cell_m: float, apart_m: float = 1000.0) -> float:
-    """How fast stop-and-go waves travel, m/s along the mainline: negative upstream.
+    """Speed of stop-and-go waves along the mainline, m/s; negative upstream.
 
-    The delay at which the speeds of two places resemble each other most, over all pairs of places `apart_m` apart;
-    slow variations, which do not travel, are taken off first.
+    The speed follows from the delay with the highest correlation between two places, over all pairs of places
+    `apart_m` apart; slow variations, which do not travel, are subtracted first.
 
     Args:
         speed_mps: (time, space) of a congested part of a map; NaNs count as the place's mean.
-        cell_s: Height of a cell in time.
-        cell_m: Length of a cell.
-        apart_m: Distance between the two places.
+        cell_s: Duration of a cell, s.
+        cell_m: Length of a cell, m.
+        apart_m: Distance between the two places, m.
 
     Returns:
-        The speed; NaN where nothing resembles (a correlation below 0.2).
+        The speed, m/s; NaN if all correlations are below 0.2.
     """
     filled = np.where(np.isnan(speed_mps), np.nanmean(speed_mps, axis=0), speed_mps)
     width = max(3, round(600 / cell_s))

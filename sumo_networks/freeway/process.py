@@ -1,4 +1,4 @@
-"""SUMO on a freeway: its options, for single vehicles (micro) and for queues (meso), and its exclusive use."""
+"""SUMO on a freeway: its start, and its options for single vehicles (micro) and for queues (meso)."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ def start_sumo(net: Path, files: Iterable[Path], begin_s: float, seed: int, opti
     """Starts SUMO in this process.
 
     Args:
-        net: The SUMO net.
+        net: Path of the SUMO net.
         files: The route file, then additional files.
         begin_s: Time of day, s since midnight.
-        seed: Of SUMO's own random numbers.
+        seed: Seed of SUMO's own random numbers.
         options: `MICRO` or `MESO`.
 
     Raises:
@@ -44,7 +44,7 @@ def start_sumo(net: Path, files: Iterable[Path], begin_s: float, seed: int, opti
     try:
         libsumo.start([*command, *options, *_QUIET])
     except libsumo.TraCIException as error:
-        libsumo.close()  # what it could not load it keeps open
+        libsumo.close()  # SUMO stays open after a failed load
         raise SimulationError(
             f"SUMO could not load the freeway from '{net}': {' '.join(str(error).split())}"
         ) from error

@@ -1,4 +1,4 @@
-"""The freeway as one axis: where each lane of the SUMO net lies along the mainline, and in which segment."""
+"""The freeway as one axis: position along the mainline and segment of each lane of the SUMO net."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ MAINLINE = "mainline.toml"
 
 
 class OnRamp(Config):
-    """A ramp by which vehicles come.
+    """A ramp on which vehicles enter.
 
     Attributes:
-        segment: At whose start it joins.
-        peak_vph: Vehicles per hour at the height of an ordinary morning.
+        segment: Segment at whose start the ramp joins.
+        peak_vph: Vehicles per hour at the peak of an ordinary morning.
     """
 
     segment: int
@@ -32,11 +32,11 @@ class OnRamp(Config):
 
 
 class OffRamp(Config):
-    """A ramp by which vehicles leave.
+    """A ramp on which vehicles leave.
 
     Attributes:
-        segment: At whose end it goes.
-        share: Of the vehicles that pass it, those that take it.
+        segment: Segment at whose end the ramp leaves.
+        share: Share of the vehicles before the ramp that take it.
     """
 
     segment: int
@@ -44,16 +44,16 @@ class OffRamp(Config):
 
 
 class Mainline(Config):
-    """What `catalog/NAME/mainline.toml` says; edges are SUMO's ids, from upstream to downstream.
+    """Content of `catalog/NAME/mainline.toml`; edges are SUMO's ids, from upstream to downstream.
 
     Attributes:
         approach: Edges before the first segment.
-        segments: The edges of each segment.
+        segments: Edges of each segment.
         departure: Edges after the last segment.
-        bottleneck: The segment that carries least.
-        peak_vph: Vehicles per hour that come by the approach at the height of an ordinary morning.
-        on_ramps: By their edges, from upstream to downstream.
-        off_ramps: By their edges, from upstream to downstream.
+        bottleneck: Number of the segment with the least capacity.
+        peak_vph: Vehicles per hour on the approach at the peak of an ordinary morning.
+        on_ramps: On-ramps by edge, from upstream to downstream.
+        off_ramps: Off-ramps by edge, from upstream to downstream.
     """
 
     approach: tuple[str, ...]
@@ -75,8 +75,8 @@ class MainlineLane:
     """One SUMO lane on the mainline's axis.
 
     Attributes:
-        start_m: Position of its start.
-        lane: Counted from the left, 0 the leftmost: so a lane keeps its number where ramps add or take one.
+        start_m: Position of the lane's start, m.
+        lane: Number from the left, 0 the leftmost, so that ramps do not change the numbers of other lanes.
     """
 
     start_m: float
@@ -88,13 +88,13 @@ class FreewayRoad:
     """A freeway, seen along its mainline. Positions are in m from the start of the first segment, downstream positive.
 
     Attributes:
-        network: The net.
-        mainline: Its edges by their part.
-        tracks: Where each SUMO lane of the mainline lies, junctions included; ramps are not in it.
-        bounds_m: (S + 1,) borders of the segments.
-        lanes: (S,) lanes of each segment where it is narrowest.
-        start_m: Position of the approach's start, negative.
-        end_m: Position of the departure's end.
+        network: The road network.
+        mainline: Edges of the mainline by part, and the ramps.
+        tracks: Place of each SUMO lane of the mainline, junctions included and ramps excluded, by lane id.
+        bounds_m: (S + 1,) borders of the segments, m.
+        lanes: (S,) smallest number of lanes of each segment.
+        start_m: Position of the approach's start, m; negative.
+        end_m: Position of the departure's end, m.
     """
 
     network: RoadNetwork
@@ -117,12 +117,12 @@ class FreewayRoad:
 
     @property
     def joins_m(self) -> FloatArray:
-        """Where vehicles come from: the approach's start, then where each on-ramp joins, m."""
+        """Positions of the entries, m: the approach's start, then the junction of each on-ramp."""
         return np.array([self.start_m, *(self.bounds_m[ramp.segment] for ramp in self.mainline.on_ramps.values())])
 
     @property
     def leaves_m(self) -> FloatArray:
-        """Where vehicles go: the departure's end, then where each off-ramp goes, m."""
+        """Positions of the exits, m: the departure's end, then the junction of each off-ramp."""
         return np.array([self.end_m, *(self.bounds_m[ramp.segment + 1] for ramp in self.mainline.off_ramps.values())])
 
     def way(self, entry: int, exit: int) -> tuple[str, ...]:
@@ -146,14 +146,14 @@ class FreewayRoad:
         return (*before, *edges[first:last], *after)
 
     def edge_at(self, position_m: float) -> tuple[str, float]:
-        """The edge of the mainline at a position, and how far along it that is, m."""
+        """Edge of the mainline at a position [m], and the distance along that edge, m."""
         starts = {edge: self.tracks[f"{edge}_0"].start_m for edge in self.mainline.edges}
         edge = max((edge for edge in starts if starts[edge] <= position_m), key=lambda edge: starts[edge])
         return edge, position_m - starts[edge]
 
     @property
     def bottleneck_m(self) -> float:
-        """Position where the bottleneck begins, m."""
+        """Position of the bottleneck's start, m."""
         return float(self.bounds_m[self.mainline.bottleneck])
 
 
@@ -162,7 +162,7 @@ def load_freeway(name: str = "freeway") -> FreewayRoad:
     """A freeway by its catalog name.
 
     Raises:
-        InvalidInputError: Unknown name, a network that is no freeway, or a mainline whose edges do not join.
+        InvalidInputError: The name is unknown, the network is no freeway, or the mainline's edges do not join.
     """
     network = load_network(name)
     path = network_folder(name) / MAINLINE

@@ -1,4 +1,4 @@
-"""FreewayScenario: a stretch of one day on the freeway, with everything that is needed to replay it."""
+"""FreewayScenario: a part of one day on the freeway, with everything needed to replay it."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ class Incident(Config):
     """A vehicle that breaks down and blocks its lane.
 
     Attributes:
-        time_s: When it stops, s since midnight.
-        duration_s: How long the lane stays blocked.
-        position_m: Where, from the start of the first segment.
-        lane: Which, from the left, 0 the leftmost.
+        time_s: Time of the breakdown, s since midnight.
+        duration_s: Time for which the lane is blocked, s.
+        position_m: Position from the start of the first segment, m.
+        lane: Number of the lane from the left, 0 the leftmost.
     """
 
     time_s: Annotated[float, Field(ge=0)]
@@ -32,16 +32,16 @@ class Incident(Config):
 
 
 class Day(Config):
-    """What makes one day different from the next.
+    """Properties in which days differ.
 
     Attributes:
         weekday: 0 Monday to 6 Sunday.
         demand: Factor on all flows.
-        peak_shift_s: How much later than usual the morning peak comes.
-        peak_width: Factor on how long it lasts.
-        trucks: Share of trucks.
+        peak_shift_s: Delay of the morning peak, s.
+        peak_width: Factor on the duration of the peak.
+        trucks: Share of trucks among the vehicles.
         tau_factor: Factor on every driver's time gap: above 1 on a wet or dark morning.
-        incidents: Breakdowns.
+        incidents: Breakdowns of the day.
     """
 
     weekday: Annotated[int, Field(ge=0, le=6)] = 1
@@ -54,18 +54,18 @@ class Day(Config):
 
 
 class FreewayScenario(Config):
-    """A stretch of one day.
+    """A part of one day on the freeway.
 
     Attributes:
-        network: A freeway of the catalog.
-        seed: Decides departures, driver types, and the errors of SUMO's drivers.
-        day: What kind of day it is.
+        network: Catalog name of a freeway.
+        seed: Seed of departures, driver types, and the errors of SUMO's drivers.
+        day: Properties of the day.
         start_s: Time of day at which the reported time begins, s since midnight.
-        duration_s: How long the demand lasts from then on.
-        warm_up_s: Simulated before, so that the road is full at the start.
-        penetration: Share of the cars that are connected. It decides nothing else: the same seed gives the same
-            vehicles at the same times, whatever the penetration.
-        probes: Share of the vehicles whose speed the segment measurements are made of.
+        duration_s: Duration of the demand from `start_s` on, s.
+        warm_up_s: Time simulated before the start, so that the road is full then, s.
+        penetration: Share of the cars that are connected. It changes nothing else: the same seed gives the same
+            vehicles at the same times for every penetration.
+        probes: Share of the vehicles whose speeds enter the segment measurements.
     """
 
     network: str = "freeway"
@@ -85,12 +85,12 @@ class FreewayScenario(Config):
 
 
 def draw_day(weekday: int, seed: np.random.SeedSequence, road: FreewayRoad) -> Day:
-    """A random day: its demand, its peak, its weather, and its incidents.
+    """Draws a random day: its demand, peak, weather and incidents.
 
     Args:
         weekday: 0 Monday to 6 Sunday.
-        seed: Decides everything.
-        road: Where the incidents happen.
+        seed: Seed of the day.
+        road: Freeway of the incidents.
     """
     rng = np.random.default_rng(seed)
     habit = (1.0, 1.02, 1.02, 1.01, 0.95, 1.0, 1.0)[weekday]
@@ -107,7 +107,7 @@ def draw_day(weekday: int, seed: np.random.SeedSequence, road: FreewayRoad) -> D
 
 
 def _incident(rng: np.random.Generator, road: FreewayRoad) -> Incident:
-    """Mostly by day, for 10 to 40 minutes, on one of the outer lanes."""
+    """Draws an incident: mostly by day, for 10 to 40 minutes, on one of the outer lanes."""
     time_s, duration_s = rng.triangular(5.0, 9.0, 20.0) * 3600, rng.uniform(600, 2400)
     position_m = float(rng.uniform(0.1, 0.95) * road.bounds_m[-1])
     segment = int(np.searchsorted(road.bounds_m, position_m, side="right")) - 1

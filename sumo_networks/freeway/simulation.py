@@ -1,7 +1,7 @@
 """FreewaySimulation: one scenario of the freeway, tick by tick; connected vehicles may be commanded.
 
-What is commanded is a wish: SUMO's car-following model keeps every vehicle from following closer or braking later than
-its driver would, whatever the command.
+Commands are limited by SUMO's car-following model: a commanded vehicle never follows more closely or brakes later than
+its driver would.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ NOTHING: Final[Mapping[str, float]] = MappingProxyType({})
 HUMAN: Final = -1.0
 """SUMO's value for a vehicle whose speed is not commanded."""
 SAFE: Final = 0b11011
-"""SUMO's speed mode of a commanded vehicle: every check but that of its deceleration, which would keep it from braking
-harder than is comfortable where its driver must."""
+"""SUMO's speed mode of a commanded vehicle: all checks but the one of deceleration, which would prevent braking harder
+than comfortable in an emergency."""
 WISH_BRAKES_MPS2: Final = 3.0
-"""No wish is braked for harder than this; what the leader asks for is."""
+"""Hardest braking for a command, m/s^2; for a leader the vehicle may brake harder."""
 _RAMP: Final = MainlineLane(math.nan, NO_LANE)
 
 
@@ -41,10 +41,10 @@ class FreewaySimulation:
     """One scenario of the freeway in SUMO. There can be one simulation per process, since libsumo is global.
 
     Attributes:
-        scenario: What is simulated.
+        scenario: Simulated scenario.
         road: The freeway.
-        world: What is true now; there is none before `start`.
-        reads_fuel: Whether the next tick reads every vehicle's fuel consumption, which takes a sixth of all reading.
+        world: World after the last tick; there is none before `start`.
+        reads_fuel: Whether the next tick reads every vehicle's fuel consumption, a sixth of the time of reading.
     """
 
     _running: ClassVar[FreewaySimulation | None] = None
@@ -53,8 +53,8 @@ class FreewaySimulation:
         """Prepares a scenario.
 
         Args:
-            scenario: What to simulate.
-            fuel: What `reads_fuel` begins with.
+            scenario: Scenario to simulate.
+            fuel: Initial value of `reads_fuel`.
         """
         self.scenario = scenario
         self.road: FreewayRoad = load_freeway(scenario.network)
@@ -62,10 +62,10 @@ class FreewaySimulation:
         self.reads_fuel = fuel
 
     def start(self) -> FreewayWorld:
-        """Starts SUMO, lets the warm-up pass, and reads the world at the scenario's start.
+        """Starts SUMO, simulates the warm-up, and reads the world at the scenario's start.
 
         Raises:
-            InvalidInputError: An incident of the day does not lie on the road.
+            InvalidInputError: An incident of the day lies off the road.
             SimulationError: SUMO failed, or another simulation of this process is open.
         """
         self.close()
@@ -86,14 +86,14 @@ class FreewaySimulation:
         """Advances the world by `TICK_S`.
 
         Args:
-            speeds: Speed each connected vehicle is to drive, m/s. It takes the vehicle there as its acceleration and
-                its leader allow.
-            accelerations: Acceleration each connected vehicle is to have for this tick, m/s^2; by the same limits.
-                Who is in neither drives as a human.
+            speeds: Target speeds of connected vehicles by name, m/s; a vehicle reaches its target as its acceleration
+                and its leader allow.
+            accelerations: Accelerations of connected vehicles in this tick by name, m/s^2, within the same limits.
+                A vehicle without a command drives like a human.
 
         Raises:
-            InvalidInputError: A vehicle that is not on the road, not connected or commanded twice; or a speed that is
-                negative or not finite.
+            InvalidInputError: A vehicle is not on the road, not connected or commanded twice; or a speed is negative or
+                not finite.
             SimulationError: SUMO failed, or `start` was not called.
         """
         if FreewaySimulation._running is not self:

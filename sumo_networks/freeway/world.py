@@ -1,4 +1,4 @@
-"""FreewayWorld: what is true on the freeway after a tick, as arrays with one row per vehicle."""
+"""FreewayWorld: the state of the freeway after a tick, as arrays with one row per vehicle."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ NO_LANE = -1
 
 @dataclass(frozen=True, eq=False)
 class FreewayWorld:
-    """All N vehicles on the road, in the order in which they came. Arrays belong to this world alone.
+    """All N vehicles on the road, in the order of their entry. No other world shares the arrays.
 
     Attributes:
-        road: Where they drive.
+        road: The freeway.
         time_s: Time of day, s since midnight.
-        names: Of the vehicles; a name never comes back.
-        position_m: (N,) centre, along the mainline from the start of the first segment (negative on the approach); NaN
-            on ramps.
-        lane: (N,) from the left, 0 the leftmost, so that numbers go on where ramps add or take a lane; -1 on ramps.
-        speed_mps: (N,).
-        acceleration_mps2: (N,).
-        length_m: (N,).
-        connected: (N,) whether it may be commanded.
-        probe: (N,) whose speed the segment measurements are made of.
+        names: Names of the vehicles; a name is never used again.
+        position_m: (N,) position of the centre along the mainline from the start of the first segment, m (negative on
+            the approach); NaN on ramps.
+        lane: (N,) lane from the left, 0 the leftmost, so that ramps do not change other lanes' numbers; -1 on ramps.
+        speed_mps: (N,) speed, m/s.
+        acceleration_mps2: (N,) acceleration, m/s^2.
+        length_m: (N,) length of the vehicle, m.
+        connected: (N,) whether the vehicle accepts commands.
+        probe: (N,) whether the vehicle's speed enters the segment measurements.
         vtype: (N,) row in `drivers.KINDS`.
-        fuel_mg_s: (N,) by SUMO's emission model; NaN where the simulation does not read it.
-        departed: How many vehicles came since the simulation's start, warm-up included.
-        arrived: Names of those that left the road in this tick.
-        waiting: How many could not enter yet, because the road is full.
+        fuel_mg_s: (N,) fuel rate of SUMO's emission model, mg/s; NaN if the simulation does not read it.
+        departed: Number of vehicles that have entered since the simulation's start, warm-up included.
+        arrived: Names of vehicles that left the road in this tick.
+        waiting: Number of vehicles that cannot enter yet, because the road is full.
     """
 
     road: FreewayRoad
@@ -54,7 +54,7 @@ class FreewayWorld:
 
     @cached_property
     def leader(self) -> IntArray:
-        """(N,) row of the next vehicle ahead in the same lane of the mainline; -1 if there is none, or on a ramp."""
+        """(N,) row of the next vehicle ahead in the same lane of the mainline; -1 if there is none and on ramps."""
         order = np.lexsort((self.position_m, self.lane))
         order = order[self.lane[order] != NO_LANE]
         ahead = np.full(len(self.names), -1, dtype=np.int64)
@@ -64,18 +64,18 @@ class FreewayWorld:
 
     @cached_property
     def gap_m(self) -> FloatArray:
-        """(N,) from the front bumper to the leader's rear one; infinite without a leader, NaN on ramps."""
+        """(N,) gap from the front bumper to the leader's rear bumper, m; infinite without a leader, NaN on ramps."""
         ahead, here = self.leader, np.arange(len(self.names))
         gap = self.position_m[ahead] - self.position_m[here] - (self.length_m[ahead] + self.length_m[here]) / 2
         return np.where(self.lane == NO_LANE, np.nan, np.where(ahead < 0, np.inf, gap))
 
     @cached_property
     def leader_speed_mps(self) -> FloatArray:
-        """(N,) NaN without a leader."""
+        """(N,) speed of the leader, m/s; NaN without a leader."""
         return np.where(self.leader < 0, np.nan, self.speed_mps[self.leader])
 
     @cached_property
     def segment(self) -> IntArray:
-        """(N,) segment each is in, -1 on ramps, on the approach and beyond the last segment."""
+        """(N,) segment of each vehicle; -1 on ramps, on the approach and beyond the last segment."""
         inside = np.searchsorted(self.road.bounds_m, self.position_m, side="right") - 1
         return np.where((inside >= 0) & (inside < self.road.segments), inside, -1).astype(np.int64)
