@@ -44,7 +44,7 @@ def read_shard(path: Path, kind: str, version: int, names: set[str]) -> Arrays:
     except FileNotFoundError as error:
         raise InvalidInputError(f"no {kind} shard '{path}'") from error
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
-        raise InvalidInputError(f"{kind} shard '{path}' is damaged: {error}; record it anew") from error
+        raise InvalidInputError(f"{kind} shard '{path}' is damaged: {error}; record it again") from error
     found = arrays.pop("schema", None)
     if found is None or found.shape != () or int(found) != version:
         raise InvalidInputError(f"{kind} shard '{path}': expected schema {version}, got {found}")
@@ -91,4 +91,4 @@ def claim_folder(out: Path, document: Mapping[str, Any]) -> None:
     except ValueError as error:
         raise InvalidInputError(f"'{path}' is damaged: {error}") from error
     if there != document:
-        raise InvalidInputError(f"'{out}' holds a dataset made otherwise: {there}, not {document}")
+        raise InvalidInputError(f"'{out}': expected a dataset made with {document}, got {there}")

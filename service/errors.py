@@ -130,7 +130,7 @@ def as_service_error(error: Exception) -> DohyoError | None:
     if isinstance(error, PoolTimeoutError):
         return BusyError("the database is busy")
     if isinstance(error, IntegrityError):
-        return ConflictError("it contradicts what is stored; somebody else was faster")
+        return ConflictError("it conflicts with stored data, perhaps of a simultaneous request")
     if isinstance(error, DataError):
         return InvalidInputError("the request holds a value that cannot be stored, such as a NUL character")
     if not isinstance(error, DBAPIError):

@@ -29,7 +29,7 @@ class ComparisonView(View):
 class RowView(View):
     """A place on the leaderboard."""
 
-    rank: Annotated[int, Field(description="Shared by all that cannot be told apart from the best of them.")]
+    rank: Annotated[int, Field(description="Shared by entries that do not differ significantly from its best.")]
     agent: str
     version: int
     submission: str

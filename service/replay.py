@@ -115,7 +115,7 @@ def _ego(ego: EgoRecord, index: int, route: FloatArray, trajectory: Trajectory, 
 
 
 def _appearances(trajectory: Trajectory) -> Iterator[dict[str, Any]]:
-    """Sorted by key, then time; whoever leaves the world and comes back has several."""
+    """Sorted by key, then time; an actor that leaves the world and returns has several."""
     order = np.lexsort((trajectory.tick, trajectory.key))
     tick, key = trajectory.tick[order], trajectory.key[order]
     new = (np.diff(key) != 0) | (np.diff(tick) != 1)

@@ -161,7 +161,7 @@ def read_file(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
     except (OSError, SafetensorError) as error:
         raise InvalidInputError(f"forecaster '{path}' is damaged: {error}") from error
     if "forecaster" not in facts:
-        raise InvalidInputError(f"'{path}' is no forecaster: its file does not say of which kind")
+        raise InvalidInputError(f"'{path}': expected the file of a forecaster with its kind, got none")
     return facts, tensors
 
 

@@ -47,7 +47,7 @@ def stages(measured: Float32Array, free_mps: float) -> dict[str, int]:
     slow = np.convolve((measured < JAM_SHARE * free_mps).mean(axis=1), np.ones(5) / 5, mode="same")
     worst = int(slow.argmax())
     if slow[worst] == 0.0:
-        raise InvalidInputError("expected a congested day, nowhere is a speed below half the free one")
+        raise InvalidInputError("expected a congested day, got no speed below half the free speed")
     before, after = slow[: worst + 1], slow[worst:]
     onset = int(np.flatnonzero(before <= 0.25 * slow[worst])[-1]) if (before <= 0.25 * slow[worst]).any() else 0
     gone = np.flatnonzero(after <= 0.5 * slow[worst])

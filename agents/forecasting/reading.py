@@ -203,7 +203,7 @@ def _clock(path: Path, column: pl.Series | None, rows: int, step_s: float | None
         raise InvalidInputError(f"'{path}': expected times that increase, row {int(steps.argmin()) + 2} does not")
     usual = float(np.median(steps)) if len(steps) else 60.0
     if step_s is not None and abs(usual - step_s) > 1e-3 * step_s:
-        raise InvalidInputError(f"'{path}': expected a row every {step_s:g} s, its times are {usual:g} s apart")
+        raise InvalidInputError(f"'{path}': expected a row every {step_s:g} s, got times {usual:g} s apart")
     return np.asarray(time_s, dtype=np.float64), usual
 
 
@@ -220,7 +220,7 @@ def _stretches(path: Path, time_s: FloatArray, step_s: float, speeds: Float32Arr
     off = np.abs((time_s - time_s[0]) / step_s - place)
     if off.max() > 0.25 or (np.diff(place) < 1).any():
         row = int(off.argmax()) + 1 if off.max() > 0.25 else int(np.diff(place).argmin()) + 2
-        raise InvalidInputError(f"'{path}': expected a row every {step_s:g} s, row {row} lies between two")
+        raise InvalidInputError(f"'{path}': expected a row every {step_s:g} s, got row {row} between two")
     day = np.floor_divide(time_s, DAY_S).astype(int)
     hole = np.diff(place) > LONGEST_GAP_ROWS
     starts = np.flatnonzero(np.concatenate([[True], hole | (np.diff(day) > 0)]))

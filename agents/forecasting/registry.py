@@ -60,7 +60,7 @@ def load_forecaster(name: str | Path, exported: bool = False) -> Forecaster:
     path = Path(name)
     if path.suffix not in (".safetensors", ".onnx"):
         if str(name) == Persistence.name:
-            raise InvalidInputError("persistence learns nothing: make_forecaster('persistence', segments)")
+            raise InvalidInputError("'persistence' is not trained: use make_forecaster('persistence', segments)")
         if str(name) not in shipped():
             raise UnknownNameError("trained forecaster", str(name), shipped())
         path = CHECKPOINTS / f"{name}{'.onnx' if exported else '.safetensors'}"

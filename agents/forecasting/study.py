@@ -231,7 +231,7 @@ def study(data: SpeedData, seeds: Sequence[int], out: Path, steps: int, trained_
     if not data.measured_sets:
         for run in runs(seeds):
             own.model(run)
-        raise InvalidInputError(f"'{data.source}': all is trained; expected days in easy/ and hard/ to measure it on")
+        raise InvalidInputError(f"'{data.source}': expected test days in easy/ and hard/, got none")
     arms: dict[str, list[dict[str, Any]]] = {}
     for run in runs(seeds):
         if own.is_trained(run) or not trained_only:

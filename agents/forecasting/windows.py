@@ -57,7 +57,7 @@ def make_windows(
     parts = [part for i, one in enumerate(stretches) if (part := _of_one(one, i, step_s, history, horizon)) is not None]
     if not parts:
         longest = max((len(one.speeds) for one in stretches), default=0)
-        raise InvalidInputError(f"expected {history + horizon} rows in a row with values, the longest has {longest}")
+        raise InvalidInputError(f"expected {history + horizon} consecutive rows with values, got at most {longest}")
     truths = [part.truth for part in parts if part.truth is not None]
     return Windows(
         np.concatenate([part.history for part in parts]),

@@ -68,7 +68,7 @@ class RulesOnly(Agent):
         for action, place in book.actions.items():
             if action not in ORDERS:
                 known = ", ".join(sorted(map(str, ORDERS)))
-                raise RuleError(f"{place}: the control knows no order '{action}' (it knows {known})")
+                raise RuleError(f"{place}: expected an order of {known}, got '{action}'")
         self.solver, self.files = Solver(book), book.files
         self.watch = Watch(CONSTANTS[rss])
         self._vehicle = VehicleParameters()
@@ -144,7 +144,7 @@ class RulesOnly(Agent):
         wish = _towards(speed, min([advised, *paces]), most)
         for key in decision.numbers("follow"):
             if key not in moment.ahead:
-                raise RuleError(f"order 'follow({key})': expected somebody ahead, of {sorted(moment.ahead)}")
+                raise RuleError(f"order 'follow({key})': expected the key of an actor ahead, of {sorted(moment.ahead)}")
             gap, pace = moment.ahead[key]
             wish = min(wish, follow(speed, gap, max(pace, 0.0)))
         for distance in decision.numbers("stop"):

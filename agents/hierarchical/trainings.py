@@ -77,7 +77,7 @@ def jobs_of(
     ]
     if not found:
         theirs = "; ".join(f"{arm} trains {', '.join(ARMS[arm].policies)}" for arm in arms)
-        raise InvalidInputError(f"nothing to train of policies {', '.join(policies)}: {theirs}")
+        raise InvalidInputError(f"expected arms that train a policy of {', '.join(policies)}, got none: {theirs}")
     for job in found:
         config_of(job.runs, job.arm, job.seed, job.policy, job.more)
     return found

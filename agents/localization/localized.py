@@ -58,7 +58,8 @@ class Localized(Agent):
         spec = self.inner.spec
         if not FROM_POSE & set(spec.sensors):
             raise InvalidInputError(
-                f"agent '{spec.name}' asks for localization, but for none of the sensors {', '.join(sorted(FROM_POSE))}"
+                f"agent '{spec.name}' with localization: expected one of the sensors {', '.join(sorted(FROM_POSE))}, "
+                f"got {', '.join(spec.sensors)}"
             )
         if spec.control not in STAND:
             raise UnknownNameError("control that can be held at rest", spec.control, STAND)

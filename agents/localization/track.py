@@ -64,9 +64,10 @@ def follow(localizer: Localizer, times: FloatArray, samples: FloatArray, fixes: 
             covariances.append(localizer.filter.position_covariance)
     spent = time.perf_counter() - began
     if not poses:
+        needed = max(localizer.settings.align_m, 4 * localizer.settings.gnss_sigma_m)
         raise InvalidInputError(
-            "localizer: the vehicle never came far enough from its start to know its heading "
-            f"(expected {max(localizer.settings.align_m, 4 * localizer.settings.gnss_sigma_m):.1f} m, by IMU and GNSS)"
+            f"localizer: expected the vehicle to move {needed:.1f} m from its start by IMU and GNSS, got less: "
+            "its heading is unknown"
         )
     table = np.array(poses, dtype=np.float64)
     return EstimatedTrack(

@@ -158,7 +158,7 @@ def part_of(benchmark: Benchmark, part: Part, per_type: int | None = None) -> Be
     if part == "all" and per_type is None:
         return benchmark
     if not benchmark.excerpts:
-        raise InvalidInputError(f"benchmark '{benchmark.name}' has no excerpts; only such a one has parts ('{part}')")
+        raise InvalidInputError(f"benchmark '{benchmark.name}': expected a benchmark of excerpts for part '{part}'")
     parities = {"all": (0, 1), "look": (1,), "held-out": (0,)}[part]
     types: dict[str, list[str]] = {}
     for cell in benchmark.cells:
@@ -185,7 +185,7 @@ def cells_of(benchmark: Benchmark, prefix: str) -> Benchmark:
     cells = tuple(cell for cell in benchmark.cells if cell.name.startswith(prefix))
     if not cells:
         names = ", ".join(cell.name for cell in benchmark.cells)
-        raise InvalidInputError(f"benchmark '{benchmark.name}': no cell begins with '{prefix}' (there is {names})")
+        raise InvalidInputError(f"benchmark '{benchmark.name}': expected a prefix of {names}, got '{prefix}'")
     missions = {cell.missions: benchmark.missions[cell.missions] for cell in cells}
     fields = {name: getattr(benchmark, name) for name in Benchmark.model_fields}
     return Benchmark(**fields | {"name": f"{benchmark.name}-{prefix}", "cells": cells, "missions": missions})
@@ -285,7 +285,7 @@ def run(
     """
     unknown = sorted(set(arms) - set(ARMS))
     if unknown:
-        raise InvalidInputError(f"no arm named {', '.join(unknown)} (there is {', '.join(ARMS)})")
+        raise InvalidInputError(f"expected arms of {', '.join(ARMS)}, got {', '.join(unknown)}")
     driven = part_of(load_benchmark(benchmark), part, per_type)
     driven = cells_of(driven, cells) if cells else driven
     drives: dict[str, Drives] = {}

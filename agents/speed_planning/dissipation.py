@@ -198,7 +198,7 @@ class Truth:
         """(S,) m/s; NaN on an empty segment."""
         world = self._world
         if world is None:
-            raise InvalidInputError("the truth has observed no world yet")
+            raise InvalidInputError("expected `observe` of a world before `speeds`, got none")
         on = world.segment >= 0
         size = world.road.segments
         count = np.bincount(world.segment[on], minlength=size)

@@ -148,7 +148,7 @@ def in_a_copy(what: str, work: Callable[[], None]) -> None:
             sys.stderr.flush()
             os._exit(status)
     if os.waitpid(copy, 0)[1]:
-        raise SimulationError(f"{what}: the run failed; the process said why")
+        raise SimulationError(f"{what}: the run failed; see the output of its process")
 
 
 def settings_of(morning: Morning, forecaster: str) -> dict[str, Any]:

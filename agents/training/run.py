@@ -126,11 +126,11 @@ class Run:
     def _check(self, resume: bool) -> None:
         stored = stored_config(self.folder, self.trainer)
         if not resume and stored is not None:
-            raise InvalidInputError(f"'{self.folder}' holds a run; go on with --resume, or choose another --out")
+            raise InvalidInputError(f"'{self.folder}' holds a run; continue with --resume, or choose another --out")
         if resume and stored is None:
-            raise InvalidInputError(f"no run in '{self.folder}' to go on with")
+            raise InvalidInputError(f"no run in '{self.folder}' to continue")
         if stored is not None and (changed := differences(read_settings(type(self.config), stored), self.config, FREE)):
-            raise InvalidInputError(f"the run in '{self.folder}' was begun with {'; '.join(changed)}")
+            raise InvalidInputError(f"the run in '{self.folder}' was started with {'; '.join(changed)}")
 
 
 def stored_config(folder: Path, trainer: str) -> Path | None:

@@ -50,7 +50,7 @@ def train(
         with _progress(name) as report:
             trained = trainer.train(resolved, TrainRequest(name, folder, resume, report))
     except RunStoppedError as error:
-        print(f"dohyo: {error}; go on with: dohyo train {name} --resume --out {folder}", file=sys.stderr)
+        print(f"dohyo: {error}; continue with: dohyo train {name} --resume --out {folder}", file=sys.stderr)
         raise typer.Exit(INTERRUPTED) from error
     console.print(f"{name}: {trained.resolve()}", soft_wrap=True)
 

@@ -74,6 +74,7 @@ def traffic(actors: int, rng: np.random.Generator) -> Observation:
 def milliseconds(agent: Agent, actors: int, decisions: int = DECISIONS) -> dict[str, float]:
     """Wall-clock time per decision, and time on the processor, which other processes disturb less."""
     rng, mission = np.random.default_rng(0), Mission(start=Place(lane=""), goal=Place(lane=""))
+    agent.warm_up()
     agent.reset(mission, 0)
     times = []
     for _ in range(decisions + 5):

@@ -97,6 +97,7 @@ def measure() -> dict[str, dict[str, float]]:
     seen = [observation(rng) for _ in range(10)]
     agents: dict[str, Agent] = {"decision_ms": RulesOnly(), "ghrl_ms": Ghrl()}
     for agent in agents.values():
+        agent.warm_up()
         agent.reset(Mission(start=Place(lane=""), goal=Place(lane="")), 0)
     return {
         "solve_ms": _scaled(measured([lambda facts=facts: solver.decide(facts) for facts in moments]), 1e3),

@@ -323,15 +323,15 @@ def _claim(config: TrainConfig, resume: bool) -> dict[str, Any] | None:
     """Checkpoint to continue from; None at the begin."""
     there = sorted(config.out.glob("checkpoint-*.pt")) if config.out.is_dir() else []
     if there and not resume:
-        raise InvalidInputError(f"'{config.out}' holds a training; go on with --resume, or choose another folder")
+        raise InvalidInputError(f"'{config.out}' holds a training; continue with --resume, or choose another folder")
     if resume and not there:
-        raise InvalidInputError(f"no checkpoint in '{config.out}' to go on from")
+        raise InvalidInputError(f"no checkpoint in '{config.out}' to continue")
     config.out.mkdir(parents=True, exist_ok=True)
     state = load_checkpoint(config.out) if resume else None
     if state is not None:
         begun = TrainConfig.model_validate(state["config"])
         if changed := differences(begun, config, FREE):
-            raise InvalidInputError(f"the training in '{config.out}' was begun with {'; '.join(changed)}")
+            raise InvalidInputError(f"the training in '{config.out}' was started with {'; '.join(changed)}")
     return state
 
 

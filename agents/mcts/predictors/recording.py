@@ -117,7 +117,7 @@ def scenario(order: MotionRequest, name: str, number: int) -> Scenario:
     vehicles = min(round(km * rng.uniform(*VEHICLES_PER_KM)), MOST_VEHICLES)
     missions = tuple(_missions(network, order.egos, rng))
     if len(missions) < order.egos:
-        raise InvalidInputError(f"network '{name}' has only {len(missions)} missions of {ROUTES_M} m, not {order.egos}")
+        raise InvalidInputError(f"network '{name}': expected {order.egos} routes of {ROUTES_M} m, got {len(missions)}")
     return Scenario(
         name=f"motion-{name}-{number}",
         network=name,
@@ -230,7 +230,7 @@ def _claim(order: MotionRequest, out: Path) -> None:
     if not order.networks or order.hours <= 0 or order.every_s < TICK_S or order.egos < 1:
         raise InvalidInputError(f"expected networks, hours > 0 and a sample at most every {TICK_S} s, got {order}")
     if order.episode_s < _LAST * TICK_S + order.every_s:
-        raise InvalidInputError(f"expected episodes that outlast the future of 8 s, got {order.episode_s} s")
+        raise InvalidInputError(f"expected episodes longer than the future of 8 s, got {order.episode_s} s")
     for name in order.networks:
         load_network(name)
     document = {

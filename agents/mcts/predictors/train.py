@@ -196,7 +196,7 @@ def train(
     """
     checkpoint = config.out / "checkpoint.safetensors"
     if checkpoint.exists() and not resume:
-        raise InvalidInputError(f"'{checkpoint}' exists; go on with --resume, or choose another folder")
+        raise InvalidInputError(f"'{checkpoint}' exists; continue with --resume, or choose another folder")
     torch.set_num_threads(1)
     torch.manual_seed(config.seed)
     data, validation = load_split(config.data, "train"), load_split(config.data, "validation").to(config.device)
@@ -286,7 +286,7 @@ def load_checkpoint(path: Path, network: MotionNetwork, optimiser: torch.optim.O
             facts = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - no mapping
     except FileNotFoundError as error:
-        raise InvalidInputError(f"no checkpoint '{path}' to go on from") from error
+        raise InvalidInputError(f"no checkpoint '{path}' to continue") from error
     except (OSError, SafetensorError) as error:
         raise InvalidInputError(f"checkpoint '{path}' is damaged: {error}") from error
     if facts.get("config") != _fingerprint(config, int(facts.get("step", 0))):

@@ -74,13 +74,13 @@ def train(
     """
     out = config.out / "value.safetensors"
     if out.exists() and not resume:
-        raise InvalidInputError(f"'{out}' exists; go on with --resume, or choose another folder")
+        raise InvalidInputError(f"'{out}' exists; continue with --resume, or choose another folder")
     torch.set_num_threads(1)
     torch.manual_seed(config.seed)
     records = {split: searched(config, split) for split in ("train", "validation")}
     features, returns = (torch.from_numpy(a).float() for a in (records["train"].features, records["train"].returns))
     if not len(returns):
-        raise InvalidInputError(f"'{config.data}': no state of its scenes was searched often enough to learn from")
+        raise InvalidInputError(f"'{config.data}': expected scenes with states of enough visits, got none")
     mean, scale = features.mean(dim=0), features.std(dim=0).clamp_min(1e-3)
     network = layers()
     optimiser = torch.optim.AdamW(network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)

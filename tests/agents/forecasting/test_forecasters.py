@@ -174,7 +174,11 @@ def test_bad_files_are_one_clear_line(tmp_path: Path, fitted: dict[str, Forecast
     fitted["sa-lstm"].save(tmp_path / "c.safetensors")
     facts = fitted["sa-lstm"].facts() | {"segments": "6"}
     save_file(fitted["sa-lstm"].tensors(), tmp_path / "d.safetensors", facts)
-    cases = {"a.safetensors": "is damaged", "a.onnx": "is no ONNX model", "b.safetensors": "does not say of which kind"}
+    cases = {
+        "a.safetensors": "is damaged",
+        "a.onnx": "is no ONNX model",
+        "b.safetensors": "expected the file of a forecaster",
+    }
     for name, message in (cases | {"d.safetensors": "expected tensor", "no.onnx": "no forecaster"}).items():
         with pytest.raises(InvalidInputError, match=message):
             load_forecaster(tmp_path / name)

@@ -102,9 +102,9 @@ def bad_tables() -> dict[str, tuple[dict[str, object], Format, str]]:
         "infinite": (but("s1", 3, np.inf), in_mps, "'s1' is infinite in row 4"),
         "backwards": ({"time": minutes[::-1], **columns}, in_mps, "expected times that increase, row 2 does not"),
         "uneven": (
-            {"time": np.where(minutes == 50, 49.5, minutes), **columns}, in_mps, "every 60 s, row 51 lies between two"
+            {"time": np.where(minutes == 50, 49.5, minutes), **columns}, in_mps, "every 60 s, got row 51 between two"
         ),
-        "other step": ({"timestamp": every_5, **columns}, Format(step_s=60.0), "every 60 s, its times are 300 s apart"),
+        "other step": ({"timestamp": every_5, **columns}, Format(step_s=60.0), "every 60 s, got times 300 s apart"),
         "no speeds": ({"time": minutes}, in_mps, "columns of speeds"),
     }  # fmt: skip
 
@@ -163,7 +163,7 @@ def test_windows_are_the_rows_before_and_after() -> None:
     np.testing.assert_array_equal(windows.target[3], one.speeds[11:14])
     assert windows.time_s[3] == 300 * 60 + 10 * 60
     assert (windows.stretch[:20] == 0).all(), "no window reaches from one stretch into the next"
-    with pytest.raises(InvalidInputError, match="expected 11 rows in a row with values, the longest has 10"):
+    with pytest.raises(InvalidInputError, match="expected 11 consecutive rows with values, got at most 10"):
         make_windows([road_stretch(10, 4)], 60.0)
 
 

@@ -186,8 +186,8 @@ def test_a_broken_rulebook_is_refused_before_any_drive(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("rule", "message"),
     [
-        ("#show honk/0.\nhonk :- speed(_).\n", r"^more\.lp:1: the control knows no order 'honk/0'"),
-        ("follow(99) :- speed(_).\n", r"order 'follow\(99\)': expected somebody ahead"),
+        ("#show honk/0.\nhonk :- speed(_).\n", r"^more\.lp:1: expected an order of .*, got 'honk/0'"),
+        ("follow(99) :- speed(_).\n", r"order 'follow\(99\)': expected the key of an actor ahead"),
         ("change(up) :- speed(_).\n", r"order 'change\(up\)': expected own, or a lane beside"),
     ],
 )

@@ -43,7 +43,9 @@ def test_settings_of_a_trial_win_and_wrong_ones_are_named_before_anything_is_tra
     assert (config.seed, config.steps, config.ppo.guided_share, config.ppo.imitated_steps) == (3, 7, 0.2, 0)
     with pytest.raises(InvalidInputError, match="did you mean 'horizon'"):
         trainings.jobs_of(tmp_path, ["p-20"], [3], ["lane"], ["ppo.horizn=7"])
-    with pytest.raises(InvalidInputError, match="nothing to train of policies lane: flat trains flat"):
+    with pytest.raises(
+        InvalidInputError, match="expected arms that train a policy of lane, got none: flat trains flat"
+    ):
         trainings.jobs_of(tmp_path, ["flat"], [0], ["lane"])
 
 

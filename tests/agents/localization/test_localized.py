@@ -140,7 +140,7 @@ def test_a_record_tells_both_files_apart() -> None:
         (
             {"inner": WATCHER.replace("Watcher", "Blind")},
             InvalidInputError,
-            "for none of the sensors lane, navigation, route",
+            "expected one of the sensors lane, navigation, route, got",
         ),
     ],
 )

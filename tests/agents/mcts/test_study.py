@@ -116,7 +116,7 @@ def test_cells_are_chosen_by_how_their_names_begin() -> None:
     assert [cell.name for cell in dense.cells] == ["town-test.dense.train", "town-test.dense.test"]
     names = {one.name for one in nocrash.scenarios([0])}
     assert {one.name for one in dense.scenarios([0])} == {name for name in names if name.startswith("town-test.dense")}
-    with pytest.raises(InvalidInputError, match="no cell begins with 'town-nowhere'"):
+    with pytest.raises(InvalidInputError, match=r"expected a prefix of .*, got 'town-nowhere'"):
         cells_of(nocrash, "town-nowhere")
 
 

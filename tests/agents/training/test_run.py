@@ -127,8 +127,8 @@ def test_a_run_can_go_on_further(folder, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "holds a run; go on with --resume, or choose another --out"),
-        (("--resume", "--set", "ppo.clip=0.1"), "was begun with ppo.clip = 0.2, not 0.1"),
+        ((), "holds a run; continue with --resume, or choose another --out"),
+        (("--resume", "--set", "ppo.clip=0.1"), "was started with ppo.clip = 0.2, not 0.1"),
         (("--resume", "--set", "seed=6", "--set", "ppo.hidden=[3]"), "seed = 5, not 6; ppo.hidden = [32, 32], not [3]"),
         (("--resume", "--set", "sed=6"), "unknown key 'sed'; did you mean 'seed'?"),
     ],

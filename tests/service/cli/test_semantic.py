@@ -26,7 +26,7 @@ def test_pictures_are_taken_and_an_encoder_is_trained_of_them(tmp_path: Path, mo
     assert dohyo(monkeypatch, "dataset", "semantic", "--out", data, "--images", "8") == 0
     assert "12 pictures" in capsys.readouterr().out
     assert dohyo(monkeypatch, "dataset", "semantic", "--out", data, "--images", "8", "--seed", "1") == 2
-    assert "made otherwise" in capsys.readouterr().err
+    assert "expected a dataset made with" in capsys.readouterr().err
     order = ("train", "semantic", "--set", f"data={data}", "--set", "epochs=1", "--set", "batch=2", "--out", out)
     assert dohyo(monkeypatch, *order) == 0
     assert "semantic.safetensors" in capsys.readouterr().out

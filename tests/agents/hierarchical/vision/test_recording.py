@@ -134,7 +134,7 @@ def test_a_killed_recording_goes_on_and_ends_with_the_same_bytes(recorded, tmp_p
 
 def test_another_order_in_the_same_folder_is_refused(recorded):
     before = digests(recorded)
-    with pytest.raises(InvalidInputError, match="made otherwise"):
+    with pytest.raises(InvalidInputError, match="expected a dataset made with"):
         record_pictures(replace(SMALL, seed=4), recorded)
     assert digests(recorded) == before
 

@@ -76,7 +76,7 @@ def test_a_fresh_process_gives_the_same_bytes(recorded, tmp_path):
 
 def test_another_order_in_the_same_folder_is_refused(recorded):
     before = digests(recorded)
-    with pytest.raises(InvalidInputError, match="made otherwise"):
+    with pytest.raises(InvalidInputError, match="expected a dataset made with"):
         record_motion(replace(SMALL, seed=6), recorded)
     assert digests(recorded) == before
 
