@@ -1,1 +1,1 @@
-"""The benchmarks, one TOML file each, and how the missions of those on our towns were drawn."""
+"""The benchmarks, one TOML file each, and the code that makes scenarios of them."""

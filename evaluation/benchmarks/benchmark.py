@@ -17,15 +17,15 @@ from dohyo.sumo_networks.scenario import Config, Mission, Name, Scenario, Traffi
 
 BENCHMARKS = Path(__file__).parent
 ENTRY = r"^\w+(\.\w+)*:\w+$"
-"""How the class of an agent is named."""
+"""Form of the name of an agent's class."""
 
 
 class AutoEvents(Config):
-    """Scripted events placed by dohyo along every mission of a cell, anew for every seed.
+    """Automatic placement of scripted events along every mission of a cell, different for every seed.
 
     Attributes:
         every_m: Smallest and largest distance between the triggers of two events, m.
-        kinds: Which may come; None: all that fit.
+        kinds: Kinds of event that may be placed; None: all that fit.
     """
 
     every_m: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] = EVERY_M
@@ -36,10 +36,10 @@ class Excerpt(Config):
     """A stretch of recorded traffic, and the reference's drive in it.
 
     Attributes:
-        seed: Of the traffic; it replaces the seed of the evaluation.
-        warm_up_s: Time of traffic before the mission begins; replaces that of the cell's traffic.
+        seed: Seed of the traffic, which replaces the seed of the evaluation.
+        warm_up_s: Time of traffic before the mission begins, s; replaces that of the cell's traffic.
         reference_m: Progress of the reference, m.
-        log: Content hash of the motion of all others around the reference.
+        log: Content hash of the motion of all other actors around the reference.
     """
 
     seed: Annotated[int, Field(ge=0, lt=2**31)]
@@ -52,11 +52,11 @@ class ScriptedMission(Mission):
     """A mission of a benchmark, with the scripted events on it.
 
     Attributes:
-        events: By hand; they come before those of the cell. Their `ego` is this mission's.
-        excerpt: The recorded traffic in which it begins; None: it begins at rest, in any traffic.
+        events: Events given by hand, before those of the cell. Their `ego` is that of this mission.
+        excerpt: Recorded traffic in which the mission begins; None: it begins at rest, in any traffic.
     """
 
-    # Left out where there are none, so that benchmarks without events keep their hashes.
+    # Left out if there are none, so that benchmarks without events keep their hashes.
     events: Annotated[tuple[Event, ...], Field(exclude_if=lambda events: not events)] = ()
     excerpt: Annotated[Excerpt | None, Field(exclude_if=lambda excerpt: excerpt is None)] = None
 
@@ -66,7 +66,7 @@ class ScriptedMission(Mission):
         return dict(given) if isinstance(given, Mission) else given
 
     def mission(self, name: str) -> Mission:
-        """The mission itself, under a name."""
+        """The mission itself, with a name."""
         return Mission(name=name, start=self.start, goal=self.goal, via=self.via, start_speed_mps=self.start_speed_mps)
 
 
@@ -74,13 +74,14 @@ class Cell(Config):
     """Missions in one traffic under one group of conditions.
 
     Attributes:
-        name: Unique in the benchmark.
-        network: Name in the network catalog.
-        missions: Name of a set of missions.
-        traffic: Around every mission.
-        conditions: Dealt out to the missions in turn, so that a cell covers all of them.
-        together: Whether all missions are driven at once, by an ego each.
-        events: "auto": scripted events, placed by dohyo along every mission; or how; None: only those of the missions.
+        name: Name, unique in the benchmark.
+        network: Name of the network in the catalog.
+        missions: Name of the set of missions.
+        traffic: Traffic around every mission.
+        conditions: Names of conditions, assigned to the missions in turn, so that a cell covers all of them.
+        together: Whether all missions are driven at the same time, each by one ego.
+        events: "auto": scripted events placed by dohyo along every mission; or the rules of placement; None: only the
+            events of the missions.
     """
 
     name: Name
@@ -101,8 +102,8 @@ class TimeLimit(Config):
     """Time allowed for a mission: that of its route at a steady speed, plus a constant.
 
     Attributes:
-        speed_kmh: Steady speed.
-        extra_s: The constant.
+        speed_kmh: Steady speed, km/h.
+        extra_s: Constant, s.
     """
 
     speed_kmh: Annotated[float, Field(gt=0)]
@@ -116,20 +117,21 @@ class Benchmark(Config):
     cell "all".
 
     Attributes:
-        name: In the catalog.
-        description: One line for people.
-        headline: The score that ranks agents.
-        metric: For people: how that score is computed here.
-        rules: Of the driving score.
-        cells: Its parts.
+        name: Name in the catalog.
+        description: Description in one line, for people.
+        headline: Score that ranks agents.
+        metric: Computation of that score in words, for people.
+        rules: Version of the rules of the driving score.
+        cells: Parts of the benchmark.
         missions: Sets of missions by name.
-        stop_on_collision: As in NoCrash.
-        time_limit: None: the CARLA Leaderboard's (see `criteria.route_timeout`).
-        seeds: Driven by default; missions with an excerpt have their own.
-        duration_s: Of every episode; None: to the goal.
-        replay: All but the egos replay the log of the mission's excerpt, even where the egos drive otherwise.
-        every_condition: Whether each mission is driven under all conditions of its cell, not under one of them in turn.
-        reference_agent: "module:Class" of the agent that drove where logs were made, and drives where one is missing.
+        stop_on_collision: Whether the first collision ends a drive, as in NoCrash.
+        time_limit: Time limit of every mission; None: that of the CARLA Leaderboard (see `criteria.route_timeout`).
+        seeds: Seeds that are driven by default; missions with an excerpt have their own.
+        duration_s: Duration of every episode, s; None: until the goal.
+        replay: Whether all actors except the egos follow the log of the mission's excerpt, even if the egos drive
+            differently from it.
+        every_condition: Whether each mission is driven under all conditions of its cell instead of one of them in turn.
+        reference_agent: "module:Class" of the agent that drives when a log is made.
     """
 
     name: Name
@@ -150,7 +152,7 @@ class Benchmark(Config):
     @model_validator(mode="before")
     @classmethod
     def _one_cell(cls, given: Any) -> Any:
-        """Turns the short form of a file into the long one."""
+        """Converts the short form of a file to the long form."""
         if not isinstance(given, dict) or "cells" in given or not isinstance(given.get("missions"), list | tuple):
             return given
         parts = {key: given[key] for key in ("network", "traffic", "conditions", "events") if key in given}
@@ -179,27 +181,27 @@ class Benchmark(Config):
 
     @property
     def sha256(self) -> str:
-        """Content hash: its version. Default seeds and the texts for people are no part of it."""
+        """Content hash, which is the version. It does not cover default seeds and texts for people."""
         return content_hash(self.model_dump(mode="json", exclude={"seeds", "description", "metric"}))
 
     @property
     def networks(self) -> tuple[str, ...]:
-        """Names of the networks it uses, in the order of the cells."""
+        """Names of the networks of the cells, in their order."""
         return tuple(dict.fromkeys(cell.network for cell in self.cells))
 
     def scenarios(self, seeds: Sequence[int]) -> list[Scenario]:
-        """One scenario per cell, mission and seed, seed by seed.
+        """One scenario per cell, mission and seed, in the order of the seeds.
 
         Raises:
-            InvalidInputError: A mission cannot be driven or conditions are unknown; the message says which.
+            InvalidInputError: A mission cannot be driven or conditions are unknown; the message names them.
         """
-        from dohyo.evaluation.benchmarks.scenarios import make_scenarios  # reads networks; a list of names must not
+        from dohyo.evaluation.benchmarks.scenarios import make_scenarios  # reads networks: slow
 
         return make_scenarios(self, seeds)
 
     @property
     def size(self) -> int:
-        """Number of scenarios of one seed."""
+        """Number of scenarios for one seed."""
         return sum(
             (1 if cell.together else len(self.missions[cell.missions]))
             * (len(cell.conditions) if self.every_condition else 1)
@@ -208,17 +210,17 @@ class Benchmark(Config):
 
     @property
     def excerpts(self) -> bool:
-        """Whether its missions begin in recorded traffic."""
+        """Whether the missions begin in recorded traffic."""
         return any(mission.excerpt is not None for missions in self.missions.values() for mission in missions)
 
     @property
     def closed_loop(self) -> bool:
-        """Whether it ranks by nuPlan's closed-loop score."""
+        """Whether nuPlan's closed-loop score ranks agents."""
         return self.headline is Headline.CLOSED_LOOP
 
 
 def _document(path: Path) -> dict[str, Any]:
-    """A file's tables; a file that is `like` another one takes the keys it lacks from that one."""
+    """The tables of a file; a file that is `like` another one takes missing keys from that one."""
     document = tomllib.loads(path.read_text())
     if (like := document.pop("like", None)) is None:
         return document
@@ -226,16 +228,16 @@ def _document(path: Path) -> dict[str, Any]:
 
 
 def benchmark_names() -> list[str]:
-    """Names of the benchmarks that come with dohyo, sorted."""
+    """Sorted names of the built-in benchmarks."""
     return sorted(path.stem for path in BENCHMARKS.glob("*.toml"))
 
 
 def load_benchmark(name: str) -> Benchmark:
-    """A benchmark by name, or from a path of a .toml file.
+    """Loads a benchmark by its name, or from the path of a .toml file.
 
     Raises:
-        UnknownNameError: No such name.
-        InvalidInputError: The file is missing or broken; the message says where.
+        UnknownNameError: No benchmark has this name.
+        InvalidInputError: The file is missing or invalid; the message says where.
     """
     path = Path(name) if name.endswith(".toml") else BENCHMARKS / f"{name}.toml"
     if not name.endswith(".toml") and name not in benchmark_names():

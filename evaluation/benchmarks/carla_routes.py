@@ -1,7 +1,7 @@
 """CARLA route files: their waypoints, snapped to the lanes of an imported town, as the missions of a benchmark.
 
-CARLA's frame is left-handed: y grows to the right of x, so it is the negative of OpenDRIVE's. netconvert moves a town
-by the net's own offset, which the net records. Source: CARLA Leaderboard, route files of versions 1 and 2.
+CARLA's frame is left-handed: y grows to the right of x, so it is the negative of OpenDRIVE's y. netconvert moves a town
+by an offset, which the net records. Source: CARLA Leaderboard, route files of versions 1 and 2.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from dohyo.sumo_networks.scenario import Mission, Place, Traffic
 
 MAX_SNAP_M = 5.0
 METRIC = "driving score: route completion times infraction penalty, mean over drives (CARLA Leaderboard 2.0)"
-# An ego is placed by the centre of its box; nearer to the start of a lane its rear would hang in the junction.
+# An ego is placed by the centre of its box; nearer to the start of a lane its rear would be in the junction.
 END_ROOM_M = 0.1
 
 
@@ -41,9 +41,9 @@ class CarlaRoute:
     """One route of a file.
 
     Attributes:
-        id: As in the file.
-        town: Such as "Town01"; "" where the file does not say.
-        waypoints: (N, 2), m, CARLA's frame.
+        id: Identifier of the route in the file.
+        town: Name of the town, such as "Town01"; "" if the file does not have it.
+        waypoints: (N, 2) positions, m, CARLA's frame.
     """
 
     id: str
@@ -53,12 +53,12 @@ class CarlaRoute:
 
 @dataclass(frozen=True, slots=True)
 class Snap:
-    """How the waypoints of a route were fitted to the network.
+    """Result of snapping the waypoints of a route to the network.
 
     Attributes:
-        mission: Its name in the benchmark.
-        moved_m: How far each waypoint was moved, m.
-        unused: Waypoints inside junctions, which tell nothing that the others do not.
+        mission: Name of the mission in the benchmark.
+        moved_m: Distance by which each waypoint was moved, m.
+        unused: Number of waypoints inside junctions, which the mission does not need.
     """
 
     mission: str
@@ -71,7 +71,7 @@ class Snap:
         return float(np.mean(self.moved_m))
 
     def as_document(self) -> dict[str, Any]:
-        """As JSON can hold it."""
+        """The result as plain JSON."""
         return {"mission": self.mission, "moved_m": list(self.moved_m), "unused": self.unused}
 
 
@@ -84,18 +84,18 @@ def import_routes(
     traffic: Traffic | None = None,
     max_snap_m: float = MAX_SNAP_M,
 ) -> tuple[Benchmark, list[Snap]]:
-    """A benchmark with one mission per route, each planned once to prove that it can be driven.
+    """A benchmark with one mission per route; planning each of them once shows that it can be driven.
 
     Args:
-        file: CARLA route file.
-        network: The imported town.
-        name: Of the benchmark; None: the file's.
-        town: Take only its routes; needed where the file has several towns.
-        traffic: Around every route; None: no traffic.
-        max_snap_m: How far a waypoint may lie off the nearest lane, m.
+        file: Path of the CARLA route file.
+        network: Network of the imported town.
+        name: Name of the benchmark; None: that of the file.
+        town: Town whose routes are imported; needed if the file has several towns.
+        traffic: Traffic around every route; None: no traffic.
+        max_snap_m: Largest distance from a waypoint to the nearest lane, m.
 
     Raises:
-        InvalidInputError: A broken file, a waypoint off the road, or a route that cannot be driven.
+        InvalidInputError: An invalid file, a waypoint off the road, or a route that cannot be driven.
     """
     routes = _of_one_town(read_routes(file), town, file)
     roads = _Roads(load_network(network), max_snap_m)
@@ -116,10 +116,10 @@ def import_routes(
 
 
 def read_routes(file: Path) -> list[CarlaRoute]:
-    """The routes of a file, in its order.
+    """The routes of a file, in the order of the file.
 
     Raises:
-        InvalidInputError: Missing, no route file, or a route with fewer than two waypoints.
+        InvalidInputError: The file is missing or not a route file, or a route has fewer than two waypoints.
     """
     with tempfile.TemporaryDirectory(prefix="dohyo-routes-") as work:
         scan(file, "routes", copy=Path(work) / "routes.xml")
@@ -147,10 +147,10 @@ def write_benchmark(benchmark: Benchmark, path: Path) -> Path:
 
 
 def net_offset(network: RoadNetwork) -> tuple[float, float]:
-    """Offset from the source's coordinates to the network's, m.
+    """Offset from the coordinates of the source to those of the network, m.
 
     Raises:
-        InvalidInputError: The net states no offset.
+        InvalidInputError: The net has no offset.
     """
     with gzip.open(network.path, "rb") if network.path.suffix == ".gz" else network.path.open("rb") as file:
         head = file.read(1 << 18)
@@ -183,7 +183,7 @@ def _of_one_town(routes: Sequence[CarlaRoute], town: str | None, file: Path) -> 
 
 
 class _Roads:
-    """The drivable lanes of a network, to snap points to."""
+    """Snaps points to the drivable lanes of a network."""
 
     def __init__(self, network: RoadNetwork, max_snap_m: float) -> None:
         self.network, self.max_snap_m = network, max_snap_m
@@ -205,7 +205,7 @@ class _Roads:
         """The mission that follows a route.
 
         Raises:
-            InvalidInputError: A waypoint is too far from every lane, or start or goal lie inside a junction.
+            InvalidInputError: A waypoint is too far from every lane, or the start or goal is inside a junction.
         """
         points = route.waypoints * (1.0, -1.0) + self.offset
         last = len(points) - 1
@@ -219,7 +219,7 @@ class _Roads:
         return mission, Snap(name, moved, len(found) - 2 - len(inner))
 
     def _nearest(self, route: CarlaRoute, number: int, point: FloatArray, outside: bool) -> tuple[int, float]:
-        """The nearest lane and its distance; at the ends of a route only lanes outside junctions."""
+        """The nearest lane and its distance; only lanes outside junctions at the ends of a route."""
         where = f"route {route.id}, waypoint {number + 1}"
         spot = shapely.points(point)
         near = self.tree.query(spot, predicate="dwithin", distance=self.max_snap_m)
@@ -245,14 +245,14 @@ class _Roads:
         return Place(lane=str(self.network.lanes.ids[lane]), position_m=round(position, 2))
 
     def _via(self, lanes: Sequence[int]) -> tuple[str, ...]:
-        """Edges between the first and the last lane's, without immediate repetition."""
+        """Edges between those of the first and the last lane, without immediate repetition."""
         edges = [self.network.edge_id(lane) for lane in lanes]
         changes = [edge for edge, before in zip(edges[1:], edges[:-1], strict=True) if edge != before]
         return tuple(changes[:-1] if changes and changes[-1] == edges[-1] else changes)
 
 
 def _toml(benchmark: Benchmark) -> str:
-    # A JSON string, escaped to ASCII, is a TOML string too.
+    # A JSON string, escaped to ASCII, is also a TOML string.
     (cell,) = benchmark.cells
     head = {key: getattr(benchmark, key) for key in ("name", "description", "headline", "metric", "rules")}
     lines = [f"{key} = {json.dumps(value)}" for key, value in (head | {"network": cell.network}).items()]

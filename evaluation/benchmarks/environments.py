@@ -1,6 +1,6 @@
-"""Environments for learning: the missions of a benchmark, or of one's own scenarios, for one ego at a time.
+"""Environments for learning: the missions of a benchmark or of own scenarios, with one ego per episode.
 
-They need not agree with the runner of benchmarks: a reward enters no score, and seeds of benchmarks are not drawn.
+Episodes may differ from those of an evaluation: a reward enters no score, and seeds of benchmarks are not drawn.
 """
 
 from __future__ import annotations
@@ -26,27 +26,27 @@ def make_env(source: Source | None = None, **options: Any) -> SingleDrivingEnv:
     """A gymnasium environment that draws one scenario per episode.
 
     Args:
-        source: See `single_scenarios`.
-        **options: Those of `single_scenarios` and of `SingleDrivingEnv`.
+        source: Source of scenarios, see `single_scenarios`.
+        **options: Options of `single_scenarios` and of `SingleDrivingEnv`.
 
     Raises:
-        InvalidInputError: An unknown name, or scenarios that are no episodes of one ego.
+        InvalidInputError: An unknown name, or scenarios with several egos.
     """
     scenarios, rest = _split(source, options)
     return SingleDrivingEnv(scenarios, **rest)
 
 
 def make_vec(source: Source | None = None, num_envs: int = 1, **options: Any) -> VectorDrivingEnv:
-    """A gymnasium vector environment: as many processes, each of which drives the scenarios in turn.
+    """A gymnasium vector environment of several processes, each of which drives the scenarios in turn.
 
     Args:
-        source: See `single_scenarios`.
-        num_envs: How many processes.
-        **options: Those of `single_scenarios` and of `VectorDrivingEnv`; its autoreset mode is NEXT_STEP unless one is
-            given, since that is the one that gymnasium's vector wrappers accept.
+        source: Source of scenarios, see `single_scenarios`.
+        num_envs: Number of processes.
+        **options: Options of `single_scenarios` and of `VectorDrivingEnv`. The default autoreset mode is NEXT_STEP,
+            which gymnasium's vector wrappers need.
 
     Raises:
-        InvalidInputError: An unknown name, or scenarios that are no episodes of one ego.
+        InvalidInputError: An unknown name, or scenarios with several egos.
     """
     scenarios, rest = _split(source, options)
     return VectorDrivingEnv(scenarios, num_envs, **{"autoreset_mode": AutoresetMode.NEXT_STEP, **rest})
@@ -64,16 +64,16 @@ def single_scenarios(
     """Scenarios with one ego and a time limit each.
 
     Args:
-        source: A benchmark, or its name; or scenarios. None: one scenario per mission on the network.
-        network: Name in the catalog; only without a source, as are the next three.
-        missions: What to drive there.
-        traffic: Around every mission.
-        conditions: Of the road, light and air.
-        time_limit_s: Of every episode; None: the scenario's own, else that of the CARLA Leaderboard.
+        source: Benchmark, or its name, or scenarios; None: one scenario per mission on the network.
+        network: Name of a network in the catalog; only without a source, as are the next three arguments.
+        missions: Missions to drive there.
+        traffic: Traffic around every mission.
+        conditions: Conditions of the road, light and air.
+        time_limit_s: Time limit of every episode, s; None: that of the scenario, else that of the CARLA Leaderboard.
 
     Raises:
         InvalidInputError: An unknown name, both or neither of a source and a network, scenarios with several egos, or
-            missions that begin amid recorded traffic.
+            missions that begin in recorded traffic.
     """
     if (source is None) == (network is None):
         raise InvalidInputError("expected either a benchmark or scenarios, or a network with missions")
@@ -99,7 +99,7 @@ def single_scenarios(
 
 
 def _of_benchmark(benchmark: Benchmark) -> list[Scenario]:
-    """Its scenarios, with the scripted events of its first seed."""
+    """The scenarios of a benchmark, with the scripted events of its first seed."""
     if benchmark.excerpts:
         raise InvalidInputError(
             f"benchmark '{benchmark.name}': its missions begin amid recorded traffic, with seeds of their own"
@@ -108,7 +108,7 @@ def _of_benchmark(benchmark: Benchmark) -> list[Scenario]:
 
 
 def _limit(scenario: Scenario) -> float:
-    """The scenario's own limit, else that of `RouteTimeout`, s."""
+    """The time limit of a scenario, else that of `RouteTimeout`, s."""
     if scenario.time_limit_s is not None:
         return scenario.time_limit_s
     route = plan_route(load_network(scenario.network), scenario.missions[0])
@@ -116,7 +116,7 @@ def _limit(scenario: Scenario) -> float:
 
 
 def _split(source: Source | None, options: Mapping[str, Any]) -> tuple[tuple[Scenario, ...], dict[str, Any]]:
-    """The scenarios, and the options that are the environment's."""
+    """The scenarios, and the options of the environment."""
     names = ("network", "missions", "traffic", "conditions", "time_limit_s")
     ours = {name: value for name, value in options.items() if name in names}
     return single_scenarios(source, **ours), {name: value for name, value in options.items() if name not in names}

@@ -1,4 +1,4 @@
-"""Headline: the score that a benchmark ranks agents by."""
+"""Headline: the score by which a benchmark ranks agents."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class Headline(StrEnum):
-    """Each value is the score's name in summaries, in the API and on leaderboards."""
+    """Scores that can rank agents; a value is the score's name in summaries, in the API and on leaderboards."""
 
     DRIVING_SCORE = "driving_score"
     IRS = "irs"
@@ -17,7 +17,7 @@ class Headline(StrEnum):
 
     @property
     def label(self) -> str:
-        """Name of the score for people."""
+        """Name of the score, for people."""
         return _LABELS[self]
 
 

@@ -1,4 +1,4 @@
-"""Scenarios of a benchmark: every cell and mission on its network, with its events, for each seed."""
+"""Scenarios of a benchmark: one per cell, mission and seed, with events and conditions."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def _scenarios(benchmark: Benchmark, cell: Cell, seed: int) -> Iterator[Scenario
 
 
 def _conditions(benchmark: Benchmark, cell: Cell, name: str, turn: int) -> Iterator[tuple[str, str]]:
-    """Conditions to drive under, each with the scenario's name: all of the cell's, or those whose turn it is."""
+    """Conditions of a scenario, each with the scenario's name: all of the cell, or the next of them in turn."""
     if benchmark.every_condition:
         yield from ((conditions, f"{name}.{conditions}") for conditions in cell.conditions)
     else:
@@ -74,7 +74,7 @@ def _excerpted(benchmark: Benchmark, scenario: Scenario, excerpt: Excerpt) -> Sc
 def _events(
     benchmark: Benchmark, cell: Cell, number: int, mission: ScriptedMission, ego: str, seed: int, *, together: bool
 ) -> list[Event]:
-    """The events on one mission: those given by hand, checked, then those of the cell that keep away from them."""
+    """The events on one mission: first those given by hand, then those of the cell at a distance from them."""
     if not mission.events and cell.events is None:
         return []
     network, route = load_network(cell.network), _route(cell.network, mission.mission(mission.name))

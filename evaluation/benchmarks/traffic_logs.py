@@ -1,4 +1,4 @@
-"""Traffic logs: each is made once, by driving the reference agent through a scenario in live traffic, and kept."""
+"""Traffic logs: each is made once, from a drive of the reference agent in live traffic, and kept."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class Reference:
     """The drive of the reference agent in a scenario.
 
     Attributes:
-        log: Motion of all others.
-        trajectory: Of the ego and of the actors in its sight.
+        log: Motion of all other actors.
+        trajectory: Trajectory of the ego and of the actors in its sight.
         progress_m: Largest progress along the route, m.
-        goal: Whether it reached the goal, so that the log ends early.
+        goal: Whether it reached the goal; the log then ends early.
     """
 
     log: Log
@@ -38,7 +38,7 @@ def drive_reference(scenario: Scenario, entry: str) -> Reference:
     """Drives the reference agent through a scenario in live traffic.
 
     Args:
-        scenario: With a duration and one mission; its log, if it names one, is not read.
+        scenario: Scenario with a duration and one mission; if it names a log, the log is not read.
         entry: "module:Class" of the reference agent.
 
     Raises:
@@ -71,7 +71,7 @@ def drive_reference(scenario: Scenario, entry: str) -> Reference:
 
 
 def missing_logs(scenarios: Iterable[Scenario]) -> list[Scenario]:
-    """The scenarios whose logs are not on this machine."""
+    """The scenarios whose logs are missing on this machine."""
     return [one for one in scenarios if one.log is not None and not log_path(one.log).exists()]
 
 
@@ -81,16 +81,16 @@ def prepare_logs(
     workers: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> int:
-    """Makes the logs that are missing; after an interruption the same call makes the rest.
+    """Makes missing logs; after an interruption, the same call makes the rest.
 
     Args:
-        scenarios: Those without a log are left alone.
-        reference_agent: "module:Class" of the agent that the logs are made with; None where there are no logs.
-        workers: Processes; each makes one log after the other.
-        progress: Called with the number done and the total, at the start and after each.
+        scenarios: Scenarios; those that name no log are ignored.
+        reference_agent: "module:Class" of the agent that drives; None if the scenarios name no logs.
+        workers: Number of processes; each makes one log after the other.
+        progress: Function called with the number done and the total, at the start and after each log.
 
     Returns:
-        The number made.
+        The number of logs made.
 
     Raises:
         InvalidInputError: A log is missing without a reference agent, or that agent no longer gives the same log.

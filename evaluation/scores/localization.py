@@ -1,6 +1,6 @@
-"""Localization scores: how far an estimated track is from the true one. Pure functions of the two.
+"""Localization scores: errors of an estimated track against the true one. Pure functions of both tracks.
 
-All take the estimated and the true positions at the same times, (N, 2), m, of one drive.
+All functions take the estimated and the true positions of one drive at the same times, (N, 2), m.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
 WITHIN_M: Final = 0.5
-"""The distance within which the thesis counts a sample as right."""
+"""Largest error of a sample that the thesis counts as correct, m."""
 
 
 def errors(estimated: FloatArray, true: FloatArray) -> FloatArray:
-    """(N,) distance of every sample from the truth, m.
+    """(N,) distance of every sample from the true position, m.
 
     Raises:
         InvalidInputError: The shapes differ, there is no sample, or one is not finite.
@@ -32,20 +32,20 @@ def errors(estimated: FloatArray, true: FloatArray) -> FloatArray:
 
 
 def accuracy(estimated: FloatArray, true: FloatArray, within_m: float = WITHIN_M) -> float:
-    """Per cent of the samples within a distance of the truth. Source: Albilani's thesis, 4.3.2.4."""
+    """Percentage of the samples within a distance of the true position. Source: Albilani's thesis, 4.3.2.4."""
     return 100.0 * float(np.mean(errors(estimated, true) <= within_m))
 
 
 def rmse(estimated: FloatArray, true: FloatArray) -> float:
-    """Root of the mean squared distance, m."""
+    """Root mean square of the distances, m."""
     return float(np.sqrt(np.mean(errors(estimated, true) ** 2)))
 
 
 def p95(estimated: FloatArray, true: FloatArray) -> float:
-    """Distance that 95 % of the samples keep within, m."""
+    """95th percentile of the distances, m."""
     return float(np.quantile(errors(estimated, true), 0.95))
 
 
 def max_drift(estimated: FloatArray, true: FloatArray) -> float:
-    """Largest distance, m."""
+    """Largest of the distances, m."""
     return float(errors(estimated, true).max())

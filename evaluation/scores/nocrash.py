@@ -1,4 +1,4 @@
-"""NoCrash: any collision infraction fails the drive, also one that the ego did not cause.
+"""NoCrash: any collision infraction fails the drive, even if the ego did not cause it.
 
 Contacts of a standing ego are no infractions, so they do not fail it.
 """
@@ -21,8 +21,8 @@ def success(ego: EgoRecord) -> bool:
 def road_completed(ego: EgoRecord) -> float:
     """Percent in [0, 100] of the route completed before the first collision.
 
-    100 * progress at the first collision / route length; route completion where there was none. Some theses print this
-    number under the name NoCrash, beside success rates of others.
+    100 * progress at the first collision / route length; route completion where there was none. Some theses call this
+    number NoCrash and compare it with success rates of others.
     """
     collision = first_collision(ego)
     if collision is None:
@@ -32,10 +32,10 @@ def road_completed(ego: EgoRecord) -> float:
 
 
 def drove(ego: EgoRecord, metres: float = 2500.0) -> bool:
-    """Whether the ego came so far along its route before the first collision.
+    """Whether the ego drove a given distance along its route before the first collision.
 
-    Routes must be at least so long. Source: Albilani 2023, where 2500 m on routes between random points count as
-    success; this is the third number that is printed under NoCrash's name.
+    Routes must have at least this length. Source: Albilani 2023, where 2500 m on routes between random points count as
+    success; this is the third number that is called NoCrash.
     """
     return road_completed(ego) / 100.0 * ego.route_length_m >= metres
 

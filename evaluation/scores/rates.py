@@ -17,7 +17,7 @@ def route_km(ego: EgoRecord) -> float:
 
 
 def infraction_counts(ego: EgoRecord) -> dict[InfractionKind, int]:
-    """Number of infractions of every kind, zeros included; one OUTSIDE_LANES event counts one, however long."""
+    """Number of infractions of every kind, zeros included; an OUTSIDE_LANES event of any length counts one."""
     counts = Counter(one.kind for one in ego.infractions)
     return {kind: counts[kind] for kind in InfractionKind}
 
@@ -25,8 +25,8 @@ def infraction_counts(ego: EgoRecord) -> dict[InfractionKind, int]:
 def infractions_per_km(egos: Iterable[EgoRecord]) -> dict[InfractionKind, float]:
     """Infractions of every kind per kilometre of route completed, pooled.
 
-    sum of counts / max(0.001 km, sum of route length * RC). Pooled, so that a drive that ended after a metre weighs a
-    metre. Source: CARLA Leaderboard 2.0 (1.0 averaged the rates of the routes).
+    sum of counts / max(0.001 km, sum of route length * RC). Rates are pooled, so that a drive that ended after a metre
+    has the weight of a metre. Source: CARLA Leaderboard 2.0 (1.0 averaged the rates of the routes).
     """
     egos = list(egos)
     km = max(MIN_KM, math.fsum(route_km(ego) for ego in egos))

@@ -1,4 +1,4 @@
-"""Effects of a control on all traffic: throughput, speed and its spread, fuel, headways."""
+"""Effects of a control on all traffic: throughput, mean and deviation of speed, fuel, headways."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dohyo.sumo_networks.freeway.world import FreewayWorld
 
 OBSERVED_EVERY_S = 1.0
 MOVING_MPS = 1.0
-"""Headways of slower vehicles are left out, m/s."""
+"""Smallest speed of a vehicle whose headway counts, m/s."""
 CLOSE_S = 2.0
 
 
@@ -21,18 +21,19 @@ class Outcome:
     """Outcome of one run, over all vehicles between the first segment's start and the last one's end.
 
     Attributes:
-        throughput_vph: Vehicles that passed into the bottleneck, per hour.
-        speed_mps: Mean over vehicles and seconds.
-        speed_std_mps: Standard deviation over vehicles and seconds.
-        speed_std_within_mps: The same within each minute, root of the mean of squares: the spread that drivers notice.
-        travelled_km: Vehicle kilometres.
-        fuel_sumo_g_km: By SUMO's emission model.
-        fuel_circles_g_km: By the CIRCLES model, all taken for mid-size SUVs.
-        least_headway_s: The smallest time gap of a vehicle above 1 m/s.
-        least_ttc_s: The smallest time to collision.
-        collisions: Pairs of vehicles that were ever inside one another, one behind the other in a lane.
-        close_share: Share of vehicle seconds with a time to collision below 2 s.
-        waiting: Vehicles that could not enter by the end, because the road was full.
+        throughput_vph: Number of vehicles per hour that drove into the bottleneck.
+        speed_mps: Mean speed over vehicles and seconds, m/s.
+        speed_std_mps: Standard deviation of speed over vehicles and seconds, m/s.
+        speed_std_within_mps: Standard deviation within each minute (root mean square over minutes), which drivers
+            notice, m/s.
+        travelled_km: Distance driven by all vehicles, km.
+        fuel_sumo_g_km: Fuel by SUMO's emission model, g/km.
+        fuel_circles_g_km: Fuel by the CIRCLES model, with every vehicle as a mid-size SUV, g/km.
+        least_headway_s: Smallest time gap of a vehicle above 1 m/s, s.
+        least_ttc_s: Smallest time to collision, s.
+        collisions: Number of pairs of vehicles in one lane that ever overlapped.
+        close_share: Share of vehicle seconds with a time to collision below 2 s, in [0, 1].
+        waiting: Number of vehicles that could not enter by the end, because the road was full.
     """
 
     throughput_vph: float
@@ -54,13 +55,13 @@ class Outcome:
 
 
 class PassageCount:
-    """Counts the vehicles that pass into the bottleneck."""
+    """Counts the vehicles that drive into the bottleneck."""
 
     def __init__(self) -> None:
         self._before: set[str] = set()
 
     def observe(self, world: FreewayWorld) -> int:
-        """Number of vehicles that passed since the last world; call it once per second.
+        """Number of vehicles that passed since the last call; to be called once per second.
 
         A vehicle has passed if it was at most 100 m before the bottleneck a second ago and is at most 100 m beyond it.
         """
@@ -84,7 +85,7 @@ class OutcomeWatch:
         self._touched: set[tuple[str, str]] = set()
 
     def observe(self, world: FreewayWorld) -> None:
-        """Takes in one world; call it once per second."""
+        """Adds one world; to be called once per second."""
         on = world.segment >= 0
         speed = world.speed_mps[on]
         sums = np.array([len(speed), speed.sum(), (speed**2).sum()])
@@ -99,7 +100,7 @@ class OutcomeWatch:
         self._waiting = world.waiting
 
     def outcome(self) -> Outcome:
-        """Outcome of all worlds so far."""
+        """The outcome of all worlds so far."""
         sums = np.array(list(self._minutes.values())).reshape(-1, 3)
         count, total, squares = sums.sum(axis=0)
         mean = total / max(count, 1)
