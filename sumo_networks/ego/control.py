@@ -68,7 +68,7 @@ class Control(ABC):
         try:
             given = np.asarray(action)
             if given.dtype.kind not in "biuf":
-                raise TypeError(f"cannot take {given.dtype} for numbers")
+                raise TypeError(f"expected numbers, got dtype {given.dtype}")
             array = given.astype(np.float64, order="C")
         except Exception as error:  # the conversion of an unknown object may raise any error
             what = f"an array of shape {self.space.shape}"

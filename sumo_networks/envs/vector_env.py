@@ -267,7 +267,7 @@ def _count_egos(scenarios: ScenarioSource) -> int:
         return len(scenarios(0).missions)
     counts = sorted({len(scenario.missions) for scenario in scenarios})
     if len(counts) != 1:
-        raise InvalidInputError(f"expected scenarios with equally many egos, got {counts or 'no scenario'}")
+        raise InvalidInputError(f"expected scenarios with the same number of egos, got {counts or 'no scenario'}")
     return counts[0]
 
 

@@ -46,7 +46,7 @@ def trigger_of(event: BaseEvent, network: RoadNetwork, route: Route) -> float:
     distance = np.hypot(*(route.position - (x, y)).T)
     row = int(distance.argmin())
     if distance[row] > network.lanes.width[lane]:
-        raise PlacementError(f"the route passes {distance[row]:.0f} m from there")
+        raise PlacementError(f"the route is {distance[row]:.0f} m away from that place")
     return row * route.length / (len(route.position) - 1)
 
 

@@ -110,7 +110,9 @@ def need_kerb(network: RoadNetwork, route: Route, s: float) -> Section:
     """
     found = section(network, route, s)
     if network.lanes.speed[found.lane] > FAST_ROAD_MPS:
-        raise PlacementError(f"nobody walks beside a road with a limit of {network.lanes.speed[found.lane]:.0f} m/s")
+        raise PlacementError(
+            f"people do not walk beside a road with a limit of {network.lanes.speed[found.lane]:.0f} m/s"
+        )
     return found
 
 

@@ -196,7 +196,9 @@ def _claim(order: DatasetRequest, folder: Path) -> None:
         before = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
         for key, value in facts.items():
             if before and before.get(key) != value:
-                raise InvalidInputError(f"'{folder}' holds another dataset, {key} {before.get(key)} and not {value}")
+                raise InvalidInputError(
+                    f"'{folder}' has a different dataset: expected {key} {value}, got {before.get(key)}"
+                )
         days = {split: max(order.number(split), before.get("days", {}).get(split, 0)) for split in SPLITS}
         write_atomically(path, (json.dumps(facts | {"days": days}, indent=1) + "\n").encode())
     except (OSError, ValueError, AttributeError) as error:

@@ -37,7 +37,9 @@ def start_sumo(net: Path, files: Iterable[Path], begin_s: float, seed: int, opti
         SimulationError: Another simulation of this process is open, or SUMO could not load one of the files.
     """
     if libsumo.isLoaded():
-        raise SimulationError("another simulation of this process is still open; close it, or use a process each")
+        raise SimulationError(
+            "another simulation of this process is still open; close it, or use one process per simulation"
+        )
     routes, *others = [str(file) for file in files]
     additional = ("--additional-files", ",".join(others)) if others else ()
     command = ["sumo", "-n", str(net), "-r", routes, *additional, "--begin", f"{begin_s:g}", "--seed", str(seed)]

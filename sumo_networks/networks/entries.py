@@ -74,7 +74,7 @@ def check_name(name: str) -> None:
     """
     if not NAME.fullmatch(name):
         raise InvalidInputError(
-            f"network name '{name}': expected 1 to 63 small letters, digits and hyphens, the first no hyphen"
+            f"network name '{name}': expected 1 to 63 small letters, digits and hyphens, without a hyphen at the start"
         )
 
 

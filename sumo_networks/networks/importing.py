@@ -159,7 +159,7 @@ def run_netconvert(arguments: Sequence[str], file: Path, timeout_s: float) -> li
     if done.returncode:
         errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
         why = errors[0] if errors else f"it ended with {done.returncode}"
-        raise InvalidInputError(f"'{file}': netconvert cannot use it: {why}")
+        raise InvalidInputError(f"'{file}': netconvert cannot use the file: {why}")
     return [line.removeprefix("Warning: ") for line in lines if line.startswith("Warning: ")]
 
 

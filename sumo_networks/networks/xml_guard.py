@@ -50,7 +50,7 @@ def check_size(file: Path, limit_mb: float = LIMIT_MB) -> None:
     except OSError as error:
         raise InvalidInputError(f"cannot read '{file}': {error.strerror or error}") from error
     if not stat.S_ISREG(state.st_mode):
-        raise InvalidInputError(f"cannot read '{file}': it is no file")
+        raise InvalidInputError(f"cannot read '{file}': it is not a file")
     if state.st_size > limit_mb * 1e6:
         _refuse_size(file, "", limit_mb)
 

@@ -38,9 +38,11 @@ def start_sumo(network: RoadNetwork, seed: int, friction: float) -> None:
         SimulationError: Another simulation of this process is open, or SUMO could not load it.
     """
     if not network.path.exists():
-        raise InvalidInputError(f"network file '{network.path}' is gone")
+        raise InvalidInputError(f"network file '{network.path}' does not exist any more")
     if libsumo.isLoaded():
-        raise SimulationError("another simulation of this process is still open; close it, or use a process each")
+        raise SimulationError(
+            "another simulation of this process is still open; close it, or use one process per simulation"
+        )
     slippery = friction < 1.0
     options = (*_OPTIONS, "--device.friction.probability", "1") if slippery else _OPTIONS
     try:

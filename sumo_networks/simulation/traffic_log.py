@@ -203,7 +203,7 @@ def read_log(sha256: str, folder: Path) -> Log:
             log = _frozen(tuple(str(name) for name in file["names"]), arrays)
     except FileNotFoundError as error:
         raise InvalidInputError(
-            f"no log {sha256[:12]} in {folder}; dohyo benchmarks prepare NAME makes those of a benchmark"
+            f"no log {sha256[:12]} in {folder}; dohyo benchmarks prepare NAME makes the logs of a benchmark"
         ) from error
     except Exception as error:  # numpy and zipfile raise many types of error for a damaged file
         raise InvalidInputError(f"{path}: expected a log, but the file cannot be read: {error}") from error

@@ -77,7 +77,7 @@ def _stream(flow: TrafficFlow, number: int, network: RoadNetwork, rng: np.random
         raise InvalidInputError(f"{what}: no {flow.type or 'car'} may drive on lane '{flow.source}' (source)")
     edges = edge_graph(network, kind).fastest(source, flow.target)
     if not edges:
-        raise InvalidInputError(f"{what}: no way leads from edge '{source}' to edge '{flow.target}'")
+        raise InvalidInputError(f"{what}: no path leads from edge '{source}' to edge '{flow.target}'")
     first = next(one for one in network.lanes_of_edge[source] if permitted[one])
     gap_s, mean_s = _gaps(flow, float(network.lanes.speed[first if lane is None else lane]))
     index = None if lane is None else int(network.lanes.index[lane])

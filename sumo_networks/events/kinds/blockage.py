@@ -160,7 +160,7 @@ class OpeningDoorBehavior(BlockageBehavior):
         found = need_kerb(self.network, self.route, self.place)
         need_clear_road(self.route, self.place - 15.0, self.place + 15.0)
         if found.right >= 0:
-            raise PlacementError(f"at {self.place:.0f} m there is another lane between the ego's and the kerb")
+            raise PlacementError(f"at {self.place:.0f} m another lane lies between the ego's lane and the kerb")
         kind, length, width = self.vehicle_size
         side = PASSING_M + DOOR_M
         self.add_box(kind, length, width, self.place, left=-side - 0.5 * width)
@@ -222,10 +222,10 @@ class ParkingExitBehavior(BlockageBehavior):
     def build(self) -> None:
         """Parks one vehicle before the ego and one behind it."""
         if self.trigger > 5.0:
-            raise PlacementError(f"it is for the start of a route, at 0 m, not at {self.trigger:.0f} m")
+            raise PlacementError(f"it fits only at the start of a route, at 0 m, not at {self.trigger:.0f} m")
         need_clear_road(self.route, 0.0, self.place + 30.0)
         if section(self.network, self.route, self.place).left < 0:
-            raise PlacementError("there is no lane to the left of the ego's")
+            raise PlacementError("there is no lane to the left of the ego's lane")
         self.add_vehicle(self.place)
         self.add_side_flow(oncoming=False)
         *_, length, _ = self.vehicle_size

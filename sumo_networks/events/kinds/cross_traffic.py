@@ -54,7 +54,7 @@ class CrossTrafficBehavior(EventBehavior["CrossTrafficEvent"]):
             if way.side in wanted and way.path_s >= self._run_up(speed) + 0.5 * VEHICLES[self.event.actor][1]:
                 return way, speed
         raise PlacementError(
-            f"no way through the next junction from {' or '.join(wanted)} meets the ego's after "
+            f"no path through the next junction from {' or '.join(wanted)} meets the ego's path after an approach of "
             f"{self._run_up(self.event.speed_mps):.0f} m"
         )
 

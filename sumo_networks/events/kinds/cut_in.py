@@ -142,7 +142,9 @@ class ParkingCutInBehavior(CutInBehavior):
         if (found.right if event.side == "right" else found.left) >= 0 or (
             event.side == "left" and found.oncoming >= 0
         ):
-            raise PlacementError(f"at {self.place:.0f} m another lane is between the ego's and the {event.side} kerb")
+            raise PlacementError(
+                f"at {self.place:.0f} m another lane lies between the ego's lane and the {event.side} kerb"
+            )
         return (found.kerb_right if event.side == "right" else found.kerb_left) + 0.5 * width + 0.1
 
 

@@ -55,7 +55,7 @@ class EmergencyBehavior(EventBehavior["YieldToEmergencyVehicle"]):
             except PlacementError:
                 continue
             if found.left < 0 and found.right < 0:
-                raise PlacementError(f"at {ahead:.0f} m there is no second lane to let it pass")
+                raise PlacementError(f"at {ahead:.0f} m there is no second lane on which the vehicle can pass")
 
     def _extend(self, lanes: list[int], short: float) -> None:
         """Extends the path backwards beyond the route's start, on the lanes that lead there."""

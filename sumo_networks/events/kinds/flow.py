@@ -99,7 +99,7 @@ class JunctionFlow(FlowEvent):
         for way in conflicting_ways(site.network, site.route, passage, self.source_m):
             if self.takes(way, site.network):
                 return way.own_s, way.lanes, way.path_s
-        raise PlacementError(f"no such stream meets the ego's way through the junction at {passage.entry:.0f} m")
+        raise PlacementError(f"no flow of this kind meets the ego's path through the junction at {passage.entry:.0f} m")
 
     def check_junction(self, passage: Passage, where: str, route: Route) -> None:
         """Raises PlacementError if the junction does not fit the kind."""
@@ -204,7 +204,7 @@ class MergeIntoSlowTraffic(FlowEvent):
         for way in conflicting_ways(site.network, site.route, passage, self.source_m):
             if way.side == "same" and way.merges:
                 return way.own_s, way.lanes, way.path_s
-        raise PlacementError(f"the route has no lane change or merging stream within {LANE_CHANGE_WITHIN_M:.0f} m")
+        raise PlacementError(f"the route has no lane change or merge within {LANE_CHANGE_WITHIN_M:.0f} m")
 
 
 class HighwayExit(FlowEvent):

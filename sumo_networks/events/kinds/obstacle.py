@@ -24,9 +24,11 @@ class ObstacleBehavior(BlockageBehavior):
         need_clear_road(self.route, self.place - 25.0, self.place + 30.0)
         found, two_ways = section(self.network, self.route, self.place), self.event.two_ways
         if two_ways and found.left >= 0:
-            raise PlacementError(f"at {self.place:.0f} m there is a lane of the same direction to go round it")
+            raise PlacementError(f"at {self.place:.0f} m there is a lane of the same direction to pass the obstacle")
         if not two_ways and found.left < 0 and found.right < 0:
-            raise PlacementError(f"at {self.place:.0f} m there is no other lane of the same direction to go round it")
+            raise PlacementError(
+                f"at {self.place:.0f} m there is no other lane of the same direction to pass the obstacle"
+            )
         if two_ways and found.oncoming < 0:
             raise PlacementError(f"there is no oncoming lane at {self.place:.0f} m")
         self.add_side_flow(oncoming=two_ways)

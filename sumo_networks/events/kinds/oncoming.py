@@ -32,7 +32,7 @@ class OncomingBehavior(EventBehavior["OncomingEvent"]):
             raise PlacementError(f"there is no oncoming lane between {trigger:.0f} and {far:.0f} m")
         if found.left >= 0:
             raise PlacementError(
-                f"at {trigger:.0f} m there is a lane of the same direction between the ego and those oncoming"
+                f"at {trigger:.0f} m a lane of the same direction lies between the ego's lane and the oncoming lane"
             )
         kind, length, width = VEHICLES[event.actor]
         self._own = -(found.middle + 0.5 * float(network.lanes.width[found.oncoming]))

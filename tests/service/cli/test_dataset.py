@@ -32,5 +32,5 @@ def test_a_day_is_made_once(
     assert dohyo(monkeypatch, *(part.replace("3", "4") if part == "3" else part for part in order)) == 2
     error = capsys.readouterr().err
     assert error.startswith("dohyo: ")
-    assert "holds another dataset, seed 3 and not 4" in error
+    assert "has a different dataset: expected seed 4, got 3" in error
     assert error.count("\n") == 1

@@ -272,7 +272,7 @@ def test_an_error_in_a_worker_arrives_as_itself() -> None:
     ("arguments", "says"),
     [
         ({"scenarios": (), "num_envs": 1}, "no scenario"),
-        ({"scenarios": (scenario(5.0), scenario(5.0, 9.0)), "num_envs": 1}, "equally many egos"),
+        ({"scenarios": (scenario(5.0), scenario(5.0, 9.0)), "num_envs": 1}, "the same number of egos"),
         ({"scenarios": SCENARIOS, "num_envs": 0}, "at least one"),
         ({"scenarios": SCENARIOS, "num_envs": 1, "sensors": ["rader"]}, "rader"),
         ({"scenarios": SCENARIOS, "num_envs": 1, "control": "reins"}, "reins"),

@@ -43,13 +43,13 @@ def event(kind: str, at_m: float, **changes: object) -> Event:
         ("town", "dynamic_object_crossing", 560.0, "the route ends at"),
         ("town", "hard_brake", 90.0, "there is a junction at 129 m"),
         ("town", "yield_to_emergency_vehicle", 200.0, "no second lane"),
-        ("town", "parking_exit", 30.0, "for the start of a route"),
+        ("town", "parking_exit", 30.0, "only at the start of a route"),
         ("town", "right_turn_into_flow", 60.0, "does not turn right"),
         ("town", "hard_brake", 1e6, "the route ends at"),
         ("country", "opposite_runs_red_light", 350.0, "has no traffic light"),
         ("country", "opposite_runs_red_light", 10.0, "no junction within 150 m"),
         ("country", "parked_obstacle", 100.0, "no other lane of the same direction"),
-        ("highway", "parked_obstacle_two_ways", 150.0, "a lane of the same direction to go round it"),
+        ("highway", "parked_obstacle_two_ways", 150.0, "a lane of the same direction to pass the obstacle"),
         ("highway", "oncoming_in_lane", 100.0, "no oncoming lane"),
         ("highway", "highway_exit", 100.0, "no lane change to the right within 400 m"),
     ],
@@ -82,7 +82,7 @@ def test_a_place_on_a_lane_is_as_good_as_metres(kind: str) -> None:
 def test_a_place_that_the_route_does_not_pass_is_an_error() -> None:
     network, route = load_network(TOWN[0]), route_of(*TOWN)
     elsewhere = EVENT.validate_python({"kind": "hard_brake", "name": "it", "at": {"lane": "-rampart_3_1"}})
-    with pytest.raises(InvalidInputError, match=r"the route passes .* m from there"):
+    with pytest.raises(InvalidInputError, match=r"the route is .* m away from that place"):
         check_placement(elsewhere, "ego", network, route)
     nowhere = EVENT.validate_python({"kind": "hard_brake", "name": "it", "at": {"lane": "nowhere_0"}})
     with pytest.raises(InvalidInputError, match="network 'town-test' has no such lane"):

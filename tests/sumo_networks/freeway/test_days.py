@@ -177,7 +177,7 @@ def test_a_day_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.Mon
 def test_another_order_does_not_mix_with_it(tmp_path: Path) -> None:
     make_dataset(DatasetRequest(days=1, easy=0, hard=0), tmp_path)
     for other in (DatasetRequest(days=1, easy=0, hard=0, seed=1), DatasetRequest(days=1, easy=0, hard=0, probes=0.5)):
-        with pytest.raises(InvalidInputError, match=r"holds another dataset, (seed|probes)"):
+        with pytest.raises(InvalidInputError, match=r"has a different dataset: expected (seed|probes)"):
             make_dataset(other, tmp_path)
 
 

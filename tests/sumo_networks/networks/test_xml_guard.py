@@ -109,7 +109,7 @@ def test_the_limit_is_for_files_and_not_for_what_was_imported(tmp_path: Path, mo
 def test_what_is_no_file_is_not_waited_for(make: Callable[[Path], None], tmp_path: Path) -> None:
     path = tmp_path / "town.net.xml"
     make(path)
-    with pytest.raises(InvalidInputError, match="it is no file"):
+    with pytest.raises(InvalidInputError, match="it is not a file"):
         load_network(str(path))
 
 

@@ -282,7 +282,7 @@ def test_a_network_file_that_has_gone_is_named(tmp_path: Path) -> None:
     scenario = Scenario(network=str(net), missions=(straight_road().mission,))
     plan = plan_scenario(load_network(str(net)), scenario)
     net.unlink()
-    with pytest.raises(InvalidInputError, match=r"gone\.net\.xml' is gone"):
+    with pytest.raises(InvalidInputError, match=r"gone\.net\.xml' does not exist any more"):
         Simulation(plan)
 
 

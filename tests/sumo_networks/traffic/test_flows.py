@@ -102,7 +102,7 @@ def test_a_flow_without_a_type_is_as_mixed_as_the_population() -> None:
         ({"source": "w_x"}, r"flows\[0\]: network '.*' has no edge 'w_x' \(source\)"),
         ({"target": "c_x"}, r"no edge 'c_x' \(target\)"),
         ({"source": "w_c_7"}, r"no edge 'w_c_7' \(source\)"),
-        ({"target": "w_c", "source": "c_e"}, "no way leads from edge 'c_e' to edge 'w_c'"),
+        ({"target": "w_c", "source": "c_e"}, "no path leads from edge 'c_e' to edge 'w_c'"),
         ({"source": ":c_0"}, "no car may drive on edge ':c_0'"),
     ],
 )
