@@ -15,7 +15,7 @@ OPTIONAL: Any = Field(default=None, exclude_if=lambda value: value is None)
 class Config(BaseModel):
     """Base of everything read from TOML or stored in a record: immutable, and unknown keys are errors."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
 
 class Place(Config):

@@ -8,7 +8,9 @@ COMMANDS: dict[str, Command | Group] = {
     "networks": Group(
         "Road networks.",
         {
-            "list": Command("lists:list_networks", "Lists the networks that come with dohyo, and those you imported."),
+            "list": Command(
+                "network_list:list_networks", "Lists the networks that come with dohyo, and those you imported."
+            ),
             "show": Command("networks:show", "Draws a network as a road map."),
             "check": Command("networks:check", "Reports a network's size, and faults that would disturb a driver."),
             "import": Command("networks:import_file", "Imports a road network into your catalog, and checks it."),
@@ -17,11 +19,11 @@ COMMANDS: dict[str, Command | Group] = {
             ),
         },
     ),
-    "agents": Group("Driving agents.", {"list": Command("lists:list_agents", "Lists the registered agents.")}),
+    "agents": Group("Driving agents.", {"list": Command("agent_list:list_agents", "Lists the registered agents.")}),
     "benchmarks": Group(
         "Benchmarks.",
         {
-            "list": Command("lists:list_benchmarks", "Lists the benchmarks."),
+            "list": Command("benchmark_list:list_benchmarks", "Lists the benchmarks."),
             "prepare": Command(
                 "prepare:prepare",
                 "Makes a benchmark's recorded runs or days. Run again, it continues where it stopped.",
