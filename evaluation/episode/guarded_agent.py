@@ -31,7 +31,7 @@ class AgentFailedError(AgentError):
     """Failure of an agent, which ends the episode of its ego.
 
     Attributes:
-        status: How the episode ended.
+        status: Status with which the episode ends.
     """
 
     def __init__(self, status: Status, message: str) -> None:
@@ -43,7 +43,7 @@ class GuardedAgent:
     """Calls an agent under deadlines; a failure raises AgentFailedError with its status.
 
     Attributes:
-        agent: The agent.
+        agent: Agent that is called.
         latencies_s: Wall-clock time of every decision, s.
     """
 
