@@ -8,9 +8,7 @@ COMMANDS: dict[str, Command | Group] = {
     "networks": Group(
         "Road networks.",
         {
-            "list": Command(
-                "network_list:list_networks", "Lists the networks that come with dohyo, and those you imported."
-            ),
+            "list": Command("network_list:list_networks", "Lists the networks of dohyo and those you imported."),
             "show": Command("networks:show", "Draws a network as a road map."),
             "check": Command("networks:check", "Reports a network's size, and faults that would disturb a driver."),
             "import": Command("networks:import_file", "Imports a road network into your catalog, and checks it."),
