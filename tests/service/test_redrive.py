@@ -19,7 +19,7 @@ from dohyo.evaluation.records.store import seal, write_record
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.service.redrive import Trace, explanation_at
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.scenario import Traffic
+from dohyo.sumo_networks.scenario import Mission, Traffic
 from tests.service.shop import Shop
 
 Driven = tuple[EpisodeRecord, Trajectory, list[dict[str, Any]]]
@@ -31,6 +31,10 @@ class Recorded(Autopilot):
     def __init__(self) -> None:
         super().__init__()
         self.said: list[dict[str, Any]] = []
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        super().reset(mission, seed)
+        self.said.clear()  # decisions of the warm-up
 
     def act(self, observation: Observation) -> np.ndarray:
         action = super().act(observation)
@@ -110,7 +114,7 @@ def test_a_record_that_does_not_come_out_again_is_told(shop: Shop, driven: Drive
         assert (answer["same"], answer["replayed"]) == (False, record.record_hash)
         explanation = explained(shop, one, 0)
         assert explanation.status_code == 409
-        assert "another record" in explanation.json()["detail"]
+        assert "a different record" in explanation.json()["detail"]
 
 
 @pytest.mark.parametrize(
