@@ -247,7 +247,7 @@ def load_benchmark(name: str) -> Benchmark:
     except OSError as error:
         raise InvalidInputError(f"cannot read benchmark file '{path}': {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InvalidInputError(f"benchmark file '{path}' is no TOML: {error}") from error
+        raise InvalidInputError(f"benchmark file '{path}' is not valid TOML: {error}") from error
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])

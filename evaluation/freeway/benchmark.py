@@ -132,7 +132,7 @@ def load_freeway_benchmark(name: str) -> FreewayBenchmark:
         where = ".".join(str(part) for part in first["loc"]) or "file"
         raise InvalidInputError(f"benchmark file '{path}': {where}: {first['msg']}") from error
     except ValueError as error:
-        raise InvalidInputError(f"benchmark file '{path}' is no TOML: {error}") from error
+        raise InvalidInputError(f"benchmark file '{path}' is not valid TOML: {error}") from error
 
 
 def days_folder(benchmark: ForecastBenchmark) -> Path:

@@ -64,7 +64,7 @@ def test_days_of_another_seed_lie_elsewhere(monkeypatch: pytest.MonkeyPatch, tmp
     [
         ('kind = "forecast"\nname = "x"', "description: Field required"),
         ('kind = "parking"\nname = "x"', "expected tags"),
-        ("kind = ", "is no TOML"),
+        ("kind = ", "is not valid TOML"),
     ],
 )
 def test_a_broken_file_is_refused_in_one_line(text: str, message: str, tmp_path: Path) -> None:

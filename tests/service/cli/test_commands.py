@@ -158,7 +158,7 @@ def broken(tmp_path: Path, name: str) -> str:
         (["--agent", "autopilo", "--benchmark", "quickstart"], "did you mean 'autopilot'?"),
         (["--agent", "autopilot", "--benchmark", "quickstar"], "did you mean 'quickstart'?"),
         (["--agent", "autopilot", "--benchmark", "missing.toml"], "missing.toml"),
-        (["--agent", "autopilot", "--benchmark", "{no_toml}"], "no TOML"),
+        (["--agent", "autopilot", "--benchmark", "{no_toml}"], "not valid TOML"),
         (["--agent", "autopilot", "--benchmark", "{unknown_key}"], "traffic.vehicels"),
         (["--agent", "autopilot", "--benchmark", "{unreachable}"], "mission 1"),
         (["--agent", "autopilot", "--benchmark", "{no_lane}"], "no lane 'nowhere_0'"),
