@@ -74,8 +74,8 @@ def project_on_path(
     """Projects a point on a window of a polyline of equally spaced points.
 
     Args:
-        x: m.
-        y: m.
+        x: x of the point, m.
+        y: y of the point, m.
         path: (N, 2) points, m.
         spacing: m between consecutive points.
         first: First segment of the window.
@@ -138,8 +138,8 @@ def nearest_lane(
     aligned with the heading.
 
     Args:
-        x: m.
-        y: m.
+        x: x of the point, m.
+        y: y of the point, m.
         heading: Heading of the vehicle, rad.
         grid: Segments of the lanes.
         preferred: (L,) lanes to prefer.

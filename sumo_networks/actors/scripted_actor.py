@@ -109,7 +109,7 @@ class ScriptedActor:
 
         Args:
             boxes: (M, 5) x, y [m], heading [rad], length, width [m].
-            speeds: (M,) m/s.
+            speeds: (M,) speeds of the boxes, m/s.
 
         Returns:
             Gap between the bumpers [m] and the box's speed along the path [m/s]; infinity and 0 if the path is free.

@@ -95,11 +95,11 @@ class Route:
         """Projects a point on the part of the route around an arc length.
 
         Args:
-            x: m.
-            y: m.
+            x: x of the point, m.
+            y: y of the point, m.
             near: Arc length around which to search, m.
-            behind: How far back to search, m.
-            ahead: How far ahead to search, m.
+            behind: Length of the search backwards, m.
+            ahead: Length of the search forwards, m.
 
         Returns:
             Arc length [m], signed distance [m, left positive], direction of the route at that point [rad].

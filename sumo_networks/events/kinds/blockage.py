@@ -30,7 +30,7 @@ class BlockageBehavior(EventBehavior["BlockageEvent"]):
 
     Attributes:
         place: Arc length of the first box's centre on the ego's route, m.
-        source: Source of the vehicles in the lane beside; None: no vehicles there.
+        source: Source of the vehicles in the adjacent lane; None: no vehicles there.
     """
 
     def __init__(self, event: BlockageEvent, site: EventSite) -> None:
@@ -76,7 +76,7 @@ class BlockageBehavior(EventBehavior["BlockageEvent"]):
 
     @property
     def entered(self) -> Sequence[str]:
-        """Names of the vehicles in the lane beside."""
+        """Names of the vehicles in the adjacent lane."""
         return self.source.entered if self.source is not None else ()
 
     def prepare(self, context: EventContext) -> None:
@@ -85,12 +85,12 @@ class BlockageBehavior(EventBehavior["BlockageEvent"]):
         self.emit(context)
 
     def emit(self, context: EventContext) -> None:
-        """Lets the next vehicle enter the lane beside."""
+        """Lets the next vehicle enter the adjacent lane."""
         if self.source is not None:
             self.source.emit(self.event.name, context, self.rng)
 
     def await_trigger(self, context: EventContext) -> None:
-        """Runs the flow in the lane beside."""
+        """Runs the flow in the adjacent lane."""
         self.emit(context)
 
     def act(self, context: EventContext) -> bool:

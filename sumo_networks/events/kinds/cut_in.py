@@ -22,7 +22,7 @@ QUEUE_GAP_M = 2.5
 
 
 class CutInBehavior(EventBehavior["CutInEvent"]):
-    """The vehicle stands in the lane beside, moves into the ego's lane, and drives on ahead of the ego.
+    """The vehicle stands in the adjacent lane, moves into the ego's lane, and drives on ahead of the ego.
 
     Attributes:
         place: Arc length on the ego's route at which the vehicle stands or enters, m.
@@ -43,7 +43,7 @@ class CutInBehavior(EventBehavior["CutInEvent"]):
         need_clear_road(self.route, self.place - 15.0, self.place + ROOM_M)
 
     def distance_beside(self, width: float) -> float:
-        """Distance from the middle of the ego's lane to the middle of a vehicle in the lane beside, m.
+        """Distance from the middle of the ego's lane to the middle of a vehicle in the adjacent lane, m.
 
         Raises:
             PlacementError: There is no such lane.
@@ -157,7 +157,7 @@ class ParkingCutIn(CutInEvent):
 
 
 class StaticCutInBehavior(CutInBehavior):
-    """The vehicle leaves a standing queue in the lane beside; the queue stays."""
+    """The vehicle leaves a standing queue in the adjacent lane; the queue stays."""
 
     def __init__(self, event: CutInEvent, site: EventSite) -> None:
         super().__init__(event, site)
@@ -174,7 +174,7 @@ class StaticCutInBehavior(CutInBehavior):
 
 
 class StaticCutIn(CutInEvent):
-    """One vehicle of a queue in the lane beside pulls out."""
+    """One vehicle of a queue in the adjacent lane pulls out."""
 
     behavior: ClassVar = StaticCutInBehavior
     kind: Literal["static_cut_in"] = "static_cut_in"
@@ -184,7 +184,7 @@ class StaticCutIn(CutInEvent):
 
 
 class HighwayCutInBehavior(CutInBehavior):
-    """The vehicle drives in the lane beside, lets the ego come near, and moves in."""
+    """The vehicle drives in the adjacent lane, lets the ego come near, and moves in."""
 
     def check_road(self) -> None:
         """Raises PlacementError if the vehicle cannot move in before the next junction."""
@@ -224,7 +224,7 @@ class HighwayCutInBehavior(CutInBehavior):
 
 
 class HighwayCutIn(CutInEvent):
-    """A vehicle in the lane beside moves in, and slows down to half the ego's speed."""
+    """A vehicle in the adjacent lane moves in, and slows down to half the ego's speed."""
 
     behavior: ClassVar = HighwayCutInBehavior
     kind: Literal["highway_cut_in"] = "highway_cut_in"
