@@ -24,7 +24,7 @@ demo: $(INSTALLED)  ## Evaluate two agents on a real city junction and write rep
 	@$(BIN)/dohyo report $(RESULTS)/autopilot $(RESULTS)/reckless --out $(REPORT)
 
 test: $(INSTALLED)  ## Run the whole test suite in two processes
-	@$(BIN)/python -m pytest -q -n 2 --dist loadfile
+	@$(BIN)/python -m pytest -q -n 2 --dist worksteal
 
 lint: $(INSTALLED)  ## Check style, types, the four floors and the Dockerfile
 	@$(BIN)/ruff check --quiet .
