@@ -139,13 +139,13 @@ def interval(estimate: Estimate) -> str:
     return f"{number(estimate.mean)} [{number(estimate.low)}, {number(estimate.high)}] n={estimate.n}"
 
 
-def probability(value: float) -> str:
-    """The probability that A scores higher than B, such as `P(A > B) = 0.873`; the dashboard has the same form."""
+def probability(value: float, a: str = "A", b: str = "B") -> str:
+    """Probability that `a` scores higher than `b`, such as `P(A > B) = 0.873`; the dashboard has the same form."""
     if value >= 0.9995:
-        return "P(A > B) > 0.999"
+        return f"P({a} > {b}) > 0.999"
     if value < 0.0005:
-        return "P(A > B) < 0.001"
-    return f"P(A > B) = {value:.3f}"
+        return f"P({a} > {b}) < 0.001"
+    return f"P({a} > {b}) = {value:.3f}"
 
 
 def markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

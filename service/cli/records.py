@@ -16,6 +16,7 @@ from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
 from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.report.page import write_report
 from dohyo.evaluation.report.rows import Evaluation
+from dohyo.evaluation.report.style import probability
 from dohyo.evaluation.running.run import Result, read_result
 from dohyo.evaluation.scores.driving import IrsLength, Rules
 from dohyo.evaluation.scores.nuplan.summary import (
@@ -90,7 +91,7 @@ def _print_verdicts(names: Sequence[str], results: Sequence[Result], rules: Rule
         score = compare(first.records, second.records, rules=rules, irs_length=irs_length)["driving_score"]
         console.print(
             f"{a} {score.verdict} {b}: driving score differs by {interval(score.difference)} on "
-            f"{score.difference.n} drives of both; {score.probability:.0%} that {a}'s is higher",
+            f"{score.difference.n} common drives, {probability(score.probability, a, b)}",
             markup=False,
         )
 
