@@ -248,8 +248,9 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         }
 
     def _observe(self, names: Sequence[str]) -> dict[str, Observation]:
+        world = self.world
         return {
-            name: {sensor.name: sensor.read(self.world, self._index[name]) for sensor in self._sensors[name]}
+            name: {sensor.name: sensor.read(world, self._index[name]) for sensor in self._sensors[name]}
             for name in names
         }
 
