@@ -14,7 +14,7 @@ from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 GROUP = "dohyo.agents"
 LOCALIZED = "dohyo.agents.localization.localized:Localized"
 DECLARED = Path(__file__).with_name("agents.toml")
-SHIELDED = "dohyo.agents.hierarchical.shield:Shielded"
+SHIELDED = "dohyo.agents.safety.shield:Shielded"
 
 
 def agent_entries() -> dict[str, str]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numba import njit
 
-from dohyo.agents.experts import gaps, impact, surroundings
+from dohyo.agents.experts import gaps, impact
 from dohyo.agents.experts.courtesy import (
     KEEP_RIGHT_RAMP_M,
     SQUEEZE_RAMP_M,
@@ -24,12 +24,13 @@ from dohyo.agents.experts.courtesy import (
     squeeze_past,
     stand_before_oncoming,
 )
-from dohyo.agents.experts.crossing import crossers
 from dohyo.agents.experts.gaps import PASSING_ACCELERATION
 from dohyo.agents.experts.impact import Impact
 from dohyo.agents.experts.passing import PASSING_M_S, Passing
-from dohyo.agents.experts.sidestep import Sidestep
-from dohyo.agents.experts.surroundings import Surroundings, ran_into_from_behind
+from dohyo.agents.planning import surroundings
+from dohyo.agents.planning.crossing import crossers
+from dohyo.agents.planning.sidestep import Sidestep
+from dohyo.agents.planning.surroundings import Surroundings, ran_into_from_behind
 from dohyo.agents.planning.warm_up import empty_road
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from dohyo.sumo_networks.arrays import Float32Array

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dohyo.agents.experts.surroundings import Neighbour, Surroundings
+from dohyo.agents.planning.surroundings import Neighbour, Surroundings
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.world import ActorKind
 

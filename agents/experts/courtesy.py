@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable
 
 from dohyo.agents.experts.passing import Passing
-from dohyo.agents.experts.sidestep import RAMP_M, Sidestep
-from dohyo.agents.experts.surroundings import LaneBeside, Neighbour, Surroundings
+from dohyo.agents.planning.sidestep import RAMP_M, Sidestep
+from dohyo.agents.planning.surroundings import LaneBeside, Neighbour, Surroundings
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.world import ActorKind
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numba import njit
 
-from dohyo.agents.experts.surroundings import ran_into_from_behind
 from dohyo.agents.planning.motion import boxes_meet
+from dohyo.agents.planning.surroundings import ran_into_from_behind
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.geometry import wrap
 from dohyo.sumo_networks.units import TICK_S

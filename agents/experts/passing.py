@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from dohyo.agents.experts.blockers import Blocker, Patience, find_blocker
 from dohyo.agents.experts.gaps import Stretch, leaves_room
-from dohyo.agents.experts.sidestep import RAMP_M, Sidestep
-from dohyo.agents.experts.surroundings import LaneBeside, Neighbour, Surroundings
+from dohyo.agents.planning.sidestep import RAMP_M, Sidestep
+from dohyo.agents.planning.surroundings import LaneBeside, Neighbour, Surroundings
 from dohyo.sumo_networks.arrays import Float32Array
 
 FREE = math.inf

@@ -9,8 +9,8 @@ from types import MappingProxyType
 from typing import Any
 
 from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
-from dohyo.agents.training.registry import Trainer, trainer_named
-from dohyo.agents.training.settings import read_settings
+from dohyo.agents.learning.registry import Trainer, trainer_named
+from dohyo.agents.learning.settings import read_settings
 from dohyo.sumo_networks.config import Config
 
 MASTER, FLAT = "master", "flat"

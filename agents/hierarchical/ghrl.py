@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from dohyo.agents.hierarchical.conductor import Conductor, Prospect
 from dohyo.agents.hierarchical.hierarchy import FLAT, MASTER, WEIGHTS, SubPolicy, read_sub_policies, run_file
 from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
 from dohyo.agents.hierarchical.master import Master, parts, read_master
-from dohyo.agents.hierarchical.outlook import OPTIONS, Outlook
-from dohyo.agents.hierarchical.rules_only import RulesOnly
+from dohyo.agents.hierarchical.master_observation import OPTIONS, MasterObservation
+from dohyo.agents.hierarchical.option_executor import OptionExecutor, OptionView
+from dohyo.agents.rules.rules_only import RulesOnly
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
@@ -63,7 +63,7 @@ class Ghrl(Agent):
             self._master, self.files = read_master(path), (path,)
             state, self._steering = self._master.manner.state, self._master.manner.steering
         self.files = (*self.files, *(file for one in (rules, self._guard) if one is not None for file in one.files))
-        self._outlook = Outlook(state, rules)
+        self._outlook = MasterObservation(state, rules)
         self.files = (*self.files, *self._outlook.encoder.files)
         if self._master is not None and self._master.size != self._outlook.encoder.size:
             raise InvalidInputError(
@@ -93,8 +93,8 @@ class Ghrl(Agent):
         self._forget()
 
     def _forget(self) -> None:
-        self._conductor = Conductor(self._master.manner.tempo) if self._master is not None else None
-        self._prospect: Prospect | None = None
+        self._conductor = OptionExecutor(self._master.manner.tempo) if self._master is not None else None
+        self._prospect: OptionView | None = None
         self._ruled = self._braked = False
 
     def act(self, observation: Observation) -> np.ndarray:
@@ -130,7 +130,7 @@ class Ghrl(Agent):
         with torch.no_grad():
             answer = self._master(torch.from_numpy(outlook.vector())[None])[0].numpy()
         q, beta, actions = parts(answer)
-        self._prospect = Prospect(q, beta, outlook.available, outlook.finished, outlook.critical)
+        self._prospect = OptionView(q, beta, outlook.available, outlook.finished, outlook.critical)
         if conductor.ends(self._prospect, 0.5):
             conductor.begin(self._prospect)
         conductor.tick()

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from enum import StrEnum
 from types import MappingProxyType
 
-from dohyo.agents.experts.sidestep import Sidestep
-from dohyo.agents.experts.surroundings import LaneBeside, Surroundings
 from dohyo.agents.hierarchical.pace import Restraint, yields
+from dohyo.agents.planning.sidestep import Sidestep
+from dohyo.agents.planning.surroundings import LaneBeside, Surroundings
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters

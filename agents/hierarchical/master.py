@@ -11,13 +11,13 @@ from safetensors import SafetensorError, safe_open
 from torch import Tensor, nn
 
 from dohyo.agents.hierarchical.actuation import ACTIONS, Steering
-from dohyo.agents.hierarchical.conductor import Tempo
 from dohyo.agents.hierarchical.hierarchy import SubPolicies
 from dohyo.agents.hierarchical.manoeuvres import Manoeuvre
-from dohyo.agents.hierarchical.options import OptionValues
-from dohyo.agents.hierarchical.outlook import FLAGS, OPTIONS
+from dohyo.agents.hierarchical.master_observation import FLAGS, OPTIONS
+from dohyo.agents.hierarchical.option_executor import OptionLimits
+from dohyo.agents.hierarchical.option_losses import OptionValues
 from dohyo.agents.hierarchical.state import StateConfig, StateEncoder
-from dohyo.agents.training.policy import Actor
+from dohyo.agents.learning.policy import Actor
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -25,7 +25,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 SHAPE, MANNER = "shape", "manner"
 
 
-class Manner(Config):
+class MasterSpec(Config):
     """Settings that a master must be driven with.
 
     Attributes:
@@ -36,11 +36,11 @@ class Manner(Config):
 
     state: StateConfig = StateConfig()
     steering: Steering = Steering.POLICY
-    tempo: Tempo = Tempo()
+    tempo: OptionLimits = OptionLimits()
 
 
 class Master(nn.Module):
-    """Outlook -> Q_Omega, beta, and the action of each option.
+    """MasterObservation -> Q_Omega, beta, and the action of each option.
 
     Attributes:
         values: Q_Omega and beta of the state.
@@ -56,7 +56,7 @@ class Master(nn.Module):
         hidden: Sequence[int],
         actors: Mapping[str, Actor],
         rows: Mapping[str, Tensor],
-        manner: Manner,
+        manner: MasterSpec,
     ) -> None:
         """Makes the networks.
 
@@ -75,7 +75,7 @@ class Master(nn.Module):
             self.register_buffer(f"rows_{name}", rows[name])
 
     def forward(self, outlook: Tensor) -> Tensor:
-        """(B, size + options + FLAGS) `Outlook.vector` -> (B, 4 * options): Q, beta, pedals and steering of each."""
+        """(B, size + options + FLAGS) vectors -> (B, 4 * options): Q, beta, pedals and steering of each."""
         state = outlook[:, : self.size]
         q, beta = self.values(state)
         actions = [self.actor(name)(self.view(name, state)) for name in OPTIONS]
@@ -99,12 +99,12 @@ class Master(nn.Module):
         return {SHAPE: shape, MANNER: self.manner.model_dump_json()}
 
 
-def master_of(policies: SubPolicies, hidden: Sequence[int], tempo: Tempo) -> Master:
+def master_of(policies: SubPolicies, hidden: Sequence[int], tempo: OptionLimits) -> Master:
     """An untrained master over trained sub-policies."""
     size = StateEncoder(policies.state).size
     actors = {name: policy.actor for name, policy in policies.policies.items()}
     rows = {name: policy.rows for name, policy in policies.policies.items()}
-    manner = Manner(state=policies.state, steering=policies.steering, tempo=tempo)
+    manner = MasterSpec(state=policies.state, steering=policies.steering, tempo=tempo)
     return Master(size, hidden, actors, rows, manner)
 
 
@@ -118,7 +118,7 @@ def read_master(path: Path) -> Master:
         with safe_open(path, framework="pt") as file:
             facts = file.metadata() or {}
             weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - no mapping
-        shape, manner = json.loads(facts[SHAPE]), Manner.model_validate_json(facts[MANNER])
+        shape, manner = json.loads(facts[SHAPE]), MasterSpec.model_validate_json(facts[MANNER])
         actors, rows = {}, {}
         for name, (observations, *hidden, _) in shape["actors"].items():
             low, high = weights[f"actors.{name}.low"], weights[f"actors.{name}.high"]
@@ -132,7 +132,7 @@ def read_master(path: Path) -> Master:
     return master.eval()
 
 
-class Told:
+class MasterView:
     """Parts of one outlook.
 
     Attributes:
@@ -144,7 +144,7 @@ class Told:
     """
 
     def __init__(self, vector: Float32Array, size: int) -> None:
-        """Splits `Outlook.vector`."""
+        """Splits `MasterObservation.vector`."""
         self.state = vector[:size]
         self.available: BoolArray = vector[size : size + len(OPTIONS)] > 0.5
         flags = vector[size + len(OPTIONS) :] > 0.5

@@ -21,11 +21,12 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from dohyo.agents.hierarchical.conductor import Conductor, Prospect, Tempo
 from dohyo.agents.hierarchical.hierarchy import read_sub_policies
-from dohyo.agents.hierarchical.journey import HELD_OUT, JourneyTask
-from dohyo.agents.hierarchical.master import Master, Told, master_of, parts
-from dohyo.agents.hierarchical.options import (
+from dohyo.agents.hierarchical.master import Master, MasterView, master_of, parts
+from dohyo.agents.hierarchical.master_observation import OPTIONS
+from dohyo.agents.hierarchical.mission_env import HELD_OUT, MissionTask
+from dohyo.agents.hierarchical.option_executor import OptionExecutor, OptionLimits, OptionView
+from dohyo.agents.hierarchical.option_losses import (
     Replay,
     arrival_value,
     best_value,
@@ -33,17 +34,16 @@ from dohyo.agents.hierarchical.options import (
     smdp_target,
     termination_loss,
 )
-from dohyo.agents.hierarchical.outlook import OPTIONS
+from dohyo.agents.hierarchical.option_rollout import OptionRollout
 from dohyo.agents.hierarchical.rewards import Form
-from dohyo.agents.hierarchical.trail import Trail
-from dohyo.agents.training.checkpoint import generator_of, generator_state
-from dohyo.agents.training.config import Positive, RunConfig, Share
-from dohyo.agents.training.environments import Environments, Finished
-from dohyo.agents.training.metrics import Number
-from dohyo.agents.training.registry import Trainer, TrainRequest
-from dohyo.agents.training.run import Run
-from dohyo.agents.training.task import Array
-from dohyo.agents.training.training import train
+from dohyo.agents.learning.checkpoint import generator_of, generator_state
+from dohyo.agents.learning.config import Positive, RunConfig, Share
+from dohyo.agents.learning.environments import Environments, Finished
+from dohyo.agents.learning.metrics import Number
+from dohyo.agents.learning.registry import Trainer, TrainRequest
+from dohyo.agents.learning.run import Run
+from dohyo.agents.learning.task import Array
+from dohyo.agents.learning.training import train
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array
 from dohyo.sumo_networks.config import Config
 
@@ -88,7 +88,7 @@ class OptionCriticConfig(Config):
     replay: Positive = 200_000
     target_share: Share = 0.01
     hidden: Annotated[tuple[Positive, ...], Field(min_length=1)] = (256, 256)
-    tempo: Tempo = Tempo()
+    tempo: OptionLimits = OptionLimits()
 
     def epsilon_at(self, step: int) -> float:
         """Epsilon after some ticks."""
@@ -147,7 +147,7 @@ class OptionCritic:
 
         Args:
             master: Untrained, over trained sub-policies.
-            environments: Of a `JourneyTask`.
+            environments: Of a `MissionTask`.
             config: Settings.
             seed: Of the run.
             device: Of the networks.
@@ -155,8 +155,8 @@ class OptionCritic:
         self._environments, self._config, self._device = environments, config, device
         self.actor, self.updates = master.to(device), 0
         self._target = copy.deepcopy(master.values).to(device)
-        self._running = [Trail(Conductor(config.tempo)) for _ in range(len(environments))]
-        self._judged = Conductor(config.tempo)
+        self._running = [OptionRollout(OptionExecutor(config.tempo)) for _ in range(len(environments))]
+        self._judged = OptionExecutor(config.tempo)
         self._replay = Replay(config.replay, master.size, len(OPTIONS))
         self._rng = np.random.default_rng([_CHOICES, seed])
         self._optimizers = {
@@ -171,11 +171,11 @@ class OptionCritic:
 
     def act(self, observation: Array) -> Array:
         """One observation -> one action, without exploration; the episodes come one after the other."""
-        told = Told(observation, self.actor.size)
+        told = MasterView(observation, self.actor.size)
         if told.fresh:
             self._judged.reset()
         q, beta, actions = parts(self._answer(observation[None])[0])
-        prospect = Prospect(q, beta, told.available, told.finished, told.critical)
+        prospect = OptionView(q, beta, told.available, told.finished, told.critical)
         option = self._judged.begin(prospect) if self._judged.ends(prospect, 0.5) else self._judged.option
         assert option is not None
         self._judged.tick()
@@ -198,7 +198,7 @@ class OptionCritic:
     def _tick(self, epsilon: float, ticks: _Ticks, finished: list[Finished], ended: list[int]) -> int:
         """One tick in all environments; number of those in which the rules drove."""
         vectors = self._environments.observation.copy()
-        told = [Told(vector, self.actor.size) for vector in vectors]
+        told = [MasterView(vector, self.actor.size) for vector in vectors]
         values = self._values(np.stack([one.state for one in told]))
         options = [self._next(i, one, values, epsilon, ended) for i, one in enumerate(told)]
         units = [self._explored(option, one.state) for option, one in zip(options, told, strict=True)]
@@ -208,7 +208,7 @@ class OptionCritic:
         transition = self._environments.step(np.array(actions, dtype=np.float32))
         for i, one in enumerate(told):
             reward = float(transition.reward[i]) * (1.0 - self._config.gamma)
-            running, after = self._running[i], Told(transition.observation[i], self.actor.size)
+            running, after = self._running[i], MasterView(transition.observation[i], self.actor.size)
             running.add(None if one.critical else one.state, reward)
             terminated = bool(transition.terminated[i])
             if terminated or transition.truncated[i]:
@@ -225,11 +225,11 @@ class OptionCritic:
         return sum(one.critical for one in told)
 
     def _next(
-        self, i: int, told: Told, values: tuple[Float32Array, Float32Array], epsilon: float, ended: list[int]
+        self, i: int, told: MasterView, values: tuple[Float32Array, Float32Array], epsilon: float, ended: list[int]
     ) -> int:
         """Running option of an environment in this tick."""
         running, (q, beta) = self._running[i], values
-        prospect = Prospect(q[i], beta[i], told.available, told.finished, told.critical)
+        prospect = OptionView(q[i], beta[i], told.available, told.finished, told.critical)
         if not running.conductor.ends(prospect, float(self._rng.random())):
             assert running.conductor.option is not None
             return running.conductor.option
@@ -237,7 +237,7 @@ class OptionCritic:
             self._keep(running, told, False, ended)
         return running.conductor.begin(prospect, epsilon, self._rng)
 
-    def _keep(self, running: Trail, after: Told, terminated: bool, ended: list[int]) -> None:
+    def _keep(self, running: OptionRollout, after: MasterView, terminated: bool, ended: list[int]) -> None:
         """Puts the transitions of a finished option into the replay."""
         conductor = running.conductor
         assert conductor.option is not None
@@ -370,7 +370,7 @@ class OptionCritic:
 def train_master(config: MasterConfig, order: TrainRequest) -> Path:
     """Trains the master of a folder of sub-policies."""
     policies = read_sub_policies(config.options)
-    task = JourneyTask(policies.state, policies.steering, config.form, config.rules_when_critical, config.held_out)
+    task = MissionTask(policies.state, policies.steering, config.form, config.rules_when_critical, config.held_out)
     run = Run(order.name, order.out, config, order.resume)
 
     def learner(environments: Environments, device: torch.device) -> OptionCritic:

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-from dohyo.agents.experts.surroundings import boxes_on_path, project
+from dohyo.agents.planning.surroundings import boxes_on_path, project
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters

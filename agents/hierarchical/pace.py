@@ -9,9 +9,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from dohyo.agents.experts.crossing import crossers
-from dohyo.agents.experts.surroundings import Surroundings
-from dohyo.agents.hierarchical.rules_only import advised_speed
+from dohyo.agents.planning.crossing import crossers
+from dohyo.agents.planning.surroundings import Surroundings
+from dohyo.agents.rules.rules_only import advised_speed
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters

@@ -28,9 +28,9 @@ from pydantic import Field
 
 from dohyo.agents.hierarchical import nearby
 from dohyo.agents.hierarchical.allowances import ALLOWANCES, allowances
-from dohyo.agents.hierarchical.rules_only import advised_speed
 from dohyo.agents.hierarchical.vision.latents import SHIPPED, Encoder
 from dohyo.agents.localization.view import LocalizedView
+from dohyo.agents.rules.rules_only import advised_speed
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.config import Config

@@ -27,9 +27,9 @@ from typing import Any
 
 from dohyo.agents.hierarchical.ghrl import CHECKPOINT
 from dohyo.agents.hierarchical.study_tables import Drive, read_drives, tables
-from dohyo.agents.hierarchical.watch import STANDS_M_S
 from dohyo.agents.registry import resolve_with
 from dohyo.agents.results_page import PAGE, write_section
+from dohyo.agents.safety.rss_monitor import STANDS_M_S
 from dohyo.evaluation.agent import Agent, Observation, make_agent
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.episode.runner import drive_episode

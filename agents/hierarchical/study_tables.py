@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from dohyo.agents.hierarchical.crossed import Matched, by_training, difference, estimate, of_pairs, verdict
+from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, difference, estimate, of_pairs, verdict
 from dohyo.evaluation.records.specifications import COLLISIONS, InfractionKind, Status
 from dohyo.evaluation.report.style import MISSING, ending, interval, markdown, number
 from dohyo.evaluation.statistics import Estimate, share_estimate

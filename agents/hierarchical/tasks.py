@@ -10,11 +10,11 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from dohyo.agents.hierarchical.actuation import ACTIONS, Steering
-from dohyo.agents.hierarchical.exercise import MEASURES, Exercise
+from dohyo.agents.hierarchical.manoeuvre_env import MEASURES, ManoeuvreEnv
 from dohyo.agents.hierarchical.rewards import Form
 from dohyo.agents.hierarchical.state import StateConfig, StateEncoder
 from dohyo.agents.hierarchical.views import rows_seen
-from dohyo.agents.training.task import Array, Env, Task, held_out_seeds
+from dohyo.agents.learning.task import Array, Env, Task, held_out_seeds
 
 HELD_OUT = 20
 
@@ -69,9 +69,9 @@ class ManoeuvreTask(Task):
 
     def make_env(self, seed: int, rank: int) -> Env:
         """See `Task`."""
-        return Exercise(self)
+        return ManoeuvreEnv(self)
 
     def expert(self, env: Env) -> Array | None:
         """Action of the rules."""
-        assert isinstance(env, Exercise)
+        assert isinstance(env, ManoeuvreEnv)
         return env.advice()

@@ -23,8 +23,8 @@ from pathlib import Path
 from types import FrameType
 
 from dohyo.agents.hierarchical.arms import ARMS, MASTER, POLICIES, config_of, run_folder, trainer_of
-from dohyo.agents.training.registry import TrainRequest
-from dohyo.agents.training.run import RunStoppedError
+from dohyo.agents.learning.registry import TrainRequest
+from dohyo.agents.learning.run import RunStoppedError
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 
 INTERRUPTED = 130

@@ -16,7 +16,7 @@ from dohyo.service.cli.output import console
 from dohyo.service.cli.own_modules import find_own_modules
 
 if TYPE_CHECKING:
-    from dohyo.agents.training.report import Report
+    from dohyo.agents.learning.report import Report
 
 INTERRUPTED = 130
 RUNS = Path("runs")
@@ -32,9 +32,9 @@ def train(
     out: Annotated[Path | None, typer.Option(help="Folder of the run; by default runs/NAME.")] = None,
 ) -> None:
     """Trains a model: checkpoints, learning curves, held-out evaluations, and the actor as safetensors and ONNX."""
-    from dohyo.agents.training.registry import TrainRequest, trainer_named
-    from dohyo.agents.training.run import RunStoppedError, stored_config  # torch takes seconds to import
-    from dohyo.agents.training.settings import read_settings
+    from dohyo.agents.learning.registry import TrainRequest, trainer_named
+    from dohyo.agents.learning.run import RunStoppedError, stored_config  # torch takes seconds to import
+    from dohyo.agents.learning.settings import read_settings
 
     find_own_modules()
     trainer, given = trainer_named(name), list(settings or [])

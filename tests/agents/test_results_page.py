@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from dohyo.agents.forecasting import tables as forecasting
-from dohyo.agents.hierarchical import held_out, study_tables
+from dohyo.agents.hierarchical import evaluate_policies, study_tables
 from dohyo.agents.hierarchical.arms import SUB_POLICIES
 from dohyo.agents.hierarchical.training_results import only, read_results, table
 from dohyo.agents.localization import tables as localization
@@ -68,7 +68,7 @@ def test_hierarchical_shows_its_stored_trainings() -> None:
 def test_hierarchical_shows_its_stored_exercises_and_drives() -> None:
     exercises = {policy: read_lines(STORED / f"held_out/{policy}.jsonl") for policy in SUB_POLICIES}
     there = {policy: lines for policy, lines in exercises.items() if lines}
-    assert section("hierarchical", "held-out") == held_out.tables(there)
+    assert section("hierarchical", "held-out") == evaluate_policies.tables(there)
     assert section("hierarchical", "benchmarks") == stored_drives("rules", "hrl", "ghrl", "ghrl-r", "ghrl-s")
     learned = ("ghrl", "ghrl-r-trained", "flat", "flat-guided", "ghrl-pictures", "ghrl-r-pictures")
     assert section("hierarchical", "other-arms") == stored_drives(*learned)

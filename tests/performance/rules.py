@@ -20,13 +20,13 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 import numpy as np
 
-from dohyo.agents.hierarchical.facts import SENSORS
 from dohyo.agents.hierarchical.ghrl import Ghrl
-from dohyo.agents.hierarchical.rss import EGO, judge
-from dohyo.agents.hierarchical.rulebook import read_rulebook
-from dohyo.agents.hierarchical.rules_only import RULES, RulesOnly
-from dohyo.agents.hierarchical.solver import Fact, Solver, fact
 from dohyo.agents.planning.warm_up import empty_road
+from dohyo.agents.rules.facts import SENSORS
+from dohyo.agents.rules.rulebook import read_rulebook
+from dohyo.agents.rules.rules_only import RULES, RulesOnly
+from dohyo.agents.rules.solver import Fact, Solver, fact
+from dohyo.agents.safety.rss import EGO, judge
 from dohyo.evaluation.agent import Agent, Mission, Observation
 from dohyo.sumo_networks.scenario import Place
 

@@ -29,12 +29,12 @@ from dohyo.agents.hierarchical.nearby import EVENT_M, IMPACT_M
 from dohyo.agents.hierarchical.vision.classes import CLASSES, OF_LABEL
 from dohyo.agents.hierarchical.vision.dataset import Pictures, load_split
 from dohyo.agents.hierarchical.vision.network import Autoencoder
-from dohyo.agents.training.checkpoint import load_checkpoint, random_state, restore_random_state, save_checkpoint
-from dohyo.agents.training.metrics import Table
-from dohyo.agents.training.registry import Trainer, TrainRequest
-from dohyo.agents.training.report import Report
-from dohyo.agents.training.run import RunStoppedError, Stop
-from dohyo.agents.training.settings import differences
+from dohyo.agents.learning.checkpoint import load_checkpoint, random_state, restore_random_state, save_checkpoint
+from dohyo.agents.learning.metrics import Table
+from dohyo.agents.learning.registry import Trainer, TrainRequest
+from dohyo.agents.learning.report import Report
+from dohyo.agents.learning.run import RunStoppedError, Stop
+from dohyo.agents.learning.settings import differences
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically

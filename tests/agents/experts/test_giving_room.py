@@ -9,8 +9,8 @@ import pytest
 from pydantic import TypeAdapter
 
 from dohyo.agents.experts.courtesy import squeeze_past
-from dohyo.agents.experts.sidestep import Sidestep
-from dohyo.agents.experts.surroundings import Surroundings
+from dohyo.agents.planning.sidestep import Sidestep
+from dohyo.agents.planning.surroundings import Surroundings
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.episode.runner import run_episode
 from dohyo.evaluation.records.specifications import InfractionKind, Status

@@ -13,15 +13,15 @@ import torch
 from dohyo.agents.hierarchical import ghrl
 from dohyo.agents.hierarchical.ghrl import ARMS, Ghrl
 from dohyo.agents.hierarchical.hierarchy import CONFIG, WEIGHTS, read_sub_policies
-from dohyo.agents.hierarchical.journey import Journey, JourneyTask
 from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
 from dohyo.agents.hierarchical.master import read_master
 from dohyo.agents.hierarchical.master_training import OptionCritic, OptionCriticConfig
-from dohyo.agents.hierarchical.rules_only import RulesOnly
+from dohyo.agents.hierarchical.mission_env import MissionEnv, MissionTask
 from dohyo.agents.hierarchical.scenarios import draw_scenario
 from dohyo.agents.hierarchical.subpolicies import SubPolicyConfig
-from dohyo.agents.training.environments import Environments
-from dohyo.agents.training.settings import as_toml
+from dohyo.agents.learning.environments import Environments
+from dohyo.agents.learning.settings import as_toml
+from dohyo.agents.rules.rules_only import RulesOnly
 from dohyo.evaluation.agent import agent_info, make_agent
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -73,9 +73,9 @@ def test_the_same_episode_is_driven_the_same_way_again(runs):
 
 @pytest.mark.parametrize("arm", ["ghrl", "ghrl-r"])
 def test_it_drives_as_the_master_did_in_training(runs, arm):
-    task = JourneyTask(TWIN, rules_when_critical=arm == "ghrl-r")
+    task = MissionTask(TWIN, rules_when_critical=arm == "ghrl-r")
     scenario = draw_scenario(DRIVE, 3)
-    journey = Journey(task)
+    journey = MissionEnv(task)
     master, config = read_master(runs / "master" / WEIGHTS), OptionCriticConfig()
     learner = OptionCritic(master, Environments(task, [], 0), config, 0, torch.device("cpu"))
     try:

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from dohyo.agents.experts.surroundings import Surroundings
 from dohyo.agents.hierarchical.manoeuvres import Course, Manoeuvre, deviation, lane_is_free, light_ahead, line_near
+from dohyo.agents.planning.surroundings import Surroundings
 from dohyo.sumo_networks.sensors import make_sensors
 from dohyo.sumo_networks.world import LightState
 from tests.worlds import LANE_M, Scene, lit_crossing, straight_road

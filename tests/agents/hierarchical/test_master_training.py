@@ -12,15 +12,15 @@ import pytest
 import torch
 from gymnasium.spaces import Box
 
-from dohyo.agents.hierarchical.conductor import Tempo
 from dohyo.agents.hierarchical.manoeuvres import Manoeuvre
-from dohyo.agents.hierarchical.master import Manner, Master, Told, parts
+from dohyo.agents.hierarchical.master import Master, MasterSpec, MasterView, parts
+from dohyo.agents.hierarchical.master_observation import CRITICAL, FLAGS, FRESH, OPTIONS
 from dohyo.agents.hierarchical.master_training import OptionCritic, OptionCriticConfig
-from dohyo.agents.hierarchical.outlook import CRITICAL, FLAGS, FRESH, OPTIONS
-from dohyo.agents.training.environments import Environments
-from dohyo.agents.training.policy import Actor
-from dohyo.agents.training.task import Task, held_out_seeds
-from dohyo.agents.training.worker import HereSeat
+from dohyo.agents.hierarchical.option_executor import OptionLimits
+from dohyo.agents.learning.environments import Environments
+from dohyo.agents.learning.policy import Actor
+from dohyo.agents.learning.task import Task, held_out_seeds
+from dohyo.agents.learning.worker import HereSeat
 
 PLACES, GAMMA = 4, 0.9
 LEFT, RIGHT, LIGHTS = (OPTIONS.index(one) for one in (Manoeuvre.LEFT, Manoeuvre.RIGHT, Manoeuvre.LIGHTS))
@@ -35,7 +35,7 @@ CONFIG = OptionCriticConfig(
     batch=64,
     target_share=0.05,
     hidden=(32,),
-    tempo=Tempo(least_ticks=1, most_ticks=2),
+    tempo=OptionLimits(least_ticks=1, most_ticks=2),
 )
 
 
@@ -101,7 +101,7 @@ def learner(ruled: int = -1, count: int = 2, config: OptionCriticConfig = CONFIG
     task = ChainTask(ruled)
     actors = {name: Actor(PLACES, -torch.ones(2), torch.ones(2), (4,)) for name in OPTIONS}
     rows = {name: torch.arange(PLACES) for name in OPTIONS}
-    master = Master(PLACES, config.hidden, actors, rows, Manner(tempo=config.tempo))
+    master = Master(PLACES, config.hidden, actors, rows, MasterSpec(tempo=config.tempo))
     environments = Environments(task, [HereSeat(task, 0, rank) for rank in range(count)], seed=0)
     return OptionCritic(master, environments, config, 0, torch.device("cpu")), environments
 
@@ -205,6 +205,6 @@ def test_an_answer_is_taken_apart_as_it_was_put_together():
     state = torch.from_numpy(seen[:PLACES])[None]
     with torch.no_grad():
         assert actions[RIGHT] == pytest.approx(found.actor.actor(Manoeuvre.RIGHT)(state)[0].numpy())
-    told = Told(seen, PLACES)
+    told = MasterView(seen, PLACES)
     assert told.fresh
     assert told.available.tolist() == [option != LIGHTS for option in range(len(OPTIONS))]

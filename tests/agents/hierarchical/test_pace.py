@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from dohyo.agents.experts.surroundings import Surroundings
 from dohyo.agents.hierarchical.pace import Pace, Restraint, following_speed, pace_of, stopping_speed
+from dohyo.agents.planning.surroundings import Surroundings
 from dohyo.sumo_networks.sensors import make_sensors
 from dohyo.sumo_networks.world import ActorKind, LightState
 from tests.worlds import Scene, lit_crossing, straight_road

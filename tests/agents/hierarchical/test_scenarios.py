@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dohyo.agents.experts.surroundings import Surroundings
 from dohyo.agents.hierarchical.manoeuvres import CHANGES, DRIVE, Course, Manoeuvre
 from dohyo.agents.hierarchical.scenarios import (
     BRAKING_EVENTS,
@@ -14,6 +13,7 @@ from dohyo.agents.hierarchical.scenarios import (
     careful_speed,
     draw_scenario,
 )
+from dohyo.agents.planning.surroundings import Surroundings
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.routes.route import Route

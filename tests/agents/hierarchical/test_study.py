@@ -18,7 +18,7 @@ from tests.agents.hierarchical.untrained import write_master, write_sub_policies
 OBSTACLES = ["--benchmark", "obstacles", "--every", "159", "--arms"]
 
 
-class Told:
+class MasterView:
     """An agent that says what it is told to."""
 
     def __init__(self, **judged: object) -> None:
@@ -63,7 +63,7 @@ def test_a_training_that_is_not_there_is_named_before_anything_is_driven(tmp_pat
 
 
 def test_a_stand_is_what_the_ego_stood_in_critical_intervals_up_to_now():
-    agent = Told(critical=True)
+    agent = MasterView(critical=True)
     stand = study.Stand(agent)
     standing, rolling = ({"ego": {"speedometer": np.array([speed])}} for speed in (0.05, 2.0))
     for tick in range(101):
@@ -90,10 +90,10 @@ def test_a_stand_is_what_the_ego_stood_in_critical_intervals_up_to_now():
     ],
 )
 def test_a_deadlock_ends_a_drive_that_stood_long_under_rules(status, stood_s, deadlock):
-    agent = Told(critical=True, critical_share=0.2, longest_standing_s=40.0, dangers=[])
+    agent = MasterView(critical=True, critical_share=0.2, longest_standing_s=40.0, dangers=[])
     found = study.under_rules(status, agent, stood_s)
     assert found == {"critical_share": 0.2, "longest_standing_s": 40.0, "deadlock": deadlock}
-    assert study.under_rules(status, Told(), stood_s) == {}
+    assert study.under_rules(status, MasterView(), stood_s) == {}
 
 
 def test_what_was_driven_is_not_driven_again_but_what_the_simulation_lost_is(tmp_path, monkeypatch):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 from dohyo.agents.hierarchical import study_tables as tables
-from dohyo.agents.hierarchical.crossed import estimate
+from dohyo.agents.studies.crossed_bootstrap import estimate
 from dohyo.evaluation.statistics import share_estimate
 from tests.agents.hierarchical.drives import a_drive, drives_of
 

@@ -14,7 +14,7 @@ import pytest
 
 from dohyo.agents.hierarchical import trainings
 from dohyo.agents.hierarchical.arms import ARMS, MASTER, POLICIES, SUB_POLICIES, config_of
-from dohyo.agents.training.settings import as_toml
+from dohyo.agents.learning.settings import as_toml
 from dohyo.sumo_networks.errors import InvalidInputError
 
 ROOT = Path(__file__).parents[3]

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import torch
 
-from dohyo.agents.hierarchical.conductor import Tempo
 from dohyo.agents.hierarchical.hierarchy import CONFIG, FLAT, MASTER, WEIGHTS, read_sub_policies
 from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
 from dohyo.agents.hierarchical.master import Master, master_of
+from dohyo.agents.hierarchical.option_executor import OptionLimits
 from dohyo.agents.hierarchical.state import StateConfig
 from dohyo.agents.hierarchical.subpolicies import SubPolicyConfig
 from dohyo.agents.hierarchical.tasks import ManoeuvreTask
-from dohyo.agents.training.export import export
-from dohyo.agents.training.policy import actor_for
-from dohyo.agents.training.settings import as_toml
+from dohyo.agents.learning.export import export
+from dohyo.agents.learning.policy import actor_for
+from dohyo.agents.learning.settings import as_toml
 
 TWIN = StateConfig(vision="none")
 
@@ -37,7 +37,7 @@ def write_sub_policies(folder: Path, names: tuple[str, ...] = (*Manoeuvre, FLAT)
 def write_master(folder: Path) -> Master:
     """A master over the sub-policies of a folder, as its run leaves it."""
     torch.manual_seed(1)
-    master = master_of(read_sub_policies(folder), (8,), Tempo())
+    master = master_of(read_sub_policies(folder), (8,), OptionLimits())
     (folder / MASTER).mkdir()
     export(master, (master.size + 8,), folder / MASTER / Path(WEIGHTS).stem, {})
     return master

@@ -12,7 +12,14 @@ import numpy as np
 import pytest
 
 from dohyo.agents.mcts.predictors.dataset import load_shard, shards_of
-from dohyo.agents.mcts.predictors.recording import HELD_OUT, TRAINING, MotionRequest, record_motion, scenario, split_of
+from dohyo.agents.mcts.predictors.recording import (
+    HELD_OUT,
+    TRAINING,
+    MotionRequest,
+    record_motion,
+    scenario,
+    split_of,
+)
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.world import ActorKind
 

@@ -1,0 +1,1 @@
+"""Learning: what every learner shares: environments, replay, algorithms, runs and their files."""

@@ -1,0 +1,206 @@
+"""Training loop shared by all learners: rounds, evaluations, checkpoints, and a run's files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+import torch
+
+from dohyo.agents.learning.checkpoint import random_state, restore_random_state
+from dohyo.agents.learning.environments import Environments
+from dohyo.agents.learning.evaluation import COLUMNS, evaluate
+from dohyo.agents.learning.export import Exportable, export
+from dohyo.agents.learning.metrics import Number
+from dohyo.agents.learning.report import Report, Reporter, no_report
+from dohyo.agents.learning.run import Run, RunStoppedError, Stop
+from dohyo.agents.learning.task import Array, Task, check_task
+from dohyo.agents.learning.worker import Seat, take_seats
+
+
+class Learner(Protocol):
+    """Learner. Its randomness comes from torch's generators, or from one in its state."""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of metrics.csv, beside "steps"."""
+
+    @property
+    def updates(self) -> int:
+        """Gradient steps so far."""
+
+    @property
+    def actor(self) -> Exportable:
+        """Module that is shipped."""
+
+    def begin(self) -> None:
+        """Begins the first episodes, in a run that is not resumed."""
+
+    def round(self) -> Mapping[str, Number]:
+        """Takes some steps and learns from them; row of metrics.csv, with "return" if episodes ended."""
+
+    def act(self, observation: Array) -> Array:
+        """One observation -> one action, without exploration."""
+
+    def state(self) -> dict[str, Any]:
+        """State for a checkpoint, as tensors and plain values; environments have their own."""
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Restores a state."""
+
+
+MakeLearner = Callable[[Environments, torch.device], Learner]
+
+
+def train(make_learner: MakeLearner, task: Task, run: Run, report: Reporter = no_report) -> dict[str, Number]:
+    """Trains until the run's steps are done, from its checkpoint if there is one.
+
+    A resumed run equals one that was never interrupted, to the bit, on the same machine.
+
+    Args:
+        make_learner: Makes the learner from the environments and torch's device.
+        task: What is learned.
+        run: Its folder and configuration.
+        report: Called after every round.
+
+    Returns:
+        The last row of evaluations.csv.
+
+    Raises:
+        InvalidInputError: The task cannot be used.
+        RunStoppedError: After SIGINT or SIGTERM; a checkpoint is written.
+        SimulationError: Simulations fail again and again, or an episode of the checkpoint could not be driven again.
+    """
+    check_task(task)
+    torch.set_num_threads(1)
+    torch.manual_seed(run.config.seed)
+    seats, held_out = take_seats(task, run.config.seed, run.config.processes)
+    try:
+        environments = Environments(task, seats, run.config.seed)
+        session = _Session(run, task, make_learner(environments, run.device), environments, held_out)
+        with Stop().listening() as stop:
+            return session.train(stop, report)
+    finally:
+        for seat in (*seats, held_out):
+            seat.close()
+
+
+class _Session:
+    """Training from its present state to its end."""
+
+    def __init__(self, run: Run, task: Task, learner: Learner, environments: Environments, held_out: Seat) -> None:
+        self._run, self._task, self._learner = run, task, learner
+        self._environments, self._held_out = environments, held_out
+        self._last_return: float | None = None
+        # Rows of evaluations.csv with their "steps": the last one, and the one with the highest return.
+        self._last: dict[str, Number] = {}
+        self._best: dict[str, Number] = {}
+
+    def train(self, stop: Stop, report: Reporter) -> dict[str, Number]:
+        """See `train` of the module."""
+        run, total = self._run, self._run.config.steps
+        run.add_table("metrics", self._learner.columns)
+        # An evaluation at the checkpoint's own step may be later than it, and is then repeated.
+        evaluated = int(run.state["last"].get("steps", -1)) if run.state is not None else None
+        run.add_table("evaluations", (*COLUMNS, "length", *self._task.measures), evaluated)
+        run.add_table("timing", ("wall_s", "steps_per_s"))
+        self._start()
+        while True:
+            if self._evaluation_due():
+                self._evaluate(stop)
+            if self._environments.steps >= total:
+                break
+            self._round(report)
+            if stop.requested:
+                raise self._stopped()
+            if run.checkpoint_due:
+                self._save()
+        self._save()
+        self._write_result(finished=True)
+        return self._last
+
+    def _start(self) -> None:
+        state = self._run.state
+        if state is None:
+            self._learner.begin()
+            return
+        self._environments.restore(state["environments"])
+        self._learner.restore(state["learner"])
+        self._last, self._best = state["last"], state["best"]
+        restore_random_state(state["random"])  # last: the calls above draw from it
+
+    def _round(self, report: Reporter) -> None:
+        run, began, before = self._run, self._run.wall_s, self._environments.steps
+        row = self._learner.round()
+        steps, elapsed = self._environments.steps, max(run.wall_s - began, 1e-9)
+        run.log("metrics", steps, row)
+        run.log("timing", steps, {"wall_s": run.wall_s, "steps_per_s": (steps - before) / elapsed})
+        self._last_return = row["return"] if row.get("return") is not None else self._last_return
+        report(Report(steps, run.config.steps, self._last_return))
+
+    def _evaluation_due(self) -> bool:
+        config, steps = self._run.config, self._environments.steps
+        before = int(self._last.get("steps") or 0) if self._last else -1
+        return steps // config.evaluate_every > before // config.evaluate_every or before < config.steps <= steps
+
+    def _evaluate(self, stop: Stop) -> None:
+        """Drives the held-out episodes without any change of the learner's state."""
+        steps = self._environments.steps
+        try:
+            evaluation = evaluate(self._task, self._held_out, self._learner.act, lambda: stop.requested)
+        except RunStoppedError as error:
+            raise self._stopped() from error
+        row = {"updates": self._learner.updates, **evaluation.values()}
+        self._run.log("evaluations", steps, row)
+        self._last = {"steps": steps, **row}
+        shape = self._task.observation_space.shape
+        export(self._learner.actor, shape, self._run.folder / "policy", self._facts(self._last))
+        if not self._best or evaluation.higher_than(self._best):
+            self._best = self._last
+            export(self._learner.actor, shape, self._run.folder / "best", self._facts(self._best))
+        self._write_result(finished=False)
+
+    def _save(self) -> None:
+        self._run.save(
+            {
+                "environments": self._environments.state(),
+                "learner": self._learner.state(),
+                "last": self._last,
+                "best": self._best,
+                "random": random_state(),
+            }
+        )
+
+    def _stopped(self) -> RunStoppedError:
+        self._save()
+        return RunStoppedError(f"stopped at step {self._environments.steps}; the checkpoint is written")
+
+    def _facts(self, evaluation: Mapping[str, Number]) -> dict[str, str]:
+        """Facts about the training that every result holds."""
+        run = self._run
+        names = ("steps", "updates", "return", "return_low", "return_high", "success")
+        numbers = {name: "" if (value := evaluation[name]) is None else f"{value:.6g}" for name in names}
+        numbers |= {name: str(evaluation[name]) for name in ("steps", "updates")}
+        origin = {"trainer": run.trainer, "task": self._task.name, "seed": run.config.seed, "tier": run.config.tier}
+        return numbers | {name: str(value) for name, value in origin.items()} | {"device": str(run.device)}
+
+    def _write_result(self, finished: bool) -> None:
+        run = self._run
+        self._run.write_json(
+            "result.json",
+            {
+                "trainer": run.trainer,
+                "task": self._task.name,
+                "finished": finished,
+                "steps": self._environments.steps,
+                "updates": self._learner.updates,
+                "episodes": self._environments.finished_count,
+                "lost": self._environments.lost_count,
+                "seed": run.config.seed,
+                "device": str(run.device),
+                "tier": run.config.tier,
+                "wall_s": round(run.wall_s, 1),
+                "last": self._last,
+                "best": self._best,
+            },
+        )

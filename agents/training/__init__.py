@@ -1,1 +1,0 @@
-"""Training: the loop that learners share, and PPO."""

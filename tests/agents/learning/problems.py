@@ -1,0 +1,115 @@
+"""Small things to learn. Without torch, since the processes of environments import this."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+
+from dohyo.agents.learning.task import Array, Env, Task, held_out_seeds
+from dohyo.sumo_networks.errors import SimulationError
+
+Step = tuple[Array, float, bool, bool, dict[str, Any]]
+
+STEP, LENGTH = 0.25, 20
+BEST_RETURN = -1.5
+"""Of a point: from 1 or -1 it is 0.75, 0.5 and 0.25 away, then there."""
+
+
+@dataclass(frozen=True)
+class Point(Task):
+    """A point on a line that has to come to rest at 0; the reward is minus its distance.
+
+    Attributes:
+        slow_s: What a step takes beside.
+        fragile: How it fails, if at all: "nan", "raise", "drift" (it is not deterministic); and on the right side only,
+            "die" (its process does, at once) and "crash" (its simulation does, at the third step).
+    """
+
+    slow_s: float = 0.0
+    fragile: str = ""
+
+    name = "point"
+    observation_space = Box(-np.inf, np.inf, (2,), np.float32)
+    action_space = Box(np.array([-STEP], np.float32), np.array([STEP], np.float32))
+    held_out: Sequence[int] = held_out_seeds(4)
+    measures = ("distance",)
+
+    def make_env(self, seed: int, rank: int) -> Env:
+        return PointEnv(self)
+
+    def expert(self, env: Env) -> Array | None:
+        assert isinstance(env, PointEnv)
+        return np.array([np.clip(-env.place, -STEP, STEP)], np.float32)
+
+
+class PointEnv(gymnasium.Env[Array, Array]):
+    """See `Point`."""
+
+    def __init__(self, task: Point) -> None:
+        self.task, self.begun, self.place, self.time = task, 0.0, 0.0, 0
+        self.observation_space, self.action_space = task.observation_space, task.action_space
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        self.begun, self.time = float(np.random.default_rng(seed).choice([-1.0, 1.0])), 0
+        self.place = self.begun
+        return self._observation(), {}
+
+    def step(self, action: Array) -> Step:
+        time.sleep(self.task.slow_s)
+        self.place += float(action[0]) + (time.time() % 1.0 if self.task.fragile == "drift" else 0.0)
+        self.time += 1
+        if self.task.fragile == "raise":
+            raise ValueError("the point is lost")
+        if self.task.fragile == "die" and self.begun > 0:
+            raise SystemExit(3)
+        if self.task.fragile == "crash" and self.begun > 0 and self.time == 3:
+            raise SimulationError("the point fell off the line")
+        distance = abs(self.place)
+        info = {"success": distance < STEP, "distance": distance}
+        return self._observation(), -distance, False, self.time == LENGTH, info
+
+    def _observation(self) -> Array:
+        place = np.nan if self.task.fragile == "nan" and self.time else self.place
+        return np.array([place, self.time / LENGTH], np.float32)
+
+
+@dataclass(frozen=True)
+class Lock(Task):
+    """Six dials to be set in a row, each to what it shows; only the open lock is rewarded, and one mistake ends it."""
+
+    name = "lock"
+    observation_space = Box(-1, 1, (2,), np.float32)
+    action_space = Box(-1, 1, (1,), np.float32)
+    held_out: Sequence[int] = held_out_seeds(10)
+
+    def make_env(self, seed: int, rank: int) -> Env:
+        return LockEnv()
+
+    def expert(self, env: Env) -> Array | None:
+        assert isinstance(env, LockEnv)
+        return env.observation()[:1]
+
+
+class LockEnv(gymnasium.Env[Array, Array]):
+    """See `Lock`."""
+
+    DIALS, TOLERANCE = 6, 0.3
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        self.targets, self.done = np.random.default_rng(seed).choice([-0.7, 0.7], self.DIALS + 1), 0
+        return self.observation(), {}
+
+    def step(self, action: Array) -> Step:
+        right = abs(float(action[0]) - self.targets[self.done]) < self.TOLERANCE
+        self.done += right
+        opened = self.done == self.DIALS
+        return self.observation(), float(opened), opened or not right, False, {"success": opened}
+
+    def observation(self) -> Array:
+        return np.array([self.targets[self.done], self.done / self.DIALS], np.float32)

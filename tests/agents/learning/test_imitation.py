@@ -1,0 +1,101 @@
+"""What the actor and the critic know before the first round, and what observations are normalised by."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dohyo.agents.learning.imitation import Imitation
+from dohyo.agents.learning.moments import LEAST_SCALE, Moments
+from dohyo.agents.learning.policy import FARTHEST, Actor
+from tests.agents.learning.problems import BEST_RETURN, STEP, Point
+from tests.agents.learning.test_ppo import Reticent, learner, trained
+from tests.agents.learning.toys import POINT, SMALL, PointConfig
+
+torch.set_num_threads(1)  # more are slower wherever the cores are busy
+IMITATING = {"imitated_steps": 2400, "gamma": 0.9, "initial_std": 0.3}
+
+
+def test_the_policy_begins_as_its_expert():
+    ppo = learner(Point(), **IMITATING)
+    assert ppo._environments.steps == 2400
+    for place in (-1.0, -0.5, 0.1, 0.6):
+        expected = np.clip(-place, -STEP, STEP)
+        assert ppo.act(np.array([place, 0.3], np.float32)) == pytest.approx(expected, abs=0.3 * STEP)
+
+
+def test_the_critic_knows_what_comes():
+    """From rest nothing more is lost; from the edge, about what the best loses."""
+    ppo = learner(Point(), **IMITATING)
+    with torch.no_grad():
+        near, far = ppo._critic.module(torch.tensor([[0.0, 0.2], [1.0, 0.0]]))[:, 0].tolist()
+    assert far < 0.8 * BEST_RETURN < near
+
+
+def test_nothing_is_learned_where_the_expert_has_no_opinion():
+    ppo = learner(Reticent(), **IMITATING)
+    seen = np.stack(_lessons(ppo))
+    assert 0 < len(seen) < 2000
+    assert (seen[:, 0] < 0).all()
+
+
+def _lessons(ppo) -> list[np.ndarray]:
+    imitation = Imitation(ppo.actor, ppo._value, ppo._environments, 0.9, 1.0)
+    ppo._environments.guided_share = 1.0
+    ppo._environments.begin()
+    imitation.learn(400, lambda _: None)
+    return imitation._lessons.seen
+
+
+def test_a_run_may_begin_with_imitation(tmp_path: Path):
+    settings = SMALL.model_copy(update={"imitated_steps": 960, "normalised": True})
+    first, *_ = trained(POINT, PointConfig(steps=1200, evaluate_every=5000, ppo=settings), tmp_path / "run")
+    assert int(first["steps"]) == 960
+    assert float(first["success"]) == 100.0
+
+
+rows = st.lists(st.floats(-100, 100, width=32), min_size=1, max_size=20)
+
+
+@given(st.lists(rows, min_size=1, max_size=5))
+def test_moments_in_parts_are_those_of_the_whole(parts):
+    moments = Moments(1)
+    for part in parts:
+        moments.add(torch.tensor(part)[:, None])
+    whole = np.concatenate(parts).astype(np.float64)
+    assert moments.count == len(whole)
+    assert moments.mean.numpy() == pytest.approx(whole.mean(), abs=1e-6)
+    assert moments.scale.numpy() == pytest.approx(max(whole.std(), LEAST_SCALE), rel=1e-6)
+
+
+def test_moments_can_be_put_back():
+    one, other = Moments(2), Moments(2)
+    one.add(torch.rand(30, 2))
+    other.restore(one.state())
+    for moments in (one, other):
+        moments.add(torch.ones(5, 2))
+    assert torch.equal(one.mean, other.mean)
+    assert torch.equal(one.scale, other.scale)
+
+
+def test_policies_of_normalised_observations_see_them_at_unit_scale():
+    ppo = learner(Point(), normalised=True)
+    assert ppo.actor.scale.tolist() == [1.0, 1.0]
+    batch, _, _ = ppo._collect()
+    ppo.round()
+    seen = batch["observation"].reshape(-1, 2)
+    assert ppo.actor.shift.numpy() != pytest.approx(0.0, abs=1e-3)
+    assert ppo.actor.scale[1] == pytest.approx(float(seen[:, 1].std()), rel=0.3)
+    assert ppo._value.scale.tolist() == ppo.actor.scale.tolist()
+
+
+def test_what_is_far_from_all_that_was_seen_does_not_drown_the_rest():
+    actor = Actor(2, -torch.ones(1), torch.ones(1), (8,))
+    actor.normalise(torch.zeros(2), torch.tensor([1.0, 0.05]))
+    odd, bound = torch.tensor([[0.3, 500.0]]), torch.tensor([[0.3, FARTHEST * 0.05]])
+    assert torch.equal(actor(odd), actor(bound))

@@ -1,0 +1,150 @@
+"""PPO: it learns, experts make it faster, and the numbers it learns from."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from gymnasium.spaces import Box
+from torch.distributions import Normal
+
+from dohyo.agents.learning.config import PpoConfig
+from dohyo.agents.learning.environments import Environments
+from dohyo.agents.learning.ppo import Ppo
+from dohyo.agents.learning.registry import Trainer, TrainRequest
+from dohyo.agents.learning.report import no_report
+from dohyo.agents.learning.task import Array, Env
+from dohyo.agents.learning.worker import HereSeat
+from dohyo.sumo_networks.errors import InvalidInputError
+from tests.agents.learning.problems import BEST_RETURN, STEP, Lock, Point
+from tests.agents.learning.toys import LOCK, POINT, SMALL, PointConfig, ToyConfig
+
+
+def trained(trainer: Trainer, config: ToyConfig, out: Path) -> list[dict[str, str]]:
+    """The rows of evaluations.csv."""
+    trainer.train(config, TrainRequest("toy", out, False, no_report))
+    with (out / "evaluations.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def learner(task: Point | Lock, **settings: object) -> Ppo:
+    torch.manual_seed(0)
+    config = PpoConfig(**{"horizon": 64, "hidden": (16, 16), **settings})
+    ppo = Ppo(task, Environments(task, [HereSeat(task, 0, rank) for rank in range(2)], 0), config, torch.device("cpu"))
+    ppo.begin()
+    return ppo
+
+
+def test_it_learns_to_come_to_rest(tmp_path):
+    first, *_, last = trained(POINT, PointConfig(steps=4096, evaluate_every=4096), tmp_path / "run")
+    assert float(first["return"]) < -15.0
+    assert BEST_RETURN >= float(last["return"]) > -2.5
+    assert float(last["success"]) == 100.0
+    assert float(last["success_low"]) < 60.0  # of four episodes
+    assert float(last["length"]) == 20
+
+
+def test_experts_make_it_faster(tmp_path):
+    alone, guided = (
+        trained(
+            LOCK,
+            ToyConfig(steps=2048, evaluate_every=2048, ppo=SMALL.model_copy(update={"guided_share": share})),
+            tmp_path / str(share),
+        )[-1]
+        for share in (0.0, 0.3)
+    )
+    assert float(alone["success"]) == 0.0
+    assert float(guided["success"]) == 100.0
+
+
+def test_the_share_of_experts_falls(tmp_path):
+    config = SMALL.model_copy(update={"guided_share": 0.8, "guided_decay": 0.5})
+    trained(LOCK, ToyConfig(steps=1024, evaluate_every=1024, ppo=config), tmp_path / "run")
+    with (tmp_path / "run" / "metrics.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["guided_share"]) for row in rows] == [0.8 * 0.5**round_ for round_ in range(8)]
+    assert int(rows[0]["guided_steps"]) > 64 > 16 > int(rows[-1]["guided_steps"])
+    assert all(float(row["guided_return"]) == 1.0 for row in rows if int(row["guided_episodes"]))
+
+
+def test_an_experts_action_is_stored_with_the_policys_density():
+    ppo = learner(Point(), guided_share=1.0)
+    before = ppo._environments.observation.copy()
+    batch, _, guided = ppo._collect()
+    assert guided == 2 * 64
+    assert batch["observation"][:, 0].numpy() == pytest.approx(before)
+    place = batch["observation"][..., 0].numpy()
+    assert batch["action"][..., 0].numpy() == pytest.approx(np.clip(-place / STEP, -1, 1), abs=1e-6)
+    with torch.no_grad():
+        mean, std = ppo.actor.gaussian(batch["observation"])
+    density = Normal(mean, std).log_prob(batch["action"]).sum(-1)
+    assert batch["action_log_prob"].numpy() == pytest.approx(density.numpy(), abs=1e-5)
+
+
+class Reticent(Point):
+    def expert(self, env: Env) -> Array | None:
+        return super().expert(env) if env.place < 0 else None
+
+
+def test_where_an_expert_has_no_opinion_the_policy_acts():
+    batch, _, guided = learner(Reticent(), guided_share=1.0, initial_std=0.1)._collect()
+    place, action = batch["observation"][..., 0].numpy(), batch["action"][..., 0].numpy()
+    advised = np.abs(action - np.clip(-place / STEP, -1, 1)) < 1e-6
+    assert (advised == (place < 0)).all()
+    assert guided == advised.sum() > 20
+    assert (~advised).sum() > 20
+
+
+def test_without_experts_the_actions_spread_as_they_should():
+    batch, _, guided = learner(Point(), initial_std=0.7, horizon=1000)._collect()
+    assert guided == 0
+    assert float(batch["action"].std()) == pytest.approx(0.7, rel=0.05)
+    moved = (batch["next", "observation"] - batch["observation"])[..., 0]
+    inside = ~batch["next", "done"][..., 0]
+    assert moved[inside].numpy() == pytest.approx(STEP * batch["action"][..., 0][inside].clamp(-1, 1), abs=1e-5)
+
+
+def test_advantages_are_those_of_the_definition():
+    """An episode that is cut off still counts what would have come; one that ends does not."""
+    for task in (Point(), Lock()):
+        ppo = learner(task, gamma=0.9, gae_lambda=0.8)
+        batch, _, _ = ppo._collect()
+        with torch.no_grad():
+            value = ppo._critic.module(batch["observation"])
+            after = ppo._critic.module(batch["next", "observation"])
+        reward, done, terminated = (batch["next", name] for name in ("reward", "done", "terminated"))
+        assert terminated.any() == isinstance(task, Lock)
+        assert done.any()
+        delta = reward + 0.9 * after * ~terminated - value
+        expected, carried = torch.zeros_like(delta), torch.zeros(2, 1)
+        for time in reversed(range(64)):
+            carried = delta[:, time] + 0.9 * 0.8 * carried * ~done[:, time]
+            expected[:, time] = carried
+        assert batch["advantage"].numpy() == pytest.approx(expected.numpy(), abs=1e-5)
+
+
+def test_a_round_counts_updates_and_lowers_the_learning_rate():
+    ppo = learner(Point(), horizon=50, batch=32, epochs=3, learning_rate=1e-3, learning_rate_decay=0.5)
+    rows = [ppo.round(), ppo.round()]
+    assert [row["updates"] for row in rows] == [3 * math.ceil(2 * 50 / 32), 24]
+    assert [row["learning_rate"] for row in rows] == [1e-3, 5e-4]
+    assert set(rows[0]) <= set(ppo.columns)
+    assert all(math.isfinite(value) for value in rows[0].values() if value is not None)
+
+
+def test_a_single_transition_left_over_does_no_harm():
+    row = learner(Point(), horizon=33, batch=65).round()
+    assert math.isfinite(row["loss_objective"])
+
+
+class Picture(Point):
+    observation_space = Box(0, 255, (3, 8, 8), np.uint8)
+
+
+def test_actors_need_vectors():
+    with pytest.raises(InvalidInputError, match=r"observations to be vectors of float32, got uint8 \(3, 8, 8\)"):
+        learner(Picture())

@@ -1,0 +1,42 @@
+"""Means over scenarios and trainings, and differences of two who drove the same."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from dohyo.agents.studies import crossed_bootstrap
+from dohyo.evaluation.statistics import mean_estimate
+
+
+def test_the_crossed_bootstrap_knows_how_far_trainings_and_scenarios_differ():
+    scenarios = [float(100 * (i % 2)) for i in range(40)]
+    same = {("b", f"m{i:02}", 0): dict.fromkeys(range(3), value) for i, value in enumerate(scenarios)}
+    by_scenario = crossed_bootstrap.estimate(same, mean_estimate)
+    over_means = mean_estimate(scenarios)
+    # Three trainings that agree in every scenario are no more evidence than one.
+    assert by_scenario.n == 120
+    assert (by_scenario.low, by_scenario.high) == pytest.approx((over_means.low, over_means.high), abs=3.0)
+    apart = {key: {0: 0.0, 1: 50.0, 2: 100.0} for key in same}
+    by_training = crossed_bootstrap.estimate(apart, mean_estimate)
+    # All three draws are the worst one in 1 of 27 cases.
+    assert (by_training.mean, by_training.low, by_training.high) == pytest.approx((50.0, 0.0, 100.0))
+
+
+def test_a_mean_is_over_the_drives_that_are_there():
+    holes = {("b", "m0", 0): {0: 100.0, 1: 0.0}, ("b", "m1", 0): {1: 0.0}, ("b", "m2", 0): {0: 100.0, 1: 100.0}}
+    found = crossed_bootstrap.estimate(holes, mean_estimate)
+    assert found.mean == pytest.approx(60.0)
+    assert found.n == 5
+    assert all(math.isfinite(end) for end in (found.low, found.high))
+    table = np.array([[100.0, 0.0], [np.nan, 0.0], [100.0, 100.0]])
+    assert np.isfinite(crossed_bootstrap._crossed(table)).all()
+
+
+def test_differences_are_of_what_both_drove_by_training_and_who_did_not_learn_meets_all():
+    ours = {("a",): {0: 3.0, 1: 5.0}, ("b",): {0: 1.0}}
+    theirs = {("a",): {1: 1.0, 2: 9.0}, ("c",): {0: 4.0}}
+    assert crossed_bootstrap.difference(ours, theirs) == {("a",): {1: 4.0}}
+    assert crossed_bootstrap.difference(ours, {("a",): {None: 1.0}}) == {("a",): {0: 2.0, 1: 4.0}}
