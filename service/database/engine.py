@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import sqlite3
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 from alembic import command
 from alembic.config import Config as AlembicConfig
@@ -17,6 +19,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 MIGRATIONS = Path(__file__).with_name("migrations")
 BUSY_S = 5.0
+WAL_RETRY_S = 0.01
 _LOCK = 0x0D0E_0400  # key of PostgreSQL's advisory lock during migrations
 _ENQUEUE_LOCK = _LOCK + 1
 
@@ -93,7 +96,7 @@ def _make_engine(url: str, busy_s: float, pool: int) -> Engine:
         raise InvalidInputError("database: expected a URL such as postgresql://user:password@host/name") from error
     if parsed.get_backend_name() == "sqlite":
         engine = create_engine(parsed, connect_args={"timeout": busy_s, "check_same_thread": False}, pool_size=pool)
-        event.listen(engine, "connect", _configure_sqlite)
+        event.listen(engine, "connect", partial(_configure_sqlite, busy_s=busy_s))
         event.listen(engine, "begin", _begin_sqlite)
         return engine
     if parsed.get_backend_name() not in ("postgresql", "postgres"):
@@ -110,13 +113,27 @@ def _make_engine(url: str, busy_s: float, pool: int) -> Engine:
     )
 
 
-def _configure_sqlite(connection: Any, _record: object) -> None:
+def _configure_sqlite(connection: sqlite3.Connection, _record: object, *, busy_s: float) -> None:
     # The driver would begin transactions by itself, and only before the first write.
     connection.isolation_level = None
     cursor = connection.cursor()
-    for pragma in ("journal_mode=WAL", "synchronous=NORMAL", "foreign_keys=ON"):
+    _enter_wal_mode(cursor, busy_s)
+    for pragma in ("synchronous=NORMAL", "foreign_keys=ON"):
         cursor.execute(f"PRAGMA {pragma}")
     cursor.close()
+
+
+def _enter_wal_mode(cursor: sqlite3.Cursor, busy_s: float) -> None:
+    """Sets the journal mode of a new file; SQLite refuses at once where another process is doing the same."""
+    deadline = time.monotonic() + busy_s
+    while True:
+        try:
+            cursor.execute("PRAGMA journal_mode=WAL")
+            return
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY or time.monotonic() >= deadline:
+                raise
+            time.sleep(WAL_RETRY_S)
 
 
 def _begin_sqlite(connection: Connection) -> None:
