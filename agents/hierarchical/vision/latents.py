@@ -17,7 +17,7 @@ from onnx import TensorProto, helper, numpy_helper
 from safetensors import SafetensorError
 from safetensors.numpy import load_file
 
-from dohyo.agents.hierarchical.vision.architecture import FILTERS, STRIDE, encoder_shapes
+from dohyo.agents.hierarchical.vision.architecture import STACK, encoder_shapes
 from dohyo.agents.hierarchical.vision.classes import CLASSES, HEIGHT, WIDTH, planes
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -91,9 +91,9 @@ def load_weights(path: Path) -> dict[str, Float32Array]:
 def onnx_model(weights: dict[str, Float32Array]) -> onnx.ModelProto:
     """The encoder as an ONNX model: `planes` (1, 15, 80, 160) to `latent` (1, Z) and `told` (1, 6)."""
     nodes, here = [], "planes"
-    for n in range(len(FILTERS)):
+    for n in range(len(STACK.filters)):
         inputs = [here, f"convolutions.{n}.weight", f"convolutions.{n}.bias"]
-        nodes.append(helper.make_node("Conv", inputs, [f"conv{n}"], strides=[STRIDE, STRIDE]))
+        nodes.append(helper.make_node("Conv", inputs, [f"conv{n}"], strides=[STACK.stride, STACK.stride]))
         here = f"relu{n}"
         nodes.append(helper.make_node("Relu", [f"conv{n}"], [here]))
     nodes.append(helper.make_node("Flatten", [here], ["flat"]))

@@ -35,6 +35,7 @@ from dohyo.agents.learning.registry import Trainer, TrainRequest
 from dohyo.agents.learning.report import Report
 from dohyo.agents.learning.run import RunStoppedError, Stop
 from dohyo.agents.learning.settings import differences
+from dohyo.agents.perception.vae import divergence
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
@@ -144,16 +145,14 @@ def losses_of(
         "pixels": mean cross-entropy of a pixel; "divergence": from the normal distribution, per pixel too, so that both
         add up to the variational bound; "distances", "signal" and "loss".
     """
-    mean, log_variance = network.encode(batch.planes)
-    drawn = mean + torch.exp(0.5 * log_variance) * torch.randn_like(mean) if noise else mean
-    logits = network.decode(drawn)
+    logits, mean, log_variance = network(batch.planes, noise)
     told = network.encoder.tell(mean)
     pixels = cross_entropy(logits, batch.classes.long(), weights, reduction="sum") / batch.classes.numel()
-    divergence = -0.5 * (1.0 + log_variance - mean.square() - log_variance.exp()).sum() / batch.classes.numel()
+    apart = divergence(mean, log_variance) / batch.classes.numel()
     distances = smooth_l1_loss(told[:, :2], batch.distances, beta=0.1)
     signal = cross_entropy(told[:, 2:], batch.signal)
-    loss = pixels + config.beta * divergence + config.distance_weight * distances + config.signal_weight * signal
-    return {"loss": loss, "pixels": pixels, "divergence": divergence, "distances": distances, "signal": signal}
+    loss = pixels + config.beta * apart + config.distance_weight * distances + config.signal_weight * signal
+    return {"loss": loss, "pixels": pixels, "divergence": apart, "distances": distances, "signal": signal}
 
 
 def class_weights(classes: Tensor, rare: float) -> Tensor:

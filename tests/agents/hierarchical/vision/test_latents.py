@@ -10,6 +10,7 @@ from safetensors.numpy import load_file, save_file
 from dohyo.agents.hierarchical.vision.architecture import LATENT
 from dohyo.agents.hierarchical.vision.classes import CLASSES, Seen, planes
 from dohyo.agents.hierarchical.vision.latents import SHIPPED, Encoder, load_weights, onnx_model
+from dohyo.agents.hierarchical.vision.network import Encoder as Network
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.rendering.labels import Label
 from tests.agents.hierarchical.vision.weights import picture, untrained
@@ -20,7 +21,8 @@ def test_it_says_what_the_network_says(seed, tmp_path):
     network = untrained(tmp_path / "e.safetensors", seed=seed)
     encoder = Encoder(tmp_path / "e.safetensors")
     with torch.no_grad():
-        latent, told = network(torch.from_numpy(planes(picture(seed)))[None])
+        latent = network(torch.from_numpy(planes(picture(seed)))[None])
+        told = network.tell(latent)
     got = encoder.encode(picture(seed))
     np.testing.assert_allclose(got[0], latent[0], atol=1e-5)
     np.testing.assert_allclose(got[1], told[0], atol=1e-5)
@@ -89,3 +91,23 @@ def test_what_ships_is_the_thesis_size():
     ]
     assert Encoder().size == LATENT
     assert onnx_model(weights).graph.output[0].type.tensor_type.shape.dim[1].dim_value == LATENT
+
+
+# Of the first and second picture, as the encoder gave them when it was shipped.
+SHIPPED_LATENTS = {
+    0: [0.7537413239479065, 1.774321436882019, 0.8654577136039734, 1.5316609144210815],
+    1: [0.6112042665481567, 2.029393196105957, 1.80608332157135, 0.6842029094696045],
+}
+SHIPPED_SUMS = {0: 311.85736083984375, 1: 374.65325927734375}
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_what_ships_gives_the_latents_that_it_was_shipped_with(seed):
+    latent = Encoder().latent(picture(seed))
+    np.testing.assert_allclose(latent[:4], SHIPPED_LATENTS[seed], rtol=1e-5)
+    assert np.abs(latent).sum() == pytest.approx(SHIPPED_SUMS[seed], rel=1e-5)
+    network = Network().eval()
+    network.load_state_dict({name: torch.from_numpy(array) for name, array in load_weights(SHIPPED).items()})
+    with torch.no_grad():
+        same = network(torch.from_numpy(planes(picture(seed)))[None])[0]
+    np.testing.assert_allclose(same, latent, atol=1e-4)

@@ -15,7 +15,7 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from dohyo.agents.hierarchical.vision.architecture import encoder_shapes, sizes
+from dohyo.agents.hierarchical.vision.architecture import STACK, encoder_shapes
 from dohyo.agents.hierarchical.vision.classes import Seen
 from dohyo.agents.hierarchical.vision.network import Autoencoder, Encoder
 from dohyo.agents.hierarchical.vision.train import (
@@ -144,7 +144,7 @@ def test_rare_classes_weigh_more_and_absent_ones_nothing():
 
 def test_the_decoder_mirrors_the_encoder():
     network = Autoencoder()
-    assert sizes() == [(80, 160), (39, 79), (18, 38), (8, 18), (3, 8)]
+    assert STACK.sizes == [(80, 160), (39, 79), (18, 38), (8, 18), (3, 8)]
     assert {name: tuple(t.shape) for name, t in Encoder().state_dict().items()} == encoder_shapes()
     assert network.decode(torch.zeros(1, 400)).shape == (1, len(Seen), 80, 160)
     mean, log_variance = network.encode(torch.zeros(2, len(Seen), 80, 160))

@@ -1,0 +1,1 @@
+"""Perception: what all pixel learners share: encoders, a VAE, augmentations, a cache of features, recording."""
