@@ -1,0 +1,273 @@
+"""EnvRows: one environment, and the rows of a vector environment's arrays that it reads and writes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box, Dict, Discrete
+from numpy.typing import NDArray
+
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray
+from dohyo.sumo_networks.envs.shared_memory import Layout
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, SimulationError
+
+Observations = dict[str, NDArray[Any]]
+
+BARE = "observation"
+"""Name of an observation that comes without one."""
+_OBSERVATION = "observation/"
+
+
+class EnvError(DohyoError):
+    """The code of an environment failed, or broke its contract."""
+
+
+@dataclass(frozen=True, slots=True)
+class RowPlan:
+    """The environments of a vector environment, and what its rows hold; sent to workers once.
+
+    Attributes:
+        make_env: Makes the environment of a rank: a gymnasium environment, or with several agents a ParallelEnv of
+            PettingZoo whose `possible_agents` are the rows. It is called at the first reset.
+        groups: Number of environments.
+        group_size: Agents of one environment.
+        observation_space: Of one agent, see `named_space`.
+        action_space: Of one agent.
+        measures: Names of the floats in the last info of an episode.
+    """
+
+    make_env: Callable[[int], Any]
+    groups: int
+    group_size: int
+    observation_space: Dict
+    action_space: Box | Discrete
+    measures: tuple[str, ...]
+
+    def layout(self) -> Layout:
+        """Types and shapes of the arrays of all rows."""
+        rows, action = self.groups * self.group_size, self.action_space
+        flag = np.bool_, (rows,)
+        actions = (np.float32, (rows, *action.shape)) if isinstance(action, Box) else (np.int64, (rows,))
+        return {
+            "actions": actions,
+            "expert_actions": actions,
+            "expert_known": flag,
+            "rewards": (np.float64, (rows,)),
+            "terminations": flag,
+            "truncations": flag,
+            "successes": flag,
+            "measures": (np.float64, (rows, len(self.measures))),
+            **{
+                _OBSERVATION + name: (box.dtype, (rows, *box.shape))
+                for name, box in self.observation_space.items()
+                if isinstance(box, Box)
+            },
+        }
+
+
+@dataclass(slots=True)
+class RowArrays:
+    """Arrays of N rows.
+
+    Attributes:
+        actions: (N, ...) of the next step.
+        expert_actions: (N, ...) of the expert, where `expert_known`.
+        expert_known: (N,) whether the expert had an action when it was last asked.
+        rewards: (N,) of the last step.
+        terminations: (N,) whether the episode terminated in the last step.
+        truncations: (N,) whether it was truncated.
+        successes: (N,) whether the ended episode succeeded.
+        measures: (N, M) measures of the ended episode.
+        observations: (N, ...) by name.
+    """
+
+    actions: NDArray[Any]
+    expert_actions: NDArray[Any]
+    expert_known: BoolArray
+    rewards: FloatArray
+    terminations: BoolArray
+    truncations: BoolArray
+    successes: BoolArray
+    measures: FloatArray
+    observations: Observations
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, NDArray[Any]], rows: slice = slice(None)) -> RowArrays:
+        """Some rows of the arrays of `RowPlan.layout`."""
+        observations = {
+            name.removeprefix(_OBSERVATION): array[rows]
+            for name, array in arrays.items()
+            if name.startswith(_OBSERVATION)
+        }
+        others = {name: array[rows] for name, array in arrays.items() if not name.startswith(_OBSERVATION)}
+        return cls(**others, observations=observations)
+
+
+def named_space(space: gymnasium.Space[Any]) -> Dict:
+    """Observation space as Dict; a lone Box becomes `BARE`.
+
+    Raises:
+        InvalidInputError: It is no Box and no Dict of Box, or a Box holds neither float32 nor uint8.
+    """
+    named = space if isinstance(space, Dict) else Dict({BARE: space})
+    for name, box in named.items():
+        if not isinstance(box, Box) or box.dtype not in (np.float32, np.uint8):
+            raise InvalidInputError(f"observation '{name}': expected a Box of float32 or uint8, got {box}")
+    return named
+
+
+class EnvRows:
+    """One environment, which reads its actions from its rows and writes its results there."""
+
+    def __init__(self, plan: RowPlan, arrays: Mapping[str, NDArray[Any]], rank: int) -> None:
+        self._plan, self._rank = plan, rank
+        self._rows = RowArrays.of(arrays, slice(rank * plan.group_size, (rank + 1) * plan.group_size))
+        self._float_observations = {
+            name: array for name, array in self._rows.observations.items() if array.dtype.kind == "f"
+        }
+        self._discrete = isinstance(plan.action_space, Discrete)
+        self._env: Any = None
+
+    def carry_out(self, command: str, *arguments: Any) -> Any:
+        """Calls one of the methods below.
+
+        Raises:
+            DohyoError: The environment's own; EnvError names the environment and the cause if its code failed.
+        """
+        try:
+            return getattr(self, command)(*arguments)
+        except DohyoError:
+            raise
+        except Exception as error:
+            raise self._error(f"{type(error).__name__}: {error}") from error
+
+    def reset(self, seed: int | None, options: dict[str, Any] | None) -> None:
+        """Begins an episode.
+
+        Raises:
+            DohyoError: The environment's own; EnvError if its observations do not fit the space.
+        """
+        if self._env is None:
+            env = self._plan.make_env(self._rank)
+            self._env = OneAgentEnv(env) if isinstance(env, gymnasium.Env) else env
+        observations, _ = self._env.reset(seed=seed, options=options)
+        self._write_observations(observations)
+
+    def step(self) -> None:
+        """Takes one step with the agents whose episodes have not ended.
+
+        Raises:
+            DohyoError: The environment's own; EnvError if its results do not fit the spaces.
+        """
+        env, rows = self._started, self._rows
+        driving = set(env.agents)
+        agents = [(row, agent) for row, agent in enumerate(env.possible_agents) if agent in driving]
+        actions = {
+            agent: int(rows.actions[row]) if self._discrete else rows.actions[row].copy() for row, agent in agents
+        }
+        observations, rewards, terminations, truncations, infos = env.step(actions)
+        for row, agent in agents:
+            reward = float(rewards[agent])
+            if not math.isfinite(reward):
+                raise self._error(f"expected a finite reward, got {reward}")
+            rows.rewards[row] = reward
+            rows.terminations[row], rows.truncations[row] = terminations[agent], truncations[agent]
+            if terminations[agent] or truncations[agent]:
+                self._write_end(row, infos[agent])
+        self._write_observations(observations)
+
+    def ask_expert(self) -> None:
+        """Writes the expert's action for the present observation of each agent whose episode has not ended."""
+        env, rows = self._started, self._rows
+        rows.expert_known[:] = False
+        for row, agent in enumerate(env.possible_agents):
+            action = env.expert_action(agent) if agent in env.agents else None
+            if action is None:
+                continue
+            if np.shape(action) != rows.expert_actions.shape[1:] or not np.isfinite(action).all():
+                raise self._error(f"expected an expert's action in {self._plan.action_space}, got {action}")
+            rows.expert_actions[row] = action
+            rows.expert_known[row] = True
+
+    def render(self) -> Any:
+        """The environment's picture."""
+        return self._started.render()
+
+    def close(self) -> None:
+        """Closes the environment; the next reset makes a new one."""
+        if self._env is not None:
+            self._env.close()
+            self._env = None
+
+    @property
+    def _started(self) -> Any:
+        if self._env is None:
+            raise SimulationError(f"environment {self._rank} has not been reset")
+        return self._env
+
+    def _action(self, row: int) -> Any:
+        """Action of a row, as a copy: the environment may keep it."""
+        actions = self._rows.actions
+        return int(actions[row]) if self._discrete else actions[row].copy()
+
+    def _write_observations(self, observations: Mapping[Any, Any]) -> None:
+        for row, agent in enumerate(self._env.possible_agents):
+            if agent not in observations:
+                continue
+            named = observations[agent]
+            if not isinstance(named, Mapping):
+                named = {BARE: named}
+            if named.keys() != self._rows.observations.keys():
+                raise self._error(f"expected observations {[*self._rows.observations]}, got {[*named]}")
+            for name, array in self._rows.observations.items():
+                value = named[name]
+                if np.shape(value) != array.shape[1:]:
+                    shapes = f"expected shape {array.shape[1:]}, got {np.shape(value)}"
+                    raise self._error(f"observation '{name}': {shapes}")
+                np.copyto(array[row, ...], value, casting="same_kind")
+        for name, array in self._float_observations.items():
+            if not np.isfinite(array).all():
+                where = np.argwhere(~np.isfinite(array))[:4, 1:].tolist()
+                raise self._error(f"expected finite observations, got others in '{name}' at {where}")
+
+    def _write_end(self, row: int, info: Mapping[str, Any]) -> None:
+        if missing := [name for name in self._plan.measures if name not in info]:
+            raise self._error(f"the last info of an episode lacks {', '.join(missing)}")
+        self._rows.successes[row] = bool(info.get("success", False))
+        self._rows.measures[row] = [float(info[name]) for name in self._plan.measures]
+
+    def _error(self, what: str) -> EnvError:
+        return EnvError(f"environment {self._rank}: {what}")
+
+
+class OneAgentEnv:
+    """A gymnasium environment in the form of PettingZoo's ParallelEnv, with one agent."""
+
+    possible_agents = (0,)
+
+    def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
+        self._env = env
+        self.agents: tuple[int, ...] = ()
+        self.render, self.close = env.render, env.close
+
+    def reset(self, seed: int | None, options: dict[str, Any] | None) -> tuple[dict[int, Any], dict[int, Any]]:
+        """See `gymnasium.Env.reset`."""
+        observation, info = self._env.reset(seed=seed, options=options)
+        self.agents = self.possible_agents
+        return {0: observation}, {0: info}
+
+    def step(self, actions: Mapping[int, Any]) -> tuple[dict[int, Any], ...]:
+        """See `gymnasium.Env.step`."""
+        observation, reward, terminated, truncated, info = self._env.step(actions[0])
+        if terminated or truncated:
+            self.agents = ()
+        return {0: observation}, {0: reward}, {0: terminated}, {0: truncated}, {0: info}
+
+    def expert_action(self, agent: int) -> Any:
+        """The expert's action, from the environment's `expert_action()`."""
+        return self._env.get_wrapper_attr("expert_action")()

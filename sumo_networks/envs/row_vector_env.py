@@ -1,0 +1,318 @@
+"""RowVectorEnv: what vector environments in this process and in worker processes share."""
+
+from __future__ import annotations
+
+import logging
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.error import AlreadyPendingCallError, NoAsyncCallError
+from gymnasium.spaces import Box, Discrete
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray
+from dohyo.sumo_networks.ego.control import InvalidActionError
+from dohyo.sumo_networks.envs.env_rows import EnvError, Observations, RowArrays, RowPlan, named_space
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+
+logger = logging.getLogger(__name__)
+
+Step = tuple[Observations, FloatArray, BoolArray, BoolArray, dict[str, Any]]
+
+
+class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
+    """N rows, each an agent of an episode; a row is reset alone, to a given seed.
+
+    An environment may have several agents (a ParallelEnv of PettingZoo): these are consecutive rows, which are reset
+    together. A row whose episode has ended ignores its action until it is reset, and its reward is 0.
+
+    Where an environment raises SimulationError or its process dies, its rows are truncated without measures and
+    reported as "lost". A new environment replaces it at the next reset. Any other error ends the step or reset.
+
+    Attributes:
+        num_envs: Number N of rows.
+        group_size: Number of agents, and so of rows, of one environment.
+        single_observation_space: Dict of Box.
+        single_action_space: Box or Discrete.
+        measures: Names of the floats in `infos` at the end of an episode, beside "success".
+        failures: Errors of the environments that were lost in the last reset or step, by environment.
+        metadata: "autoreset_mode" is DISABLED: the caller resets.
+
+    Source: gymnasium's VectorEnv interface.
+    """
+
+    def __init__(
+        self,
+        make_env: Callable[[int], Any],
+        num_envs: int,
+        observation_space: gymnasium.Space[Any],
+        action_space: gymnasium.Space[Any],
+        measures: tuple[str, ...] = (),
+        expert: bool = False,
+        group_size: int = 1,
+    ) -> None:
+        """Checks the spaces; environments are made at their first reset.
+
+        Args:
+            make_env: Makes the environment of a rank (0, 1, ...).
+            num_envs: Number of rows, a multiple of `group_size`.
+            observation_space: Of one row: Dict of Box of float32 or uint8; a Box becomes {"observation": box}.
+            action_space: Of one row: Box or Discrete.
+            measures: Names of floats that the last info of an episode must hold.
+            expert: Whether the environments have a method `expert_action() -> action | None`; with several agents it
+                takes the agent's name.
+            group_size: Number of agents of one environment.
+
+        Raises:
+            InvalidInputError: A space is of another kind, or there is no environment.
+        """
+        self.closed = True  # until the environments can be used
+        if num_envs < 1 or num_envs % group_size:
+            raise InvalidInputError(f"expected at least one environment of {group_size} rows, got num_envs={num_envs}")
+        if not isinstance(action_space, Box | Discrete):
+            raise InvalidInputError(f"expected actions in a Box or Discrete, got {action_space}")
+        self.num_envs, self.group_size, self.measures = num_envs, group_size, measures
+        self.metadata = {"autoreset_mode": AutoresetMode.DISABLED}
+        self.single_observation_space = named_space(observation_space)
+        self.single_action_space = action_space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(action_space, num_envs)
+        self.failures: dict[int, SimulationError] = {}
+        self._plan = RowPlan(
+            make_env, num_envs // group_size, group_size, self.single_observation_space, action_space, measures
+        )
+        self._has_expert = expert
+        self._arrays = self._take_arrays()
+        self._active = np.zeros(num_envs, np.bool_)
+        self._pending: list[int] | None = None
+        self.closed = False
+
+    @abstractmethod
+    def _take_arrays(self) -> RowArrays:
+        """Arrays of all rows; called once, by the constructor."""
+
+    @abstractmethod
+    def _send(self, group: int, command: str, *arguments: Any) -> None:
+        """Begins a method of an environment's `EnvRows`; failures show in `_receive`."""
+
+    @abstractmethod
+    def _receive(self, group: int) -> Any:
+        """Waits for the end of the method; returns its result, or raises what it raised."""
+
+    @abstractmethod
+    def _discard(self, group: int) -> None:
+        """Ends an environment that failed; its next reset makes a new one."""
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Observations, dict[str, Any]]:
+        """Begins episodes.
+
+        Args:
+            seed: One seed or None per row, of which a group takes its first; or s for s, s + 1, ...
+            options: "reset_mask": (N,) bool, the rows to reset; the others keep their episodes and observations. All
+                other options go to the environments.
+
+        Returns:
+            Observations of all rows, and infos: "lost" (N,) is True where the reset failed.
+
+        Raises:
+            InvalidInputError: Seeds or mask have a wrong length.
+            DohyoError: An environment's own error; EnvError if its code failed.
+        """
+        self._check_idle()
+        rest = dict(options or {})
+        asked = self._groups(self._mask(rest.pop("reset_mask", np.ones(self.num_envs, np.bool_))))
+        seeds, chosen = self._seeds(seed), self._rows(asked)
+        self._active[chosen] = False
+        for group in asked:
+            self._send(group, "reset", seeds[group * self.group_size], rest or None)
+        lost = self._finish(asked)
+        self._active |= chosen & ~lost
+        return self._observations(), {"lost": lost}
+
+    def step(self, actions: ArrayLike) -> Step:
+        """Takes one step in every row whose episode has not ended.
+
+        Args:
+            actions: (N, ...) in `action_space`.
+
+        Returns:
+            observations: (N, ...) by name; at an end the last ones of the episode.
+            rewards: (N,) float64.
+            terminations: (N,).
+            truncations: (N,), also True where the environment was lost.
+            infos: "active" (N,): whether the row acted; "lost" (N,): whether its environment failed; where episodes
+                ended also "success" and the measures, each (N,) and valid where "_success" and so on are True.
+
+        Raises:
+            InvalidActionError: The actions have a wrong shape or are not finite; nothing has moved then.
+            DohyoError: An environment's own error; EnvError if its code failed.
+        """
+        self.step_async(actions)
+        return self.step_wait()
+
+    def step_async(self, actions: ArrayLike) -> None:
+        """Begins a step, see `step`; `step_wait` must follow.
+
+        Raises:
+            InvalidActionError: The actions have a wrong shape or are not finite.
+        """
+        checked = self._checked(actions)
+        self._check_idle()
+        self._arrays.actions[...] = checked
+        self._clear()
+        asked = self._groups(self._active)
+        for group in asked:
+            self._send(group, "step")
+        self._pending = asked
+
+    def step_wait(self) -> Step:
+        """Waits for the step that `step_async` began, see `step`."""
+        if self._pending is None:
+            raise NoAsyncCallError("expected step_async() before step_wait()", "step")
+        asked, self._pending = self._pending, None
+        arrays, active = self._arrays, self._active.copy()
+        lost = self._finish(asked) & active
+        arrays.rewards[lost], arrays.terminations[lost], arrays.truncations[lost] = 0.0, False, True
+        ended = arrays.terminations | arrays.truncations
+        self._active &= ~ended
+        infos: dict[str, Any] = {"active": active, "lost": lost}
+        judged = ended & ~lost
+        if judged.any():
+            for name, values in self._judgement().items():
+                infos[name], infos[f"_{name}"] = values, judged
+        return self._observations(), arrays.rewards.copy(), arrays.terminations.copy(), arrays.truncations.copy(), infos
+
+    def expert_actions(self, rows: BoolArray) -> tuple[NDArray[Any], BoolArray]:
+        """Asks the expert for its actions for the present observations.
+
+        Args:
+            rows: (N,) rows to ask for.
+
+        Returns:
+            (N, ...) actions, and (N,) whether the expert has one: never where an episode has ended or is being lost.
+
+        Raises:
+            InvalidInputError: The environments have no expert.
+            DohyoError: An environment's own error; EnvError if its code failed.
+        """
+        if not self._has_expert:
+            raise InvalidInputError("these environments have no expert")
+        self._check_idle()
+        wanted = self._mask(rows) & self._active
+        asked = self._groups(wanted)
+        for group in asked:
+            self._send(group, "ask_expert")
+        failed = self._finish(asked, keep=True)  # the next step reports the loss
+        return self._arrays.expert_actions.copy(), self._arrays.expert_known & wanted & ~failed
+
+    def render(self) -> tuple[Any, ...] | None:
+        """Pictures of all environments.
+
+        Raises:
+            SimulationError: An environment has not been reset, or its process has died.
+        """
+        self._check_idle()
+        groups = range(self._plan.groups)
+        for group in groups:
+            self._send(group, "render")
+        pictures = self._collect(groups)
+        for picture in pictures.values():
+            if isinstance(picture, Exception):
+                raise picture
+        return tuple(pictures.values())
+
+    def _check_idle(self) -> None:
+        if self.closed:
+            raise SimulationError(f"this {type(self).__name__} is closed")
+        if self._pending is not None:
+            raise AlreadyPendingCallError("expected step_wait() after step_async()", "step")
+
+    def _finish(self, asked: Iterable[int], keep: bool = False) -> BoolArray:
+        """Waits for environments; (N,) rows of those that failed, which are discarded unless they are to be kept."""
+        answers = self._collect(asked)
+        self.failures = {group: error for group, error in answers.items() if isinstance(error, SimulationError)}
+        for group, error in self.failures.items():
+            logger.warning("environment %d is lost: %s", group, error)
+            if not keep:
+                self._discard(group)
+        for group, error in answers.items():
+            if isinstance(error, EnvError):
+                logger.error("environment %d failed", group, exc_info=error)
+            if isinstance(error, Exception) and not isinstance(error, SimulationError):
+                raise error
+        return self._rows(self.failures)
+
+    def _collect(self, asked: Iterable[int]) -> dict[int, Any]:
+        """Results or errors of all environments that were asked."""
+        answers: dict[int, Any] = {}
+        try:
+            for group in asked:
+                try:
+                    answers[group] = self._receive(group)
+                except Exception as error:
+                    answers[group] = error
+        except BaseException:  # such as Ctrl-C: pending answers would be taken for answers to the next command
+            self.close()
+            raise
+        return answers
+
+    def _clear(self) -> None:
+        """Empties what the last step said."""
+        arrays = self._arrays
+        arrays.rewards[:] = 0.0
+        for flags in (arrays.terminations, arrays.truncations, arrays.successes):
+            flags[:] = False
+        if self.group_size > 1:
+            for observation in arrays.observations.values():
+                observation[~self._active] = 0
+
+    def _judgement(self) -> Mapping[str, NDArray[Any]]:
+        measured = self._arrays.measures
+        return {
+            "success": self._arrays.successes.copy(),
+            **{name: measured[:, column].copy() for column, name in enumerate(self.measures)},
+        }
+
+    def _observations(self) -> Observations:
+        return {name: array.copy() for name, array in self._arrays.observations.items()}
+
+    def _checked(self, actions: ArrayLike) -> NDArray[Any]:
+        expected = self._arrays.actions
+        try:
+            array = np.asarray(actions, dtype=expected.dtype)
+        except (TypeError, ValueError) as error:
+            raise InvalidActionError(f"expected an array of shape {expected.shape}, got {actions!r}"[:200]) from error
+        if array.shape != expected.shape:
+            raise InvalidActionError(f"expected actions of shape {expected.shape}, got shape {array.shape}")
+        if not np.isfinite(array).all():
+            raise InvalidActionError(f"expected finite actions, got {array[~np.isfinite(array)][:4].tolist()}")
+        return array
+
+    def _seeds(self, seed: Any) -> list[int | None]:
+        if seed is None or isinstance(seed, int | np.integer):
+            return [None if seed is None else int(seed) + row for row in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise InvalidInputError(f"expected {self.num_envs} seeds, got {len(seed)}")
+        return [None if one is None else int(one) for one in seed]
+
+    def _mask(self, rows: Any) -> BoolArray:
+        mask = np.asarray(rows, dtype=np.bool_)
+        if mask.shape != (self.num_envs,):
+            raise InvalidInputError(f"expected a mask of shape {(self.num_envs,)}, got {mask.shape}")
+        return mask
+
+    def _groups(self, rows: BoolArray) -> list[int]:
+        """Environments of which a row is in a mask."""
+        groups: list[int] = np.flatnonzero(rows.reshape(-1, self.group_size).any(axis=1)).tolist()
+        return groups
+
+    def _rows(self, groups: Iterable[int]) -> BoolArray:
+        """(N,) mask of the rows of environments."""
+        rows = np.zeros((self._plan.groups, self.group_size), np.bool_)
+        rows[list(groups)] = True
+        return rows.reshape(self.num_envs)
