@@ -20,6 +20,8 @@ def evaluate(
     benchmark: str | Benchmark = "quickstart",
     *,
     seeds: Sequence[int] | None = None,
+    only: Sequence[str] = (),
+    sample: int | None = None,
     out: str | Path | None = None,
     workers: int = 1,
     settings: Mapping[str, Any] | None = None,
@@ -31,6 +33,8 @@ def evaluate(
             import it again, so it must stand at the top of a module; a script needs `if __name__ == "__main__":`.
         benchmark: Its name, the path of a .toml file, or the benchmark itself.
         seeds: By default the benchmark's own.
+        only: Names or patterns of the cells and missions to drive; empty: all.
+        sample: Number of missions to draw from those; None: all.
         out: Folder of the results; by default out/BENCHMARK/AGENT.
         workers: How many processes drive.
         settings: Keyword arguments that make the agent.
@@ -51,6 +55,8 @@ def evaluate(
         entry,
         settings=made_with,
         seeds=seeds,
+        only=only,
+        sample=sample,
         out=folder if out is None else Path(out),
         executor=ProcessPool(workers),
     )

@@ -117,6 +117,7 @@ def write_report(
     networks = sorted({drive.record.scenario.network for drive in drives})
     page = {
         "evaluation": evaluations[0],
+        "partly": any(one.part for one in evaluations),
         "facts": _facts([one.evaluation for one in contenders], rules, irs_length),
         "contenders": contenders,
         "closed_loop": _closed_loop(contenders),

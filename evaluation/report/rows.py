@@ -37,6 +37,7 @@ class Evaluation:
         records: Records of all episodes, lost ones included.
         record_paths: Paths of the records' JSON files, in the same order.
         metric: Computation of the headline score in words.
+        part: Part of the benchmark that was driven, such as "part of nocrash: 10 of 150 missions"; "" for all of it.
     """
 
     agent: str
@@ -45,6 +46,7 @@ class Evaluation:
     records: tuple[EpisodeRecord, ...]
     record_paths: tuple[Path, ...]
     metric: str = ""
+    part: str = ""
 
     def __post_init__(self) -> None:
         if len(self.records) != len(self.record_paths):
@@ -98,10 +100,10 @@ class Pair:
 
 
 def make_contenders(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLength) -> list[Contender]:
-    """Best driving score first; agents without any score last."""
+    """Agents by driving score, best first; after them, likewise, those that drove only a part of the benchmark."""
     colours = look.agent_colours(one.agent for one in evaluations)
     found = [(one, summarise(one.records, rules=rules, irs_length=irs_length)) for one in evaluations]
-    found.sort(key=lambda pair: (-_mean(pair[1].scores["driving_score"]), pair[0].agent))
+    found.sort(key=lambda pair: (bool(pair[0].part), -_mean(pair[1].scores["driving_score"]), pair[0].agent))
     return [Contender(place, one.agent, colours[one.agent], one, summary) for place, (one, summary) in enumerate(found)]
 
 

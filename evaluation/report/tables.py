@@ -24,11 +24,11 @@ def csv_tables(contenders: Sequence[Contender], pairs: Sequence[Pair], drives: S
 
 def _estimate_table(contenders: Iterable[Contender], estimates: Callable[[Summary], dict[str, Estimate]]) -> str:
     rows = (
-        (one.name, name, *dataclasses.astuple(estimate))
+        (one.name, name, *dataclasses.astuple(estimate), one.evaluation.part)
         for one in contenders
         for name, estimate in estimates(one.summary).items()
     )
-    return csv_text(("agent", "quantity", "mean", "low", "high", "n"), rows)
+    return csv_text(("agent", "quantity", "mean", "low", "high", "n", "part"), rows)
 
 
 def _scores(summary: Summary) -> dict[str, Estimate]:

@@ -1,4 +1,4 @@
-"""run_benchmark: one agent on one benchmark, resumable at any moment."""
+"""run_benchmark: one agent on one benchmark or a part of it, resumable at any moment."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from dohyo.evaluation.agent import agent_info, make_agent
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
+from dohyo.evaluation.benchmarks.part import select
 from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
 from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
 from dohyo.evaluation.episode.runner import versions
@@ -34,11 +35,20 @@ class Manifest(Config):
         agent: Description of the agent.
         benchmark: Whole benchmark, so that the folder needs no other file.
         benchmark_sha256: Content hash of the benchmark.
+        missions: Names of the scenarios that are driven; None: all of the benchmark.
     """
 
     agent: AgentInfo
     benchmark: Benchmark
     benchmark_sha256: str
+    missions: Annotated[tuple[str, ...] | None, Field(min_length=1, exclude_if=lambda names: names is None)] = None
+
+    @property
+    def part(self) -> str:
+        """What is driven of the benchmark, in words for people; "" if everything is."""
+        if self.missions is None:
+            return ""
+        return f"part of {self.benchmark.name}: {len(self.missions)} of {self.benchmark.size} missions"
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +74,8 @@ def run_benchmark(
     *,
     settings: Mapping[str, Any] | None = None,
     seeds: Sequence[int] | None = None,
+    only: Sequence[str] = (),
+    sample: int | None = None,
     out: Path,
     executor: Executor | None = None,
     act_deadline_s: float = ACT_DEADLINE_S,
@@ -73,11 +85,15 @@ def run_benchmark(
 ) -> Result:
     """Evaluates an agent; a second call with the same arguments drives only the missing episodes.
 
+    A call with more missions than the last one, such as a larger sample or the whole benchmark, completes the results.
+
     Args:
         benchmark: Benchmark, or its name, or the path of a .toml file.
         entry: "module:Class" of the agent.
         settings: Keyword arguments of its constructor.
         seeds: Seeds to drive; by default those of the benchmark.
+        only: Names or patterns of the cells and missions to drive, see `part.select`; empty: all.
+        sample: Number of missions to draw from those; None: all.
         out: Folder of the results.
         executor: Executor of the episodes; by default one worker process.
         act_deadline_s: Wall-clock time allowed for one decision, s.
@@ -87,15 +103,21 @@ def run_benchmark(
 
     Raises:
         InvalidInputError: An unknown name, an agent that cannot be made, a mission that cannot be driven, or a folder
-            that holds another evaluation. Nothing has been written then.
+            that holds another evaluation, or missions that are not among those to drive. Nothing has been written then.
     """
     if isinstance(benchmark, str):
         benchmark = load_benchmark(benchmark)
     agent = make_agent(entry, settings)
     info = agent_info(agent, entry, settings)
     agent.close()
-    scenarios = benchmark.scenarios(seeds if seeds is not None else benchmark.seeds)
-    manifest = Manifest(agent=info, benchmark=benchmark, benchmark_sha256=benchmark.sha256)
+    scenarios = select(benchmark.scenarios(seeds if seeds is not None else benchmark.seeds), only, sample)
+    missions = tuple(dict.fromkeys(scenario.name for scenario in scenarios))
+    manifest = Manifest(
+        agent=info,
+        benchmark=benchmark,
+        benchmark_sha256=benchmark.sha256,
+        missions=missions if len(missions) < benchmark.size else None,
+    )
     _claim(out, manifest)
 
     stems = [f"{scenario.name}-s{scenario.seed}" for scenario in scenarios]
@@ -146,21 +168,19 @@ def _read_manifest(out: Path) -> Manifest:
         raise InvalidInputError(f"{path}: {error.errors()[0]['msg']}") from error
 
 
+def part_of_record(path: Path) -> str:
+    """Part of the benchmark that was driven with a record, see `Manifest.part`; "" outside a result folder."""
+    folder = path.absolute().parent.parent
+    return _read_manifest(folder).part if (folder / MANIFEST).exists() else ""
+
+
 def _claim(out: Path, manifest: Manifest) -> None:
-    """Writes the manifest, or checks that the existing one is the same."""
+    """Writes the manifest, unless the existing one says the same."""
     if (out / MANIFEST).exists():
         there = _read_manifest(out)
-        if there.benchmark_sha256 != manifest.benchmark_sha256:
-            raise InvalidInputError(
-                f"'{out}' holds benchmark {there.benchmark.name} {there.benchmark_sha256[:8]}, not "
-                f"{manifest.benchmark.name} {manifest.benchmark_sha256[:8]}; choose another --out"
-            )
-        if there.agent != manifest.agent:
-            raise InvalidInputError(
-                f"'{out}' holds agent '{there.agent.name}' as it was before its code or settings changed, or another "
-                "agent; choose another --out"
-            )
-        return
+        _check_continues(out, there, manifest)
+        if there.missions == manifest.missions:
+            return
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -168,6 +188,29 @@ def _claim(out: Path, manifest: Manifest) -> None:
     if not os.access(out, os.W_OK):
         raise InvalidInputError(f"cannot write results to '{out}': no permission")
     write_atomically(out / MANIFEST, manifest.model_dump_json(indent=1).encode())
+
+
+def _check_continues(out: Path, there: Manifest, manifest: Manifest) -> None:
+    """Refuses to continue results of another benchmark or agent, or results that have other missions as well."""
+    if there.benchmark_sha256 != manifest.benchmark_sha256:
+        raise InvalidInputError(
+            f"'{out}' holds benchmark {there.benchmark.name} {there.benchmark_sha256[:8]}, not "
+            f"{manifest.benchmark.name} {manifest.benchmark_sha256[:8]}; choose another --out"
+        )
+    if there.agent != manifest.agent:
+        raise InvalidInputError(
+            f"'{out}' holds agent '{there.agent.name}' as it was before its code or settings changed, or another "
+            "agent; choose another --out"
+        )
+    if manifest.missions is None:
+        return
+    if there.missions is None:
+        raise InvalidInputError(f"'{out}' holds the whole of {there.benchmark.name}, not a part; choose another --out")
+    if others := [name for name in there.missions if name not in manifest.missions]:
+        raise InvalidInputError(
+            f"'{out}' holds {there.part}, among them {others[0]}, which is not among the {len(manifest.missions)} to "
+            "drive now; choose another --out, or missions that include those"
+        )
 
 
 def _finished(

@@ -27,7 +27,7 @@ from dohyo.evaluation.scores.nuplan.summary import by_type, lost_drives, score_r
 from dohyo.evaluation.summary import as_document, summarise, summarise_cells
 from dohyo.service.cli.closed_loop import print_closed_loop, print_legend
 from dohyo.service.cli.freeway import evaluate_on_freeway
-from dohyo.service.cli.output import Json, console, print_cells, print_comparison, print_json
+from dohyo.service.cli.output import Json, console, print_cells, print_comparison, print_json, print_part
 from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -48,6 +48,10 @@ def evaluate(
     agent: Annotated[str, typer.Option(help="Registered name, or your own module:Class.")],
     benchmark: Annotated[str, typer.Option(help="Name, or path of a .toml file.")],
     seeds: Annotated[str | None, typer.Option(help="Such as 0,1,2 or 0-4; default: the benchmark's own.")] = None,
+    only: Annotated[
+        str | None, typer.Option(help="Cells or missions to drive, such as town-test.*,left-to-south; default: all.")
+    ] = None,
+    sample: Annotated[int | None, typer.Option(min=1, help="Number of missions to draw; always the same ones.")] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: one per CPU.")] = None,
     out: Annotated[Path | None, typer.Option(help="Result folder; default: out/BENCHMARK/AGENT.")] = None,
     settings: Annotated[list[str] | None, typer.Option("--set", help="key=value for the agent; repeatable.")] = None,
@@ -60,8 +64,15 @@ def evaluate(
     """Evaluates an agent on a benchmark. Run again, it continues where it stopped."""
     find_own_modules()
     if is_freeway_benchmark(benchmark):
-        given = {"executor": executor is Engine.RAY, "address": address is not None, "reverse": reverse}
-        for name, is_given in (given | {"deadline": deadline != ACT_DEADLINE_S}).items():
+        given = {
+            "only": only is not None,
+            "sample": sample is not None,
+            "deadline": deadline != ACT_DEADLINE_S,
+            "reverse": reverse,
+            "executor": executor is Engine.RAY,
+            "address": address is not None,
+        }
+        for name, is_given in given.items():
             if is_given:
                 raise InvalidInputError(f"--{name}: expected a benchmark of driving agents, got '{benchmark}'")
         chosen = parse_seeds(seeds) if seeds is not None else None
@@ -86,6 +97,8 @@ def evaluate(
             entry,
             settings=made_with,
             seeds=parse_seeds(seeds) if seeds is not None else None,
+            only=parse_names(only) if only is not None else (),
+            sample=sample,
             out=out or Path("out") / Path(benchmark).stem / re.sub(r"[^\w.-]", "_", agent),
             executor=_executor(executor, workers, address),
             act_deadline_s=deadline,
@@ -103,7 +116,8 @@ def evaluate(
     if json:
         cells = {cell: as_document(one) for cell, one in summarise_cells(result.records, rules=rules).items()}
         closed = {"closed_loop": closed_loop_document(scored, lost)} if scored else {}
-        print_json(as_document(summary) | {"cells": cells, "drives": _drives(result)} | closed)
+        part = {"part": result.manifest.part or None, "missions": result.manifest.missions}
+        print_json(as_document(summary) | part | {"cells": cells, "drives": _drives(result)} | closed)
         return
     _print_failures(result)
     if scored:
@@ -114,6 +128,7 @@ def evaluate(
     else:
         print_cells(summarise_cells(result.records, rules=rules))
         print_comparison([summary])
+    print_part(result.manifest.part)
     console.print(f"records in {result.paths[0].parent}")
 
 
@@ -203,6 +218,14 @@ def parse_seeds(text: str) -> list[int]:
     if repeated:
         raise InvalidInputError(f"--seeds '{text}': expected every seed once, got {repeated[0]} twice")
     return seeds
+
+
+def parse_names(text: str) -> list[str]:
+    """Names of cells and missions from text such as "town-test.*,left-to-south"."""
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise InvalidInputError(f"--only '{text}': expected names of cells or missions, separated by commas")
+    return names
 
 
 def parse_settings(pairs: list[str]) -> dict[str, Any]:

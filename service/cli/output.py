@@ -86,6 +86,12 @@ def _rate(summary: Summary, kind: str) -> str:
     return interval(summary.per_km[kind]) if summary.km >= RATES_FROM_KM else DASH
 
 
+def print_part(part: str, of: str = "") -> None:
+    """Prints that an agent has driven only a part of a benchmark, see `Manifest.part`; nothing if it drove all."""
+    if part:
+        console.print(f"{of}{part}; the scores are not those of the benchmark", highlight=False, markup=False)
+
+
 def print_cells(cells: Mapping[str, Summary]) -> None:
     """Prints one row per cell of a benchmark, where there is more than one."""
     if len(cells) < 2:

@@ -17,7 +17,7 @@ from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.report.page import write_report
 from dohyo.evaluation.report.rows import Evaluation
 from dohyo.evaluation.report.style import probability
-from dohyo.evaluation.running.run import Result, read_result
+from dohyo.evaluation.running.run import Result, part_of_record, read_result
 from dohyo.evaluation.scores.driving import IrsLength, Rules
 from dohyo.evaluation.scores.nuplan.summary import (
     applies,
@@ -37,6 +37,7 @@ from dohyo.service.cli.output import (
     print_cells,
     print_comparison,
     print_json,
+    print_part,
     print_rows,
 )
 from dohyo.service.cli.own_modules import find_own_modules
@@ -68,6 +69,7 @@ def report(
             records=result.records,
             record_paths=result.paths,
             metric=result.manifest.benchmark.metric,
+            part=result.manifest.part,
         )
         for name, result in zip(names, results, strict=True)
     ]
@@ -81,6 +83,8 @@ def report(
     _print_verdicts(names, results, rules, irs_length)
     if all(result.manifest.benchmark.closed_loop for result in results):
         _print_closed_loop(names, results)
+    for name, result in zip(names, results, strict=True):
+        print_part(result.manifest.part, f"{name}: ")
     path = write_report(evaluations, out, rules=rules, irs_length=irs_length)
     console.print(f"report: {path.resolve()}")
 
@@ -136,10 +140,13 @@ def verify(record: Annotated[Path, typer.Argument(help="A record, NAME.json.")],
             raise InvalidInputError(f"'{record}': agent '{ego.agent.name}' has changed since; no replay")
     new, _ = drive_episode(old.scenario, agents, infos=infos, benchmark=old.benchmark)
     same = new.record_hash == old.record_hash
+    part = part_of_record(record)
     if json:
-        print_json({"record": str(record), "expected": old.record_hash, "replayed": new.record_hash, "same": same})
+        hashes = {"expected": old.record_hash, "replayed": new.record_hash, "same": same}
+        print_json({"record": str(record), **hashes, "part": part or None})
     else:
         console.print(f"{'same' if same else 'DIFFERS'}: {old.record_hash} in the record, {new.record_hash} replayed")
+        print_part(part)
     if not same:
         raise typer.Exit(DIFFERS)
 

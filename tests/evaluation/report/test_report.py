@@ -433,3 +433,17 @@ def test_every_kind_and_status_has_a_look_of_its_own() -> None:
     assert len({kind.specification.mark.symbol for kind in InfractionKind}) == len(InfractionKind)
     assert len({kind.specification.mark.path for kind in InfractionKind}) == len(InfractionKind)
     assert len({(status.outcome, status.hatch) for status in Status}) == len(Status)
+
+
+def test_a_part_of_the_benchmark_is_named_beside_its_scores(two: list[Evaluation], tmp_path: Path) -> None:
+    careful, reckless = two
+    words = "part of nocrash: 10 of 150 missions"
+    _, page = report(tmp_path, dataclasses.replace(careful, part=words), reckless)
+    assert f"careful: {words}. Its scores are not those of the benchmark." in page.text
+    assert "nocrash, in part" in page.text
+    assert "reckless has a driving score" in page.text  # careful has the higher one, on a part
+    _, alone = report(tmp_path, dataclasses.replace(careful, part=words))
+    assert f"careful ({words}) has a driving score" in alone.text
+    _, whole = report(tmp_path, careful, reckless)
+    assert "part of" not in whole.text
+    assert "in part" not in whole.text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -16,7 +17,7 @@ from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.running.executors import ProcessPool
-from dohyo.evaluation.running.run import Result, read_result, run_benchmark
+from dohyo.evaluation.running.run import Result, part_of_record, read_result, run_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Mission, Place, Traffic
 
@@ -217,3 +218,30 @@ def motorway(folder: Path) -> Path:
     command = [netconvert, "-n", folder / "m.nod.xml", "-e", folder / "m.edg.xml", "-o", net]
     subprocess.run(command, check=True, capture_output=True)
     return net
+
+
+def test_a_part_says_so_and_is_completed_with_the_records_of_the_whole(tmp_path: Path) -> None:
+    three = benchmark(missions=3, goal_m=10.0)
+    part = run_benchmark(three, STEADY, seeds=[0], only=["drive-1"], out=tmp_path)
+    assert [record.scenario.name for record in part.records] == ["drive-1"]
+    assert read_result(tmp_path).manifest.part == "part of short: 1 of 3 missions"
+    assert part_of_record(part.paths[0]) == "part of short: 1 of 3 missions"
+
+    with pytest.raises(InvalidInputError, match="holds part of short: 1 of 3 missions, among them drive-1, which is"):
+        run_benchmark(three, STEADY, seeds=[0], only=["drive-0", "drive-2"], out=tmp_path)
+    assert len(finished(tmp_path)) == 1  # nothing was driven
+
+    larger = run_benchmark(three, STEADY, seeds=[0], only=["drive-[01]"], out=tmp_path)
+    assert (larger.resumed, larger.manifest.part) == (1, "part of short: 2 of 3 missions")
+
+    whole = run_benchmark(three, STEADY, seeds=[0], out=tmp_path)
+    assert (whole.resumed, whole.manifest.part) == (2, "")
+    assert whole.records[1].record_hash == part.records[0].record_hash
+    assert "missions" not in json.loads((tmp_path / "evaluation.json").read_text())
+    with pytest.raises(InvalidInputError, match="holds the whole of short, not a part; choose another --out"):
+        run_benchmark(three, STEADY, seeds=[0], sample=2, out=tmp_path)
+
+
+def test_a_sample_of_all_missions_is_the_benchmark(tmp_path: Path) -> None:
+    result = run_benchmark(benchmark(missions=1), STEADY, seeds=[0], sample=1, out=tmp_path)
+    assert result.manifest.part == ""

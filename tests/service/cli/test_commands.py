@@ -219,3 +219,29 @@ def test_lists_of_benchmarks_and_agents_keep_their_names_whole_on_80_columns() -
         shown = dohyo(what, "list", columns=80).stdout.splitlines()
         assert max(map(len, shown)) <= 80
         assert {one["name"] for one in listed} <= {line.split()[0] for line in shown if not line.startswith(" ")}
+
+
+def test_a_part_of_a_benchmark_is_marked_by_every_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    second = SHORT[SHORT.index("[[missions]]") :].replace("along", "again")
+    (tmp_path / "two.toml").write_text(SHORT + second)
+    order = ["--agent", STEADY, "--benchmark", str(tmp_path / "two.toml"), "--seeds", "0", "--out", str(tmp_path / "a")]
+    words = "part of short: 1 of 2 missions"
+
+    shown = here(monkeypatch, capsys, "evaluate", *order, "--only", "again")
+    assert f"{words}; the scores are not those of the benchmark" in shown.stdout
+    printed = document(here(monkeypatch, capsys, "evaluate", *order, "--only", "again", "--json"))
+    assert (printed["part"], printed["missions"]) == (words, ["again"])
+    compared = here(monkeypatch, capsys, "report", str(tmp_path / "a"), "--out", str(tmp_path / "report.html"))
+    assert f"{words}; the scores are not" in compared.stdout
+    record = tmp_path / "a" / "records" / "again-s0.json"
+    verified = document(here(monkeypatch, capsys, "verify", str(record), "--json"))
+    assert (verified["same"], verified["part"]) == (True, words)
+
+    refused = here(monkeypatch, capsys, "evaluate", *order, "--only", "along")
+    assert (refused.returncode, "choose another --out" in refused.stderr) == (2, True)
+    unknown = here(monkeypatch, capsys, "evaluate", *order, "--only", "agin")
+    assert "no cell or mission named 'agin'; did you mean 'again'?" in unknown.stderr
+    assert "--sample" in here(monkeypatch, capsys, "evaluate", *order, "--sample", "3").stderr
+    assert "--only" in here(monkeypatch, capsys, "evaluate", *order, "--only", "again,").stderr
