@@ -1,0 +1,1 @@
+"""Encoders: networks from an observation's pictures, or its waypoints, to a vector of features."""

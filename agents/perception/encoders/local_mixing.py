@@ -1,0 +1,115 @@
+"""A-LIX: adaptive local signal mixing, a layer against gradients that differ from one pixel to the next.
+
+In training every feature map is shifted by one random part of a pixel or more, so that the gradient of a feature is
+spread over its neighbours. The largest shift follows from the gradients themselves: it grows while neighbouring
+gradients differ more than a target.
+
+Source: Cetin et al. 2022, "Stabilizing Off-Policy Deep Reinforcement Learning from Pixels", algorithm 1 and equation 4;
+numbers as in the authors' release.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.autograd.function import FunctionCtx
+from torch.nn.functional import pad, unfold
+
+REACH = 2.5
+"""Shift of full strength, pixels (2 in the paper's text; half of 2 x 2 + 1 in its release)."""
+TARGET = 0.535
+"""Discontinuity of gradients that the strength is tuned to."""
+LEARNING_RATE, BETAS = 2e-3, (0.5, 0.999)
+"""Of the strength, for Adam."""
+
+
+class LocalMixing(nn.Module):
+    """Random shift of feature maps with a tuned strength; the identity in evaluation.
+
+    One layer serves all layers of an encoder: the strength is shared, and tuned at the last layer alone.
+
+    Attributes:
+        strength: Largest shift as a share of `reach`, in [0, 1]. Its gradient is no gradient of the loss; see
+            `discontinuity`.
+        reach: Shift of full strength, pixels.
+        target: See `TARGET`.
+    """
+
+    def __init__(self, strength: float = 0.5, reach: float = REACH, target: float = TARGET) -> None:
+        super().__init__()
+        self.strength = nn.Parameter(torch.tensor(strength))
+        self.reach, self.target = reach, target
+
+    def forward(self, maps: Tensor, tune: bool = False) -> Tensor:
+        """Feature maps (B, C, H, W), shifted; the shift is the same for the batch and drawn from torch's generator.
+
+        Args:
+            maps: Feature maps.
+            tune: Whether the gradient that comes back here gives the strength its own.
+        """
+        if not self.training:
+            return maps
+        with torch.no_grad():
+            self.strength.clamp_(0.0, 1.0)
+        down, right = ((2.0 * torch.rand(2) - 1.0) * self.reach * self.strength.item()).tolist()
+        shifted = shift_maps(maps, down, right)
+        if tune:
+            shifted = _Tuning.apply(shifted, self.strength, self.target)  # type: ignore[no-untyped-call]
+        return shifted
+
+
+def shift_maps(maps: Tensor, down: float, right: float) -> Tensor:
+    """Maps read `down` and `right` pixels away from each pixel: bilinear, with the border's values beyond the border.
+
+    Args:
+        maps: (B, C, H, W).
+        down: Pixels.
+        right: Pixels.
+    """
+    height, width = maps.shape[2:]
+    margin = math.ceil(max(abs(down), abs(right))) + 1
+    padded = pad(maps, (margin,) * 4, "replicate")
+    top, left = margin + math.floor(down), margin + math.floor(right)
+    rows = torch.lerp(padded[:, :, top : top + height], padded[:, :, top + 1 : top + 1 + height], down % 1.0)
+    return torch.lerp(rows[..., left : left + width], rows[..., left + 1 : left + 1 + width], right % 1.0)
+
+
+def discontinuity(gradient: Tensor) -> Tensor:
+    """How much the gradients of neighbouring features differ: 0 where they are equal, about 1 where they are noise.
+
+    It is the mean over features of ln(1 + mean squared difference from the eight neighbours / their mean square).
+
+    Args:
+        gradient: (B, C, H, W) of a loss by feature maps; its mean over the batch counts.
+    """
+    mean = gradient.float().mean(0, keepdim=True).transpose(0, 1)
+    around = unfold(pad(mean, (1, 1, 1, 1), "replicate"), 3)
+    centre = mean.flatten(2)
+    difference = (around - centre).square().sum(1, keepdim=True) / 8.0
+    energy = (around.square().sum(1, keepdim=True) - centre.square()) / 8.0
+    return torch.log1p(difference / (energy + 1e-20)).mean()
+
+
+def parameter_groups(network: nn.Module) -> list[dict[str, Any]]:
+    """Parameters of a network for torch's Adam: the strengths of A-LIX have their own learning rate and betas."""
+    strengths = [layer.strength for layer in network.modules() if isinstance(layer, LocalMixing)]
+    others = [p for p in network.parameters() if not any(p is strength for strength in strengths)]
+    tuned = {"params": strengths, "lr": LEARNING_RATE, "betas": BETAS, "weight_decay": 0.0}
+    return [{"params": others}, *([tuned] if strengths else [])]
+
+
+class _Tuning(torch.autograd.Function):
+    """Identity; its backward pass gives the strength a gradient, which raises it where gradients differ too much."""
+
+    @staticmethod
+    def forward(ctx: FunctionCtx, maps: Tensor, strength: Tensor, target: float) -> Tensor:
+        ctx.target = target  # type: ignore[attr-defined]
+        return maps.view_as(maps)
+
+    @staticmethod
+    def backward(ctx: FunctionCtx, *gradients: Tensor) -> tuple[Tensor, Tensor, None]:
+        (gradient,) = gradients
+        return gradient, ctx.target - discontinuity(gradient), None  # type: ignore[attr-defined]
