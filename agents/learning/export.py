@@ -1,4 +1,4 @@
-"""Export of actors: weights as safetensors and an ONNX model, each with the facts of its training."""
+"""Export of policies: weights as safetensors and an ONNX model, each with the facts of its training."""
 
 from __future__ import annotations
 
@@ -9,56 +9,82 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol, cast
 
+import numpy as np
 import onnx
 import torch
+from gymnasium.spaces import Box, Dict
 from safetensors.torch import save
 from torch import Tensor, nn
 
 from dohyo.sumo_networks.files import write_atomically
 
+ACTION = "action"
 OPSET = 17
 
 
 class Exportable(Protocol):
-    """Torch module: (B, ...) observations -> (B, ...) actions, in the action space."""
+    """Torch module: observations by name, (B, ...) each -> actions in the action space.
 
-    def __call__(self, observation: Tensor) -> Tensor:
-        """Actions for a batch."""
+    Pictures come as uint8, so that the module brings them to its own scale. Actions are (B, A) float32, or (B,) int64
+    where they are discrete.
+    """
+
+    def __call__(self, observation: Mapping[str, Tensor]) -> Tensor:
+        """Actions for a batch, without exploration."""
 
     def facts(self) -> Mapping[str, str]:
         """Constructor's arguments, needed beside the weights to load it."""
 
 
-def export(actor: Exportable, observation: Sequence[int], path: Path, facts: Mapping[str, str]) -> None:
+def export(policy: Exportable, space: Dict | Sequence[int], path: Path, facts: Mapping[str, str]) -> None:
     """Writes PATH.safetensors and PATH.onnx.
 
-    The ONNX model has the input "observation" and the output "action", float32, with a batch of any size.
+    The ONNX model has an input for every observation that the policy uses, named like it and of its type, and the
+    output "action"; the batch may have any size.
 
     Args:
-        actor: A torch module.
-        observation: Shape of one observation.
+        policy: A torch module.
+        space: Of one observation, by name.
         path: Without suffix.
         facts: Of the training, for both files' metadata.
     """
-    module = copy.deepcopy(cast(nn.Module, actor)).cpu().eval()
-    facts = {**actor.facts(), **facts}
+    module = copy.deepcopy(cast(nn.Module, policy)).cpu().eval()
+    facts = {**policy.facts(), **facts}
     weights = {name: tensor.detach().contiguous() for name, tensor in module.state_dict().items()}
-    # The model first: if both files exist, they are of the same actor, or the weights are older.
-    write_atomically(path.with_name(f"{path.name}.onnx"), _onnx(module, observation, facts))
+    # The model first: if both files exist, they are of the same policy, or the weights are older.
+    write_atomically(path.with_name(f"{path.name}.onnx"), _onnx(module, space, facts))
     write_atomically(path.with_name(f"{path.name}.safetensors"), save(weights, facts))
 
 
-def _onnx(module: nn.Module, observation: Sequence[int], facts: Mapping[str, str]) -> bytes:
+class _OfTensors(nn.Module):
+    """The policy as a function of one tensor per observation, as ONNX wants it."""
+
+    def __init__(self, policy: nn.Module, names: Sequence[str]) -> None:
+        super().__init__()
+        self.policy, self.names = policy, tuple(names)
+
+    def forward(self, *observations: Tensor) -> Tensor:
+        return cast(Tensor, self.policy(dict(zip(self.names, observations, strict=True))))
+
+
+def _onnx(module: nn.Module, space: Dict | Sequence[int], facts: Mapping[str, str]) -> bytes:
+    if isinstance(space, Dict):
+        names = list(space.spaces)
+        called: nn.Module = _OfTensors(module, names)
+    else:  # the module takes the only observation itself
+        names, called = ["observation"], module
+        space = Dict({"observation": Box(-np.inf, np.inf, tuple(space))})
+    examples = tuple(torch.from_numpy(np.zeros((2, *one.shape), one.dtype)) for one in map(_box, space.spaces.values()))
     buffer = io.BytesIO()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the tracing exporter is deprecated, the other one needs onnxscript
         torch.onnx.export(
-            module,
-            (torch.zeros(2, *observation),),
+            called,
+            examples,
             buffer,  # type: ignore[arg-type]
-            input_names=["observation"],
-            output_names=["action"],
-            dynamic_axes={"observation": {0: "batch"}, "action": {0: "batch"}},
+            input_names=names,
+            output_names=[ACTION],
+            dynamic_axes={name: {0: "batch"} for name in (*names, ACTION)},
             opset_version=OPSET,
             dynamo=False,
         )
@@ -66,3 +92,8 @@ def _onnx(module: nn.Module, observation: Sequence[int], facts: Mapping[str, str
     onnx.helper.set_model_props(model, dict(facts))
     onnx.checker.check_model(model)
     return bytes(model.SerializeToString())
+
+
+def _box(space: object) -> Box:
+    assert isinstance(space, Box)
+    return space

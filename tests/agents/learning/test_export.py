@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,13 @@ import onnx
 import onnxruntime
 import pytest
 import torch
+from gymnasium.spaces import Box, Dict
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from safetensors import safe_open
 from safetensors.torch import save_file
+from torch import nn
 
 from dohyo.agents.learning.export import export
 from dohyo.agents.learning.policy import Actor
@@ -84,3 +87,55 @@ def test_what_is_no_actor_is_refused(tmp_path):
     (tmp_path / "torn.safetensors").write_bytes(b"\x09")
     with pytest.raises(InvalidInputError, match="is no actor"):
         Actor.load(tmp_path / "torn.safetensors")
+
+
+class Seeing(nn.Module):
+    """Chooses one of three actions by a picture and a vector; ignores what else is observed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.camera = nn.Sequential(nn.Conv2d(3, 4, 3, 2), nn.ReLU(), nn.Flatten(), nn.LazyLinear(5))
+        self.head = nn.Linear(5 + 2, 3)
+
+    def forward(self, observation: Mapping[str, torch.Tensor]) -> torch.Tensor:
+        seen = self.camera(observation["camera"].float() / 255.0)
+        return self.head(torch.cat([seen, observation["speed"]], dim=-1)).argmax(dim=-1)
+
+    def facts(self) -> Mapping[str, str]:
+        return {}
+
+
+def test_a_model_has_an_input_for_every_observation_that_the_policy_uses(tmp_path):
+    space = Dict(
+        camera=Box(0, 255, (3, 16, 20), np.uint8), critics=Box(-1.0, 1.0, (4,)), speed=Box(-np.inf, np.inf, (2,))
+    )
+    torch.manual_seed(0)
+    policy = Seeing()
+    policy({name: torch.from_numpy(space[name].sample())[None] for name in space})
+    export(policy, space, tmp_path / "policy", FACTS)
+    session = onnxruntime.InferenceSession(tmp_path / "policy.onnx")
+    types = {one.name: one.type for one in session.get_inputs()}
+    assert types == {"camera": "tensor(uint8)", "speed": "tensor(float)"}
+    for size in (1, 64):
+        batch = {name: np.stack([space[name].sample() for _ in range(size)]) for name in space}
+        (action,) = session.run(["action"], {name: batch[name] for name in types})
+        with torch.no_grad():
+            expected = policy({name: torch.from_numpy(values) for name, values in batch.items()}).numpy()
+        assert (action.dtype, action.shape) == (np.int64, (size,))
+        assert (action == expected).all()
+    assert len(set(action)) > 1
+
+
+def test_a_single_observation_by_name_is_exported_as_before(tmp_path):
+    class Named(Actor):
+        def forward(self, observation):
+            return super().forward(observation["observation"])
+
+    torch.manual_seed(3)
+    policy = Named(5, LOW, HIGH, (16, 8))
+    export(policy, Dict(observation=Box(-np.inf, np.inf, (5,))), tmp_path / "policy", FACTS)
+    session = onnxruntime.InferenceSession(tmp_path / "policy.onnx")
+    assert [one.name for one in (*session.get_inputs(), *session.get_outputs())] == ["observation", "action"]
+    observation = np.linspace(-1, 1, 5, dtype=np.float32)
+    (action,) = session.run(None, {"observation": observation[None]})
+    assert action[0] == pytest.approx(Actor.load(tmp_path / "policy.safetensors").act(observation), abs=1e-5)
