@@ -166,7 +166,8 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
             actions: One action per name in `agents`; actions of egos whose episode has ended are ignored.
 
         Returns:
-            Observations, rewards, terminations, truncations and infos of the egos that drove in this tick.
+            Observations, rewards, terminations, truncations and infos of the egos that drove in this tick. At the end
+            of an ego's episode its infos have "success": whether it reached its goal.
 
         Raises:
             InvalidActionError: An action is missing, is for an unknown ego, has a wrong shape or is not finite;
@@ -185,19 +186,21 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
             ego = self._index[name]
             commands[ego] = self._controls[name].command(actions[name], before, ego)
         self._running.tick(commands)
-        rewards, terminations, truncations = {}, {}, {}
+        after = self.world
+        cut = is_late(after, self.scenario.time_limit_s) or is_played_out(after, self.scenario.duration_s)
+        rewards, terminations, truncations = {}, {}, dict.fromkeys(drove, cut)
+        infos: dict[str, dict[str, Any]] = {}
         for name in drove:
             ego = self._index[name]
-            value, ended = self._rewards[name](before, self.world, ego) if name in self._rewards else (0.0, False)
-            rewards[name] = value
-            terminations[name] = ended or reached_goal(self.world, ego)
-            late = is_late(self.world, self.scenario.time_limit_s)
-            truncations[name] = late or is_played_out(self.world, self.scenario.duration_s)
+            rewards[name], ended = self._rewards[name](before, after, ego) if name in self._rewards else (0.0, False)
+            arrived = reached_goal(after, ego)
+            terminations[name] = ended or arrived
+            infos[name] = {"success": arrived} if ended or arrived or cut else {}
         observations = self._observe(drove)
         for name in drove:
             if terminations[name] or truncations[name]:
                 self.retire(name)
-        return observations, rewards, terminations, truncations, {name: {} for name in drove}
+        return observations, rewards, terminations, truncations, infos
 
     def render(self) -> NDArray[np.uint8] | None:
         """(480, 480, 3) RGB picture from above, centred on the first active ego; None without a render mode."""

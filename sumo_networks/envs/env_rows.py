@@ -10,9 +10,10 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
+from dohyo.sumo_networks.ego.control import InvalidActionError
 from dohyo.sumo_networks.envs.shared_memory import Layout
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, SimulationError
 
@@ -119,6 +120,23 @@ def named_space(space: gymnasium.Space[Any]) -> Dict:
         if not isinstance(box, Box) or box.dtype not in (np.float32, np.uint8):
             raise InvalidInputError(f"observation '{name}': expected a Box of float32 or uint8, got {box}")
     return named
+
+
+def checked_actions(actions: ArrayLike, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """Actions as an array of a shape and a type.
+
+    Raises:
+        InvalidActionError: They have another shape, or are not finite.
+    """
+    try:
+        array = np.asarray(actions, dtype=dtype)
+    except (TypeError, ValueError) as error:
+        raise InvalidActionError(f"expected an array of shape {shape}, got {actions!r}"[:200]) from error
+    if array.shape != shape:
+        raise InvalidActionError(f"expected actions of shape {shape}, got shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise InvalidActionError(f"expected finite actions, got {array[~np.isfinite(array)][:4].tolist()}")
+    return array
 
 
 class EnvRows:

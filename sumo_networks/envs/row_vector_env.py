@@ -16,8 +16,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
-from dohyo.sumo_networks.ego.control import InvalidActionError
-from dohyo.sumo_networks.envs.env_rows import EnvError, Observations, RowArrays, RowPlan, named_space
+from dohyo.sumo_networks.envs.env_rows import EnvError, Observations, RowArrays, RowPlan, checked_actions, named_space
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 
 logger = logging.getLogger(__name__)
@@ -40,6 +39,7 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         single_observation_space: Dict of Box.
         single_action_space: Box or Discrete.
         measures: Names of the floats in `infos` at the end of an episode, beside "success".
+        running: (N,) whether the row's episode has begun and not ended.
         failures: Errors of the environments that were lost in the last reset or step, by environment.
         metadata: "autoreset_mode" is DISABLED: the caller resets.
 
@@ -88,7 +88,7 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         )
         self._has_expert = expert
         self._arrays = self._take_arrays()
-        self._active = np.zeros(num_envs, np.bool_)
+        self.running: BoolArray = np.zeros(num_envs, np.bool_)
         self._pending: list[int] | None = None
         self.closed = False
 
@@ -127,11 +127,11 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         rest = dict(options or {})
         asked = self._groups(self._mask(rest.pop("reset_mask", np.ones(self.num_envs, np.bool_))))
         seeds, chosen = self._seeds(seed), self._rows(asked)
-        self._active[chosen] = False
+        self.running[chosen] = False
         for group in asked:
             self._send(group, "reset", seeds[group * self.group_size], rest or None)
         lost = self._finish(asked)
-        self._active |= chosen & ~lost
+        self.running |= chosen & ~lost
         return self._observations(), {"lost": lost}
 
     def step(self, actions: ArrayLike) -> Step:
@@ -161,11 +161,11 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         Raises:
             InvalidActionError: The actions have a wrong shape or are not finite.
         """
-        checked = self._checked(actions)
         self._check_idle()
-        self._arrays.actions[...] = checked
+        shared = self._arrays.actions
+        shared[...] = checked_actions(actions, shared.shape, shared.dtype)
         self._clear()
-        asked = self._groups(self._active)
+        asked = self._groups(self.running)
         for group in asked:
             self._send(group, "step")
         self._pending = asked
@@ -175,11 +175,11 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         if self._pending is None:
             raise NoAsyncCallError("expected step_async() before step_wait()", "step")
         asked, self._pending = self._pending, None
-        arrays, active = self._arrays, self._active.copy()
+        arrays, active = self._arrays, self.running.copy()
         lost = self._finish(asked) & active
         arrays.rewards[lost], arrays.terminations[lost], arrays.truncations[lost] = 0.0, False, True
         ended = arrays.terminations | arrays.truncations
-        self._active &= ~ended
+        self.running &= ~ended
         infos: dict[str, Any] = {"active": active, "lost": lost}
         judged = ended & ~lost
         if judged.any():
@@ -203,7 +203,7 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         if not self._has_expert:
             raise InvalidInputError("these environments have no expert")
         self._check_idle()
-        wanted = self._mask(rows) & self._active
+        wanted = self._mask(rows) & self.running
         asked = self._groups(wanted)
         for group in asked:
             self._send(group, "ask_expert")
@@ -269,7 +269,7 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
             flags[:] = False
         if self.group_size > 1:
             for observation in arrays.observations.values():
-                observation[~self._active] = 0
+                observation[~self.running] = 0
 
     def _judgement(self) -> Mapping[str, NDArray[Any]]:
         measured = self._arrays.measures
@@ -280,18 +280,6 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
 
     def _observations(self) -> Observations:
         return {name: array.copy() for name, array in self._arrays.observations.items()}
-
-    def _checked(self, actions: ArrayLike) -> NDArray[Any]:
-        expected = self._arrays.actions
-        try:
-            array = np.asarray(actions, dtype=expected.dtype)
-        except (TypeError, ValueError) as error:
-            raise InvalidActionError(f"expected an array of shape {expected.shape}, got {actions!r}"[:200]) from error
-        if array.shape != expected.shape:
-            raise InvalidActionError(f"expected actions of shape {expected.shape}, got shape {array.shape}")
-        if not np.isfinite(array).all():
-            raise InvalidActionError(f"expected finite actions, got {array[~np.isfinite(array)][:4].tolist()}")
-        return array
 
     def _seeds(self, seed: Any) -> list[int | None]:
         if seed is None or isinstance(seed, int | np.integer):

@@ -16,8 +16,6 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
-"""Seeds from this number on are held out from training."""
-
 
 class SingleDrivingEnv(gymnasium.Env[Observation, NDArray[Any]]):
     """A DrivingEnv for one ego, without agent names; every episode draws a scenario and a seed.
@@ -116,8 +114,9 @@ class SingleDrivingEnv(gymnasium.Env[Observation, NDArray[Any]]):
                 "expected reset() before step(): the episode has ended, none has begun, or another environment of this "
                 "process was reset"
             )
-        observations, rewards, terminations, truncations, _ = self._env.step({ego: action})
-        return observations[ego], float(rewards[ego]), bool(terminations[ego]), bool(truncations[ego]), {}
+        observations, rewards, terminations, truncations, infos = self._env.step({ego: action})
+        ended = bool(terminations[ego]), bool(truncations[ego])
+        return observations[ego], float(rewards[ego]), *ended, infos[ego]
 
     def render(self) -> NDArray[np.uint8] | None:
         """(480, 480, 3) RGB picture from above; None without a render mode."""

@@ -13,9 +13,9 @@ from torchrl.data.utils import numpy_to_torch_dtype_dict
 from torchrl.envs import EnvBase
 
 from dohyo.sumo_networks.envs.driving_env import DEFAULT_SENSORS, SensorNames
+from dohyo.sumo_networks.envs.env_rows import Observations
+from dohyo.sumo_networks.envs.scenario_env import ScenarioSource
 from dohyo.sumo_networks.envs.vector_env import VectorDrivingEnv
-from dohyo.sumo_networks.envs.vector_memory import Observations
-from dohyo.sumo_networks.envs.vector_worker import ScenarioSource
 
 ENDS = ("done", "terminated", "truncated")
 

@@ -29,6 +29,10 @@ _PLAIN = b"!"
 """First byte of a command without arguments; pickles begin with another one."""
 
 
+class WorkerDeathError(SimulationError):
+    """The process has ended by itself, or was killed."""
+
+
 class Host(Protocol):
     """What a worker holds."""
 
@@ -106,7 +110,7 @@ class WorkerProcess:
         """Waits for the end of the command.
 
         Raises:
-            SimulationError: The process has died.
+            WorkerDeathError: The process has died.
             Exception: What the command raised, with the worker's traceback as a note.
         """
         try:
@@ -137,11 +141,11 @@ class WorkerProcess:
         self._process.close()
         self._process = None
 
-    def _death(self) -> SimulationError:
+    def _death(self) -> WorkerDeathError:
         assert self._process is not None  # it was sent a command
         self._process.join(JOIN_S)
         process = self._process
-        return SimulationError(f"worker {self._number} (process {process.pid}) ended with code {process.exitcode}")
+        return WorkerDeathError(f"worker {self._number} (process {process.pid}) ended with code {process.exitcode}")
 
 
 class _Raised:

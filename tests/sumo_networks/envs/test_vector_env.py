@@ -18,6 +18,7 @@ from gymnasium.vector import AutoresetMode
 
 from dohyo.sumo_networks.ego.control import InvalidActionError
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
+from dohyo.sumo_networks.envs.scenario_env import scenario_rows
 from dohyo.sumo_networks.envs.vector_env import VectorDrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
@@ -255,6 +256,50 @@ def test_without_autoreset_the_caller_says_who_is_reset() -> None:
     env.close()
 
 
+def test_an_environment_alone_is_reset_to_a_given_seed(make_env: Any) -> None:
+    env = VectorDrivingEnv(SCENARIOS, 2, autoreset_mode=AutoresetMode.DISABLED)
+    go = np.tile(np.float32([6.0, 0.0]), (2, 1))
+    env.reset(seed=[7, 5])
+    before = env.step(go)[0]
+    after, infos = env.reset(seed=[8, 6], options={"reset_mask": np.array([True, False])})
+    stepped = env.step(go)[0]
+    next_of_run = env.reset()[1]
+    env.close()
+    assert infos["episode"].tolist() == [-1, -1]
+    assert next_of_run["episode"].tolist() == [0, 1]
+    for name, array in before.items():
+        np.testing.assert_array_equal(after[name][1], array[1])
+    alone: DrivingEnv = make_env(SCENARIOS[8 % 3])
+    first, _ = alone.reset(seed=8)
+    second = alone.step({"ego-0": go[0]})[0]
+    for name in before:
+        np.testing.assert_array_equal(after[name][0], first["ego-0"][name])
+        np.testing.assert_array_equal(stepped[name][0], second["ego-0"][name])
+
+
+def test_egos_are_rows_that_learners_take() -> None:
+    near, far = scenario(30.0, goal_m=-1.0).missions[0], scenario(5.0, 5.0).missions[1]
+    near = near.model_copy(update={"goal": Place(lane="737320747#3_2", position_m=33.0)})
+    both = SCENARIOS[0].model_copy(update={"missions": (near, far), "time_limit_s": 2.0})
+    rows = scenario_rows([both], 1, reward="progress")
+    assert (rows.num_envs, rows.group_size) == (2, 2)
+    first, _ = rows.reset(seed=[3, None])
+    assert first["route"].shape == (2, 80, 7)
+    success = np.full(2, np.nan)
+    while rows.running.any():
+        *_, infos = rows.step(np.full((2, 2), [3.0, 0.0], np.float32))
+        success = np.where(infos.get("_success", False), infos.get("success", np.nan), success)
+    rows.close()
+    assert success.tolist() == [1.0, 0.0]
+
+
+def test_a_step_before_the_first_reset_is_an_error() -> None:
+    env = VectorDrivingEnv(SCENARIOS, 1)
+    with pytest.raises(SimulationError, match="has not been reset"):
+        env.step(np.zeros((1, 2), np.float32))
+    env.close()
+
+
 def test_an_error_in_a_worker_arrives_as_itself() -> None:
     with pytest.raises(UnknownNameError) as plain:
         DrivingEnv(broken_second(1))
@@ -312,6 +357,7 @@ PROGRAM = """
 import signal
 import sys
 import numpy as np
+from dohyo.sumo_networks.envs.scenario_env import scenario_rows
 from dohyo.sumo_networks.envs.vector_env import VectorDrivingEnv
 from tests.sumo_networks.envs.test_vector_env import scenario
 if __name__ == "__main__":
