@@ -16,19 +16,25 @@ from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from dohyo.agents.perception.convolutions import Convolutions
+from dohyo.agents.perception.encoders.base import Encoder, as_float
 
 
-class VaeEncoder(nn.Module):
+class VaeEncoder(Encoder):
     """From pictures to the means of their latents: the part that is shipped.
 
     Attributes:
-        features: Length of the latent vector, Z.
         stack: Pictures and convolutions.
     """
 
     def __init__(self, stack: Convolutions, latent: int) -> None:
-        super().__init__()
-        self.stack, self.features = stack, latent
+        """Draws weights from torch's generator.
+
+        Args:
+            stack: Pictures and convolutions.
+            latent: Length of the latent vector, Z, which is that of the features.
+        """
+        super().__init__((stack.channels, stack.height, stack.width), latent)
+        self.stack = stack
         before = (stack.channels, *stack.filters[:-1])
         self.convolutions = nn.ModuleList(
             nn.Conv2d(a, b, stack.kernel, stack.stride) for a, b in zip(before, stack.filters, strict=True)
@@ -41,8 +47,8 @@ class VaeEncoder(nn.Module):
             pictures = torch.relu(convolution(pictures))
         return pictures.flatten(1)
 
-    def forward(self, pictures: Tensor) -> Tensor:
-        """(B, C, H, W) float -> (B, Z) means of the latents."""
+    def encode(self, pictures: Tensor) -> Tensor:
+        """(B, C, H, W) -> (B, Z) means of the latents."""
         mean: Tensor = self.mean(self.convolved(pictures))
         return mean
 
@@ -111,13 +117,14 @@ def vae_loss(vae: Vae, pictures: Tensor, beta: float, noise: bool = True) -> dic
 
     Args:
         vae: The network.
-        pictures: (B, C, H, W) float in [0, 1]; each pixel is the probability of a Bernoulli distribution.
+        pictures: (B, C, H, W) uint8, or float in [0, 1]; a value is the probability of a Bernoulli distribution.
         beta: Weight of the divergence.
         noise: See `Vae.forward`.
 
     Returns:
         "loss", "reconstruction" and "divergence".
     """
+    pictures = as_float(pictures)
     logits, mean, log_variance = vae(pictures, noise)
     reconstruction = binary_cross_entropy_with_logits(logits, pictures, reduction="sum") / len(pictures)
     apart = divergence(mean, log_variance) / len(pictures)
