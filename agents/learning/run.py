@@ -6,6 +6,7 @@ metrics.csv        one row per round; evaluations.csv: one per evaluation; timin
 tensorboard/       the same as events
 checkpoint-*.pt    the newest two
 best.*, policy.*   the actor of the best and of the last evaluation: .safetensors and .onnx
+card.json          the origin of both
 result.json        the outcome
 """
 
@@ -14,6 +15,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import shlex
 import signal
 import subprocess
 import sys
@@ -27,6 +29,7 @@ from typing import Any
 
 import torch
 
+from dohyo.agents.learning.card import UNKNOWN, Card, weights_of, write_card
 from dohyo.agents.learning.checkpoint import load_checkpoint, save_checkpoint
 from dohyo.agents.learning.config import RunConfig
 from dohyo.agents.learning.metrics import Board, Number, Table
@@ -72,7 +75,8 @@ class Run:
         self._began = self._saved = time.monotonic()
         sessions = json.loads((folder / "run.json").read_text())["sessions"] if resume else []
         session = {"from_steps": self.steps_before, "device": str(self.device), **surroundings()}
-        self.write_json("run.json", {"trainer": trainer, "seed": config.seed, "sessions": [*sessions, session]})
+        self._sessions: list[dict[str, Any]] = [*sessions, session]
+        self.write_json("run.json", {"trainer": trainer, "seed": config.seed, "sessions": self._sessions})
         write_atomically(folder / "config.toml", as_toml(config).encode())  # last: it makes the run exist
         self._tables: dict[str, Table] = {}
         self._board = Board(folder / "tensorboard" if config.tensorboard else None, self.steps_before)
@@ -115,6 +119,33 @@ class Run:
     def write_json(self, name: str, document: object) -> None:
         """Writes a JSON file atomically."""
         write_atomically(self.folder / name, (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
+
+    def write_card(self, model: str, subject: str, steps: int, metrics: Mapping[str, Number]) -> None:
+        """Writes the card of MODEL.safetensors and MODEL.onnx in the folder.
+
+        Args:
+            model: Name of the files.
+            subject: What it was trained for.
+            steps: Of its training.
+            metrics: Results of its evaluation.
+        """
+        commits = tuple(dict.fromkeys(one["commit"] for one in self._sessions if one["commit"]))
+        card = Card(
+            files=weights_of(self.folder, model),
+            subject=subject,
+            trainer=self.trainer,
+            command=_command(self._sessions[0]["command"]),
+            commits=commits or UNKNOWN,
+            uncommitted=any(one["uncommitted"] for one in self._sessions) if commits else UNKNOWN,
+            config=self.config.model_dump(mode="json"),
+            data_sha256=None,
+            seed=self.config.seed,
+            steps=steps,
+            device=str(self.device),
+            tier=self.config.tier,
+            metrics=dict(metrics),
+        )
+        write_card(self.folder, model, card)
 
     def close(self) -> None:
         """Releases the folder."""
@@ -206,6 +237,11 @@ def surroundings() -> dict[str, Any]:
         "cores": os.cpu_count(),
         "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
     }
+
+
+def _command(arguments: Sequence[str]) -> str:
+    """Command line, without the folder of the program."""
+    return shlex.join([Path(arguments[0]).name, *arguments[1:]])
 
 
 def _git(*arguments: str) -> str | None:
