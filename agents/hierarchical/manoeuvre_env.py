@@ -156,7 +156,7 @@ class ManoeuvreEnv(DrivingTaskEnv):
         state = self._look(self._tick(command(action, speed, route, self._steering)))
         return state, *self._judge(self._around, self._arrived)
 
-    def advice(self) -> Float32Array:
+    def expert_action(self) -> Float32Array:
         """Action of the rules; must be called in every tick of an episode, or in none."""
         if not self._advised:
             self._rules, scenario = self._rules or RulesOnly(), self.driving.scenario

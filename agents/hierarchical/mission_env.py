@@ -77,7 +77,7 @@ class MissionTask(Task):
         """See `Task`."""
         return True
 
-    def make_env(self, seed: int, rank: int) -> Env:
+    def make_env(self, rank: int) -> Env:
         """See `Task`."""
         return MissionEnv(self)
 

@@ -14,7 +14,7 @@ from dohyo.agents.hierarchical.manoeuvre_env import MEASURES, ManoeuvreEnv
 from dohyo.agents.hierarchical.rewards import Form
 from dohyo.agents.hierarchical.state import StateConfig, StateEncoder
 from dohyo.agents.hierarchical.views import rows_seen
-from dohyo.agents.learning.task import Array, Env, Task, held_out_seeds
+from dohyo.agents.learning.task import Env, Task, held_out_seeds
 
 HELD_OUT = 20
 
@@ -67,11 +67,11 @@ class ManoeuvreTask(Task):
         """See `Task`."""
         return True
 
-    def make_env(self, seed: int, rank: int) -> Env:
+    @property
+    def has_expert(self) -> bool:
+        """The rules."""
+        return True
+
+    def make_env(self, rank: int) -> Env:
         """See `Task`."""
         return ManoeuvreEnv(self)
-
-    def expert(self, env: Env) -> Array | None:
-        """Action of the rules."""
-        assert isinstance(env, ManoeuvreEnv)
-        return env.advice()

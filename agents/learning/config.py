@@ -18,9 +18,10 @@ class RunConfig(Config):
     Attributes:
         seed: Of weights, exploration, batches and training episodes.
         steps: Environment steps; the run ends with the round that reaches them.
-        processes: Environments, one process each; 0: one environment in this process, without communication.
+        processes: Environments, one process each; 0: all environments in this process.
+        environments: Environments without processes.
         evaluate_every: Environment steps between two evaluations on the held-out episodes.
-        checkpoint_s: Wall-clock time between two checkpoints, s.
+        checkpoint_every: Environment steps between two checkpoints, which cut the running episodes.
         device: Of torch, such as "cpu" or "cuda"; "auto" takes cuda if available.
         tier: Scale of the result: 1 as large as its source's, 2 reduced, 3 a trial.
         tensorboard: Write TensorBoard events beside metrics.csv.
@@ -29,8 +30,9 @@ class RunConfig(Config):
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
     steps: Positive = 100_000
     processes: Annotated[int, Field(ge=0, le=64)] = 1
+    environments: Positive = 1
     evaluate_every: Positive = 20_000
-    checkpoint_s: Annotated[float, Field(gt=0)] = 300.0
+    checkpoint_every: Positive = 20_000
     device: str = "auto"
     tier: Literal[1, 2, 3] = 3
     tensorboard: bool = True
@@ -55,6 +57,7 @@ class PpoConfig(Config):
         initial_std: Standard deviation of the actions at the start, where the action space is [-1, 1].
         gradient_norm: Upper bound (ours).
         reward_scale: Factor of the rewards that the critic learns (ours); reported returns are without it.
+        squashed: Whether actions are squashed by tanh, with a deviation that depends on the observation (ours).
         normalised: Whether observations are normalised by their mean and deviation so far (ours).
         hidden: Width of each hidden layer of actor and critic (ours).
         guided_share: p, the probability that an episode is driven by the task's expert, and stored as if on-policy
@@ -76,6 +79,7 @@ class PpoConfig(Config):
     initial_std: Annotated[float, Field(gt=0)] = 1.0
     gradient_norm: Annotated[float, Field(gt=0)] = 0.5
     reward_scale: Annotated[float, Field(gt=0)] = 1.0
+    squashed: bool = False
     normalised: bool = False
     hidden: Annotated[tuple[Positive, ...], Field(min_length=1)] = (256, 256)
     guided_share: Share = 0.0

@@ -1,260 +1,154 @@
-"""Environments: the training episodes of a run, which can be restored exactly."""
+"""Environments: what every learner expects of gymnasium's `VectorEnv`, and wrappers that keep it.
+
+* `single_observation_space` is a Dict of float32 vectors (O,) and uint8 pictures (C, H, W); `single_action_space` is a
+  bounded float32 vector or Discrete; `metadata["autoreset_mode"]` is DISABLED, since the collector resets.
+* `reset(seed=[...], options={"reset_mask": (N,), "level": int})` begins new episodes in the rows of the mask alone, each
+  with its own seed; "level" is given if the task has a curriculum.
+* `step` returns an episode's true last observation at its end; rows that have ended ignore their action.
+* `infos` may hold (N,) arrays: "active" (the row acted), "lost" (its simulation failed, the row must be reset), and at
+  an episode's end "success" and the task's measures.
+* Optional: `group_size` (rows of one simulation, which are reset together), `expert_actions(rows)` -> (N, ...) actions
+  and (N,) whether there is one, `step_async` and `step_wait`.
+"""
 
 from __future__ import annotations
 
-import hashlib
-import logging
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import torch
+from gymnasium.spaces import Box, Dict
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector.utils import batch_space
 
-from dohyo.agents.learning.task import Array, Task
-from dohyo.agents.learning.worker import Seat, View
-from dohyo.sumo_networks.arrays import BoolArray, Float32Array
-from dohyo.sumo_networks.errors import SimulationError
-from dohyo.sumo_networks.seeds import training_seed
+from dohyo.agents.learning.task import Array, Environments, check_spaces
+from dohyo.sumo_networks.arrays import BoolArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
-logger = logging.getLogger(__name__)
-
-MAX_LOST = 5
-"""Number of consecutive lost episodes that ends a run."""
-_GUIDED = 1  # separates this random stream from that of the seeds
+Step = tuple[dict[str, Array], Array, BoolArray, BoolArray, dict[str, Any]]
 
 
-@dataclass(slots=True)
-class Episode:
-    """An episode that is being driven.
-
-    Attributes:
-        number: Index over all environments of the run.
-        seed: Of its reset.
-        guided: Whether the expert drives it.
-        total: Rewards so far.
-        actions: Since its reset, in the action space.
-    """
-
-    number: int
-    seed: int
-    guided: bool
-    total: float = 0.0
-    actions: list[Array] = field(default_factory=list)
+def check_environments(environments: Environments) -> None:
+    """Raises InvalidInputError if a learner cannot use these environments."""
+    what = f"environments {type(environments.unwrapped).__name__}"
+    check_spaces(what, environments.single_observation_space, environments.single_action_space)
+    mode = environments.metadata.get("autoreset_mode")
+    if mode is not AutoresetMode.DISABLED:
+        raise InvalidInputError(f"{what}: expected AutoresetMode.DISABLED, since the collector resets, got {mode}")
+    group = getattr(environments, "group_size", 1)
+    if group < 1 or environments.num_envs % group:
+        raise InvalidInputError(f"{what}: expected groups that divide {environments.num_envs} rows, got {group}")
 
 
-class Finished(NamedTuple):
-    """An episode that has ended.
+class ActionRepeat(VectorWrapper):  # type: ignore[type-arg]
+    """Repeats every action for some steps; rewards are summed, and a row that ends does not act on."""
 
-    Attributes:
-        guided: Whether the expert drove it.
-        total: Sum of its rewards.
-        length: Its steps.
-        success: Whether it succeeded.
-        measures: The task's measures.
-    """
-
-    guided: bool
-    total: float
-    length: int
-    success: bool
-    measures: Mapping[str, float]
-
-
-class Transition(NamedTuple):
-    """One step of all N environments.
-
-    Attributes:
-        observation: (N, ...) after the step; a new episode's first one is in `Environments.observation`.
-        reward: (N,).
-        terminated: (N,).
-        truncated: (N,).
-        finished: The episodes that ended in this step.
-    """
-
-    observation: Array
-    reward: Float32Array
-    terminated: BoolArray
-    truncated: BoolArray
-    finished: list[Finished]
-
-
-class Environments:
-    """N environments that step together. One whose episode ends begins the run's next episode.
-
-    SUMO's state cannot be saved exactly, but it follows from the episode's seed and actions: those are kept, and
-    replayed to go on.
-
-    Attributes:
-        guided_share: Probability that the expert drives a new episode.
-        observation: (N, ...) to act on now.
-        expert: The expert's action, or None, for each environment.
-        steps: Taken so far, of all environments together.
-        finished_count: Episodes that have ended.
-        lost_count: Episodes whose simulation failed.
-    """
-
-    def __init__(self, task: Task, seats: Sequence[Seat], seed: int) -> None:
-        """Prepares; episodes start in `begin` or `restore`.
+    def __init__(self, environments: VectorEnv[Any, Any, Any], count: int) -> None:
+        """Wraps environments.
 
         Args:
-            task: Of the workers.
-            seats: One per environment.
-            seed: Of the run.
+            environments: See the module.
+            count: Steps of every action, at least 1.
+
+        Raises:
+            InvalidInputError: The count is below 1.
         """
-        self._task, self._seats, self._seed = task, seats, seed
-        self._episodes: list[Episode] = []
-        self._next, self.steps, self.finished_count, self.lost_count = 0, 0, 0, 0
-        self._lost_in_a_row, self.guided_share = 0, 0.0
-        self.observation: Array = np.zeros((len(seats), *task.observation_space.shape), task.observation_space.dtype)
-        self.expert: list[Array | None] = [None] * len(seats)
+        if count < 1:
+            raise InvalidInputError(f"expected an action repeat of at least 1, got {count}")
+        super().__init__(environments)
+        self._count = count
 
-    def __len__(self) -> int:
-        return len(self._seats)
+    def __getattr__(self, name: str) -> Any:
+        """What the environments offer beside gymnasium's methods, but for asynchronous steps."""
+        if name.startswith("_") or name in ("step_async", "step_wait"):
+            raise AttributeError(name)
+        return getattr(self.env, name)
 
-    def begin(self) -> None:
-        """Begins the first episodes."""
-        self._episodes = [self._next_episode() for _ in self._seats]
-        self._reset(range(len(self)))
+    def step(self, actions: Array) -> Step:
+        """See `VectorEnv`."""
+        observation, reward, terminated, truncated, infos = self.env.step(actions)
+        for _ in range(self._count - 1):
+            over = terminated | truncated
+            if over.all():
+                break
+            observation, more, ended, cut, later = self.env.step(actions)
+            reward = reward + np.where(over, 0.0, more)
+            terminated, truncated = terminated | (ended & ~over), truncated | (cut & ~over)
+            infos = _merged(infos, later, ~over)
+        return observation, reward, terminated, truncated, infos
 
-    def step(self, actions: Array) -> Transition:
-        """Takes one step in all environments.
+
+class FrameStack(VectorWrapper):  # type: ignore[type-arg]
+    """Stacks the last pictures along their channels; an episode's first picture is repeated. Vectors stay."""
+
+    def __init__(self, environments: VectorEnv[Any, Any, Any], count: int) -> None:
+        """Wraps environments.
 
         Args:
-            actions: (N, ...) in the action space.
+            environments: See the module.
+            count: Pictures in a stack, at least 1.
 
         Raises:
-            TaskError: The task's code failed.
-            SimulationError: Simulations fail again and again; if one does, its episode is cut off and the next begins.
+            InvalidInputError: The count is below 1.
         """
-        views = self._driven(actions)
-        finished: list[Finished] = []
-        for rank, view in enumerate(views):
-            self._episodes[rank].total += view.reward
-            self._look(rank, view)
-        transition = Transition(
-            self.observation.copy(),
-            np.array([view.reward for view in views], np.float32),
-            np.array([view.terminated for view in views]),
-            np.array([view.truncated for view in views]),
-            finished,
-        )
-        ended = [rank for rank, view in enumerate(views) if view.ended]
-        for rank in ended:
-            old, measures = self._episodes[rank], views[rank].measures
-            if measures is not None:
-                finished.append(Finished(old.guided, old.total, len(old.actions), views[rank].success, measures))
-            self._episodes[rank] = self._next_episode()
-        self._reset(ended)
-        self.finished_count += len(finished)
-        self._lost_in_a_row = 0 if finished else self._lost_in_a_row
-        self.steps += len(self)
-        return transition
+        if count < 1:
+            raise InvalidInputError(f"expected a stack of at least 1 picture, got {count}")
+        super().__init__(environments)
+        self.count = count
+        spaces = environments.single_observation_space
+        assert isinstance(spaces, Dict)
+        self._pictures = [name for name, space in spaces.items() if len(space.shape or ()) == 3]
+        stacked = {name: _stacked(space, count) if name in self._pictures else space for name, space in spaces.items()}
+        self.single_observation_space = Dict(stacked)
+        self.observation_space = batch_space(self.single_observation_space, environments.num_envs)
+        self._stacks: dict[str, Array] = {}
 
-    def state(self) -> dict[str, Any]:
-        """State for `restore`, as tensors and plain values."""
-        return {
-            "next": self._next,
-            "steps": self.steps,
-            "finished": self.finished_count,
-            "lost": self.lost_count,
-            "episodes": [
-                {
-                    "number": episode.number,
-                    "seed": episode.seed,
-                    "guided": episode.guided,
-                    "total": episode.total,
-                    "actions": torch.from_numpy(self._stacked(episode.actions)),
-                    "digest": _digest(self.observation[rank], episode.total),
-                }
-                for rank, episode in enumerate(self._episodes)
-            ],
-        }
+    def __getattr__(self, name: str) -> Any:
+        """What the environments offer beside gymnasium's methods."""
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self.env, name)
 
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Restores every episode by driving it again.
+    def reset(
+        self, *, seed: Any = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Array], dict[str, Any]]:
+        """See `VectorEnv`."""
+        observation, infos = self.env.reset(seed=seed, options=options)
+        mask = (options or {}).get("reset_mask")
+        rows = np.ones(self.num_envs, np.bool_) if mask is None else mask
+        for name in self._pictures:
+            tiled = np.tile(observation[name], (1, self.count, 1, 1))
+            if name in self._stacks:
+                tiled[~rows] = self._stacks[name][~rows]
+            self._stacks[name] = tiled
+        return self._with_stacks(observation), infos
 
-        Raises:
-            SimulationError: An episode differs: the task is not deterministic, or its code has changed.
-        """
-        self._next, self.steps = state["next"], state["steps"]
-        self.finished_count, self.lost_count = state["finished"], state.get("lost", 0)
-        self._episodes = [
-            Episode(kept["number"], kept["seed"], kept["guided"], 0.0, list(kept["actions"].numpy()))
-            for kept in state["episodes"]
-        ]
-        for seat, episode in zip(self._seats, self._episodes, strict=True):
-            seat.send("replay", episode.seed, episode.guided, episode.actions)
-        for rank, (seat, kept) in enumerate(zip(self._seats, state["episodes"], strict=True)):
-            view, episode = seat.receive(), self._episodes[rank]
-            episode.total = view.reward
-            self._look(rank, view)
-            if _digest(view.observation, view.reward) != kept["digest"]:
-                raise SimulationError(
-                    f"task '{self._task.name}': episode {episode.number} (seed {episode.seed}), driven again for "
-                    f"{len(episode.actions)} steps, comes out otherwise (return {view.reward}, not {kept['total']}): "
-                    "the task is not deterministic, or its code has changed since the checkpoint"
-                )
+    def step(self, actions: Array) -> Step:
+        """See `VectorEnv`."""
+        return self._pushed(self.env.step(actions))
 
-    def _driven(self, actions: Array) -> list[View]:
-        """One step in all environments; an episode whose simulation fails is truncated, without measures."""
-        failed: dict[int, SimulationError] = {}
-        for rank, (seat, episode, action) in enumerate(zip(self._seats, self._episodes, actions, strict=True)):
-            episode.actions.append(np.array(action))
-            try:
-                seat.send("step", episode.actions[-1])
-            except SimulationError as error:
-                failed[rank] = error
-        views = []
-        for rank, seat in enumerate(self._seats):
-            try:
-                if rank in failed:
-                    raise failed[rank]
-                views.append(seat.receive())
-            except SimulationError as error:
-                self._lose(rank, error)
-                views.append(View(self.observation[rank].copy(), truncated=True))
-        return views
+    def step_wait(self) -> Step:
+        """The end of a step that `step_async` began."""
+        return self._pushed(self.env.step_wait())  # type: ignore[attr-defined]
 
-    def _reset(self, ranks: Iterable[int]) -> None:
-        """Begins the episodes of some environments; after a failed simulation the next episode."""
-        ranks = list(ranks)
-        while ranks:
-            for rank in ranks:
-                self._seats[rank].send("reset", self._episodes[rank].seed, self._episodes[rank].guided)
-            again = []
-            for rank in ranks:
-                try:
-                    self._look(rank, self._seats[rank].receive())
-                except SimulationError as error:
-                    self._lose(rank, error)
-                    self._episodes[rank] = self._next_episode()
-                    again.append(rank)
-            ranks = again
+    def _pushed(self, step: Step) -> Step:
+        observation, *rest = step
+        for name in self._pictures:
+            new = observation[name]
+            self._stacks[name] = np.concatenate([self._stacks[name][:, new.shape[1] :], new], axis=1)
+        return self._with_stacks(observation), *rest  # type: ignore[return-value]
 
-    def _lose(self, rank: int, error: SimulationError) -> None:
-        """Counts a failure of the infrastructure; a single one does not end the run."""
-        episode = self._episodes[rank]
-        where = f"after {len(episode.actions)} steps" if episode.actions else "at its reset"
-        logger.warning("episode %d (seed %d) is lost %s: %s", episode.number, episode.seed, where, error)
-        self.lost_count += 1
-        self._lost_in_a_row += 1
-        if self._lost_in_a_row == MAX_LOST:
-            raise error
-        self._seats[rank].renew()
-
-    def _next_episode(self) -> Episode:
-        number, self._next = self._next, self._next + 1
-        draw = np.random.default_rng([_GUIDED, self._seed, number]).random()
-        return Episode(number, training_seed(self._seed, number), bool(draw < self.guided_share))
-
-    def _look(self, rank: int, view: View) -> None:
-        self.observation[rank], self.expert[rank] = view.observation, view.expert
-
-    def _stacked(self, actions: list[Array]) -> Array:
-        space = self._task.action_space
-        return np.stack(actions) if actions else np.zeros((0, *space.shape), np.float32)
+    def _with_stacks(self, observation: dict[str, Array]) -> dict[str, Array]:
+        return observation | {name: self._stacks[name] for name in self._pictures}
 
 
-def _digest(observation: Array, total: float) -> str:
-    return hashlib.sha256(np.ascontiguousarray(observation).tobytes() + np.float64(total).tobytes()).hexdigest()
+def _stacked(space: Box, count: int) -> Box:
+    return Box(np.tile(space.low, (count, 1, 1)), np.tile(space.high, (count, 1, 1)), dtype=np.uint8)
+
+
+def _merged(first: dict[str, Any], later: dict[str, Any], rows: BoolArray) -> dict[str, Any]:
+    """Infos of two steps; those of the later one in some rows."""
+    merged = dict(first)
+    for name, values in later.items():
+        kept = first.get(name)
+        merged[name] = np.where(rows, values, kept if kept is not None else np.zeros_like(values))
+    return merged

@@ -10,11 +10,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import torch
+from tensordict import TensorDict
 from torch import Tensor, nn
 
-from dohyo.agents.learning.environments import Environments
-from dohyo.agents.learning.policy import Actor
+from dohyo.agents.learning.behaviour import DEMONSTRATOR, POLICY
+from dohyo.agents.learning.collector import Collector
+from dohyo.agents.learning.policy import Actor, joined
 from dohyo.agents.learning.task import Array
+from dohyo.sumo_networks.arrays import BoolArray, IntArray
 
 PARTS = 6
 PASSES, LAST_PASSES = 10, 30
@@ -41,17 +44,17 @@ class Lessons:
 class Imitation:
     """Fits an actor and a critic to an expert."""
 
-    def __init__(self, actor: Actor, critic: nn.Module, environments: Environments, gamma: float, scale: float) -> None:
+    def __init__(self, actor: Actor, critic: nn.Module, collector: Collector, gamma: float, scale: float) -> None:
         """Prepares the imitation.
 
         Args:
             actor: Its mean is fitted to the expert.
             critic: (B, O) -> (B, 1), fitted to the discounted returns.
-            environments: Of the training; all of their episodes must be guided while this runs.
+            collector: Of the training; its expert is asked at every step.
             gamma: Discount per step.
             scale: Of the rewards.
         """
-        self._actor, self._critic, self._environments = actor, critic, environments
+        self._actor, self._critic, self._collector = actor, critic, collector
         self._gamma, self._scale = gamma, scale
         self._lessons = Lessons()
         self._optimizer = torch.optim.AdamW([*actor.body.parameters(), *critic.parameters()], weight_decay=WEIGHT_DECAY)
@@ -63,7 +66,7 @@ class Imitation:
             steps: Of all environments together.
             look: Called with the (B, O) observations of each part, before they are learned.
         """
-        ticks = max(steps // (PARTS * len(self._environments)), 1)
+        ticks = max(steps // (PARTS * len(self._collector)), 1)
         for part in range(PARTS):
             before = len(self._lessons.seen)
             self._collect(ticks, follow=part == 0)
@@ -75,34 +78,28 @@ class Imitation:
 
     def _collect(self, ticks: int, follow: bool) -> None:
         """Drives as the expert or as the actor does, in both cases with the actor's noise."""
-        environments, count = self._environments, len(self._environments)
-        rewards, ends, asked = np.zeros((ticks, count)), np.zeros((ticks, count), np.bool_), []
+        driver = _Noisy(self._actor, follow)
+        steps = torch.stack([self._collector.step(driver) for _ in range(ticks)], dim=1)
+        self._collector.finished()
+        ended, rewards = steps["next", "done"][..., 0], steps["next", "reward"][..., 0] * self._scale
+        returns = self._returns(rewards.numpy().astype(np.float64), ended.numpy())
+        asked = steps["answered"].numpy()
+        seen = joined(steps["observation"])
         for tick in range(ticks):
-            seen = environments.observation.copy()
-            with torch.no_grad():
-                mean, std = self._actor.gaussian(self._tensor(seen))
-            answers = mean.clone()
-            for rank, expert in enumerate(environments.expert):
-                if expert is not None:
-                    answers[rank] = self._actor.unscaled(self._tensor(expert))
-                    asked.append((tick, rank, seen[rank], answers[rank].cpu()))
-            driven = torch.normal(answers if follow else mean, std)
-            transition = environments.step(self._actor.scaled(driven).cpu().numpy())
-            rewards[tick], ends[tick] = transition.reward, transition.terminated | transition.truncated
-        returns = self._returns(rewards * self._scale, ends)
-        for tick, rank, row, answer in asked:
-            self._lessons.seen.append(row)
-            self._lessons.answers.append(answer)
-            self._lessons.returns.append(float(returns[tick, rank]))
+            for row in np.flatnonzero(asked[:, tick]).tolist():
+                self._lessons.seen.append(seen[row, tick].numpy())
+                self._lessons.answers.append(steps["answer"][row, tick])
+                self._lessons.returns.append(float(returns[row, tick]))
 
-    def _returns(self, rewards: Array, ends: Array) -> Array:
-        """(T, N) discounted future rewards; the critic gives the value after the last tick."""
+    def _returns(self, rewards: Array, ended: Array) -> Array:
+        """(N, T) discounted future rewards; the critic gives the value after the last tick."""
         with torch.no_grad():
-            after = self._critic(self._tensor(self._environments.observation))[:, 0].cpu().numpy().astype(np.float64)
+            after = self._critic(joined(self._collector.seen).to(self._actor.low.device))[:, 0]
+        value = after.cpu().numpy().astype(np.float64)
         returns = np.zeros_like(rewards)
-        for tick in reversed(range(len(rewards))):
-            after = rewards[tick] + self._gamma * np.where(ends[tick], 0.0, after)
-            returns[tick] = after
+        for tick in reversed(range(rewards.shape[1])):
+            value = rewards[:, tick] + self._gamma * np.where(ended[:, tick], 0.0, value)
+            returns[:, tick] = value
         return returns
 
     def _fit(self, passes: int, rate: float) -> None:
@@ -121,3 +118,28 @@ class Imitation:
 
     def _tensor(self, array: Array) -> Tensor:
         return torch.as_tensor(array, dtype=torch.float32, device=self._actor.low.device)
+
+
+class _Noisy:
+    """Behaviour that drives as the expert, or as the actor, with the actor's noise, and keeps the expert's answers."""
+
+    def __init__(self, actor: Actor, follow: bool) -> None:
+        self._actor, self._follow = actor, follow
+
+    def begin(self, rows: BoolArray, episodes: IntArray) -> None:
+        """See `Behaviour`."""
+
+    def asked(self, count: int) -> BoolArray:
+        """See `Behaviour`."""
+        return np.ones(count, np.bool_)
+
+    def act(self, observation: TensorDict, label: Tensor, labelled: Tensor) -> TensorDict:
+        """See `Behaviour`; adds the expert's "answer" (N, A) in [-1, 1], and whether it "answered"."""
+        device = self._actor.low.device
+        with torch.no_grad():
+            mean, std = self._actor.gaussian(joined(observation).to(device))
+            answers = torch.where(labelled.to(device)[:, None], self._actor.unscaled(label.to(device)), mean)
+            action = self._actor.scaled(torch.normal(answers if self._follow else mean, std))
+        source = torch.full(observation.batch_size, DEMONSTRATOR if self._follow else POLICY, dtype=torch.uint8)
+        kept = {"action": action.cpu(), "source": source, "answer": answers.cpu(), "answered": labelled}
+        return TensorDict(kept, observation.batch_size)

@@ -70,9 +70,9 @@ class Run:
         for scrap in folder.glob(".*.tmp"):  # left by a session that was killed during a write
             scrap.unlink()
         self.state = load_checkpoint(folder) if resume else None
-        self.steps_before: int = self.state["environments"]["steps"] if self.state else 0
+        self.steps_before: int = self.state["collector"]["steps"] if self.state else 0
         self._earlier_s: float = self.state["wall_s"] if self.state else 0.0
-        self._began = self._saved = time.monotonic()
+        self._began = time.monotonic()
         sessions = json.loads((folder / "run.json").read_text())["sessions"] if resume else []
         session = {"from_steps": self.steps_before, "device": str(self.device), **surroundings()}
         self._sessions: list[dict[str, Any]] = [*sessions, session]
@@ -104,17 +104,11 @@ class Run:
         self._tables[name].add(steps, values)
         self._board.add(name, steps, values)
 
-    @property
-    def checkpoint_due(self) -> bool:
-        """Whether the last checkpoint is too old."""
-        return time.monotonic() - self._saved >= self.config.checkpoint_s
-
     def save(self, state: dict[str, Any]) -> None:
         """Writes a checkpoint; the rows before it are on the disk first."""
         for table in self._tables.values():
             table.sync()
-        save_checkpoint(self.folder, state["environments"]["steps"], state | {"wall_s": self.wall_s})
-        self._saved = time.monotonic()
+        save_checkpoint(self.folder, state["collector"]["steps"], state | {"wall_s": self.wall_s})
 
     def write_json(self, name: str, document: object) -> None:
         """Writes a JSON file atomically."""

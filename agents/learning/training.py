@@ -6,20 +6,21 @@ from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 import torch
+from tensordict import TensorDict
 
 from dohyo.agents.learning.checkpoint import random_state, restore_random_state
-from dohyo.agents.learning.environments import Environments
+from dohyo.agents.learning.collector import Collector
+from dohyo.agents.learning.environments import check_environments
 from dohyo.agents.learning.evaluation import COLUMNS, evaluate
 from dohyo.agents.learning.export import Exportable, export
 from dohyo.agents.learning.metrics import Number
 from dohyo.agents.learning.report import Report, Reporter, no_report
 from dohyo.agents.learning.run import Run, RunStoppedError, Stop
-from dohyo.agents.learning.task import Array, Task, check_task
-from dohyo.agents.learning.worker import Seat, take_seats
+from dohyo.agents.learning.task import Array, Environments, Task, check_task, named
 
 
 class Learner(Protocol):
-    """Learner. Its randomness comes from torch's generators, or from one in its state."""
+    """Learner. Its randomness comes from torch's global generator, or from generators in its state."""
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -30,35 +31,36 @@ class Learner(Protocol):
         """Gradient steps so far."""
 
     @property
-    def actor(self) -> Exportable:
+    def policy(self) -> Exportable:
         """Module that is shipped."""
 
     def begin(self) -> None:
-        """Begins the first episodes, in a run that is not resumed."""
+        """What comes before the first round of a run, such as the imitation of an expert."""
 
     def round(self) -> Mapping[str, Number]:
-        """Takes some steps and learns from them; row of metrics.csv, with "return" if episodes ended."""
+        """Takes the steps of one `Collector.round`, and learns; row of metrics.csv, with "return" if episodes ended."""
 
-    def act(self, observation: Array) -> Array:
-        """One observation -> one action, without exploration."""
+    def act(self, observation: TensorDict) -> Array:
+        """Observations by name (N,) -> (N, ...) actions, without exploration and without any change of its state."""
 
     def state(self) -> dict[str, Any]:
-        """State for a checkpoint, as tensors and plain values; environments have their own."""
+        """State for a checkpoint, as tensors and plain values; the collector has its own."""
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Restores a state."""
 
 
-MakeLearner = Callable[[Environments, torch.device], Learner]
+MakeLearner = Callable[[Collector, torch.device], Learner]
 
 
 def train(make_learner: MakeLearner, task: Task, run: Run, report: Reporter = no_report) -> dict[str, Number]:
     """Trains until the run's steps are done, from its checkpoint if there is one.
 
-    A resumed run equals one that was never interrupted, to the bit, on the same machine.
+    A run that was killed at any moment, and resumed, equals one that was not, to the bit, on the same machine: a
+    checkpoint falls on a number of steps, and all running episodes are cut there.
 
     Args:
-        make_learner: Makes the learner from the environments and torch's device.
+        make_learner: Makes the learner from the collector and torch's device.
         task: What is learned.
         run: Its folder and configuration.
         report: Called after every round.
@@ -68,30 +70,34 @@ def train(make_learner: MakeLearner, task: Task, run: Run, report: Reporter = no
 
     Raises:
         InvalidInputError: The task cannot be used.
-        RunStoppedError: After SIGINT or SIGTERM; a checkpoint is written.
-        SimulationError: Simulations fail again and again, or an episode of the checkpoint could not be driven again.
+        RunStoppedError: After SIGINT or SIGTERM; the last checkpoint is where the run goes on.
+        SimulationError: Simulations fail again and again.
     """
     check_task(task)
     torch.set_num_threads(1)
     torch.manual_seed(run.config.seed)
-    seats, held_out = take_seats(task, run.config.seed, run.config.processes)
+    config = run.config
+    environments = task.make_environments(config.processes or config.environments, processes=config.processes > 0)
+    held_out = task.make_environments(task.judged_at_once, processes=config.processes > 0 or task.alone)
     try:
-        environments = Environments(task, seats, run.config.seed)
-        session = _Session(run, task, make_learner(environments, run.device), environments, held_out)
+        check_environments(environments)
+        collector = Collector(environments, task, config.seed)
+        session = _Session(run, task, make_learner(collector, run.device), collector, held_out)
         with Stop().listening() as stop:
             return session.train(stop, report)
     finally:
-        for seat in (*seats, held_out):
-            seat.close()
+        environments.close()
+        held_out.close()
 
 
 class _Session:
     """Training from its present state to its end."""
 
-    def __init__(self, run: Run, task: Task, learner: Learner, environments: Environments, held_out: Seat) -> None:
+    def __init__(self, run: Run, task: Task, learner: Learner, collector: Collector, held_out: Environments) -> None:
         self._run, self._task, self._learner = run, task, learner
-        self._environments, self._held_out = environments, held_out
+        self._collector, self._held_out = collector, held_out
         self._last_return: float | None = None
+        self._saved = run.steps_before
         # Rows of evaluations.csv with their "steps": the last one, and the one with the highest return.
         self._last: dict[str, Number] = {}
         self._best: dict[str, Number] = {}
@@ -108,13 +114,13 @@ class _Session:
         while True:
             if self._evaluation_due():
                 self._evaluate(stop)
-            if self._environments.steps >= total:
+            if self._collector.steps >= total:
                 break
             self._round(report)
+            if self._collector.cut:
+                self._save()
             if stop.requested:
                 raise self._stopped()
-            if run.checkpoint_due:
-                self._save()
         self._save()
         self._write_result(finished=True)
         return self._last
@@ -124,28 +130,30 @@ class _Session:
         if state is None:
             self._learner.begin()
             return
-        self._environments.restore(state["environments"])
+        self._collector.restore(state["collector"])
         self._learner.restore(state["learner"])
         self._last, self._best = state["last"], state["best"]
         restore_random_state(state["random"])  # last: the calls above draw from it
 
     def _round(self, report: Reporter) -> None:
-        run, began, before = self._run, self._run.wall_s, self._environments.steps
+        run, began, before = self._run, self._run.wall_s, self._collector.steps
+        every = run.config.checkpoint_every
+        self._collector.cut_at = min((before // every + 1) * every, run.config.steps)
         row = self._learner.round()
-        steps, elapsed = self._environments.steps, max(run.wall_s - began, 1e-9)
+        steps, elapsed = self._collector.steps, max(run.wall_s - began, 1e-9)
         run.log("metrics", steps, row)
         run.log("timing", steps, {"wall_s": run.wall_s, "steps_per_s": (steps - before) / elapsed})
         self._last_return = row["return"] if row.get("return") is not None else self._last_return
         report(Report(steps, run.config.steps, self._last_return))
 
     def _evaluation_due(self) -> bool:
-        config, steps = self._run.config, self._environments.steps
+        config, steps = self._run.config, self._collector.steps
         before = int(self._last.get("steps") or 0) if self._last else -1
         return steps // config.evaluate_every > before // config.evaluate_every or before < config.steps <= steps
 
     def _evaluate(self, stop: Stop) -> None:
         """Drives the held-out episodes without any change of the learner's state."""
-        steps = self._environments.steps
+        steps = self._collector.steps
         try:
             evaluation = evaluate(self._task, self._held_out, self._learner.act, lambda: stop.requested)
         except RunStoppedError as error:
@@ -153,17 +161,18 @@ class _Session:
         row = {"updates": self._learner.updates, **evaluation.values()}
         self._run.log("evaluations", steps, row)
         self._last = {"steps": steps, **row}
-        shape = self._task.observation_space.shape
-        export(self._learner.actor, shape, self._run.folder / "policy", self._facts(self._last))
+        space = named(self._task.observation_space)
+        export(self._learner.policy, space, self._run.folder / "policy", self._facts(self._last))
         if not self._best or evaluation.higher_than(self._best):
             self._best = self._last
-            export(self._learner.actor, shape, self._run.folder / "best", self._facts(self._best))
+            export(self._learner.policy, space, self._run.folder / "best", self._facts(self._best))
         self._write_result(finished=False)
 
     def _save(self) -> None:
+        self._saved = self._collector.steps
         self._run.save(
             {
-                "environments": self._environments.state(),
+                "collector": self._collector.state(),
                 "learner": self._learner.state(),
                 "last": self._last,
                 "best": self._best,
@@ -172,8 +181,12 @@ class _Session:
         )
 
     def _stopped(self) -> RunStoppedError:
-        self._save()
-        return RunStoppedError(f"stopped at step {self._environments.steps}; the checkpoint is written")
+        at = (
+            f"the checkpoint of step {self._saved}"
+            if self._saved
+            else "the beginning, since there is no checkpoint yet"
+        )
+        return RunStoppedError(f"stopped at step {self._collector.steps}; it goes on from {at}")
 
     def _facts(self, evaluation: Mapping[str, Number]) -> dict[str, str]:
         """Facts about the training that every result holds."""
@@ -192,10 +205,10 @@ class _Session:
                 "trainer": run.trainer,
                 "task": self._task.name,
                 "finished": finished,
-                "steps": self._environments.steps,
+                "steps": self._collector.steps,
                 "updates": self._learner.updates,
-                "episodes": self._environments.finished_count,
-                "lost": self._environments.lost_count,
+                "episodes": self._collector.finished_count,
+                "lost": self._collector.lost_count,
                 "seed": run.config.seed,
                 "device": str(run.device),
                 "tier": run.config.tier,

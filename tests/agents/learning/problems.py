@@ -27,12 +27,14 @@ class Point(Task):
 
     Attributes:
         slow_s: What a step takes beside.
+        reticent: Whether its expert has no opinion on the right side.
         fragile: How it fails, if at all: "nan", "raise", "drift" (it is not deterministic); and on the right side only,
             "die" (its process does, at once) and "crash" (its simulation does, at the third step).
     """
 
     slow_s: float = 0.0
     fragile: str = ""
+    reticent: bool = False
 
     name = "point"
     observation_space = Box(-np.inf, np.inf, (2,), np.float32)
@@ -40,12 +42,10 @@ class Point(Task):
     held_out: Sequence[int] = held_out_seeds(4)
     measures = ("distance",)
 
-    def make_env(self, seed: int, rank: int) -> Env:
-        return PointEnv(self)
+    has_expert = True
 
-    def expert(self, env: Env) -> Array | None:
-        assert isinstance(env, PointEnv)
-        return np.array([np.clip(-env.place, -STEP, STEP)], np.float32)
+    def make_env(self, rank: int) -> Env:
+        return PointEnv(self)
 
 
 class PointEnv(gymnasium.Env[Array, Array]):
@@ -74,6 +74,11 @@ class PointEnv(gymnasium.Env[Array, Array]):
         info = {"success": distance < STEP, "distance": distance}
         return self._observation(), -distance, False, self.time == LENGTH, info
 
+    def expert_action(self) -> Array | None:
+        if self.task.reticent and self.place >= 0:
+            return None
+        return np.array([np.clip(-self.place, -STEP, STEP)], np.float32)
+
     def _observation(self) -> Array:
         place = np.nan if self.task.fragile == "nan" and self.time else self.place
         return np.array([place, self.time / LENGTH], np.float32)
@@ -88,12 +93,10 @@ class Lock(Task):
     action_space = Box(-1, 1, (1,), np.float32)
     held_out: Sequence[int] = held_out_seeds(10)
 
-    def make_env(self, seed: int, rank: int) -> Env:
-        return LockEnv()
+    has_expert = True
 
-    def expert(self, env: Env) -> Array | None:
-        assert isinstance(env, LockEnv)
-        return env.observation()[:1]
+    def make_env(self, rank: int) -> Env:
+        return LockEnv()
 
 
 class LockEnv(gymnasium.Env[Array, Array]):
@@ -110,6 +113,9 @@ class LockEnv(gymnasium.Env[Array, Array]):
         self.done += right
         opened = self.done == self.DIALS
         return self.observation(), float(opened), opened or not right, False, {"success": opened}
+
+    def expert_action(self) -> Array | None:
+        return self.observation()[:1]
 
     def observation(self) -> Array:
         return np.array([self.targets[self.done], self.done / self.DIALS], np.float32)

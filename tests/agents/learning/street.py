@@ -27,7 +27,7 @@ class Street(Task):
     action_space = Box(np.array([-4.0, -0.1], np.float32), np.array([2.0, 0.1], np.float32))
     held_out: Sequence[int] = held_out_seeds(2)
 
-    def make_env(self, seed: int, rank: int) -> Env:
+    def make_env(self, rank: int) -> Env:
         return StreetEnv()
 
 

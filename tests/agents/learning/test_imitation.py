@@ -14,7 +14,7 @@ from dohyo.agents.learning.imitation import Imitation
 from dohyo.agents.learning.moments import LEAST_SCALE, Moments
 from dohyo.agents.learning.policy import FARTHEST, Actor
 from tests.agents.learning.problems import BEST_RETURN, STEP, Point
-from tests.agents.learning.test_ppo import Reticent, learner, trained
+from tests.agents.learning.test_ppo import learner, seen, trained
 from tests.agents.learning.toys import POINT, SMALL, PointConfig
 
 torch.set_num_threads(1)  # more are slower wherever the cores are busy
@@ -23,31 +23,30 @@ IMITATING = {"imitated_steps": 2400, "gamma": 0.9, "initial_std": 0.3}
 
 def test_the_policy_begins_as_its_expert():
     ppo = learner(Point(), **IMITATING)
-    assert ppo._environments.steps == 2400
+    assert ppo._collector.steps == 2400
     for place in (-1.0, -0.5, 0.1, 0.6):
         expected = np.clip(-place, -STEP, STEP)
-        assert ppo.act(np.array([place, 0.3], np.float32)) == pytest.approx(expected, abs=0.3 * STEP)
+        assert ppo.actor.act(np.array([place, 0.3], np.float32)) == pytest.approx(expected, abs=0.3 * STEP)
 
 
 def test_the_critic_knows_what_comes():
     """From rest nothing more is lost; from the edge, about what the best loses."""
     ppo = learner(Point(), **IMITATING)
     with torch.no_grad():
-        near, far = ppo._critic.module(torch.tensor([[0.0, 0.2], [1.0, 0.0]]))[:, 0].tolist()
+        near, far = ppo._value(torch.tensor([[0.0, 0.2], [1.0, 0.0]]))[:, 0].tolist()
     assert far < 0.8 * BEST_RETURN < near
 
 
 def test_nothing_is_learned_where_the_expert_has_no_opinion():
-    ppo = learner(Reticent(), **IMITATING)
-    seen = np.stack(_lessons(ppo))
-    assert 0 < len(seen) < 2000
-    assert (seen[:, 0] < 0).all()
+    ppo = learner(Point(reticent=True), **IMITATING)
+    places = np.stack(_lessons(ppo))[:, 0]
+    assert 0 < len(places) < 2000
+    assert (places < 0).all()
 
 
 def _lessons(ppo) -> list[np.ndarray]:
-    imitation = Imitation(ppo.actor, ppo._value, ppo._environments, 0.9, 1.0)
-    ppo._environments.guided_share = 1.0
-    ppo._environments.begin()
+    imitation = Imitation(ppo.actor, ppo._value, ppo._collector, 0.9, 1.0)
+    ppo._collector.begin()
     imitation.learn(400, lambda _: None)
     return imitation._lessons.seen
 
@@ -86,11 +85,11 @@ def test_moments_can_be_put_back():
 def test_policies_of_normalised_observations_see_them_at_unit_scale():
     ppo = learner(Point(), normalised=True)
     assert ppo.actor.scale.tolist() == [1.0, 1.0]
-    batch, _, _ = ppo._collect()
+    batch = ppo.collect()
     ppo.round()
-    seen = batch["observation"].reshape(-1, 2)
+    before = seen(batch).reshape(-1, 2)
     assert ppo.actor.shift.numpy() != pytest.approx(0.0, abs=1e-3)
-    assert ppo.actor.scale[1] == pytest.approx(float(seen[:, 1].std()), rel=0.3)
+    assert ppo.actor.scale[1] == pytest.approx(float(before[:, 1].std()), rel=0.3)
     assert ppo._value.scale.tolist() == ppo.actor.scale.tolist()
 
 

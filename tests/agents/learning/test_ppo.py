@@ -12,13 +12,12 @@ import torch
 from gymnasium.spaces import Box
 from torch.distributions import Normal
 
+from dohyo.agents.learning.behaviour import DEMONSTRATOR
+from dohyo.agents.learning.collector import Collector
 from dohyo.agents.learning.config import PpoConfig
-from dohyo.agents.learning.environments import Environments
 from dohyo.agents.learning.ppo import Ppo
 from dohyo.agents.learning.registry import Trainer, TrainRequest
 from dohyo.agents.learning.report import no_report
-from dohyo.agents.learning.task import Array, Env
-from dohyo.agents.learning.worker import HereSeat
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.problems import BEST_RETURN, STEP, Lock, Point
 from tests.agents.learning.toys import LOCK, POINT, SMALL, PointConfig, ToyConfig
@@ -34,7 +33,7 @@ def trained(trainer: Trainer, config: ToyConfig, out: Path) -> list[dict[str, st
 def learner(task: Point | Lock, **settings: object) -> Ppo:
     torch.manual_seed(0)
     config = PpoConfig(**{"horizon": 64, "hidden": (16, 16), **settings})
-    ppo = Ppo(task, Environments(task, [HereSeat(task, 0, rank) for rank in range(2)], 0), config, torch.device("cpu"))
+    ppo = Ppo(task, Collector(task.make_environments(2, processes=False), task, 0), config, torch.device("cpu"))
     ppo.begin()
     return ppo
 
@@ -71,51 +70,52 @@ def test_the_share_of_experts_falls(tmp_path):
     assert all(float(row["guided_return"]) == 1.0 for row in rows if int(row["guided_episodes"]))
 
 
+def seen(batch) -> torch.Tensor:
+    return batch["observation", "observation"]
+
+
+def guided_steps(batch) -> int:
+    return int((batch["source"] == DEMONSTRATOR).sum())
+
+
 def test_an_experts_action_is_stored_with_the_policys_density():
     ppo = learner(Point(), guided_share=1.0)
-    before = ppo._environments.observation.copy()
-    batch, _, guided = ppo._collect()
-    assert guided == 2 * 64
-    assert batch["observation"][:, 0].numpy() == pytest.approx(before)
-    place = batch["observation"][..., 0].numpy()
+    batch = ppo.collect()
+    assert guided_steps(batch) == 2 * 64
+    place = seen(batch)[..., 0].numpy()
+    assert np.abs(place[:, 0]).tolist() == [1.0, 1.0]
     assert batch["action"][..., 0].numpy() == pytest.approx(np.clip(-place / STEP, -1, 1), abs=1e-6)
     with torch.no_grad():
-        mean, std = ppo.actor.gaussian(batch["observation"])
+        mean, std = ppo.actor.gaussian(seen(batch))
     density = Normal(mean, std).log_prob(batch["action"]).sum(-1)
     assert batch["action_log_prob"].numpy() == pytest.approx(density.numpy(), abs=1e-5)
 
 
-class Reticent(Point):
-    def expert(self, env: Env) -> Array | None:
-        return super().expert(env) if env.place < 0 else None
-
-
 def test_where_an_expert_has_no_opinion_the_policy_acts():
-    batch, _, guided = learner(Reticent(), guided_share=1.0, initial_std=0.1)._collect()
-    place, action = batch["observation"][..., 0].numpy(), batch["action"][..., 0].numpy()
+    batch = learner(Point(reticent=True), guided_share=1.0, initial_std=0.1).collect()
+    place, action = seen(batch)[..., 0].numpy(), batch["action"][..., 0].numpy()
     advised = np.abs(action - np.clip(-place / STEP, -1, 1)) < 1e-6
     assert (advised == (place < 0)).all()
-    assert guided == advised.sum() > 20
+    assert guided_steps(batch) == advised.sum() > 20
     assert (~advised).sum() > 20
 
 
 def test_without_experts_the_actions_spread_as_they_should():
-    batch, _, guided = learner(Point(), initial_std=0.7, horizon=1000)._collect()
-    assert guided == 0
+    batch = learner(Point(), initial_std=0.7, horizon=1000).collect()
+    assert guided_steps(batch) == 0
     assert float(batch["action"].std()) == pytest.approx(0.7, rel=0.05)
-    moved = (batch["next", "observation"] - batch["observation"])[..., 0]
-    inside = ~batch["next", "done"][..., 0]
-    assert moved[inside].numpy() == pytest.approx(STEP * batch["action"][..., 0][inside].clamp(-1, 1), abs=1e-5)
+    moved = (batch["next", "observation", "observation"] - seen(batch))[..., 0]
+    assert moved.numpy() == pytest.approx(STEP * batch["action"][..., 0].clamp(-1, 1), abs=1e-5)
 
 
 def test_advantages_are_those_of_the_definition():
     """An episode that is cut off still counts what would have come; one that ends does not."""
     for task in (Point(), Lock()):
         ppo = learner(task, gamma=0.9, gae_lambda=0.8)
-        batch, _, _ = ppo._collect()
+        batch = ppo.collect()
         with torch.no_grad():
-            value = ppo._critic.module(batch["observation"])
-            after = ppo._critic.module(batch["next", "observation"])
+            value = ppo._value(seen(batch))
+            after = ppo._value(batch["next", "observation", "observation"])
         reward, done, terminated = (batch["next", name] for name in ("reward", "done", "terminated"))
         assert terminated.any() == isinstance(task, Lock)
         assert done.any()
@@ -145,6 +145,6 @@ class Picture(Point):
     observation_space = Box(0, 255, (3, 8, 8), np.uint8)
 
 
-def test_actors_need_vectors():
-    with pytest.raises(InvalidInputError, match=r"observations to be vectors of float32, got uint8 \(3, 8, 8\)"):
+def test_pictures_need_an_encoder():
+    with pytest.raises(InvalidInputError, match=r"vectors of float32, got uint8 \(3, 8, 8\) in 'observation'"):
         learner(Picture())
