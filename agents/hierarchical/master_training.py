@@ -14,11 +14,12 @@ import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import torch
 from pydantic import Field
+from tensordict import TensorDict
 from torch import Tensor
 
 from dohyo.agents.hierarchical.hierarchy import read_sub_policies
@@ -36,13 +37,15 @@ from dohyo.agents.hierarchical.option_losses import (
 )
 from dohyo.agents.hierarchical.option_rollout import OptionRollout
 from dohyo.agents.hierarchical.rewards import Form
+from dohyo.agents.learning.behaviour import PolicyBehaviour
 from dohyo.agents.learning.checkpoint import generator_of, generator_state
+from dohyo.agents.learning.collector import Collector, Finished
 from dohyo.agents.learning.config import Positive, RunConfig, Share
-from dohyo.agents.learning.environments import Environments, Finished
+from dohyo.agents.learning.export import Exportable
 from dohyo.agents.learning.metrics import Number
 from dohyo.agents.learning.registry import Trainer, TrainRequest
 from dohyo.agents.learning.run import Run
-from dohyo.agents.learning.task import Array
+from dohyo.agents.learning.task import SINGLE, Array
 from dohyo.agents.learning.training import train
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array
 from dohyo.sumo_networks.config import Config
@@ -127,6 +130,15 @@ class _Ticks:
     available: list[BoolArray] = field(default_factory=list)
 
 
+class _Choice(NamedTuple):
+    """What was chosen in all environments for one tick, and the durations of the options that had ended before it."""
+
+    told: list[MasterView]
+    options: list[int]
+    units: list[Tensor]
+    ended: list[int]
+
+
 class OptionCritic:
     """The learner.
 
@@ -141,22 +153,25 @@ class OptionCritic:
     )
 
     def __init__(
-        self, master: Master, environments: Environments, config: OptionCriticConfig, seed: int, device: torch.device
+        self, master: Master, collector: Collector, config: OptionCriticConfig, seed: int, device: torch.device
     ) -> None:
         """Prepares the learner.
 
         Args:
             master: Untrained, over trained sub-policies.
-            environments: Of a `MissionTask`.
+            collector: Of a `MissionTask`.
             config: Settings.
             seed: Of the run.
             device: Of the networks.
         """
-        self._environments, self._config, self._device = environments, config, device
-        self.actor, self.updates = master.to(device), 0
+        self._collector, self._config, self._device = collector, config, device
+        self.actor, self.updates, self._epsilon = master.to(device), 0, config.epsilon
+        self.policy: Exportable = self.actor
         self._target = copy.deepcopy(master.values).to(device)
-        self._running = [OptionRollout(OptionExecutor(config.tempo)) for _ in range(len(environments))]
-        self._judged = OptionExecutor(config.tempo)
+        self._running = [OptionRollout(OptionExecutor(config.tempo)) for _ in range(len(collector))]
+        self._judged: list[OptionExecutor] = []
+        self._behaviour = PolicyBehaviour(self._choose)
+        self._now = _Choice([], [], [], [])
         self._replay = Replay(config.replay, master.size, len(OPTIONS))
         self._rng = np.random.default_rng([_CHOICES, seed])
         self._optimizers = {
@@ -166,63 +181,78 @@ class OptionCritic:
         }
 
     def begin(self) -> None:
-        """Begins the first episodes."""
-        self._environments.begin()
+        """Nothing comes before the first round."""
 
-    def act(self, observation: Array) -> Array:
-        """One observation -> one action, without exploration; the episodes come one after the other."""
-        told = MasterView(observation, self.actor.size)
+    def act(self, observation: TensorDict) -> Array:
+        """(N, ...) observations -> (N, 3) actions, without exploration; a row drives one episode after the other."""
+        vectors = observation[SINGLE].numpy()
+        while len(self._judged) < len(vectors):
+            self._judged.append(OptionExecutor(self._config.tempo))
+        answers = self._answer(vectors)
+        rows = zip(self._judged, vectors, answers, strict=False)
+        return np.stack([self._judge(executor, vector, answer) for executor, vector, answer in rows])
+
+    def _judge(self, executor: OptionExecutor, vector: Float32Array, answer: Float32Array) -> Float32Array:
+        """(3,) action of one row."""
+        told = MasterView(vector, self.actor.size)
         if told.fresh:
-            self._judged.reset()
-        q, beta, actions = parts(self._answer(observation[None])[0])
+            executor.reset()
+        q, beta, actions = parts(answer)
         prospect = OptionView(q, beta, told.available, told.finished, told.critical)
-        option = self._judged.begin(prospect) if self._judged.ends(prospect, 0.5) else self._judged.option
+        option = executor.begin(prospect) if executor.ends(prospect, 0.5) else executor.option
         assert option is not None
-        self._judged.tick()
+        executor.tick()
         return np.array([*actions[option], option], dtype=np.float32)
 
     def round(self) -> dict[str, Number]:
         """Drives `horizon` ticks in all environments, and learns from them; row of metrics.csv."""
-        epsilon = self._config.epsilon_at(self._environments.steps)
-        ticks, finished, ended, critical = _Ticks(), list[Finished](), list[int](), 0
-        for _ in range(self._config.horizon):
-            critical += self._tick(epsilon, ticks, finished, ended)
+        self._epsilon = epsilon = self._config.epsilon_at(self._collector.steps)
+        ticks, ended, critical = _Ticks(), list[int](), 0
+        for _ in self._collector.round(self._config.horizon):
+            critical += self._tick(ticks, ended)
+        finished: list[Finished] = self._collector.finished()
         row = self._learn_values() | self._learn_ticks(ticks)
-        driven = self._config.horizon * len(self._environments)
+        driven = self._config.horizon * len(self._collector)
         row |= {f"share_{name}": ticks.options.count(i) / driven for i, name in enumerate(OPTIONS)}
         row |= {"critical_share": critical / driven, "option_ticks": _mean(ended), "epsilon": epsilon}
         row |= {"return": _mean([one.total for one in finished]), "length": _mean([one.length for one in finished])}
         row |= {"success": _mean([100.0 * one.success for one in finished]), "updates": self.updates}
-        return row | {"episodes": self._environments.finished_count, "replay": len(self._replay)}
+        return row | {"episodes": self._collector.finished_count, "replay": len(self._replay)}
 
-    def _tick(self, epsilon: float, ticks: _Ticks, finished: list[Finished], ended: list[int]) -> int:
+    def _tick(self, ticks: _Ticks, ended: list[int]) -> int:
         """One tick in all environments; number of those in which the rules drove."""
-        vectors = self._environments.observation.copy()
-        told = [MasterView(vector, self.actor.size) for vector in vectors]
-        values = self._values(np.stack([one.state for one in told]))
-        options = [self._next(i, one, values, epsilon, ended) for i, one in enumerate(told)]
-        units = [self._explored(option, one.state) for option, one in zip(options, told, strict=True)]
-        actions = [
-            [*unit.clamp(-1.0, 1.0).tolist(), float(option)] for option, unit in zip(options, units, strict=True)
-        ]
-        transition = self._environments.step(np.array(actions, dtype=np.float32))
+        step = self._collector.step(self._behaviour)
+        told, options, units, over = self._now
+        ended += over
+        afters = step["next", "observation", SINGLE].numpy()
+        rewards, terminated, done = (step["next", name][:, 0].tolist() for name in ("reward", "terminated", "done"))
         for i, one in enumerate(told):
-            reward = float(transition.reward[i]) * (1.0 - self._config.gamma)
-            running, after = self._running[i], MasterView(transition.observation[i], self.actor.size)
+            reward = rewards[i] * (1.0 - self._config.gamma)
+            running, after = self._running[i], MasterView(afters[i], self.actor.size)
             running.add(None if one.critical else one.state, reward)
-            terminated = bool(transition.terminated[i])
-            if terminated or transition.truncated[i]:
-                self._keep(running, after, terminated, ended)
+            if done[i]:
+                self._keep(running, after, terminated[i], ended)
             if not one.critical:
                 ticks.before.append(one.state)
                 ticks.after.append(after.state)
                 ticks.units.append(units[i])
                 ticks.options.append(options[i])
                 ticks.rewards.append(reward)
-                ticks.terminated.append(terminated)
+                ticks.terminated.append(terminated[i])
                 ticks.available.append(after.available)
-        finished += transition.finished
         return sum(one.critical for one in told)
+
+    def _choose(self, observation: TensorDict) -> TensorDict:
+        """Options and actions of all environments; kept for `_tick`."""
+        told = [MasterView(vector, self.actor.size) for vector in observation[SINGLE].numpy()]
+        values, ended = self._values(np.stack([one.state for one in told])), list[int]()
+        options = [self._next(i, one, values, self._epsilon, ended) for i, one in enumerate(told)]
+        units = [self._explored(option, one.state) for option, one in zip(options, told, strict=True)]
+        actions = [
+            [*unit.clamp(-1.0, 1.0).tolist(), float(option)] for option, unit in zip(options, units, strict=True)
+        ]
+        self._now = _Choice(told, options, units, ended)
+        return TensorDict({"action": torch.tensor(actions, dtype=torch.float32)}, observation.batch_size)
 
     def _next(
         self, i: int, told: MasterView, values: tuple[Float32Array, Float32Array], epsilon: float, ended: list[int]
@@ -350,7 +380,6 @@ class OptionCritic:
             "target": self._target.state_dict(),
             "optimizers": {name: optimizer.state_dict() for name, optimizer in self._optimizers.items()},
             "replay": self._replay.state(),
-            "running": [trail.state() for trail in self._running],
             "choices": generator_state(self._rng),
             "updates": self.updates,
         }
@@ -362,8 +391,6 @@ class OptionCritic:
         for name, optimizer in self._optimizers.items():
             optimizer.load_state_dict(state["optimizers"][name])
         self._replay.restore(state["replay"])
-        for trail, kept in zip(self._running, state["running"], strict=True):
-            trail.restore(kept)
         self._rng, self.updates = generator_of(state["choices"]), state["updates"]
 
 
@@ -373,9 +400,9 @@ def train_master(config: MasterConfig, order: TrainRequest) -> Path:
     task = MissionTask(policies.state, policies.steering, config.form, config.rules_when_critical, config.held_out)
     run = Run(order.name, order.out, config, order.resume)
 
-    def learner(environments: Environments, device: torch.device) -> OptionCritic:
+    def learner(collector: Collector, device: torch.device) -> OptionCritic:
         master = master_of(policies, config.option_critic.hidden, config.option_critic.tempo)
-        return OptionCritic(master, environments, config.option_critic, config.seed, device)
+        return OptionCritic(master, collector, config.option_critic, config.seed, device)
 
     try:
         train(learner, task, run, order.report)

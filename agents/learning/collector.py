@@ -131,7 +131,7 @@ class Collector:
         if self._asynchronous:
             self._environments.step_async(self._actions)  # type: ignore[attr-defined]
         chosen["observation"], chosen["episode"] = observation, torch.from_numpy(self._numbers.copy())
-        if labelled.any():
+        if self._task.has_expert:
             chosen["label"], chosen["labelled"] = label, labelled
         self._chosen = chosen
 
@@ -140,7 +140,7 @@ class Collector:
 
         Returns:
             (N,) in TorchRL's form: "observation", "action", "source", "episode", "active" (whether the row acted), the
-            behaviour's own entries, "label" and "labelled" if the expert was asked, and under "next" the observation
+            behaviour's own entries, "label" and "labelled" if the task has an expert, and under "next" the observation
             after the step (an episode's last one at its end), "reward", "terminated", "truncated" and "done" (N, 1).
 
         Raises:
@@ -195,11 +195,11 @@ class Collector:
 
     def _labels(self, rows: BoolArray) -> tuple[Tensor, Tensor]:
         """(N, ...) the expert's actions, and (N,) whether it gave one."""
-        space, expert = self._environments.single_action_space, getattr(self._environments, "expert_actions", None)
-        if expert is None or not rows.any():
+        if not self._task.has_expert or not rows.any():
+            space = self._environments.single_action_space
             return torch.zeros((len(self), *(space.shape or ()))), torch.zeros(len(self), dtype=torch.bool)
-        labels, known = expert(rows)
-        return torch.from_numpy(labels.copy()), torch.from_numpy(known & rows)
+        labels, known = self._environments.expert_actions(rows)  # type: ignore[attr-defined]
+        return torch.from_numpy(labels), torch.from_numpy(known & rows)
 
     def _answer(self) -> Any:
         if self._asynchronous:
@@ -263,9 +263,8 @@ class Collector:
             for group in groups.tolist():
                 members = slice(group * self._group, (group + 1) * self._group)
                 self._numbers[members], self._next = self._next, self._next + 1
-            seeds = [
-                training_seed(self._seed, int(n)) if row else None for n, row in zip(self._numbers, rows, strict=True)
-            ]
+            numbers = self._numbers.tolist()
+            seeds = [training_seed(self._seed, numbers[row]) if rows[row] else None for row in range(len(self))]
             options: dict[str, Any] = {"reset_mask": rows.copy()}
             if self._task.curriculum is not None:
                 options["level"] = self.level

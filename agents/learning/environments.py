@@ -2,8 +2,8 @@
 
 * `single_observation_space` is a Dict of float32 vectors (O,) and uint8 pictures (C, H, W); `single_action_space` is a
   bounded float32 vector or Discrete; `metadata["autoreset_mode"]` is DISABLED, since the collector resets.
-* `reset(seed=[...], options={"reset_mask": (N,), "level": int})` begins new episodes in the rows of the mask alone, each
-  with its own seed; "level" is given if the task has a curriculum.
+* `reset(seed=[...], options={"reset_mask": (N,), "level": int})` begins new episodes in the rows of the mask
+  alone, each with its own seed; "level" is given if the task has a curriculum.
 * `step` returns an episode's true last observation at its end; rows that have ended ignore their action.
 * `infos` may hold (N,) arrays: "active" (the row acted), "lost" (its simulation failed, the row must be reset), and at
   an episode's end "success" and the task's measures.
@@ -24,6 +24,7 @@ from dohyo.agents.learning.task import Array, Environments, check_spaces
 from dohyo.sumo_networks.arrays import BoolArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
+Reset = tuple[dict[str, Array], dict[str, Any]]
 Step = tuple[dict[str, Array], Array, BoolArray, BoolArray, dict[str, Any]]
 
 
@@ -39,7 +40,7 @@ def check_environments(environments: Environments) -> None:
         raise InvalidInputError(f"{what}: expected groups that divide {environments.num_envs} rows, got {group}")
 
 
-class ActionRepeat(VectorWrapper):  # type: ignore[type-arg]
+class ActionRepeat(VectorWrapper):
     """Repeats every action for some steps; rewards are summed, and a row that ends does not act on."""
 
     def __init__(self, environments: VectorEnv[Any, Any, Any], count: int) -> None:
@@ -77,7 +78,7 @@ class ActionRepeat(VectorWrapper):  # type: ignore[type-arg]
         return observation, reward, terminated, truncated, infos
 
 
-class FrameStack(VectorWrapper):  # type: ignore[type-arg]
+class FrameStack(VectorWrapper):
     """Stacks the last pictures along their channels; an episode's first picture is repeated. Vectors stay."""
 
     def __init__(self, environments: VectorEnv[Any, Any, Any], count: int) -> None:
@@ -108,9 +109,7 @@ class FrameStack(VectorWrapper):  # type: ignore[type-arg]
             raise AttributeError(name)
         return getattr(self.env, name)
 
-    def reset(
-        self, *, seed: Any = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Array], dict[str, Any]]:
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> Reset:
         """See `VectorEnv`."""
         observation, infos = self.env.reset(seed=seed, options=options)
         mask = (options or {}).get("reset_mask")
@@ -141,7 +140,7 @@ class FrameStack(VectorWrapper):  # type: ignore[type-arg]
         return observation | {name: self._stacks[name] for name in self._pictures}
 
 
-def _stacked(space: Box, count: int) -> Box:
+def _stacked(space: Any, count: int) -> Box:
     return Box(np.tile(space.low, (count, 1, 1)), np.tile(space.high, (count, 1, 1)), dtype=np.uint8)
 
 

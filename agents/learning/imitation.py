@@ -79,7 +79,7 @@ class Imitation:
     def _collect(self, ticks: int, follow: bool) -> None:
         """Drives as the expert or as the actor does, in both cases with the actor's noise."""
         driver = _Noisy(self._actor, follow)
-        steps = torch.stack([self._collector.step(driver) for _ in range(ticks)], dim=1)
+        steps = TensorDict.stack([self._collector.step(driver) for _ in range(ticks)], dim=1)
         self._collector.finished()
         ended, rewards = steps["next", "done"][..., 0], steps["next", "reward"][..., 0] * self._scale
         returns = self._returns(rewards.numpy().astype(np.float64), ended.numpy())

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -37,7 +37,7 @@ class PpoActor(Protocol):
     """
 
     parameter_names: tuple[str, ...]
-    distribution: type
+    distribution: Any
     sizes: tuple[int, ...]
 
     def __call__(self, features: Tensor) -> Tensor:
@@ -72,8 +72,8 @@ class Actor(nn.Module):
     high: Tensor
     shift: Tensor
     scale: Tensor
-    parameter_names = ("loc", "scale")
-    distribution = IndependentNormal
+    parameter_names: tuple[str, ...] = ("loc", "scale")
+    distribution: Any = IndependentNormal
 
     def __init__(self, observations: int, low: Tensor, high: Tensor, hidden: Sequence[int], std: float = 1.0) -> None:
         """Draws weights from torch's generator.
@@ -165,8 +165,8 @@ class TanhActor(nn.Module):
         body: Network of the mean and of the deviation before its softplus.
     """
 
-    parameter_names = ("loc", "scale")
-    distribution = TanhNormal
+    parameter_names: tuple[str, ...] = ("loc", "scale")
+    distribution: Any = TanhNormal
     LEAST_STD = 0.02
 
     def __init__(self, features: int, actions: int, hidden: Sequence[int], std: float = 0.5) -> None:
@@ -240,8 +240,8 @@ class CategoricalActor(nn.Module):
         body: Network of the logits.
     """
 
-    parameter_names = ("logits",)
-    distribution = torch.distributions.Categorical
+    parameter_names: tuple[str, ...] = ("logits",)
+    distribution: Any = torch.distributions.Categorical
 
     def __init__(self, features: int, choices: int, hidden: Sequence[int]) -> None:
         """Draws weights from torch's generator.
@@ -257,7 +257,8 @@ class CategoricalActor(nn.Module):
 
     def forward(self, observation: Tensor | Named) -> Tensor:
         """(..., O), or such vectors by name -> (...) int64, the most probable action."""
-        return self.body(joined(observation)).argmax(dim=-1)
+        best: Tensor = self.body(joined(observation)).argmax(dim=-1)
+        return best
 
     def parameters_at(self, features: Tensor) -> tuple[Tensor, ...]:
         """See `PpoActor`."""
@@ -265,7 +266,8 @@ class CategoricalActor(nn.Module):
 
     def sample(self, features: Tensor) -> Tensor:
         """See `PpoActor`."""
-        return torch.distributions.Categorical(logits=self.body(features)).sample()
+        drawn: Tensor = self.distribution(logits=self.body(features)).sample()
+        return drawn
 
     def action_of(self, variable: Tensor) -> Tensor:
         """See `PpoActor`."""

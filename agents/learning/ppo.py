@@ -51,13 +51,12 @@ def ppo_trainer(summary: str, config: type[C], task_of: Callable[[C], Task]) -> 
 
     def train_ppo(settings: C, order: TrainRequest) -> Path:
         task, run = task_of(settings), Run(order.name, order.out, settings, order.resume)
+
+        def learner(collector: Collector, device: torch.device) -> Ppo:
+            return Ppo(task, collector, settings.ppo, device, settings.seed)
+
         try:
-            train(
-                lambda collector, device: Ppo(task, collector, settings.ppo, device, settings.seed),
-                task,
-                run,
-                order.report,
-            )
+            train(learner, task, run, order.report)
         finally:
             run.close()
         return run.folder / "best.safetensors"
@@ -196,7 +195,7 @@ class Ppo:
     def collect(self) -> TensorDict:
         """A round: (N, T) transitions with advantages."""
         steps = [self._collector.step(self.behaviour) for _ in self._collector.round(self._config.horizon)]
-        batch = torch.stack(steps, dim=1).to(self._device)
+        batch = TensorDict.stack(steps, dim=1).to(self._device)
         guided = batch["source"] == DEMONSTRATOR
         variable = batch.pop("variable")
         variable[guided] = self.actor.variable_of(batch["action"][guided])

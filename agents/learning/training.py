@@ -161,7 +161,7 @@ class _Session:
         row = {"updates": self._learner.updates, **evaluation.values()}
         self._run.log("evaluations", steps, row)
         self._last = {"steps": steps, **row}
-        space = named(self._task.observation_space)
+        space = next(iter(named(self._task.observation_space).values())).shape or ()
         export(self._learner.policy, space, self._run.folder / "policy", self._facts(self._last))
         if not self._best or evaluation.higher_than(self._best):
             self._best = self._last
@@ -181,12 +181,8 @@ class _Session:
         )
 
     def _stopped(self) -> RunStoppedError:
-        at = (
-            f"the checkpoint of step {self._saved}"
-            if self._saved
-            else "the beginning, since there is no checkpoint yet"
-        )
-        return RunStoppedError(f"stopped at step {self._collector.steps}; it goes on from {at}")
+        kept = f"the checkpoint of step {self._saved}" if self._saved else "step 0, since there is no checkpoint yet"
+        return RunStoppedError(f"stopped at step {self._collector.steps}; it will go on from {kept}")
 
     def _facts(self, evaluation: Mapping[str, Number]) -> dict[str, str]:
         """Facts about the training that every result holds."""

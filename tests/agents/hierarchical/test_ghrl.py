@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from tensordict import TensorDict
 
 from dohyo.agents.hierarchical import ghrl
 from dohyo.agents.hierarchical.ghrl import ARMS, Ghrl
@@ -19,8 +20,9 @@ from dohyo.agents.hierarchical.master_training import OptionCritic, OptionCritic
 from dohyo.agents.hierarchical.mission_env import MissionEnv, MissionTask
 from dohyo.agents.hierarchical.scenarios import draw_scenario
 from dohyo.agents.hierarchical.subpolicies import SubPolicyConfig
-from dohyo.agents.learning.environments import Environments
+from dohyo.agents.learning.collector import Collector
 from dohyo.agents.learning.settings import as_toml
+from dohyo.agents.learning.task import SINGLE
 from dohyo.agents.rules.rules_only import RulesOnly
 from dohyo.evaluation.agent import agent_info, make_agent
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
@@ -77,11 +79,12 @@ def test_it_drives_as_the_master_did_in_training(runs, arm):
     scenario = draw_scenario(DRIVE, 3)
     journey = MissionEnv(task)
     master, config = read_master(runs / "master" / WEIGHTS), OptionCriticConfig()
-    learner = OptionCritic(master, Environments(task, [], 0), config, 0, torch.device("cpu"))
+    collector = Collector(task.make_environments(1, processes=False), task, 0)
+    learner = OptionCritic(master, collector, config, 0, torch.device("cpu"))
     try:
         seen, trained = journey.reset(seed=3)[0], []
         for _ in range(60):
-            seen = journey.step(learner.act(seen))[0]
+            seen = journey.step(learner.act(TensorDict({SINGLE: torch.from_numpy(seen)[None]}, [1]))[0])[0]
             trained.append(journey.driving.world.egos.position[0])
     finally:
         journey.close()

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 import torch
 from gymnasium.spaces import Box
+from tensordict import TensorDict
 
 from dohyo.agents.hierarchical.manoeuvres import Manoeuvre
 from dohyo.agents.hierarchical.master import Master, MasterSpec, MasterView, parts
 from dohyo.agents.hierarchical.master_observation import CRITICAL, FLAGS, FRESH, OPTIONS
 from dohyo.agents.hierarchical.master_training import OptionCritic, OptionCriticConfig
 from dohyo.agents.hierarchical.option_executor import OptionLimits
-from dohyo.agents.learning.environments import Environments
+from dohyo.agents.learning.collector import Collector
 from dohyo.agents.learning.policy import Actor
-from dohyo.agents.learning.task import Task, held_out_seeds
-from dohyo.agents.learning.worker import HereSeat
+from dohyo.agents.learning.task import SINGLE, Task, held_out_seeds
 
 PLACES, GAMMA = 4, 0.9
 LEFT, RIGHT, LIGHTS = (OPTIONS.index(one) for one in (Manoeuvre.LEFT, Manoeuvre.RIGHT, Manoeuvre.LIGHTS))
@@ -92,18 +92,18 @@ class ChainTask(Task):
     def held_out(self) -> Sequence[int]:
         return held_out_seeds(3)
 
-    def make_env(self, seed, rank):
+    def make_env(self, rank):
         return Chain(self.ruled)
 
 
-def learner(ruled: int = -1, count: int = 2, config: OptionCriticConfig = CONFIG) -> tuple[OptionCritic, Environments]:
+def learner(ruled: int = -1, count: int = 2, config: OptionCriticConfig = CONFIG) -> tuple[OptionCritic, Collector]:
     torch.manual_seed(0)
     task = ChainTask(ruled)
     actors = {name: Actor(PLACES, -torch.ones(2), torch.ones(2), (4,)) for name in OPTIONS}
     rows = {name: torch.arange(PLACES) for name in OPTIONS}
     master = Master(PLACES, config.hidden, actors, rows, MasterSpec(tempo=config.tempo))
-    environments = Environments(task, [HereSeat(task, 0, rank) for rank in range(count)], seed=0)
-    return OptionCritic(master, environments, config, 0, torch.device("cpu")), environments
+    collector = Collector(task.make_environments(count, processes=False), task, seed=0)
+    return OptionCritic(master, collector, config, 0, torch.device("cpu")), collector
 
 
 def values(found: OptionCritic) -> np.ndarray:
@@ -111,6 +111,11 @@ def values(found: OptionCritic) -> np.ndarray:
     with torch.no_grad():
         q, _ = found.actor.values(torch.eye(PLACES))
     return q.numpy() / (1.0 - GAMMA)
+
+
+def acted(found: OptionCritic, vector: np.ndarray) -> np.ndarray:
+    """Action for one observation."""
+    return found.act(TensorDict({SINGLE: torch.from_numpy(vector)[None]}, [1]))[0]
 
 
 @pytest.fixture(scope="module")
@@ -136,22 +141,27 @@ def test_it_takes_the_shortest_way_without_exploration(trained):
         seen, _ = env.reset(seed=seed)
         shortest, ended = PLACES - 1 - env.place, False
         while not ended:
-            seen, _, ended, late, _ = env.step(trained.act(seen))
+            seen, _, ended, late, _ = env.step(acted(trained, seen))
             assert not late
         assert env.ticks == shortest
 
 
 def test_what_may_not_begin_is_never_chosen():
-    found, environments = learner()
+    found, collector = learner()
     found.begin()
     taken = []
-    step = environments.step
-    environments.step = lambda actions: taken.extend(actions[:, 2].tolist()) or step(actions)
+    step = collector.step
+    collector.step = lambda behaviour: _noted(step(behaviour), taken)
     for _ in range(3):
         row = found.round()
     assert LIGHTS not in taken
     assert len(set(taken)) == len(OPTIONS) - 1
     assert row["share_lights"] == 0.0
+
+
+def _noted(step, taken):
+    taken.extend(step["action"][:, 2].tolist())
+    return step
 
 
 def test_what_the_rules_do_counts_to_the_option_that_led_there():
@@ -177,11 +187,14 @@ def test_without_intra_option_learning_the_policies_stay_and_with_it_they_change
 
 
 def test_it_goes_on_from_its_state_to_the_bit():
-    one, environments = learner()
+    one, collector = learner()
     one.begin()
     for _ in range(3):
+        collector.cut_at = 3 * 2 * CONFIG.horizon
         one.round()
-    kept, seen, random = copy.deepcopy((one.state(), environments.state(), torch.get_rng_state()))
+    assert collector.cut
+    collector.cut_at = 0
+    kept, seen, random = copy.deepcopy((one.state(), collector.state(), torch.get_rng_state()))
     expected = [one.round() for _ in range(3)]
     other, again = learner()
     again.restore(seen)

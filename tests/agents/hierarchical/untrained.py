@@ -14,7 +14,7 @@ from dohyo.agents.hierarchical.state import StateConfig
 from dohyo.agents.hierarchical.subpolicies import SubPolicyConfig
 from dohyo.agents.hierarchical.tasks import ManoeuvreTask
 from dohyo.agents.learning.export import export
-from dohyo.agents.learning.policy import actor_for
+from dohyo.agents.learning.policy import Actor
 from dohyo.agents.learning.settings import as_toml
 
 TWIN = StateConfig(vision="none")
@@ -25,7 +25,8 @@ def write_sub_policies(folder: Path, names: tuple[str, ...] = (*Manoeuvre, FLAT)
     torch.manual_seed(0)
     for name in names:
         task = ManoeuvreTask(DRIVE if name == FLAT else name, state)
-        actor = actor_for(task.observation_space, task.action_space, (8,), 1.0)
+        low, high = (torch.from_numpy(bound) for bound in (task.action_space.low, task.action_space.high))
+        actor = Actor(task.observation_space.shape[0], low, high, (8,))
         with torch.no_grad():
             actor.body[-1].bias[0] = 0.4  # or they would never leave
         (folder / name).mkdir(parents=True)

@@ -106,11 +106,11 @@ def test_a_run_that_was_stopped_and_killed_gives_the_same_curve(toy, settings, t
     assert f"--resume --out {out}" in said
 
     killed, before = Dohyo(toy, out, "--resume"), rows(out)
-    killed.wait_for(lambda: rows(out) >= before + 2)  # that far beyond the checkpoint
+    killed.wait_for(lambda: rows(out) >= before + 3)  # beyond a checkpoint
     children = killed.children()
     assert len(children) >= 2
     assert killed.end(signal.SIGKILL)[0] == -signal.SIGKILL
-    assert before + 2 <= rows(out) < rows(whole)
+    assert before + 3 <= rows(out) < rows(whole)
     patience = time.monotonic() + PATIENCE_S
     while any(map(alive, children)):
         assert time.monotonic() < patience
@@ -135,10 +135,10 @@ def test_an_evaluation_that_no_checkpoint_knows_of_is_told_once(tmp_path, monkey
 
     whole = training.evaluate
 
-    def stopped(task, seat, act, stopping):
+    def stopped(task, environments, act, stopping):
         if evaluated():
             raise RunStoppedError("stopped")
-        return whole(task, seat, act, stopping)
+        return whole(task, environments, act, stopping)
 
     def dies(self):
         raise RuntimeError("killed")

@@ -7,6 +7,7 @@ import json
 import signal
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import onnxruntime
@@ -47,14 +48,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run by the command, with everything that it leaves."""
     out = tmp_path_factory.mktemp("runs") / "point"
     with pytest.MonkeyPatch.context() as patch:
-        settings = ("--set", "tensorboard=true", "--set", "checkpoint_s=1e-9", "--set", "seed=5")
+        settings = ("--set", "tensorboard=true", "--set", "checkpoint_every=128", "--set", "seed=5")
         assert dohyo(patch, "train", TOY, "--out", str(out), *settings) == 0
     return out
 
 
 def test_the_folder_holds_what_was_asked_and_where_it_ran(folder):
     config = read_settings(PointConfig, folder / "config.toml")
-    assert config == PointConfig(seed=5, tensorboard=True, checkpoint_s=1e-9)
+    assert config == PointConfig(seed=5, tensorboard=True, checkpoint_every=128)
     document = json.loads((folder / "run.json").read_text())
     (session,) = document["sessions"]
     assert (document["trainer"], document["seed"], session["from_steps"], session["device"]) == (TOY, 5, 0, "cpu")
@@ -102,7 +103,7 @@ def test_the_best_actor_acts_as_it_was_evaluated(folder):
     session = onnxruntime.InferenceSession(folder / "best.onnx")
     returns = []
     for seed in Point().held_out:
-        env = Point().make_env(0, 0)
+        env = Point().make_env(0)
         (observation, _), total, over = env.reset(seed=seed), 0.0, False
         while not over:
             (action,) = session.run(None, {"observation": observation[None]})
@@ -219,18 +220,18 @@ def test_a_stop_is_heard_and_the_handlers_are_put_back():
 
 
 def test_an_interrupted_run_goes_on_as_if_nothing_had_been(tmp_path):
-    """Stopped in a round and in an evaluation; the rows are those of a run that was not, to the bit."""
+    """Stopped between two checkpoints, and at one before its evaluation: the rows are those of a whole run."""
 
-    def stop(report: Report) -> None:
-        if report.steps in (384, 512):
-            signal.raise_signal(signal.SIGINT)
+    def stop_at(steps: int) -> Callable[[Report], None]:
+        return lambda report: signal.raise_signal(signal.SIGINT) if report.steps == steps else None
 
     config = PointConfig(steps=640, evaluate_every=512, ppo=SMALL.model_copy(update={"guided_share": 0.5}))
     whole, out = tmp_path / "whole", tmp_path / "disturbed"
     POINT.train(config, TrainRequest("point", whole, False, no_report))
-    for steps, resume in ((384, False), (512, True)):
-        with pytest.raises(RunStoppedError, match=f"stopped at step {steps}; the checkpoint is written"):
-            POINT.train(config, TrainRequest("point", out, resume, stop))
+    for steps, kept, resume in ((384, 256, False), (512, 512, True)):
+        message = f"stopped at step {steps}; it will go on from the checkpoint of step {kept}"
+        with pytest.raises(RunStoppedError, match=message):
+            POINT.train(config, TrainRequest("point", out, resume, stop_at(steps)))
         assert [int(row["steps"]) for row in rows(out / "evaluations.csv")] == [0]
     POINT.train(config, TrainRequest("point", out, True, no_report))
     assert [int(row["steps"]) for row in rows(out / "evaluations.csv")] == [0, 512, 640]

@@ -18,6 +18,7 @@ class ToyConfig(PpoRunConfig):
     steps: int = 1024
     processes: int = 0
     evaluate_every: int = 512
+    checkpoint_every: int = 256
     tensorboard: bool = False
     ppo: PpoConfig = SMALL
 
