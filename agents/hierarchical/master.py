@@ -17,7 +17,7 @@ from dohyo.agents.hierarchical.master_observation import FLAGS, OPTIONS
 from dohyo.agents.hierarchical.option_executor import OptionLimits
 from dohyo.agents.hierarchical.option_losses import OptionValues
 from dohyo.agents.hierarchical.state import StateConfig, StateEncoder
-from dohyo.agents.learning.policy import Actor
+from dohyo.agents.learning.policy import Actor, Named, joined
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -74,8 +74,9 @@ class Master(nn.Module):
         for name in OPTIONS:
             self.register_buffer(f"rows_{name}", rows[name])
 
-    def forward(self, outlook: Tensor) -> Tensor:
+    def forward(self, observation: Tensor | Named) -> Tensor:
         """(B, size + options + FLAGS) vectors -> (B, 4 * options): Q, beta, pedals and steering of each."""
+        outlook = joined(observation)
         state = outlook[:, : self.size]
         q, beta = self.values(state)
         actions = [self.actor(name)(self.view(name, state)) for name in OPTIONS]

@@ -161,7 +161,7 @@ class _Session:
         row = {"updates": self._learner.updates, **evaluation.values()}
         self._run.log("evaluations", steps, row)
         self._last = {"steps": steps, **row}
-        space = next(iter(named(self._task.observation_space).values())).shape or ()
+        space = named(self._task.observation_space)
         export(self._learner.policy, space, self._run.folder / "policy", self._facts(self._last))
         if not self._best or evaluation.higher_than(self._best):
             self._best = self._last

@@ -9,7 +9,7 @@ from dohyo.agents.hierarchical.arms import run_folder
 from dohyo.agents.hierarchical.hierarchy import read_sub_policies
 from dohyo.agents.hierarchical.tasks import ManoeuvreTask
 from dohyo.agents.learning.evaluation import evaluate
-from dohyo.agents.learning.worker import take_seats
+from dohyo.agents.learning.task import SINGLE
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import read_lines
 from tests.agents.hierarchical.untrained import write_sub_policies
@@ -55,16 +55,15 @@ def test_an_exercise_is_driven_as_a_training_evaluates(runs):
     trained = read_sub_policies(run_folder(runs, "hrl", 0, "lane").parent, ("lane",))
     task = First("lane", trained.state, steering=trained.steering)
     actor = trained.policies["lane"].actor
-    seats, seat = take_seats(task, 0, 0)
+    environments = task.make_environments(1, processes=True)
     try:
-        told = evaluate(task, seat, lambda seen: evaluate_policies.chosen(actor, seen))
+        told = evaluate(task, environments, lambda seen: evaluate_policies.chosen(actor, seen[SINGLE][0].numpy())[None])
     finally:
-        for one in (*seats, seat):
-            one.close()
+        environments.close()
     candidate = evaluate_policies.Candidate("lane", "hrl", 0, run_folder(runs, "hrl", 0, "lane"))
     lines = evaluate_policies.examine(candidate, [0, 1])
-    assert [one["return"] for one in lines] == pytest.approx(told.returns, abs=1e-3)
-    assert [one["success"] > 0 for one in lines] == list(told.successes)
+    assert [one["return"] for one in lines] == pytest.approx([one.total for one in told.outcomes], abs=1e-3)
+    assert [one["success"] > 0 for one in lines] == [one.success for one in told.outcomes]
 
 
 def test_tables_hold_arms_against_each_other_on_what_both_drove():
