@@ -14,11 +14,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
+from dohyo.agents.driving import decisions
 from dohyo.agents.experts.autopilot import Autopilot
 from dohyo.agents.hierarchical.nearby import distances
 from dohyo.agents.hierarchical.vision.classes import HEIGHT, WIDTH
@@ -125,25 +127,14 @@ def record_episode(scenario: Scenario, order: PictureRequest) -> Pictures:
     agents = {name: Autopilot() for name in names}  # type: ignore[abstract]
     cameras = {name: [_camera(off, conditions, rng) for off in (np.zeros(6), drawn_off(rng))] for name in names}
     noise = {name: Disturbance(rng.spawn(1)[0]) for name in names}
-    env = DrivingEnv(scenario, sensors=Autopilot.spec.sensors, control=Autopilot.spec.control, reward=None)
     stride, rows = max(round(order.every_s / TICK_S), 1), []
-    try:
-        observations, _ = env.reset()
-        for mission in scenario.missions:
-            agents[mission.name].reset(mission, scenario.seed)
-        for tick in range(round(order.episode_s / TICK_S)):
-            if not env.agents:
-                break
-            if tick % stride == 0:
-                for ego, name in enumerate(names):
-                    if name in env.agents:
-                        rows += [(camera.read(env.world, ego)[0], *labels(observations[name]), off)
-                                 for camera, off in cameras[name]]  # fmt: skip
-            observations, *_ = env.step(
-                {name: noise[name].disturbed(agents[name].act(observations[name])) for name in env.agents}
-            )
-    finally:
-        env.close()
+    with closing(DrivingEnv(scenario, Autopilot.spec.sensors, Autopilot.spec.control, reward=None)) as env:
+        for now in decisions(env, agents, round(order.episode_s / TICK_S)):
+            if now.tick % stride == 0:
+                for name in now.actions:
+                    rows += [(camera.read(env.world, names.index(name))[0], *labels(now.observations[name]), off)
+                             for camera, off in cameras[name]]  # fmt: skip
+            now.actions.update({name: noise[name].disturbed(action) for name, action in now.actions.items()})
     return Pictures.of(rows)
 
 

@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
+from dohyo.agents.driving import decisions
 from dohyo.agents.experts.autopilot import Autopilot
 from dohyo.agents.mcts.predictors.dataset import (
     FUTURE_STEP_S,
@@ -131,27 +133,18 @@ def record_episode(scenario: Scenario, order: MotionRequest) -> Shard:
     """Drives one scenario with the autopilot and takes samples."""
     agents: dict[str, Agent] = {mission.name: Autopilot() for mission in scenario.missions}  # type: ignore[abstract]
     sensors = tuple(dict.fromkeys((*SENSORS, *Autopilot.spec.sensors)))
-    env = DrivingEnv(scenario, sensors=sensors, control=Autopilot.spec.control, reward=None)
     builders = {name: SceneBuilder() for name in agents}
     stride = max(round(order.every_s / TICK_S), 1)
     moments: list[tuple[int, int, Scene]] = []
     worlds: list[World] = []
-    try:
-        observations, _ = env.reset()
-        for mission in scenario.missions:
-            agents[mission.name].reset(mission, scenario.seed)
-        for tick in range(round(order.episode_s / TICK_S)):
+    with closing(DrivingEnv(scenario, sensors, Autopilot.spec.control, reward=None)) as env:
+        for now in decisions(env, agents, round(order.episode_s / TICK_S)):
             worlds.append(env.world)
             for ego, name in enumerate(agents):
-                if name in env.agents:
-                    scene = builders[name].update(observations[name])
-                    if tick % stride == 0:
-                        moments.append((tick, ego, scene))
-            if not env.agents:
-                break
-            observations, *_ = env.step({name: agents[name].act(observations[name]) for name in env.agents})
-    finally:
-        env.close()
+                if name in now.actions:
+                    scene = builders[name].update(now.observations[name])
+                    if now.tick % stride == 0:
+                        moments.append((now.tick, ego, scene))
     tracks = _Tracks(worlds)
     return Shard.of([tracks.sample(*moment) for moment in moments if tracks.whole(*moment[:2])])
 
