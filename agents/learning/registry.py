@@ -47,21 +47,51 @@ class Trainer(Generic[C]):
     train: Callable[[C, TrainRequest], Path]
 
 
-# As "module:attribute", since trainers take seconds to import.
-TRAINERS: dict[str, str] = {
-    "predictor": "dohyo.agents.learning.predictor:PREDICTOR",
-    "value": "dohyo.agents.learning.value:VALUE",
-    "semantic": "dohyo.agents.hierarchical.vision.train:SEMANTIC",
-    **{
-        f"hierarchical-{name}": f"dohyo.agents.hierarchical.subpolicies:{name.upper()}"
-        for name in ("lane", "left", "right")
-    },
-    **{
-        f"hierarchical-{name}": f"dohyo.agents.hierarchical.subpolicies:{name.upper()}"
-        for name in ("braking", "lights")
-    },
-    "hierarchical-flat": "dohyo.agents.hierarchical.subpolicies:FLAT",
-    "hierarchical-master": "dohyo.agents.hierarchical.master_training:MASTER",
+@dataclass(frozen=True, slots=True)
+class Listed:
+    """A trainer of this package, as `dohyo train --list` shows it without importing it.
+
+    Attributes:
+        at: "module:attribute" of the `Trainer`.
+        summary: The trainer's own.
+        writes: Names of the resulting files in the run's folder.
+    """
+
+    at: str
+    summary: str
+    writes: str = "best.*, policy.*"
+
+
+def _subpolicy(name: str, summary: str) -> Listed:
+    return Listed(f"dohyo.agents.hierarchical.subpolicies:{name.upper()}", summary)
+
+
+TRAINERS: dict[str, Listed] = {
+    "predictor": Listed(
+        "dohyo.agents.learning.predictor:PREDICTOR",
+        "motion predictor of MBAPPE, from a motion data set",
+        "predictor.safetensors, predictor.onnx",
+    ),
+    "value": Listed(
+        "dohyo.agents.learning.value:VALUE",
+        "value network of MBAPPE, from searches of a motion data set's scenes",
+        "value.safetensors",
+    ),
+    "semantic": Listed(
+        "dohyo.agents.hierarchical.vision.train:SEMANTIC",
+        "autoencoder of semantic pictures, from a semantic data set",
+        "semantic.safetensors, autoencoder.safetensors",
+    ),
+    "hierarchical-lane": _subpolicy("lane", "GHRL's sub-policy that keeps its lane"),
+    "hierarchical-left": _subpolicy("left", "GHRL's sub-policy that changes to the lane on the left"),
+    "hierarchical-right": _subpolicy("right", "GHRL's sub-policy that changes to the lane on the right"),
+    "hierarchical-braking": _subpolicy("braking", "GHRL's sub-policy that stops for what is in the way, and drives on"),
+    "hierarchical-lights": _subpolicy("lights", "GHRL's sub-policy for junctions with lights"),
+    "hierarchical-flat": _subpolicy("flat", "the flat policy that GHRL is compared with: everything in one"),
+    "hierarchical-master": Listed(
+        "dohyo.agents.hierarchical.master_training:MASTER",
+        "GHRL's master: chooses among the sub-policies, by option-critic",
+    ),
 }
 
 
@@ -72,9 +102,9 @@ def trainer_named(name: str) -> Trainer[Any]:
         UnknownNameError: There is no such trainer.
         InvalidInputError: There is no such module, or no trainer in it.
     """
-    entry = TRAINERS.get(name, name)
-    if ":" not in entry:
+    if name not in TRAINERS and ":" not in name:
         raise UnknownNameError("trainer", name, TRAINERS)
+    entry = TRAINERS[name].at if name in TRAINERS else name
     trainer = load_entry(entry, "trainer")
     if not isinstance(trainer, Trainer):
         raise InvalidInputError(f"'{entry}': expected a Trainer, got {type(trainer).__name__}")

@@ -186,9 +186,9 @@ def test_a_trainer_of_ones_own_is_found_where_the_command_runs(tmp_path, monkeyp
     assert (tmp_path / "runs" / "own" / "best.safetensors").exists()
 
 
-def test_every_registered_trainer_is_there():
-    for name in registry.TRAINERS:
-        assert registry.trainer_named(name).summary
+def test_every_registered_trainer_is_where_the_list_says_and_says_the_same():
+    for name, listed in registry.TRAINERS.items():
+        assert registry.trainer_named(name).summary == listed.summary
 
 
 def test_rows_beyond_the_checkpoint_are_dropped_and_a_torn_one_too(tmp_path):

@@ -49,6 +49,7 @@ def leaves(table: Mapping[str, Command | Group], words: tuple[str, ...] = ()) ->
         ("agents", "list"),
         ("benchmarks", "list"),
         ("benchmarks", "list", "--json"),
+        ("train", "--list"),
     ],
     ids=" ".join,
 )

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
 import pytest
 
+from dohyo.agents.learning.registry import TRAINERS
 from dohyo.agents.mcts.predictors.dataset import Shard
 from dohyo.agents.mcts.predictors.learned import Learned
 from dohyo.service.cli import main
@@ -28,7 +30,9 @@ def test_a_predictor_is_trained_exported_and_usable(tmp_path: Path, monkeypatch,
     config = tmp_path / "c.toml"
     config.write_text(f'data = "{tmp_path}"\nout = "{tmp_path}/out"\nsteps = 2\nbatch = 2\n')
     assert dohyo(monkeypatch, "train", "predictor", "--config", str(config)) == 0
-    assert "predictor.onnx" in capsys.readouterr().out
+    shown = capsys.readouterr()
+    assert "predictor.onnx" in shown.out
+    assert "predictor: 2 of 2 steps" in shown.err
     assert Learned(tmp_path / "out" / "predictor.onnx").predict(busy(0)).ego is not None
     assert dohyo(monkeypatch, "train", "predictor", "--config", str(config)) == 2
     assert "--resume" in capsys.readouterr().err
@@ -51,3 +55,17 @@ def test_mistakes_are_told_in_one_line_and_leave_nothing(arguments, message, tmp
     assert error.startswith("dohyo: ")
     assert error.count("\n") == 1
     assert not out.exists()
+
+
+def test_the_list_names_every_trainer_with_its_files(monkeypatch, capsys):
+    assert dohyo(monkeypatch, "train", "--list", "--json") == 0
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)}
+    assert rows.keys() == TRAINERS.keys()
+    assert rows["value"]["writes"] == "value.safetensors"
+    assert dohyo(monkeypatch, "train", "--list") == 0
+    assert "module:ATTRIBUTE" in capsys.readouterr().out
+
+
+def test_a_training_without_a_name_is_refused(monkeypatch, capsys):
+    assert dohyo(monkeypatch, "train") == 2
+    assert "dohyo train --list" in capsys.readouterr().err
