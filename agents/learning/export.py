@@ -36,7 +36,7 @@ class Exportable(Protocol):
         """Constructor's arguments, needed beside the weights to load it."""
 
 
-def export(policy: Exportable, space: Dict | Sequence[int], path: Path, facts: Mapping[str, str]) -> None:
+def export(policy: Exportable, space: Dict, path: Path, facts: Mapping[str, str]) -> None:
     """Writes PATH.safetensors and PATH.onnx.
 
     The ONNX model has an input for every observation that the policy uses, named like it and of its type, and the
@@ -67,19 +67,14 @@ class _OfTensors(nn.Module):
         return cast(Tensor, self.policy(dict(zip(self.names, observations, strict=True))))
 
 
-def _onnx(module: nn.Module, space: Dict | Sequence[int], facts: Mapping[str, str]) -> bytes:
-    if isinstance(space, Dict):
-        names = list(space.spaces)
-        called: nn.Module = _OfTensors(module, names)
-    else:  # the module takes the only observation itself
-        names, called = ["observation"], module
-        space = Dict({"observation": Box(-np.inf, np.inf, tuple(space))})
+def _onnx(module: nn.Module, space: Dict, facts: Mapping[str, str]) -> bytes:
+    names = list(space.spaces)
     examples = tuple(torch.from_numpy(np.zeros((2, *one.shape), one.dtype)) for one in map(_box, space.spaces.values()))
     buffer = io.BytesIO()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the tracing exporter is deprecated, the other one needs onnxscript
         torch.onnx.export(
-            called,
+            _OfTensors(module, names),
             examples,
             buffer,  # type: ignore[arg-type]
             input_names=names,

@@ -161,12 +161,18 @@ class _Session:
         row = {"updates": self._learner.updates, **evaluation.values()}
         self._run.log("evaluations", steps, row)
         self._last = {"steps": steps, **row}
-        space = named(self._task.observation_space)
-        export(self._learner.policy, space, self._run.folder / "policy", self._facts(self._last))
+        self._ship("policy")
         if not self._best or evaluation.higher_than(self._best):
             self._best = self._last
-            export(self._learner.policy, space, self._run.folder / "best", self._facts(self._best))
+            self._ship("best")
         self._write_result(finished=False)
+
+    def _ship(self, model: str) -> None:
+        """Writes the policy of the last evaluation, and its card."""
+        space = named(self._task.observation_space)
+        export(self._learner.policy, space, self._run.folder / model, self._facts(self._last))
+        metrics = {name: value for name, value in self._last.items() if name != "steps"}
+        self._run.write_card(model, self._task.name, self._collector.steps, metrics)
 
     def _save(self) -> None:
         self._saved = self._collector.steps

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import torch
+from gymnasium.spaces import Box
 
 from dohyo.agents.hierarchical.hierarchy import CONFIG, FLAT, MASTER, WEIGHTS, read_sub_policies
 from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
@@ -16,6 +18,7 @@ from dohyo.agents.hierarchical.tasks import ManoeuvreTask
 from dohyo.agents.learning.export import export
 from dohyo.agents.learning.policy import Actor
 from dohyo.agents.learning.settings import as_toml
+from dohyo.agents.learning.task import named
 
 TWIN = StateConfig(vision="none")
 
@@ -31,7 +34,7 @@ def write_sub_policies(folder: Path, names: tuple[str, ...] = (*Manoeuvre, FLAT)
             actor.body[-1].bias[0] = 0.4  # or they would never leave
         (folder / name).mkdir(parents=True)
         (folder / name / CONFIG).write_text(as_toml(SubPolicyConfig(state=state)))
-        export(actor, task.observation_space.shape, folder / name / Path(WEIGHTS).stem, {})
+        export(actor, named(task.observation_space), folder / name / Path(WEIGHTS).stem, {})
     return folder
 
 
@@ -40,5 +43,5 @@ def write_master(folder: Path) -> Master:
     torch.manual_seed(1)
     master = master_of(read_sub_policies(folder), (8,), OptionLimits())
     (folder / MASTER).mkdir()
-    export(master, (master.size + 8,), folder / MASTER / Path(WEIGHTS).stem, {})
+    export(master, named(Box(-np.inf, np.inf, (master.size + 8,))), folder / MASTER / Path(WEIGHTS).stem, {})
     return master

@@ -16,6 +16,7 @@ from safetensors import safe_open
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from dohyo.agents.learning import registry
+from dohyo.agents.learning.card import read_card
 from dohyo.agents.learning.config import RunConfig
 from dohyo.agents.learning.metrics import Table
 from dohyo.agents.learning.policy import Actor
@@ -99,6 +100,8 @@ def test_results_carry_steps_updates_seed_device_and_tier(folder):
 
 
 def test_the_best_actor_acts_as_it_was_evaluated(folder):
+    for name in ("best.safetensors", "best.onnx", "policy.safetensors", "policy.onnx"):
+        assert read_card(folder / name).trainer == TOY
     actor = Actor.load(folder / "best.safetensors")
     session = onnxruntime.InferenceSession(folder / "best.onnx")
     returns = []
