@@ -28,7 +28,7 @@ from dohyo.agents.hierarchical.master_observation import OPTIONS
 from dohyo.agents.hierarchical.mission_env import HELD_OUT, MissionTask
 from dohyo.agents.hierarchical.option_executor import OptionExecutor, OptionLimits, OptionView
 from dohyo.agents.hierarchical.option_losses import (
-    Replay,
+    OptionReplay,
     arrival_value,
     best_value,
     intra_option_loss,
@@ -172,7 +172,7 @@ class OptionCritic:
         self._judged: list[OptionExecutor] = []
         self._behaviour = PolicyBehaviour(self._choose)
         self._now = _Choice([], [], [], [])
-        self._replay = Replay(config.replay, master.size, len(OPTIONS))
+        self._replay = OptionReplay(config.replay)
         self._rng = np.random.default_rng([_CHOICES, seed])
         self._optimizers = {
             "q": torch.optim.Adam(master.values.values.parameters(), lr=config.learning_rate),
@@ -260,23 +260,32 @@ class OptionCritic:
         """Running option of an environment in this tick."""
         running, (q, beta) = self._running[i], values
         prospect = OptionView(q[i], beta[i], told.available, told.finished, told.critical)
-        if not running.conductor.ends(prospect, float(self._rng.random())):
-            assert running.conductor.option is not None
-            return running.conductor.option
-        if running.conductor.option is not None:
+        if not running.executor.ends(prospect, float(self._rng.random())):
+            assert running.executor.option is not None
+            return running.executor.option
+        if running.executor.option is not None:
             self._keep(running, told, False, ended)
-        return running.conductor.begin(prospect, epsilon, self._rng)
+        return running.executor.begin(prospect, epsilon, self._rng)
 
     def _keep(self, running: OptionRollout, after: MasterView, terminated: bool, ended: list[int]) -> None:
         """Puts the transitions of a finished option into the replay."""
-        conductor = running.conductor
-        assert conductor.option is not None
-        for lesson in running.lessons(self._config.gamma):
-            self._replay.add(
-                lesson.state, conductor.option, lesson.total, lesson.ticks, after.state, after.available, terminated
-            )
-        ended.append(conductor.ticks)
-        conductor.reset()
+        executor = running.executor
+        assert executor.option is not None
+        if samples := list(running.samples(self._config.gamma)):
+            states, totals, ticks = zip(*samples, strict=True)
+            count = len(samples)
+            rows = {
+                "state": torch.from_numpy(np.stack(states)),
+                "option": torch.full((count,), executor.option),
+                "total": torch.tensor(totals, dtype=torch.float32),
+                "ticks": torch.tensor(ticks, dtype=torch.float32),
+                "after": torch.from_numpy(after.state).expand(count, -1),
+                "available": torch.from_numpy(after.available).expand(count, -1),
+                "terminated": torch.full((count,), terminated),
+            }
+            self._replay.add(TensorDict(rows, [count]))
+        ended.append(executor.ticks)
+        executor.reset()
         running.clear()
 
     def _explored(self, option: int, state: Float32Array) -> Tensor:
@@ -304,15 +313,14 @@ class OptionCritic:
         if len(self._replay) < config.batch:
             return {}
         for _ in range(config.updates):
-            batch = self._replay.sample(config.batch, self._rng)
-            q = self.actor.values.values(batch.states.to(self._device))
+            batch = self._replay.sample(config.batch).to(self._device)
+            q = self.actor.values.values(batch["state"])
             with torch.no_grad():
-                after = batch.after.to(self._device)
-                mine = self.actor.values.values(after).masked_fill(~batch.available.to(self._device), -np.inf)
+                after = batch["after"]
+                mine = self.actor.values.values(after).masked_fill(~batch["available"], -np.inf)
                 best = self._target.values(after).gather(1, mine.argmax(dim=1, keepdim=True))[:, 0]
-                rewards, ticks, over = (one.to(self._device) for one in (batch.rewards, batch.ticks, batch.terminated))
-                wanted = smdp_target(rewards, ticks, best, over, config.gamma)
-            chosen = q.gather(1, batch.options.to(self._device)[:, None])[:, 0]
+                wanted = smdp_target(batch["total"], batch["ticks"], best, batch["terminated"], config.gamma)
+            chosen = q.gather(1, batch["option"][:, None])[:, 0]
             losses.append(self._step("q", torch.nn.functional.smooth_l1_loss(chosen, wanted, beta=0.1)))
             with torch.no_grad():
                 for slow, fast in zip(self._target.parameters(), self.actor.values.parameters(), strict=True):

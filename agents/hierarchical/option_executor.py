@@ -97,12 +97,3 @@ class OptionExecutor:
     def tick(self) -> None:
         """Counts one tick."""
         self.ticks += 1
-
-    def state(self) -> tuple[int, int, bool]:
-        """State for `restore`."""
-        return -1 if self.option is None else self.option, self.ticks, self._interrupted
-
-    def restore(self, state: tuple[int, int, bool]) -> None:
-        """Restores a state."""
-        option, self.ticks, self._interrupted = state
-        self.option = None if option < 0 else option

@@ -8,12 +8,14 @@ restored.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import torch
+from tensordict import TensorDict
 from torch import Tensor, nn
+from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -127,86 +129,46 @@ def choose(q: Float32Array, available: BoolArray, epsilon: float, rng: np.random
     return int(open_[np.argmax(q[open_])])
 
 
-@dataclass(slots=True)
-class Batch:
-    """N finished options.
+class OptionReplay:
+    """Replay memory of finished options, on TorchRL's; drawn from torch's generator, with replacement."""
 
-    Attributes:
-        states: (N, D) at the begin.
-        options: (N,) int64.
-        rewards: (N,) discounted sum during the option.
-        ticks: (N,) duration.
-        after: (N, D) states at the end.
-        available: (N, O) bool, options that may begin there.
-        terminated: (N,) bool.
-    """
-
-    states: Tensor
-    options: Tensor
-    rewards: Tensor
-    ticks: Tensor
-    after: Tensor
-    available: Tensor
-    terminated: Tensor
-
-
-class Replay:
-    """Replay memory of finished options."""
-
-    def __init__(self, size: int, state: int, options: int) -> None:
-        """Allocates the memory.
+    def __init__(self, size: int) -> None:
+        """Makes the memory.
 
         Args:
             size: Capacity.
-            state: Numbers in a state.
-            options: Number of options.
         """
-        self._rows = Batch(
-            states=torch.zeros(size, state),
-            options=torch.zeros(size, dtype=torch.int64),
-            rewards=torch.zeros(size),
-            ticks=torch.zeros(size),
-            after=torch.zeros(size, state),
-            available=torch.zeros(size, options, dtype=torch.bool),
-            terminated=torch.zeros(size, dtype=torch.bool),
-        )
-        self._size, self._added = size, 0
+        self._buffer = TensorDictReplayBuffer(storage=LazyTensorStorage(size))
 
     def __len__(self) -> int:
-        return min(self._added, self._size)
+        return len(self._buffer)
 
-    def add(
-        self,
-        state: Float32Array,
-        option: int,
-        reward: float,
-        ticks: int,
-        after: Float32Array,
-        available: BoolArray,
-        terminated: bool,
-    ) -> None:
-        """Adds one in the place of the oldest; see `Batch`."""
-        row, rows = self._added % self._size, self._rows
-        rows.states[row], rows.after[row] = torch.from_numpy(state), torch.from_numpy(after)
-        rows.options[row], rows.rewards[row], rows.ticks[row] = option, reward, ticks
-        rows.available[row], rows.terminated[row] = torch.from_numpy(available), terminated
-        self._added += 1
+    def add(self, options: TensorDict) -> None:
+        """Adds finished options in the place of the oldest.
 
-    def sample(self, count: int, rng: np.random.Generator) -> Batch:
-        """Random batch, drawn with replacement."""
-        drawn = torch.from_numpy(rng.integers(len(self), size=count))
-        return Batch(*(getattr(self._rows, name)[drawn] for name in Batch.__slots__))
+        Args:
+            options: (N,) "state" (D,) at the begin, "option", "total" (discounted rewards while it ran), "ticks" (its
+                duration), "after" (D,) the state at the end, "available" (O,) options that may begin there, and
+                "terminated".
+        """
+        self._buffer.extend(options)
 
-    def state(self) -> dict[str, Tensor | int]:
-        """State for `restore`."""
-        kept = {name: getattr(self._rows, name)[: len(self)].clone() for name in Batch.__slots__}
-        return {**kept, "added": self._added}
+    def sample(self, count: int) -> TensorDict:
+        """Random batch."""
+        batch: TensorDict = self._buffer.sample(count)
+        return batch
 
-    def restore(self, state: dict[str, Tensor | int]) -> None:
+    def state(self) -> dict[str, Any]:
+        """State for `restore`; the rows that are filled, in their places."""
+        rows = self._buffer[:].to_dict() if len(self) else {}
+        return {"rows": rows, "writer": self._buffer.writer.state_dict()}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Restores a state."""
-        self._added = int(state["added"])
-        for name in Batch.__slots__:
-            getattr(self._rows, name)[: len(self)] = state[name]
+        if state["rows"]:
+            count = len(state["rows"]["option"])
+            self._buffer.extend(TensorDict(state["rows"], [count]))
+        self._buffer.writer.load_state_dict(state["writer"])
 
 
 def _perceptron(size: int, hidden: Sequence[int], outputs: int) -> nn.Sequential:

@@ -7,12 +7,9 @@ one lane farther.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
-
-import numpy as np
-import torch
+from typing import NamedTuple
 
 from dohyo.agents.hierarchical.manoeuvres import CHANGES
 from dohyo.agents.hierarchical.master_observation import OPTIONS
@@ -20,7 +17,7 @@ from dohyo.agents.hierarchical.option_executor import OptionExecutor
 from dohyo.sumo_networks.arrays import Float32Array
 
 
-class Lesson(NamedTuple):
+class OptionSample(NamedTuple):
     """Sample: an option from one state to its end.
 
     Attributes:
@@ -39,12 +36,12 @@ class OptionRollout:
     """Running option of one environment.
 
     Attributes:
-        conductor: Executes the option.
+        executor: Executes the option.
         states: Before each of its ticks; None where the rules drove.
         rewards: Of each of its ticks.
     """
 
-    conductor: OptionExecutor
+    executor: OptionExecutor
     states: list[Float32Array | None] = field(default_factory=list)
     rewards: list[float] = field(default_factory=list)
 
@@ -52,30 +49,16 @@ class OptionRollout:
         """Adds one tick."""
         self.states.append(state)
         self.rewards.append(reward)
-        self.conductor.tick()
+        self.executor.tick()
 
-    def lessons(self, gamma: float) -> Iterator[Lesson]:
+    def samples(self, gamma: float) -> Iterator[OptionSample]:
         """Samples of the ended option, the last state first."""
-        total, option = 0.0, OPTIONS[self.conductor.option or 0]
+        total, option = 0.0, OPTIONS[self.executor.option or 0]
         for ticks, (state, reward) in enumerate(zip(self.states[::-1], self.rewards[::-1], strict=True), 1):
             total = reward + gamma * total
             if state is not None and (option not in CHANGES or ticks == len(self.states)):
-                yield Lesson(state, total, ticks)
+                yield OptionSample(state, total, ticks)
 
     def clear(self) -> None:
-        """Clears the rollout, not the conductor."""
+        """Clears the rollout, not the executor."""
         self.states, self.rewards = [], []
-
-    def state(self) -> dict[str, Any]:
-        """State for `restore`, as tensors and plain values."""
-        missing = [state is None for state in self.states]
-        known = [state for state in self.states if state is not None]
-        rows = torch.from_numpy(np.stack(known)) if known else torch.zeros(0)
-        return {"conductor": self.conductor.state(), "rows": rows, "missing": missing, "rewards": list(self.rewards)}
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Restores a state."""
-        rows = iter(state["rows"].numpy())
-        self.states = [None if missing else next(rows) for missing in state["missing"]]
-        self.rewards = list(state["rewards"])
-        self.conductor.restore(state["conductor"])

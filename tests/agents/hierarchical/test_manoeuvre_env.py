@@ -117,7 +117,7 @@ def _stands(seed: int) -> bool:
 def test_the_rules_can_do_it(what, seed):
     with opened(exercise(what)) as env:
         env.reset(seed=seed)
-        rewards, terminated, truncated, info = driven(env, env.advice, 600)
+        rewards, terminated, truncated, info = driven(env, env.expert_action, 600)
     assert (terminated, truncated, info["success"]) == (False, True, True)
     assert np.mean(rewards) > 0.2
 
@@ -127,7 +127,7 @@ def test_an_exercise_is_cut_short_where_another_policy_is_to_go_on(what):
     with opened(exercise(what)) as env:
         for seed in range(20):
             env.reset(seed=seed)
-            _, terminated, truncated, info = driven(env, env.advice, 900)
+            _, terminated, truncated, info = driven(env, env.expert_action, 900)
             if info["end"] == "time" and what not in learned(env.seen, Surroundings(env.seen)):
                 assert (terminated, truncated, info["success"]) == (False, True, True)
                 return
@@ -140,7 +140,7 @@ def test_a_change_leads_into_the_lane_beside(what, lanes):
         env.reset(seed=3)
         index, before = env.driving.world.network.lanes.index, env.driving.world.egos.lane[0]
         assert deviation(env.seen["path"])[0] == pytest.approx(0.0, abs=0.3)
-        driven(env, env.advice)
+        driven(env, env.expert_action)
         assert index[env.driving.world.egos.lane[0]] - index[before] == lanes
         assert deviation(env.seen["path"])[0] == pytest.approx(0.0, abs=0.4)
 

@@ -68,13 +68,3 @@ def test_while_the_rules_drive_nothing_ends_and_after_them_the_master_chooses_an
     assert conductor.ends(prospect(beta=0.0), 0.99)
     conductor.begin(prospect())
     assert not conductor.ends(prospect(beta=0.0), 0.99)
-
-
-def test_it_goes_on_where_it_was():
-    conductor, again = running(LIGHTS, 7), OptionExecutor(TEMPO)
-    assert not conductor.ends(prospect(critical=True), 0.0)
-    again.restore(conductor.state())
-    assert (again.option, again.ticks, again.ends(prospect(), 0.99)) == (LIGHTS, 7, True)
-    fresh = OptionExecutor(TEMPO)
-    fresh.restore(OptionExecutor(TEMPO).state())
-    assert fresh.option is None

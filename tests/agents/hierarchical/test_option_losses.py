@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import pytest
 import torch
+from tensordict import TensorDict
 
 from dohyo.agents.hierarchical.option_losses import (
-    Batch,
+    OptionReplay,
     OptionValues,
-    Replay,
     arrival_value,
     best_value,
     choose,
@@ -89,21 +91,30 @@ def test_terminations_are_probabilities_that_begin_near_one_in_ten():
     assert 0.05 < beta.detach().mean().item() < 0.2
 
 
-def test_a_replay_keeps_the_last_and_gives_back_what_it_was_told():
-    replay = Replay(size=3, state=2, options=2)
-    for n in range(5):
-        state = np.full(2, n, np.float32)
-        replay.add(state, n % 2, float(n), n, state + 0.5, np.array([True, n % 2 == 0]), n == 4)
+def ended(*numbers: int) -> TensorDict:
+    n = torch.tensor(numbers, dtype=torch.float32)
+    rows = {"state": n[:, None].expand(-1, 2), "option": (n % 2).long(), "total": n, "terminated": n == 4.0}
+    return TensorDict(rows, [len(n)])
+
+
+def test_a_replay_keeps_the_last_and_goes_on_from_its_state():
+    replay = OptionReplay(size=3)
+    replay.add(ended(0, 1, 2))
+    replay.add(ended(3, 4))
     assert len(replay) == 3
-    batch = replay.sample(200, np.random.default_rng(0))
-    assert set(batch.rewards.tolist()) == {2.0, 3.0, 4.0}
-    assert torch.equal(batch.states[:, 0], batch.rewards)
-    assert torch.equal(batch.after, batch.states + 0.5)
-    assert torch.equal(batch.terminated, batch.rewards == 4.0)
-    again = Replay(size=3, state=2, options=2)
-    again.restore(replay.state())
-    same = again.sample(200, np.random.default_rng(0))
-    assert all(torch.equal(getattr(same, name), getattr(batch, name)) for name in Batch.__slots__)
+    kept = copy.deepcopy(replay.state())
+    torch.manual_seed(0)
+    batch = replay.sample(200)
+    assert set(batch["total"].tolist()) == {2.0, 3.0, 4.0}
+    assert torch.equal(batch["state"][:, 0], batch["total"])
+    assert torch.equal(batch["terminated"], batch["total"] == 4.0)
+    again = OptionReplay(size=3)
+    again.restore(kept)
+    torch.manual_seed(0)
+    assert torch.equal(again.sample(200)["total"], batch["total"])
+    for one in (replay, again):
+        one.add(ended(5))
+    assert set(again.sample(200)["total"].tolist()) == {3.0, 4.0, 5.0}
 
 
 def test_a_chain_is_solved():
