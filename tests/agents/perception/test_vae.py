@@ -11,11 +11,6 @@ from dohyo.agents.perception.vae import Decoder, Vae, VaeEncoder, divergence, va
 from dohyo.sumo_networks.errors import InvalidInputError
 
 
-@pytest.fixture(autouse=True)
-def seeded() -> None:
-    torch.manual_seed(0)
-
-
 @pytest.mark.parametrize(
     "stack",
     [

@@ -13,11 +13,6 @@ from dohyo.agents.perception.encoders.waypoints import WayConv1D
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 
-@pytest.fixture(autouse=True)
-def seeded() -> None:
-    torch.manual_seed(0)
-
-
 def size(network: torch.nn.Module) -> int:
     return sum(parameter.numel() for parameter in network.parameters())
 

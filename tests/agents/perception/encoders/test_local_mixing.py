@@ -18,11 +18,6 @@ from dohyo.agents.perception.encoders.local_mixing import (
 from dohyo.agents.perception.encoders.rlad import RladEncoder
 
 
-@pytest.fixture(autouse=True)
-def seeded() -> None:
-    torch.manual_seed(0)
-
-
 @pytest.mark.parametrize(("down", "right"), [(0.0, 0.0), (1.3, -0.7), (-2.5, 2.5), (0.25, 2.0), (-1.0, -0.01)])
 def test_a_shift_is_bilinear_sampling(down, right):
     maps, margin = torch.randn(2, 3, 9, 9), 4
