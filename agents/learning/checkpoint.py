@@ -60,6 +60,12 @@ def load_checkpoint(folder: Path) -> dict[str, Any] | None:
     return None
 
 
+def newest_step(folder: Path) -> int:
+    """Steps of the newest checkpoint, by its name; 0 without any."""
+    newest = [_NAME.fullmatch(path.name) for path in _checkpoints(folder)[:1]]
+    return int(newest[0][1]) if newest and newest[0] else 0
+
+
 def random_state() -> dict[str, Any]:
     """State of torch's generators; numpy's global one is not used."""
     state: dict[str, Any] = {"torch": torch.get_rng_state()}

@@ -38,7 +38,7 @@ class Trainer(Generic[C]):
 
     Attributes:
         summary: Subject, in a few words.
-        config: Its settings; those with an `out` choose the folder, unless the command does.
+        config: Its settings.
         train: Trains, and returns the resulting file.
     """
 
@@ -68,12 +68,12 @@ def _subpolicy(name: str, summary: str) -> Listed:
 
 TRAINERS: dict[str, Listed] = {
     "predictor": Listed(
-        "dohyo.agents.learning.predictor:PREDICTOR",
+        "dohyo.agents.mcts.predictors.train:PREDICTOR",
         "motion predictor of MBAPPE, from a motion data set",
         "predictor.safetensors, predictor.onnx",
     ),
     "value": Listed(
-        "dohyo.agents.learning.value:VALUE",
+        "dohyo.agents.mcts.value.train:VALUE",
         "value network of MBAPPE, from searches of a motion data set's scenes",
         "value.safetensors",
     ),

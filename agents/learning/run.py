@@ -25,13 +25,13 @@ from contextlib import ExitStack, contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import torch
 
 from dohyo.agents.learning.card import UNKNOWN, Card, weights_of, write_card
 from dohyo.agents.learning.checkpoint import load_checkpoint, save_checkpoint
-from dohyo.agents.learning.config import RunConfig
+from dohyo.agents.learning.config import BaseRunConfig, RunConfig
 from dohyo.agents.learning.metrics import Board, Number, Table
 from dohyo.agents.learning.settings import as_toml, differences, read_settings
 from dohyo.evaluation.running.lock import held
@@ -39,7 +39,6 @@ from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
 FREE = frozenset({"steps", "checkpoint_s", "tensorboard"})
-"""Settings that may change when a run is resumed, since no step so far depends on them."""
 PACKAGES = ("dohyo", "torch", "torchrl", "tensordict", "numpy", "gymnasium", "libsumo")
 
 
@@ -47,10 +46,15 @@ class RunStoppedError(DohyoError):
     """A run was stopped, and has written its checkpoint."""
 
 
-class Run:
+C = TypeVar("C", bound=BaseRunConfig)
+
+
+class Run(Generic[C]):
     """A run's folder, held by one process at a time."""
 
-    def __init__(self, trainer: str, folder: Path, config: RunConfig, resume: bool = False) -> None:
+    def __init__(
+        self, trainer: str, folder: Path, config: C, resume: bool = False, free: frozenset[str] = FREE
+    ) -> None:
         """Makes the folder, or resumes it.
 
         Args:
@@ -58,19 +62,20 @@ class Run:
             folder: Of the run.
             config: Resolved.
             resume: Continue from the newest checkpoint, or from the beginning without one.
+            free: Settings that may change when the run is resumed, since no step so far depends on them.
 
         Raises:
             InvalidInputError: The folder holds a run and `resume` is False; or it holds none, or one of another
                 trainer or configuration, or another process trains in it.
         """
         self.trainer, self.folder, self.config, self.device = trainer, folder, config, device_of(config.device)
-        self._check(resume)
+        self._check(resume, free)
         self._held = ExitStack()
         self._held.enter_context(held(folder))
         for scrap in folder.glob(".*.tmp"):  # left by a session that was killed during a write
             scrap.unlink()
         self.state = load_checkpoint(folder) if resume else None
-        self.steps_before: int = self.state["collector"]["steps"] if self.state else 0
+        self.steps_before: int = self.state["steps"] if self.state else 0
         self._earlier_s: float = self.state["wall_s"] if self.state else 0.0
         self._began = time.monotonic()
         sessions = json.loads((folder / "run.json").read_text())["sessions"] if resume else []
@@ -104,11 +109,11 @@ class Run:
         self._tables[name].add(steps, values)
         self._board.add(name, steps, values)
 
-    def save(self, state: dict[str, Any]) -> None:
+    def save(self, steps: int, state: dict[str, Any]) -> None:
         """Writes a checkpoint; the rows before it are on the disk first."""
         for table in self._tables.values():
             table.sync()
-        save_checkpoint(self.folder, state["collector"]["steps"], state | {"wall_s": self.wall_s})
+        save_checkpoint(self.folder, steps, state | {"steps": steps, "wall_s": self.wall_s})
 
     def write_json(self, name: str, document: object) -> None:
         """Writes a JSON file atomically."""
@@ -148,14 +153,18 @@ class Run:
         self._board.close()
         self._held.close()
 
-    def _check(self, resume: bool) -> None:
+    def _check(self, resume: bool, free: frozenset[str]) -> None:
         stored = stored_config(self.folder, self.trainer)
         if not resume and stored is not None:
             raise InvalidInputError(f"'{self.folder}' holds a run; continue with --resume, or choose another --out")
         if resume and stored is None:
             raise InvalidInputError(f"no run in '{self.folder}' to continue")
-        if stored is not None and (changed := differences(read_settings(type(self.config), stored), self.config, FREE)):
+        if stored is not None and (changed := differences(read_settings(type(self.config), stored), self.config, free)):
             raise InvalidInputError(f"the run in '{self.folder}' was started with {'; '.join(changed)}")
+
+
+TaskRun = Run[RunConfig]
+"""Run on a task's environments."""
 
 
 def stored_config(folder: Path, trainer: str) -> Path | None:

@@ -15,7 +15,7 @@ from dohyo.agents.learning.evaluation import COLUMNS, evaluate
 from dohyo.agents.learning.export import Exportable, export
 from dohyo.agents.learning.metrics import Number
 from dohyo.agents.learning.report import Report, Reporter, no_report
-from dohyo.agents.learning.run import Run, RunStoppedError, Stop
+from dohyo.agents.learning.run import RunStoppedError, Stop, TaskRun
 from dohyo.agents.learning.task import Array, Environments, Task, check_task, named
 
 
@@ -53,7 +53,7 @@ class Learner(Protocol):
 MakeLearner = Callable[[Collector, torch.device], Learner]
 
 
-def train(make_learner: MakeLearner, task: Task, run: Run, report: Reporter = no_report) -> dict[str, Number]:
+def train(make_learner: MakeLearner, task: Task, run: TaskRun, report: Reporter = no_report) -> dict[str, Number]:
     """Trains until the run's steps are done, from its checkpoint if there is one.
 
     A run that was killed at any moment, and resumed, equals one that was not, to the bit, on the same machine: a
@@ -93,7 +93,7 @@ def train(make_learner: MakeLearner, task: Task, run: Run, report: Reporter = no
 class _Session:
     """Training from its present state to its end."""
 
-    def __init__(self, run: Run, task: Task, learner: Learner, collector: Collector, held_out: Environments) -> None:
+    def __init__(self, run: TaskRun, task: Task, learner: Learner, collector: Collector, held_out: Environments) -> None:
         self._run, self._task, self._learner = run, task, learner
         self._collector, self._held_out = collector, held_out
         self._last_return: float | None = None
@@ -177,13 +177,14 @@ class _Session:
     def _save(self) -> None:
         self._saved = self._collector.steps
         self._run.save(
+            self._saved,
             {
                 "collector": self._collector.state(),
                 "learner": self._learner.state(),
                 "last": self._last,
                 "best": self._best,
                 "random": random_state(),
-            }
+            },
         )
 
     def _stopped(self) -> RunStoppedError:

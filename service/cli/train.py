@@ -42,14 +42,10 @@ def train(
 
     find_own_modules()
     trainer, given = trainer_named(name), list(settings or [])
-    chooses_out = "out" in trainer.config.model_fields
-    if chooses_out and out is not None:
-        given.append(f"out='{out}'")
     folder = out or RUNS / name.rpartition(":")[2].lower()
     if resume and config is None:
         config = stored_config(folder, name)
     resolved = read_settings(trainer.config, config, given)
-    folder = resolved.out if chooses_out else folder
     try:
         with progress(name) as report:
             trained = trainer.train(resolved, TrainRequest(name, folder, resume, report))

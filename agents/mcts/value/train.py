@@ -8,9 +8,7 @@ each state with enough visits. The records are stored beside the result, and mad
 
 from __future__ import annotations
 
-import json
-import math
-from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
@@ -20,23 +18,23 @@ from pydantic import Field
 from safetensors.numpy import save
 from torch import Tensor, nn
 
+from dohyo.agents.learning.registry import Trainer, TrainRequest
+from dohyo.agents.learning.report import Report
+from dohyo.agents.learning.run import Run
+from dohyo.agents.learning.supervised import FREE, Cosine, Fit, SupervisedConfig, drawn, fit
 from dohyo.agents.mcts.predictors.dataset import load_shard, shards_of
 from dohyo.agents.mcts.value.mlp import FEATURES, WIDTH
 from dohyo.agents.mcts.value.records import Records, records_of
 from dohyo.agents.planning.scene import Scene
 from dohyo.sumo_networks.arrays import FloatArray
-from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import staged, write_atomically
 
 
-class ValueConfig(Config):
-    """Settings of the training.
+class ValueConfig(SupervisedConfig):
+    """Settings of the training, on a motion dataset.
 
     Attributes:
-        data: Folder of a motion dataset.
-        out: Folder that gets the records, value.safetensors and value.json.
-        seed: Decides the first weights and the order of the records.
         every: Every n-th scene is searched.
         simulations: Per search.
         steps: Updates.
@@ -45,9 +43,6 @@ class ValueConfig(Config):
         weight_decay: Of AdamW.
     """
 
-    data: Path
-    out: Path
-    seed: Annotated[int, Field(ge=0)] = 0
     every: Annotated[int, Field(gt=0)] = 10
     simulations: Annotated[int, Field(gt=0)] = 1024
     steps: Annotated[int, Field(gt=0)] = 6000
@@ -56,57 +51,50 @@ class ValueConfig(Config):
     weight_decay: Annotated[float, Field(ge=0)] = 1e-4
 
 
-def train(
-    config: ValueConfig, resume: bool = False, progress: Callable[[int, float], None] = lambda step, loss: None
-) -> Path:
-    """Searches, trains, and writes the network with its report.
-
-    Args:
-        config: How.
-        resume: Use the stored records.
-        progress: Called with every hundredth step and its loss.
+def train(config: ValueConfig, order: TrainRequest) -> Path:
+    """Searches, trains, and writes the network with its report; stored records are used again.
 
     Returns:
         The network's file.
 
     Raises:
-        InvalidInputError: There are no data, or there are results already.
+        InvalidInputError: There are no data, or the folder holds another training.
+        RunStoppedError: The training was stopped, and has written a checkpoint.
     """
-    out = config.out / "value.safetensors"
-    if out.exists() and not resume:
-        raise InvalidInputError(f"'{out}' exists; continue with --resume, or choose another folder")
-    torch.set_num_threads(1)
-    torch.manual_seed(config.seed)
-    records = {split: searched(config, split) for split in ("train", "validation")}
-    features, returns = (torch.from_numpy(a).float() for a in (records["train"].features, records["train"].returns))
-    if not len(returns):
-        raise InvalidInputError(f"'{config.data}': expected scenes with states of enough visits, got none")
-    mean, scale = features.mean(dim=0), features.std(dim=0).clamp_min(1e-3)
-    network = layers()
-    optimiser = torch.optim.AdamW(network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
-    rng = np.random.default_rng(config.seed)
-    for step in range(config.steps):
-        for group in optimiser.param_groups:
-            group["lr"] = 0.5 * config.learning_rate * (1.0 + math.cos(math.pi * step / config.steps))
-        rows = torch.from_numpy(rng.integers(0, len(returns), config.batch))
-        told = network((features[rows] - mean) / scale)[:, 0]
-        loss = nn.functional.smooth_l1_loss(told, returns[rows])
-        optimiser.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
-        optimiser.step()
-        if (step + 1) % 100 == 0:
-            progress(step + 1, loss.item())
-    write_atomically(out, save(weights(network, mean, scale)))
-    report = {split: judged(network, some, mean, scale, returns) for split, some in records.items()}
-    write_atomically(config.out / "value.json", (json.dumps(report, indent=1) + "\n").encode())
+    with closing(Run(order.name, order.out, config, order.resume, FREE)) as run:
+        torch.set_num_threads(1)
+        torch.manual_seed(config.seed)
+        records = {split: searched(config, order.out, split) for split in ("train", "validation")}
+        learned = records["train"]
+        features, returns = (torch.from_numpy(a).float() for a in (learned.features, learned.returns))
+        if not len(returns):
+            raise InvalidInputError(f"'{config.data}': expected scenes with states of enough visits, got none")
+        mean, scale = features.mean(dim=0), features.std(dim=0).clamp_min(1e-3)
+        network = layers()
+
+        def losses(rows: Tensor) -> dict[str, Tensor]:
+            told = network((features[rows] - mean) / scale)[:, 0]
+            return {"loss": nn.functional.smooth_l1_loss(told, returns[rows])}
+
+        job = Fit(
+            network=network,
+            optimizer=torch.optim.AdamW(network.parameters(), config.learning_rate, weight_decay=config.weight_decay),
+            losses=losses,
+            batches=drawn(len(returns), config.batch, config.seed),
+            rate=Cosine(config.learning_rate, config.steps),
+            steps=config.steps,
+        )
+        fit(job, run, lambda step, row: order.report(Report(step, config.steps, row["loss"], "loss")))
+        out = run.folder / "value.safetensors"
+        write_atomically(out, save(weights(network, mean, scale)))
+        run.write_json("value.json", {split: judged(network, r, mean, scale, returns) for split, r in records.items()})
     return out
 
 
-def searched(config: ValueConfig, split: str) -> Records:
+def searched(config: ValueConfig, out: Path, split: str) -> Records:
     """Records of one split, from their file if it exists."""
-    path = config.out / f"records-{split}.npz"
+    path = out / f"records-{split}.npz"
     if not path.exists():
-        config.out.mkdir(parents=True, exist_ok=True)
         some = Records.of(records_of(_scenes(config, split), config.simulations))
         with staged(path) as draft, draft.open("wb") as file:
             np.savez_compressed(file, features=some.features, returns=some.returns)
@@ -149,3 +137,6 @@ def judged(
         "explained": 1.0 - float((off**2).sum() / max((spread**2).sum(), 1e-9)),
         "mean_absolute_error_of_the_mean": float(np.abs(records.returns - float(learned_from.mean())).mean()),
     }
+
+
+VALUE = Trainer("value network of MBAPPE, from searches of a motion data set's scenes", ValueConfig, train)

@@ -28,15 +28,16 @@ def test_a_predictor_is_trained_exported_and_usable(tmp_path: Path, monkeypatch,
         shard = Shard.of([sampled(busy(seed, actors=3, lanes=2)) for seed in range(4)])
         (tmp_path / split / "a.npz").write_bytes(shard.to_bytes())
     config = tmp_path / "c.toml"
-    config.write_text(f'data = "{tmp_path}"\nout = "{tmp_path}/out"\nsteps = 2\nbatch = 2\n')
-    assert dohyo(monkeypatch, "train", "predictor", "--config", str(config)) == 0
+    config.write_text(f'data = "{tmp_path}"\nsteps = 2\nbatch = 2\n')
+    order = ("train", "predictor", "--config", str(config), "--out", str(tmp_path / "out"))
+    assert dohyo(monkeypatch, *order) == 0
     shown = capsys.readouterr()
     assert "predictor.onnx" in shown.out
     assert "predictor: 2 of 2 steps" in shown.err
     assert Learned(tmp_path / "out" / "predictor.onnx").predict(busy(0)).ego is not None
-    assert dohyo(monkeypatch, "train", "predictor", "--config", str(config)) == 2
+    assert dohyo(monkeypatch, *order) == 2
     assert "--resume" in capsys.readouterr().err
-    assert dohyo(monkeypatch, "train", "predictor", "--config", str(config), "--resume") == 0
+    assert dohyo(monkeypatch, *order, "--resume") == 0
 
 
 @pytest.mark.parametrize(

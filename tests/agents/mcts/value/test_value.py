@@ -12,6 +12,8 @@ from numba import njit
 from numba.core.runtime import _nrt_python, rtsys
 from safetensors.numpy import load_file, save
 
+from dohyo.agents.learning.registry import TrainRequest
+from dohyo.agents.learning.report import no_report
 from dohyo.agents.mcts.config import LATERAL_LIMIT, MIDDLE, Rules, Settings, rules
 from dohyo.agents.mcts.mbappe import CRAFTED_IDM, Mbappe
 from dohyo.agents.mcts.predictors.dataset import Shard
@@ -242,23 +244,25 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_training_ends_with_the_same_network_and_uses_the_records_that_are_there(data: Path, tmp_path: Path) -> None:
-    def config(out: str) -> ValueConfig:
-        return ValueConfig(data=data, out=tmp_path / out, every=1, simulations=200, steps=200)
+    config = ValueConfig(data=data, every=1, simulations=200, steps=200, tensorboard=False)
 
-    first, second = train(config("a")), train(config("b"))
+    def order(out: str) -> TrainRequest:
+        return TrainRequest("value", tmp_path / out, False, no_report)
+
+    first, second = train(config, order("a")), train(config, order("b"))
     assert first.read_bytes() == second.read_bytes()
     report = json.loads((tmp_path / "a" / "value.json").read_text())
     assert report["train"]["mean_absolute_error"] < report["train"]["mean_absolute_error_of_the_mean"]
     assert set(load_file(first)) == set(SHAPES)
     load_value(first)
     with pytest.raises(InvalidInputError, match="--resume"):
-        train(config("a"))
+        train(config, order("a"))
     (tmp_path / "c").mkdir()
     for split in ("train", "validation"):
         name = f"records-{split}.npz"
         (tmp_path / "c" / name).write_bytes((tmp_path / "a" / name).read_bytes())
-    anew = ValueConfig(data=tmp_path / "nothing", out=tmp_path / "c", simulations=200, steps=200)
-    assert train(anew).read_bytes() == first.read_bytes()
+    anew = config.model_copy(update={"data": tmp_path / "nothing"})
+    assert train(anew, order("c")).read_bytes() == first.read_bytes()
 
 
 def test_a_wrong_file_is_told_in_one_line(tmp_path: Path) -> None:
