@@ -3,20 +3,17 @@
     dohyo dataset semantic --out data/semantic
     dohyo train semantic --config agents/hierarchical/vision/checkpoints/semantic.toml [--resume]
 
-The order of the pictures follows from the seed and the epoch, the learning rate from the step, and a checkpoint holds
-network, optimiser and generator: a training that was killed and resumed ends with the same weights.
+The loop, checkpoints and resumption are those of `learning/supervised.py`.
 
 Source: Albilani 2023, section 6.2.1; the variational loss is Kingma and Welling's, with a weight on its second term.
 """
 
 from __future__ import annotations
 
-import math
-import time
-from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -29,34 +26,23 @@ from dohyo.agents.hierarchical.nearby import EVENT_M, IMPACT_M
 from dohyo.agents.hierarchical.vision.classes import CLASSES, OF_LABEL
 from dohyo.agents.hierarchical.vision.dataset import Pictures, load_split
 from dohyo.agents.hierarchical.vision.network import Autoencoder
-from dohyo.agents.learning.checkpoint import load_checkpoint, random_state, restore_random_state, save_checkpoint
-from dohyo.agents.learning.metrics import Table
 from dohyo.agents.learning.registry import Trainer, TrainRequest
 from dohyo.agents.learning.report import Report
-from dohyo.agents.learning.run import RunStoppedError, Stop
-from dohyo.agents.learning.settings import differences
+from dohyo.agents.learning.run import Run
+from dohyo.agents.learning.supervised import FREE, Cosine, Fit, SupervisedConfig, fit, shuffled
 from dohyo.agents.perception.vae import divergence
-from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
-COLUMNS = (
-    *("loss", "pixels", "divergence", "distances", "signal"),
-    *("validation_loss", "validation_accuracy", "impact_mae_m", "event_mae_m", "learning_rate", "wall_s"),
-)
-LOG_EVERY = 20
-FREE = frozenset({"out", "checkpoint_s", "validation_images"})
-"""Settings that decide no weight."""
+LOSSES = ("loss", "pixels", "divergence", "distances", "signal")
+MEASURES = ("validation_loss", "validation_accuracy", "impact_mae_m", "event_mae_m")
 _SHOWN = (1, 2, 3)  # world.LightState RED, YELLOW, GREEN: columns of the head; anything else is 0
 
 
-class TrainConfig(Config):
-    """Settings of the training.
+class TrainConfig(SupervisedConfig):
+    """Settings of the training, on a semantic dataset.
 
     Attributes:
-        data: Folder of the semantic dataset.
-        out: Folder that gets the checkpoints, log.csv, autoencoder.safetensors and semantic.safetensors.
-        seed: Decides the first weights, the order of the pictures and the latents' noise.
         epochs: Passes over the training pictures.
         batch: Pictures per update.
         learning_rate: Highest, after the warm-up; then it falls to zero along a cosine.
@@ -68,13 +54,8 @@ class TrainConfig(Config):
         signal_weight: Weight of the error of the light.
         rare: Exponent of a class's share of all pixels, whose inverse weighs its pixels: 0 gives equal weights.
         validation_images: Number used during training, evenly spread.
-        checkpoint_s: Wall-clock time between two checkpoints, s.
-        device: Of torch.
     """
 
-    data: Path
-    out: Path = Path("runs/semantic")
-    seed: Annotated[int, Field(ge=0)] = 0
     epochs: Annotated[int, Field(gt=0)] = 8
     batch: Annotated[int, Field(gt=0)] = 32
     learning_rate: Annotated[float, Field(gt=0)] = 1e-3
@@ -118,7 +99,7 @@ class Batch:
             torch.from_numpy(np.asarray(signal, dtype=np.int64)),
         )
 
-    def rows(self, index: Tensor, device: str = "cpu") -> Batch:
+    def rows(self, index: Tensor, device: str | torch.device = "cpu") -> Batch:
         """Selected pictures."""
         return Batch(self.classes[index].to(device), self.distances[index].to(device), self.signal[index].to(device))
 
@@ -168,112 +149,38 @@ def class_weights(classes: Tensor, rare: float) -> Tensor:
     return (weights / (weights * share).sum()).to(torch.float32)
 
 
-def train(
-    config: TrainConfig, resume: bool = False, progress: Callable[[int, int, float], None] = lambda step, of, loss: None
-) -> Path:
+def train(config: TrainConfig, order: TrainRequest) -> Path:
     """Trains, and writes the encoder.
-
-    Args:
-        config: Settings.
-        resume: Continue from the newest checkpoint in the output folder.
-        progress: Called with every step, how many there are, and the loss.
 
     Returns:
         The encoder's file, in half precision; the whole autoencoder lies beside it.
 
     Raises:
-        InvalidInputError: There are no data, or no checkpoint of the same configuration.
+        InvalidInputError: There are no data, or the folder holds another training.
         RunStoppedError: The training was stopped, and has written a checkpoint.
     """
-    state = _claim(config, resume)
-    torch.set_num_threads(1)
-    torch.manual_seed(config.seed)
-    data, validation = Batch.of(load_split(config.data, "train")), Batch.of(load_split(config.data, "validation"))
-    weights = class_weights(data.classes, config.rare).to(config.device)
-    training = _Training(config, state)
-    per_epoch = max(len(data) // config.batch, 1)
-    steps = config.epochs * per_epoch
-    with Stop().listening() as stop:
-        while training.step < steps:
-            step = training.step
-            batch = data.rows(batch_indices(step, len(data), config), config.device)
-            row = training.update(batch, weights, learning_rate(step, steps, config))
-            step += 1
-            progress(step, steps, row["loss"])
-            if step % per_epoch == 0:
-                row |= validate(training.network, validation, weights, config)
-            if step % LOG_EVERY == 0 or step % per_epoch == 0:
-                training.table.add(step, row | {"wall_s": training.wall_s})
-            if training.checkpoint_due or step == steps or stop.requested:
-                training.save()
-            if stop.requested and step < steps:
-                raise RunStoppedError(f"stopped at step {step} of {steps}")
-    training.table.close()
-    return _write(training.network, config.out, steps)
-
-
-class _Training:
-    """State of a training, as a checkpoint holds it."""
-
-    def __init__(self, config: TrainConfig, state: dict[str, Any] | None) -> None:
-        self.config, self.step = config, 0
-        network = Autoencoder(config.latent).to(config.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.network: Autoencoder = network
-        self.optimiser = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
-        self._began = self._saved = time.monotonic()
-        if state is not None:
-            self.step = int(state["step"])
-            self._began -= float(state["wall_s"])
-            network.load_state_dict(state["network"])
-            self.optimiser.load_state_dict(state["optimiser"])
-            restore_random_state(state["random"])
-        self.table = Table(config.out / "log.csv", COLUMNS, self.step if state is not None else None)
-
-    @property
-    def wall_s(self) -> float:
-        """Time spent, over all sessions, s."""
-        return time.monotonic() - self._began
-
-    @property
-    def checkpoint_due(self) -> bool:
-        """Whether the last checkpoint is too old."""
-        return time.monotonic() - self._saved >= self.config.checkpoint_s
-
-    def update(self, batch: Batch, weights: Tensor, rate: float) -> dict[str, float]:
-        """One step; returns the parts of its loss, and the learning rate."""
-        for group in self.optimiser.param_groups:
-            group["lr"] = rate
-        parts = losses_of(self.network, batch, weights, self.config)
-        self.optimiser.zero_grad(set_to_none=True)
-        parts["loss"].backward()  # type: ignore[no-untyped-call]
-        torch.nn.utils.clip_grad_norm_(self.network.parameters(), self.config.gradient_norm)
-        self.optimiser.step()
-        self.step += 1
-        return {name: part.item() for name, part in parts.items()} | {"learning_rate": rate}
-
-    def save(self) -> None:
-        """Writes a checkpoint; the rows before it are on the disk first."""
-        self.table.sync()
-        facts = {"step": self.step, "config": self.config.model_dump(mode="json"), "wall_s": self.wall_s}
-        parts = {"network": self.network.state_dict(), "optimiser": self.optimiser.state_dict()}
-        save_checkpoint(self.config.out, self.step, facts | parts | {"random": random_state()})
-        self._saved = time.monotonic()
-
-
-def learning_rate(step: int, steps: int, config: TrainConfig) -> float:
-    """Learning rate: rises, then falls to zero along a cosine."""
-    if step < config.warm_up_steps:
-        return config.learning_rate * (step + 1) / config.warm_up_steps
-    share = (step - config.warm_up_steps) / max(steps - config.warm_up_steps, 1)
-    return 0.5 * config.learning_rate * (1.0 + math.cos(math.pi * share))
-
-
-def batch_indices(step: int, size: int, config: TrainConfig) -> Tensor:
-    """Pictures of a step: every epoch shuffles them, and leaves out an incomplete batch."""
-    batch = min(config.batch, size)
-    epoch, place = divmod(step, max(size // batch, 1))
-    order = np.random.default_rng([config.seed, epoch]).permutation(size)
-    return torch.from_numpy(order[place * batch : (place + 1) * batch])
+    with closing(Run(order.name, order.out, config, order.resume, FREE | {"validation_images"})) as run:
+        torch.set_num_threads(1)
+        torch.manual_seed(config.seed)
+        data, validation = Batch.of(load_split(config.data, "train")), Batch.of(load_split(config.data, "validation"))
+        weights = class_weights(data.classes, config.rare).to(run.device)
+        network: Autoencoder = Autoencoder(config.latent).to(run.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        per_epoch = max(len(data) // config.batch, 1)
+        steps = config.epochs * per_epoch
+        job = Fit(
+            network=network,
+            optimizer=torch.optim.Adam(network.parameters(), lr=config.learning_rate),
+            losses=lambda rows: losses_of(network, data.rows(rows, run.device), weights, config),
+            batches=shuffled(len(data), config.batch, config.seed),
+            rate=Cosine(config.learning_rate, steps, config.warm_up_steps),
+            steps=steps,
+            validate=lambda: validate(network, validation, weights, config),
+            validate_every=per_epoch,
+            gradient_norm=config.gradient_norm,
+            columns=(*LOSSES, *MEASURES),
+        )
+        fit(job, run, lambda step, row: order.report(Report(step, steps, row["loss"], "loss")))
+        return _write(network, run.folder, steps)
 
 
 def validate(network: Autoencoder, data: Batch, weights: Tensor, config: TrainConfig) -> dict[str, float]:
@@ -282,7 +189,7 @@ def validate(network: Autoencoder, data: Batch, weights: Tensor, config: TrainCo
     loss, right, errors = 0.0, 0.0, torch.zeros(2)
     with torch.no_grad():
         for part in torch.split(index, config.batch):
-            batch = data.rows(part, config.device)
+            batch = data.rows(part, weights.device)
             loss += losses_of(network, batch, weights, config, noise=False)["loss"].item() * len(part)
             mean, _ = network.encode(batch.planes)
             right += (network.decode(mean).argmax(dim=1) == batch.classes).float().mean().item() * len(part)
@@ -312,28 +219,6 @@ def load_autoencoder(path: Path) -> Autoencoder:
     return network.eval()
 
 
-def train_semantic(config: TrainConfig, order: TrainRequest) -> Path:
-    """Trains the autoencoder for `dohyo train semantic`."""
-    config = config.model_copy(update={"out": order.out})
-    return train(config, order.resume, lambda step, of, loss: order.report(Report(step, of, loss, "loss")))
-
-
-def _claim(config: TrainConfig, resume: bool) -> dict[str, Any] | None:
-    """Checkpoint to continue from; None at the begin."""
-    there = sorted(config.out.glob("checkpoint-*.pt")) if config.out.is_dir() else []
-    if there and not resume:
-        raise InvalidInputError(f"'{config.out}' holds a training; continue with --resume, or choose another folder")
-    if resume and not there:
-        raise InvalidInputError(f"no checkpoint in '{config.out}' to continue")
-    config.out.mkdir(parents=True, exist_ok=True)
-    state = load_checkpoint(config.out) if resume else None
-    if state is not None:
-        begun = TrainConfig.model_validate(state["config"])
-        if changed := differences(begun, config, FREE):
-            raise InvalidInputError(f"the training in '{config.out}' was started with {'; '.join(changed)}")
-    return state
-
-
 def _write(network: Autoencoder, out: Path, step: int) -> Path:
     """Writes both files; the encoder with its heads, in half precision, is shipped."""
     whole = {name: tensor.cpu().contiguous() for name, tensor in network.state_dict().items()}
@@ -344,4 +229,4 @@ def _write(network: Autoencoder, out: Path, step: int) -> Path:
     return out / "semantic.safetensors"
 
 
-SEMANTIC = Trainer("autoencoder of semantic pictures, from a semantic data set", TrainConfig, train_semantic)
+SEMANTIC = Trainer("autoencoder of semantic pictures, from a semantic data set", TrainConfig, train)

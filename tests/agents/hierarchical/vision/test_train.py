@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import signal
 import subprocess
@@ -21,13 +20,13 @@ from dohyo.agents.hierarchical.vision.network import Autoencoder, Encoder
 from dohyo.agents.hierarchical.vision.train import (
     Batch,
     TrainConfig,
-    batch_indices,
     class_weights,
-    learning_rate,
     load_autoencoder,
     losses_of,
     train,
 )
+from dohyo.agents.learning.registry import TrainRequest
+from dohyo.agents.learning.report import Report, Reporter, no_report
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.hierarchical.vision.weights import pictures
 
@@ -41,29 +40,33 @@ def data(tmp_path_factory) -> Path:
     return folder
 
 
-def config(data: Path, out: Path, **more: object) -> TrainConfig:
+def config(data: Path, **more: object) -> TrainConfig:
     facts = {"epochs": 3, "batch": 4, "warm_up_steps": 2, "latent": 8, "learning_rate": 3e-3} | more
-    return TrainConfig(data=data, out=out, **facts)  # type: ignore[arg-type]
+    return TrainConfig(data=data, tensorboard=False, **facts)  # type: ignore[arg-type]
 
 
-def curve(out: Path) -> list[list[str]]:
-    return [row[:-1] for row in csv.reader((out / "log.csv").read_text().splitlines())]  # without wall-clock time
+def trained(data: Path, out: Path, resume: bool = False, report: Reporter = no_report, **more: object) -> Path:
+    return train(config(data, **more), TrainRequest("semantic", out, resume, report))
 
 
-def stopped_at(step: int):
-    def progress(now: int, of: int, loss: float) -> None:
-        if now == step:
+def curve(out: Path) -> str:
+    return (out / "metrics.csv").read_text()
+
+
+def stopped_at(step: int) -> Reporter:
+    def report(now: Report) -> None:
+        if now.steps == step:
             raise KeyboardInterrupt
 
-    return progress
+    return report
 
 
 def test_a_training_that_was_cut_off_ends_with_the_same_weights_and_curve(data, tmp_path):
-    whole = train(config(data, tmp_path / "whole", checkpoint_s=1e-9))
+    whole = trained(data, tmp_path / "whole", checkpoint_s=1e-9)
     with pytest.raises(KeyboardInterrupt):
-        train(config(data, tmp_path / "parts", checkpoint_s=1e-9), progress=stopped_at(5))
+        trained(data, tmp_path / "parts", report=stopped_at(5), checkpoint_s=1e-9)
     steps: list[int] = []
-    parts = train(config(data, tmp_path / "parts"), resume=True, progress=lambda step, of, loss: steps.append(step))
+    parts = trained(data, tmp_path / "parts", resume=True, report=lambda now: steps.append(now.steps))
     assert steps == list(range(5, 10)), "the fifth came after the last checkpoint"
     expected, got = load_file(whole), load_file(parts)
     assert expected.keys() == got.keys()
@@ -73,9 +76,8 @@ def test_a_training_that_was_cut_off_ends_with_the_same_weights_and_curve(data, 
 
 def test_a_killed_process_leaves_what_can_be_resumed(data, tmp_path):
     code = (
-        "from pathlib import Path; from dohyo.agents.hierarchical.vision.train import TrainConfig, train;"
-        f"train(TrainConfig(data=Path({str(data)!r}), out=Path({str(tmp_path)!r}), epochs=500, batch=4, latent=8,"
-        " checkpoint_s=1e-9))"
+        "from pathlib import Path; from tests.agents.hierarchical.vision.test_train import trained;"
+        f"trained(Path({str(data)!r}), Path({str(tmp_path)!r}), epochs=500, checkpoint_s=1e-9)"
     )
     process = subprocess.Popen([sys.executable, "-c", code])
     until = time.monotonic() + 120.0
@@ -85,19 +87,19 @@ def test_a_killed_process_leaves_what_can_be_resumed(data, tmp_path):
     process.wait()
     steps: list[int] = []
 
-    def first(step: int, of: int, loss: float) -> None:
-        steps.append(step)
+    def first(now: Report) -> None:
+        steps.append(now.steps)
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        train(TrainConfig(data=data, out=tmp_path, epochs=500, batch=4, latent=8), resume=True, progress=first)
+        trained(data, tmp_path, resume=True, report=first, epochs=500)
     assert steps[0] >= 2
 
 
 def test_it_learns_to_rebuild_and_to_tell(data, tmp_path):
     losses: list[float] = []
-    out = config(data, tmp_path, epochs=25, beta=0.01, latent=16, distance_weight=10.0)
-    train(out, progress=lambda step, of, loss: losses.append(loss))
+    more = {"epochs": 25, "beta": 0.01, "latent": 16, "distance_weight": 10.0}
+    trained(data, tmp_path, report=lambda now: losses.append(now.value or 0.0), **more)
     assert np.mean(losses[-5:]) < 0.4 * losses[0]
     network = load_autoencoder(tmp_path / "autoencoder.safetensors")
     batch = Batch.of(pictures(12))
@@ -119,7 +121,7 @@ def test_the_parts_of_the_loss_by_hand(data, tmp_path):
         network.encoder.mean.bias.fill_(2.0)
         network.log_variance.weight.zero_()
         network.log_variance.bias.zero_()
-        parts = losses_of(network, batch, weights, config(data, tmp_path, beta=3.0), noise=False)
+        parts = losses_of(network, batch, weights, config(data, beta=3.0), noise=False)
         logits = network.decode(torch.full((2, 8), 2.0))
     # A normal distribution of mean 2 and variance 1 is 2 nats from the standard one, in each of eight numbers.
     assert parts["divergence"].item() == pytest.approx(8 * 2.0 / (80 * 160), rel=1e-5)
@@ -151,28 +153,18 @@ def test_the_decoder_mirrors_the_encoder():
     assert mean.shape == log_variance.shape == (2, 400)
 
 
-def test_every_epoch_shows_every_picture_once(data, tmp_path):
-    settings = config(data, tmp_path)
-    epochs = [torch.cat([batch_indices(step, 12, settings) for step in range(3 * e, 3 * e + 3)]) for e in (0, 1)]
-    assert all(sorted(epoch.tolist()) == list(range(12)) for epoch in epochs)
-    assert epochs[0].tolist() != epochs[1].tolist()
-    rates = [learning_rate(step, 9, settings) for step in range(10)]
-    assert max(rates) == pytest.approx(3e-3)
-    assert rates[-1] == pytest.approx(0.0, abs=1e-9)
-
-
 def test_another_training_is_neither_overwritten_nor_resumed(data, tmp_path):
-    train(config(data, tmp_path, epochs=1))
+    trained(data, tmp_path, epochs=1)
     with pytest.raises(InvalidInputError, match="--resume"):
-        train(config(data, tmp_path, epochs=1))
+        trained(data, tmp_path, epochs=1)
     with pytest.raises(InvalidInputError, match=r"beta = 1\.0, not 0\.5"):
-        train(config(data, tmp_path, epochs=1, beta=0.5), resume=True)
-    with pytest.raises(InvalidInputError, match="no checkpoint"):
-        train(config(data, tmp_path / "other", epochs=1), resume=True)
+        trained(data, tmp_path, resume=True, epochs=1, beta=0.5)
+    with pytest.raises(InvalidInputError, match="no run"):
+        trained(data, tmp_path / "other", resume=True, epochs=1)
     for path in tmp_path.glob("checkpoint-*.pt"):
         path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(InvalidInputError, match="damaged"):
-        train(config(data, tmp_path, epochs=1), resume=True)
+        trained(data, tmp_path, resume=True, epochs=1)
     (tmp_path / "autoencoder.safetensors").write_bytes(b"x")
     with pytest.raises(InvalidInputError, match="no autoencoder"):
         load_autoencoder(tmp_path / "autoencoder.safetensors")
