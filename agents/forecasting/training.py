@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from dohyo.agents.forecasting.base import Progress
 from dohyo.agents.forecasting.networks.looking_ahead import Phase, SpeedNetwork
 from dohyo.agents.forecasting.pyramid import MAX_DEPTH, LaplacianLoss
 from dohyo.agents.forecasting.scale import Scale
 from dohyo.agents.forecasting.windows import Windows
+from dohyo.agents.learning.supervised import Fit, Rate, fit
 from dohyo.sumo_networks.errors import InvalidInputError
 
 PATIENCE, DECAY, LAST_RATE = 3, 0.1, 2e-5
@@ -137,37 +137,66 @@ def _train_phase(
     free = [parameter for module in phase.trained for parameter in module.parameters()]
     for parameter in free:
         parameter.requires_grad_(True)
-    optimiser = torch.optim.AdamW(free, lr=rate)
-    laplacian = None if settings.depth is None else LaplacianLoss(examples.history.shape[2], settings.depth)
-    generator = torch.Generator().manual_seed(settings.seed)
-    best, kept, stale, first_rate = validation_error(network, phase, held_out), _weights(network), 0, rate
-    for step in range(1, settings.steps + 1):
-        optimiser.zero_grad()
-        _loss(network, phase, examples, laplacian, settings, generator).backward()  # type: ignore[no-untyped-call]
-        nn.utils.clip_grad_norm_(free, settings.clip)
-        optimiser.step()
-        if step == int(COOLING * settings.steps):
-            rate, stale = min(rate, first_rate * DECAY), 0
-            _set_rate(optimiser, rate)
-        if step % settings.validate_every and step != settings.steps:
-            continue
-        error = validation_error(network, phase, held_out)
-        tell(step, error)
-        if error < best:
-            best, kept, stale = error, _weights(network), 0
-            continue
-        stale += 1
-        if stale == PATIENCE:
-            rate, stale = rate * DECAY, 0
-            if rate < LAST_RATE:
-                break
-            _set_rate(optimiser, rate)
-    network.load_state_dict(kept)
+    segments = examples.history.shape[2]
+    batch = batch_for(segments) if settings.batch is None else settings.batch
+    laplacian = None if settings.depth is None else LaplacianLoss(segments, settings.depth)
+    job = Fit(
+        network=network,
+        optimizer=torch.optim.AdamW(free, lr=rate),
+        losses=lambda rows: {"loss": _loss(network, phase, examples, laplacian, settings.weight, rows)},
+        batches=lambda first: _batches(len(examples), batch, settings.seed),
+        rate=Plateau(rate, rate * DECAY, int(COOLING * settings.steps)),
+        steps=settings.steps,
+        validate=lambda: {"error": validation_error(network, phase, held_out)},
+        validate_every=settings.validate_every,
+        gradient_norm=settings.clip,
+        keeps_best=True,
+    )
+    fit(job, progress=lambda step, row: tell(step, row["error"]) if "error" in row else None)
 
 
-def _set_rate(optimiser: torch.optim.Optimizer, rate: float) -> None:
-    for group in optimiser.param_groups:
-        group["lr"] = rate
+@dataclass(slots=True)
+class Plateau(Rate):
+    """A tenth of the rate after three validations in a row without a new best; after the cooling step in any case.
+
+    Attributes:
+        rate: Present one.
+        lowered: Upper bound after the cooling step.
+        cooling: That step.
+        stale: Validations without a new best.
+        over: Whether the rate has become too low to go on.
+    """
+
+    rate: float
+    lowered: float
+    cooling: int
+    stale: int = 0
+    over: bool = False
+
+    def at(self, step: int) -> float | None:
+        """See `Rate`."""
+        self._cool(step)
+        return None if self.over else self.rate
+
+    def validated(self, step: int, better: bool) -> None:
+        """See `Rate`."""
+        self._cool(step)
+        self.stale = 0 if better else self.stale + 1
+        if self.stale == PATIENCE:
+            self.rate, self.stale = self.rate * DECAY, 0
+            self.over = self.rate < LAST_RATE
+
+    def _cool(self, step: int) -> None:
+        if step == self.cooling:
+            self.rate, self.stale, self.cooling = min(self.rate, self.lowered), 0, -1
+
+
+def _batches(size: int, batch: int, seed: int) -> Iterator[Tensor]:
+    """Rows drawn with replacement; all rows if the batch is 0, or as large."""
+    generator = torch.Generator().manual_seed(seed)
+    whole = batch == 0 or batch >= size
+    while True:
+        yield torch.arange(size) if whole else torch.randint(size, (batch,), generator=generator)
 
 
 def _loss(
@@ -175,16 +204,13 @@ def _loss(
     phase: Phase,
     examples: Examples,
     laplacian: LaplacianLoss | None,
-    settings: TrainSettings,
-    generator: torch.Generator,
+    weight: float,
+    rows: Tensor,
 ) -> Tensor:
     """The squared error where there is a target, and the Laplacian loss."""
-    batch = batch_for(examples.history.shape[2]) if settings.batch is None else settings.batch
-    whole = batch == 0 or batch >= len(examples)
-    which = slice(None) if whole else torch.randint(len(examples), (batch,), generator=generator)
-    difference, mask = examples.difference(network, phase, which)
+    difference, mask = examples.difference(network, phase, rows)
     loss = difference.square().sum() / mask.sum().clamp_min(1.0)
-    return loss if laplacian is None else loss + settings.weight * laplacian(difference)
+    return loss if laplacian is None else loss + weight * laplacian(difference)
 
 
 @torch.no_grad()
@@ -192,7 +218,3 @@ def validation_error(network: SpeedNetwork, phase: Phase, held_out: Examples) ->
     """Mean squared error of a phase's rows, x 10^3."""
     difference, mask = held_out.difference(network, phase, slice(None))
     return 1e3 * float(difference.square().sum() / mask.sum().clamp_min(1.0))
-
-
-def _weights(network: nn.Module) -> dict[str, Tensor]:
-    return copy.deepcopy(network.state_dict())
