@@ -29,7 +29,7 @@ from typing import Any, Generic, TypeVar
 
 import torch
 
-from dohyo.agents.learning.card import UNKNOWN, Card, weights_of, write_card
+from dohyo.agents.learning.card import UNKNOWN, Card, digest, weights_of, write_card
 from dohyo.agents.learning.checkpoint import load_checkpoint, save_checkpoint
 from dohyo.agents.learning.config import BaseRunConfig, RunConfig
 from dohyo.agents.learning.metrics import Board, Number, Table
@@ -46,14 +46,14 @@ class RunStoppedError(DohyoError):
     """A run was stopped, and has written its checkpoint."""
 
 
-C = TypeVar("C", bound=BaseRunConfig)
+C_co = TypeVar("C_co", bound=BaseRunConfig, covariant=True)
 
 
-class Run(Generic[C]):
+class Run(Generic[C_co]):
     """A run's folder, held by one process at a time."""
 
     def __init__(
-        self, trainer: str, folder: Path, config: C, resume: bool = False, free: frozenset[str] = FREE
+        self, trainer: str, folder: Path, config: C_co, resume: bool = False, free: frozenset[str] = FREE
     ) -> None:
         """Makes the folder, or resumes it.
 
@@ -119,7 +119,9 @@ class Run(Generic[C]):
         """Writes a JSON file atomically."""
         write_atomically(self.folder / name, (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
 
-    def write_card(self, model: str, subject: str, steps: int, metrics: Mapping[str, Number]) -> None:
+    def write_card(
+        self, model: str, subject: str, steps: int, metrics: Mapping[str, Number], data: Path | None = None
+    ) -> None:
         """Writes the card of MODEL.safetensors and MODEL.onnx in the folder.
 
         Args:
@@ -127,6 +129,7 @@ class Run(Generic[C]):
             subject: What it was trained for.
             steps: Of its training.
             metrics: Results of its evaluation.
+            data: Folder of its data set, if it learned from one.
         """
         commits = tuple(dict.fromkeys(one["commit"] for one in self._sessions if one["commit"]))
         card = Card(
@@ -137,7 +140,7 @@ class Run(Generic[C]):
             commits=commits or UNKNOWN,
             uncommitted=any(one["uncommitted"] for one in self._sessions) if commits else UNKNOWN,
             config=self.config.model_dump(mode="json"),
-            data_sha256=None,
+            data_sha256=None if data is None else digest(data),
             seed=self.config.seed,
             steps=steps,
             device=str(self.device),

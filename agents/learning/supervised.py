@@ -151,13 +151,18 @@ class Fit:
     columns: tuple[str, ...] = ("loss",)
 
 
-def fit(job: Fit, run: Run[SupervisedConfig] | None = None, progress: Progress = lambda step, row: None) -> None:
+def fit(
+    job: Fit, run: Run[SupervisedConfig] | None = None, progress: Progress = lambda step, row: None
+) -> Mapping[str, float]:
     """Fits a network, from its run's checkpoint if there is one.
 
     Args:
         job: The network, its data, and the manner.
         run: Gets metrics.csv, timing.csv and checkpoints; None: nothing is written.
         progress: Called after every step.
+
+    Returns:
+        The last validation's measures.
 
     Raises:
         RunStoppedError: After SIGINT or SIGTERM; a checkpoint is written.
@@ -180,6 +185,7 @@ def fit(job: Fit, run: Run[SupervisedConfig] | None = None, progress: Progress =
     session.save()
     if job.keeps_best:
         job.network.load_state_dict(session.best_weights)
+    return session.measures
 
 
 class _Session:
@@ -188,7 +194,7 @@ class _Session:
     def __init__(self, job: Fit, run: Run[SupervisedConfig] | None) -> None:
         self._job, self._run, self.step = job, run, 0
         self._parameters = [parameter for group in job.optimizer.param_groups for parameter in group["params"]]
-        self._best, self.best_weights = math.inf, dict[str, Tensor]()
+        self._best, self.best_weights, self.measures = math.inf, dict[str, Tensor](), dict[str, float]()
         if run is not None and run.state is not None:
             self._restore(run.state)
         elif job.keeps_best:
@@ -211,11 +217,11 @@ class _Session:
         self.step += 1
         return {name: value.item() for name, value in losses.items()} | {"learning_rate": rate}
 
-    def judge(self) -> Mapping[str, float]:
+    def judge(self) -> dict[str, float]:
         """Validates the network, and keeps its weights if they are the best."""
-        measures = self._job.validate()
-        self._job.rate.validated(self.step, self._keep_if_best(measures))
-        return measures
+        self.measures = dict(self._job.validate())
+        self._job.rate.validated(self.step, self._keep_if_best(self.measures))
+        return self.measures
 
     def log(self, row: Mapping[str, float], judged: bool) -> None:
         """Adds a row to metrics.csv if it is due, and writes a checkpoint if that is."""
@@ -231,12 +237,18 @@ class _Session:
         """Writes a checkpoint."""
         if self._run is not None:
             state = {"network": self._job.network.state_dict(), "optimizer": self._job.optimizer.state_dict()}
-            best = {"best": self._best, "best_weights": self.best_weights, "rate": self._job.rate.state()}
+            best = {
+                "best": self._best,
+                "best_weights": self.best_weights,
+                "measures": self.measures,
+                "rate": self._job.rate.state(),
+            }
             self._run.save(self.step, state | best | {"random": random_state()})
             self._saved = time.monotonic()
 
     def _restore(self, state: Mapping[str, Any]) -> None:
-        self.step, self._best, self.best_weights = state["steps"], state["best"], state["best_weights"]
+        self.step, self.measures = state["steps"], state["measures"]
+        self._best, self.best_weights = state["best"], state["best_weights"]
         self._job.network.load_state_dict(state["network"])
         self._job.optimizer.load_state_dict(state["optimizer"])
         self._job.rate.restore(state["rate"])

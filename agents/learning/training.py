@@ -93,7 +93,9 @@ def train(make_learner: MakeLearner, task: Task, run: TaskRun, report: Reporter 
 class _Session:
     """Training from its present state to its end."""
 
-    def __init__(self, run: TaskRun, task: Task, learner: Learner, collector: Collector, held_out: Environments) -> None:
+    def __init__(
+        self, run: TaskRun, task: Task, learner: Learner, collector: Collector, held_out: Environments
+    ) -> None:
         self._run, self._task, self._learner = run, task, learner
         self._collector, self._held_out = collector, held_out
         self._last_return: float | None = None

@@ -179,8 +179,11 @@ def train(config: TrainConfig, order: TrainRequest) -> Path:
             gradient_norm=config.gradient_norm,
             columns=(*LOSSES, *MEASURES),
         )
-        fit(job, run, lambda step, row: order.report(Report(step, steps, row["loss"], "loss")))
-        return _write(network, run.folder, steps)
+        measures = fit(job, run, lambda step, row: order.report(Report(step, steps, row["loss"], "loss")))
+        written = _write(network, run.folder, steps)
+        for model in ("semantic", "autoencoder"):
+            run.write_card(model, SEMANTIC.summary, steps, measures, config.data)
+        return written
 
 
 def validate(network: Autoencoder, data: Batch, weights: Tensor, config: TrainConfig) -> dict[str, float]:

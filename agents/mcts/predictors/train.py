@@ -7,6 +7,7 @@ The loop, checkpoints and resumption are those of `learning/supervised.py`.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -168,15 +169,16 @@ def train(config: TrainConfig, order: TrainRequest) -> Path:
         RunStoppedError: The training was stopped, and has written a checkpoint.
     """
     with closing(Run(order.name, order.out, config, order.resume, _free(config, order))) as run:
-        network = _trained(config, run, order.report)
+        network, measures = _trained(config, run, order.report)
         out = run.folder / "predictor.safetensors"
         weights = {name: tensor.cpu().contiguous() for name, tensor in network.state_dict().items()}
         write_atomically(out, save(weights, {"steps": str(config.steps)}))
         export.export(export.load_network(out), out.with_suffix(".onnx"))
+        run.write_card("predictor", PREDICTOR.summary, config.steps, measures, config.data)
     return out.with_suffix(".onnx")
 
 
-def _trained(config: TrainConfig, run: Run[TrainConfig], report: Reporter) -> MotionNetwork:
+def _trained(config: TrainConfig, run: Run[TrainConfig], report: Reporter) -> tuple[MotionNetwork, Mapping[str, float]]:
     torch.set_num_threads(1)
     torch.manual_seed(config.seed)
     data, validation = load_split(config.data, "train"), load_split(config.data, "validation").to(run.device)
@@ -198,8 +200,7 @@ def _trained(config: TrainConfig, run: Run[TrainConfig], report: Reporter) -> Mo
         gradient_norm=config.gradient_norm,
         columns=("loss", *MEASURES),
     )
-    fit(job, run, lambda step, row: report(Report(step, config.steps, row["loss"], "loss [m]")))
-    return network
+    return network, fit(job, run, lambda step, row: report(Report(step, config.steps, row["loss"], "loss [m]")))
 
 
 def _free(config: TrainConfig, order: TrainRequest) -> frozenset[str]:

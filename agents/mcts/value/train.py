@@ -87,7 +87,9 @@ def train(config: ValueConfig, order: TrainRequest) -> Path:
         fit(job, run, lambda step, row: order.report(Report(step, config.steps, row["loss"], "loss")))
         out = run.folder / "value.safetensors"
         write_atomically(out, save(weights(network, mean, scale)))
-        run.write_json("value.json", {split: judged(network, r, mean, scale, returns) for split, r in records.items()})
+        report = {split: judged(network, some, mean, scale, returns) for split, some in records.items()}
+        run.write_json("value.json", report)
+        run.write_card("value", VALUE.summary, config.steps, report["validation"], config.data)
     return out
 
 
