@@ -4,21 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray, column
 
-
-class BoxColumns(NamedTuple):
-    """N moving boxes as numba kernels take them: columns of `ObjectStates`, or of `world.Egos`."""
-
-    position: FloatArray
-    heading: FloatArray
-    speed: FloatArray
-    length: FloatArray
-    width: FloatArray
+BoxColumns = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+"""Position, heading, speed, length and width of N boxes, for kernels: numba reads a named tuple 1 us slower."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +49,7 @@ class ObjectStates:
 
     def columns(self) -> BoxColumns:
         """Boxes and speeds of the objects, for numba kernels."""
-        return BoxColumns(self.position, self.heading, self.speed, self.length, self.width)
+        return self.position, self.heading, self.speed, self.length, self.width
 
     def take(self, rows: IntArray | BoolArray) -> Self:
         """Table of the selected rows, by index (in that order) or by mask."""

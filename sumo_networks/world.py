@@ -91,7 +91,7 @@ class Egos:
 
     def columns(self) -> BoxColumns:
         """Boxes and speeds of the egos, for numba kernels."""
-        return BoxColumns(self.position, self.heading, self.speed, self.length, self.width)
+        return self.position, self.heading, self.speed, self.length, self.width
 
     def box(self, ego: int) -> FloatArray:
         """(5,) x, y [m], heading [rad], length, width [m] of one ego."""

@@ -19,7 +19,7 @@ from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import UnknownNameError
 from dohyo.sumo_networks.geometry import project_on_path, wrap
 from dohyo.sumo_networks.sensors.gnss import L80, RTK, GnssNoise
-from dohyo.sumo_networks.sensors.route import PathColumns, path_ahead
+from dohyo.sumo_networks.sensors.route import path_ahead
 from dohyo.sumo_networks.units import SUBSTEP_S, TICK_S
 
 STANDING_S = 3.0
@@ -116,11 +116,7 @@ class LocalizedView:
         row = min(max(round(along / spacing), 0), len(page) - 1)
         out = dict(seen)
         if "route" in seen:
-            table, command = np.ascontiguousarray(page.T), page[:, 6].astype(np.int64)
-            points = page[:, :2].copy()
-            out["route"] = path_ahead(
-                row, x, y, heading, PathColumns(points, table[2], table[3], table[4], table[5], command)
-            )
+            out["route"] = path_ahead(row, x, y, heading, page)
         if "lane" in seen:
             out["lane"] = _lane(page[row], lateral, wrap(heading - direction))
         if "navigation" in seen:

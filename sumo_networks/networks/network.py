@@ -261,7 +261,7 @@ class RoadNetwork:
                     cells[r * columns + c].append(i)
         starts = np.concatenate([[0], np.cumsum([len(cell) for cell in cells])]).astype(np.int64)
         members = np.array([i for cell in cells for i in cell], dtype=np.int64)
-        return SegmentGrid(table, owner, self.lanes.width / 2, starts, members, low, GRID_CELL_M, columns, rows)
+        return table, owner, self.lanes.width / 2, starts, members, low, GRID_CELL_M, columns, rows
 
 
 _GROUPS = {

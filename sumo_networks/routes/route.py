@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -88,6 +89,12 @@ class Route:
     lane_changes: tuple[LaneChange, ...]
     edges: tuple[str, ...]
     on_route: BoolArray
+
+    @cached_property
+    def table(self) -> FloatArray:
+        """(N, 7) x, y, heading, curvature, speed limit, width and command of every point, in the units above."""
+        columns = self.position, self.heading, self.curvature, self.speed_limit, self.width, self.command
+        return np.column_stack(columns).astype(np.float64)
 
     def project(
         self, x: float, y: float, near: float, behind: float = 10.0, ahead: float = 30.0

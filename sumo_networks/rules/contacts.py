@@ -35,8 +35,9 @@ def is_touched(world: World, ego: int) -> bool:
 @njit(cache=True)
 def _copy_box(boxes: BoxColumns, row: int, out: FloatArray) -> None:
     """Writes one box into (5,)."""
-    out[0], out[1], out[2] = boxes.position[row, 0], boxes.position[row, 1], boxes.heading[row]
-    out[3], out[4] = boxes.length[row], boxes.width[row]
+    position, heading, _, length, width = boxes
+    out[0], out[1], out[2] = position[row, 0], position[row, 1], heading[row]
+    out[3], out[4] = length[row], width[row]
 
 
 @njit(cache=True)
@@ -44,11 +45,12 @@ def _touching(active: BoolArray, own: BoxColumns, other: BoxColumns) -> IntArray
     """(K, 2) pairs of rows: an active one of E boxes, and one of M other boxes that touches it."""
     found = []
     box, another = np.empty(5), np.empty(5)
+    count = other[1].shape[0]
     for e in range(active.shape[0]):
         if not active[e]:
             continue
         _copy_box(own, e, box)
-        for i in range(other.heading.shape[0]):
+        for i in range(count):
             _copy_box(other, i, another)
             if box_overlaps(box, another):
                 found.append((e, i))

@@ -12,6 +12,7 @@ from dohyo.sumo_networks.world import World
 
 ROWS = 4
 SIGHT_M = 100.0
+_UNUSED = np.array([[1000.0, 1000.0, -1.0, 0.0]] * ROWS, dtype=np.float32)
 
 
 class JunctionsAhead(Sensor):
@@ -30,8 +31,7 @@ class JunctionsAhead(Sensor):
     def read(self, world: World, ego: int) -> Float32Array:
         """Reads the array; see the class."""
         front = float(world.egos.progress[ego] + world.egos.length[ego] / 2)
-        out = np.zeros((ROWS, 4), dtype=np.float32)
-        out[:, :2], out[:, 2] = 1000.0, -1.0
+        out = _UNUSED.copy()
         row = 0
         for passage in world.routes[ego].passages:
             if passage.exit < front:
@@ -39,6 +39,6 @@ class JunctionsAhead(Sensor):
             if passage.entry - front > SIGHT_M or row == ROWS:
                 break
             signal = world.signals[passage.signal] if passage.signal >= 0 else -1
-            out[row] = passage.entry - front, passage.exit - front, signal, right_of_way(passage.control)
+            out[row] = passage.entry - front, passage.exit - front, signal, right_of_way(passage.control).value
             row += 1
         return out

@@ -44,14 +44,15 @@ def _nearest(
     """(48, 8) rows of `Objects` for one ego, from the columns of `Egos` and of `Actors`."""
     out = np.zeros((ROWS, COLUMNS), dtype=np.float32)
     out[:, 0] = -1.0
-    x, y, heading = egos.position[ego, 0], egos.position[ego, 1], egos.heading[ego]
+    here, there = egos[0], actors[0]
+    x, y, heading = here[ego, 0], here[ego, 1], egos[1][ego]
     count = kind.shape[0]
     distance = np.full(count + active.shape[0], np.inf)
     for i in range(count):
-        distance[i] = math.hypot(actors.position[i, 0] - x, actors.position[i, 1] - y)
+        distance[i] = math.hypot(there[i, 0] - x, there[i, 1] - y)
     for other in range(active.shape[0]):
         if other != ego and active[other]:
-            distance[count + other] = math.hypot(egos.position[other, 0] - x, egos.position[other, 1] - y)
+            distance[count + other] = math.hypot(here[other, 0] - x, here[other, 1] - y)
     eye = (x, y, heading, math.cos(heading), math.sin(heading))
     order = np.argsort(distance, kind="mergesort")[:ROWS]
     for row in range(order.shape[0]):
@@ -71,8 +72,9 @@ def _nearest(
 def _write_box(boxes: BoxColumns, i: int, eye: tuple[float, float, float, float, float], out: Float32Array) -> None:
     """Writes columns 1 to 6 of one box, relative to an eye: x, y [m], heading [rad], its cosine and its sine."""
     x, y, heading, cos, sin = eye
-    dx, dy = boxes.position[i, 0] - x, boxes.position[i, 1] - y
+    position, towards, speed, length, width = boxes
+    dx, dy = position[i, 0] - x, position[i, 1] - y
     out[1] = dx * cos + dy * sin
     out[2] = dy * cos - dx * sin
-    out[3] = wrap(boxes.heading[i] - heading)
-    out[4], out[5], out[6] = boxes.speed[i], boxes.length[i], boxes.width[i]
+    out[3] = wrap(towards[i] - heading)
+    out[4], out[5], out[6] = speed[i], length[i], width[i]

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from gymnasium.spaces import Box
 from numba import njit
 
-from dohyo.sumo_networks.arrays import Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.geometry import wrap
 from dohyo.sumo_networks.sensors.base import Sensor, Track
 from dohyo.sumo_networks.world import World
@@ -38,7 +37,7 @@ class RouteSensor(Sensor):
             float(x),
             float(y),
             float(egos.heading[ego]),
-            PathColumns(route.position, route.heading, route.curvature, route.speed_limit, route.width, route.command),
+            route.table,
         )
 
 
@@ -56,30 +55,17 @@ class Navigation(Sensor):
         return np.array([command, max(route.length - progress, 0.0), progress], dtype=np.float32)
 
 
-class PathColumns(NamedTuple):
-    """A path of N points for `path_ahead`: columns of `routes.route.Route`, in the same units."""
-
-    position: FloatArray
-    heading: FloatArray
-    curvature: FloatArray
-    speed_limit: FloatArray
-    width: FloatArray
-    command: IntArray
-
-
 @njit(cache=True)
-def path_ahead(first: int, x: float, y: float, heading: float, path: PathColumns) -> Float32Array:
-    """(80, 7) route from a row on, as in `RouteSensor`, in the frame of a vehicle at x, y [m], heading [rad]."""
+def path_ahead(first: int, x: float, y: float, heading: float, path: FloatArray) -> Float32Array:
+    """(80, 7) `Route.table` from a row on, as `RouteSensor` has it, seen from x, y [m], heading [rad]."""
     out = np.empty((POINTS, 7), dtype=np.float32)
     cos, sin = math.cos(heading), math.sin(heading)
     for row in range(POINTS):
-        i = min(first + row, path.position.shape[0] - 1)
-        dx, dy = path.position[i, 0] - x, path.position[i, 1] - y
+        i = min(first + row, path.shape[0] - 1)
+        dx, dy = path[i, 0] - x, path[i, 1] - y
         out[row, 0] = dx * cos + dy * sin
         out[row, 1] = dy * cos - dx * sin
-        out[row, 2] = wrap(path.heading[i] - heading)
-        out[row, 3] = path.curvature[i]
-        out[row, 4] = path.speed_limit[i]
-        out[row, 5] = path.width[i]
-        out[row, 6] = path.command[i]
+        out[row, 2] = wrap(path[i, 2] - heading)
+        for column in range(3, 7):
+            out[row, column] = path[i, column]
     return out
