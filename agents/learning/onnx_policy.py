@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnxruntime  # type: ignore[import-untyped]
@@ -39,10 +40,11 @@ class OnnxPolicy:
             self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime's own errors share no base class
             raise InvalidInputError(f"'{path}' is no ONNX model: {str(error).splitlines()[0]}") from error
-        self.path, self.inputs = path, {}
+        self.path = path
+        self.inputs: dict[str, tuple[tuple[int, ...], np.dtype[Any]]] = {}
         for one in self._session.get_inputs():
             if one.type not in TYPES:
-                raise InvalidInputError(f"policy '{path}': expected float32 or uint8 as input '{one.name}', {one.type}")
+                raise InvalidInputError(f"policy '{path}': expected float32 or uint8 as '{one.name}', got {one.type}")
             self.inputs[one.name] = (tuple(one.shape[1:]), TYPES[one.type])
         outputs = [one.name for one in self._session.get_outputs()]
         if outputs != [ACTION]:

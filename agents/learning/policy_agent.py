@@ -145,7 +145,7 @@ class PolicyAgent(Agent):
     def warm_up(self) -> None:
         """Compiles the encoder, and decides once on zeros."""
         self._encoder.warm_up()
-        self._policy({name: np.zeros(*one) for name, one in self._policy.inputs.items()})
+        self._policy({name: np.zeros(shape, dtype) for name, (shape, dtype) in self._policy.inputs.items()})
 
     def reset(self, mission: Mission, seed: int) -> None:
         """Forgets the last episode."""
