@@ -1,4 +1,4 @@
-"""Proximal policy optimisation (Schulman et al. 2017) with TorchRL, and its guided variant GPPO (Albilani 2023).
+"""Proximal policy optimisation (Schulman et al. 2017), and its guided variant GPPO (Albilani 2023).
 
 GPPO: with probability p an expert drives an episode, which is stored as if the policy had driven it: the ratio uses the
 probability of the expert's action under the current policy.
@@ -15,11 +15,8 @@ from typing import Any, TypeVar
 import numpy as np
 import torch
 from tensordict import TensorDict
-from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
-from torchrl.modules import ProbabilisticActor, ValueOperator
-from torchrl.objectives import ClipPPOLoss
-from torchrl.objectives.value import GAE
+from torchrl.objectives.value.functional import generalized_advantage_estimate
 
 from dohyo.agents.learning.behaviour import DEMONSTRATOR, EpisodeMixture
 from dohyo.agents.learning.collector import Collector, Finished
@@ -128,38 +125,15 @@ class Ppo:
         self.actor = actor.to(device)
         self.policy: Exportable = self.actor if encoder is None else EncodedPolicy(self.encoder, self.actor)
         self._value = _Value(self.actor, self.actor.sizes).to(device)
+        self._arguments = {"tanh_loc": False} if config.squashed else {}
         self._moments = Moments(features)
         self.behaviour = EpisodeMixture(self._explore, seed, config.guided_share)
-        self._make_losses()
+        self._parameters = [*self.actor.parameters(), *self._value.parameters(), *self.encoder.parameters()]
+        self._optimizer = torch.optim.Adam(self._parameters, lr=config.learning_rate)
+        self._schedule = torch.optim.lr_scheduler.ExponentialLR(self._optimizer, config.learning_rate_decay)
         self.updates, self.rounds = 0, 0
         if config.normalised and not isinstance(self.actor, Actor):
             raise InvalidInputError("expected normalised = false with squashed or discrete actions")
-
-    def _make_losses(self) -> None:
-        config, actor = self._config, self.actor
-        keys = [("observation", name) for name in self._names]
-        parameters = _Encoded(self.encoder, self._names, _Parameters(actor))
-        self._stochastic = ProbabilisticActor(
-            TensorDictModule(parameters, in_keys=keys, out_keys=list(actor.parameter_names)),
-            in_keys=list(actor.parameter_names),
-            distribution_class=actor.distribution,
-            distribution_kwargs={"tanh_loc": False} if config.squashed else {},
-            return_log_prob=True,
-        )
-        self._critic = ValueOperator(_Encoded(self.encoder, self._names, self._value), in_keys=keys)
-        self._advantage = GAE(gamma=config.gamma, lmbda=config.gae_lambda, value_network=self._critic)
-        self._loss = ClipPPOLoss(
-            self._stochastic,
-            self._critic,
-            clip_epsilon=config.clip,
-            entropy_coeff=config.entropy,
-            critic_coeff=config.value_scale,
-            normalize_advantage=False,  # over the round, not here: see `_learn`
-        )
-        own = [*actor.parameters(), *self._value.parameters(), *self.encoder.parameters()]
-        self._parameters = own
-        self._optimizer = torch.optim.Adam(own, lr=config.learning_rate)
-        self._schedule = torch.optim.lr_scheduler.ExponentialLR(self._optimizer, config.learning_rate_decay)
 
     def begin(self) -> None:
         """Imitates the expert, if that is set."""
@@ -202,10 +176,27 @@ class Ppo:
         batch["action"] = variable
         batch["next", "reward"] *= self._config.reward_scale
         with torch.no_grad():
-            # Density of the executed action, chosen by policy or expert: GPPO's "as if on-policy".
-            batch["action_log_prob"] = self._stochastic.get_dist(batch).log_prob(batch["action"])
-            self._advantage(batch)
+            self._judge(batch)
         return batch
+
+    def _judge(self, batch: TensorDict) -> None:
+        """Adds the executed actions' density, the critic's values, and the generalised advantage."""
+        config, after = self._config, batch["next"]
+        features = self._features(batch["observation"])
+        # Density of the executed action, chosen by policy or expert: GPPO's "as if on-policy".
+        distribution = self.actor.distribution(*self.actor.parameters_at(features), **self._arguments)
+        batch["action_log_prob"] = distribution.log_prob(batch["action"])
+        batch["state_value"] = self._value(features)
+        batch["advantage"], batch["value_target"] = generalized_advantage_estimate(
+            config.gamma,
+            config.gae_lambda,
+            batch["state_value"],
+            self._value(self._features(after["observation"])),
+            after["reward"],
+            after["done"],
+            after["terminated"],
+            time_dim=1,
+        )
 
     def act(self, observation: TensorDict) -> Array:
         """See `Learner`."""
@@ -263,14 +254,17 @@ class Ppo:
             advantage = data["advantage"]
             data["advantage"] = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
         row: dict[str, Number] = {"explained_variance": _explained(data["state_value"], data["value_target"])}
-        keys = ["observation", "action", "action_log_prob", "advantage", "value_target", "state_value"]
-        data, before = data.select(*keys), self.updates
+        seen, before = {name: data["observation", name] for name in self._names}, self.updates
+        targets = [data[name] for name in ("action", "action_log_prob", "advantage", "value_target")]
         for _ in range(self._config.epochs):
             for rows in torch.split(torch.randperm(len(data)), self._config.batch):
-                losses = self._loss(data[rows.to(self._device)])
+                drawn = rows.to(self._device)
+                losses = self._losses(
+                    {name: one[drawn] for name, one in seen.items()}, *(one[drawn] for one in targets)
+                )
                 total = losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]
                 self._optimizer.zero_grad(set_to_none=True)
-                total.backward()
+                total.backward()  # type: ignore[no-untyped-call]
                 nn.utils.clip_grad_norm_(self._parameters, self._config.gradient_norm)
                 self._optimizer.step()
                 self.updates += 1
@@ -278,30 +272,32 @@ class Ppo:
                     sums[name] += losses[name].item()
         return row | {name: value / (self.updates - before) for name, value in sums.items()}
 
+    def _losses(
+        self, observation: Mapping[str, Tensor], action: Tensor, log_prob: Tensor, advantage: Tensor, target: Tensor
+    ) -> dict[str, Tensor]:
+        """TorchRL's ClipPPOLoss, which a test compares, without its overhead: it takes twice the time here."""
+        config, features = self._config, self.encoder(observation)
+        distribution = self.actor.distribution(*self.actor.parameters_at(features), **self._arguments)
+        log_ratio = distribution.log_prob(action) - log_prob
+        ratio, gain = log_ratio.exp(), advantage[:, 0]
+        clipped = ratio.clamp(1.0 - config.clip, 1.0 + config.clip)
+        entropy = _entropy(distribution)
+        return {
+            "loss_objective": -torch.min(ratio * gain, clipped * gain).mean(),
+            "loss_critic": config.value_scale * nn.functional.smooth_l1_loss(self._value(features), target),
+            "loss_entropy": -config.entropy * entropy,
+            "entropy": entropy.detach(),
+            "kl_approx": -log_ratio.detach().mean(),
+            "clip_fraction": (ratio.detach() != clipped.detach()).float().mean(),
+        }
 
-class _Parameters(nn.Module):
-    """Parameters of an actor's distribution, as a module."""
 
-    def __init__(self, actor: nn.Module) -> None:
-        super().__init__()
-        self.actor = actor
-
-    def forward(self, features: Tensor) -> tuple[Tensor, ...]:
-        """See `PpoActor.parameters_at`."""
-        parameters: tuple[Tensor, ...] = self.actor.parameters_at(features)  # type: ignore[operator]
-        return parameters if len(parameters) > 1 else parameters[0]  # type: ignore[return-value]
-
-
-class _Encoded(nn.Module):
-    """A head on an encoder's features; the observations come in the order of their names, as TorchRL passes them."""
-
-    def __init__(self, encoder: nn.Module, names: Sequence[str], head: nn.Module) -> None:
-        super().__init__()
-        self.encoder, self.head, self._names = encoder, head, tuple(names)
-
-    def forward(self, *observations: Tensor) -> Any:
-        """(..., *) observations -> the head's answer."""
-        return self.head(self.encoder(dict(zip(self._names, observations, strict=True))))
+def _entropy(distribution: torch.distributions.Distribution) -> Tensor:
+    """Mean entropy of a batch; estimated by one sample where there is no formula, as for squashed Gaussians."""
+    try:
+        return distribution.entropy().mean()
+    except NotImplementedError:
+        return -distribution.log_prob(distribution.rsample()).mean()
 
 
 def _outcome(finished: Sequence[Finished]) -> dict[str, Number]:

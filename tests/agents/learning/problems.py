@@ -9,7 +9,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Dict, Discrete
 
 from dohyo.agents.learning.task import Array, Env, Task, held_out_seeds
 from dohyo.sumo_networks.errors import SimulationError
@@ -61,7 +61,8 @@ class PointEnv(gymnasium.Env[Array, Array]):
         return self._observation(), {}
 
     def step(self, action: Array) -> Step:
-        time.sleep(self.task.slow_s)
+        if self.task.slow_s:
+            time.sleep(self.task.slow_s)
         self.place += float(action[0]) + (time.time() % 1.0 if self.task.fragile == "drift" else 0.0)
         self.time += 1
         if self.task.fragile == "raise":
@@ -119,3 +120,35 @@ class LockEnv(gymnasium.Env[Array, Array]):
 
     def observation(self) -> Array:
         return np.array([self.targets[self.done], self.done / self.DIALS], np.float32)
+
+
+@dataclass(frozen=True)
+class Sign(Task):
+    """A picture with a bright side, and a number that says which side is right; ten signs are an episode."""
+
+    name = "sign"
+    observation_space = Dict({"camera": Box(0, 255, (1, 4, 4), np.uint8), "meaning": Box(-1, 1, (1,), np.float32)})
+    action_space = Discrete(2)
+    held_out: Sequence[int] = held_out_seeds(4)
+
+    def make_env(self, rank: int) -> Env:
+        return SignEnv()
+
+
+class SignEnv(gymnasium.Env[Any, Any]):
+    """See `Sign`."""
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        self._rng, self.time = np.random.default_rng(seed), 0
+        return self._draw(), {}
+
+    def step(self, action: Any) -> Any:
+        right = int(action) == (self.side ^ self.reversed)
+        self.time += 1
+        return self._draw(), float(right), False, self.time == 10, {"success": right}
+
+    def _draw(self) -> dict[str, Array]:
+        self.side, self.reversed = (int(one) for one in self._rng.integers(2, size=2))
+        picture = np.zeros((1, 4, 4), np.uint8)
+        picture[:, :, 2 * self.side : 2 * self.side + 2] = 255
+        return {"camera": picture, "meaning": np.array([2.0 * self.reversed - 1.0], np.float32)}

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from gymnasium.spaces import Box
+from tensordict.nn import TensorDictModule
+from torch import nn
 from torch.distributions import Normal
+from torchrl.modules import ProbabilisticActor, ValueOperator
+from torchrl.objectives import ClipPPOLoss
 
 from dohyo.agents.learning.behaviour import DEMONSTRATOR
 from dohyo.agents.learning.collector import Collector
@@ -19,7 +24,7 @@ from dohyo.agents.learning.ppo import Ppo
 from dohyo.agents.learning.registry import Trainer, TrainRequest
 from dohyo.agents.learning.report import no_report
 from dohyo.sumo_networks.errors import InvalidInputError
-from tests.agents.learning.problems import BEST_RETURN, STEP, Lock, Point
+from tests.agents.learning.problems import BEST_RETURN, STEP, Lock, Point, Sign
 from tests.agents.learning.toys import LOCK, POINT, SMALL, PointConfig, ToyConfig
 
 
@@ -127,6 +132,25 @@ def test_advantages_are_those_of_the_definition():
         assert batch["advantage"].numpy() == pytest.approx(expected.numpy(), abs=1e-5)
 
 
+@pytest.mark.parametrize("squashed", [False, True])
+def test_losses_are_torchrls(squashed):
+    ppo = learner(Lock(), squashed=squashed, entropy=0.0, clip=0.1, value_scale=0.7, epochs=2, learning_rate=1e-2)
+    data = ppo.collect().reshape(-1)
+    ppo._learn(data[:, None])  # so that the ratio is not 1
+    policy = ProbabilisticActor(
+        TensorDictModule(ppo.actor.parameters_at, in_keys=[("observation", "observation")], out_keys=["loc", "scale"]),
+        in_keys=["loc", "scale"],
+        distribution_class=ppo.actor.distribution,
+        distribution_kwargs=ppo._arguments,
+    )
+    critic = ValueOperator(ppo._value, in_keys=[("observation", "observation")])
+    theirs = ClipPPOLoss(policy, critic, clip_epsilon=0.1, entropy_bonus=False, critic_coeff=0.7)(data)
+    names = ("action", "action_log_prob", "advantage", "value_target")
+    ours = ppo._losses({"observation": seen(data)}, *(data[name] for name in names))
+    for name in ("loss_objective", "loss_critic", "kl_approx", "clip_fraction"):
+        assert ours[name].item() == pytest.approx(theirs[name].item(), rel=1e-5, abs=1e-7), name
+
+
 def test_a_round_counts_updates_and_lowers_the_learning_rate():
     ppo = learner(Point(), horizon=50, batch=32, epochs=3, learning_rate=1e-3, learning_rate_decay=0.5)
     rows = [ppo.round(), ppo.round()]
@@ -141,6 +165,38 @@ def test_a_single_transition_left_over_does_no_harm():
     assert math.isfinite(row["loss_objective"])
 
 
+def test_a_squashed_policy_learns_too():
+    ppo = learner(Lock(), squashed=True, guided_share=0.3, learning_rate=3e-3, hidden=(32, 32), entropy=0.0)
+    rows = [ppo.round() for _ in range(25)]
+    assert rows[0]["success"] == 0.0
+    assert rows[-1]["success"] > 30.0
+    steps = ppo.collect()
+    assert steps["action"].abs().max() <= 1.0
+    assert np.abs(ppo.act(steps["observation"][:, 0])).max() <= 1.0
+
+
+class Pixels(nn.Module):
+    """A picture and a number as features."""
+
+    features = 17
+
+    def forward(self, observation: Mapping[str, torch.Tensor]) -> torch.Tensor:
+        picture = observation["camera"].flatten(start_dim=-3).float() / 255.0
+        return torch.cat([picture, observation["meaning"]], dim=-1)
+
+
+def test_choices_are_learned_from_pictures_and_numbers():
+    torch.manual_seed(0)
+    task = Sign()
+    collector = Collector(task.make_environments(4, processes=False), task, 0)
+    config = PpoConfig(horizon=128, hidden=(32,), learning_rate=1e-2, batch=64, epochs=8, entropy=0.0, gamma=0.0)
+    ppo = Ppo(task, collector, config, torch.device("cpu"), encoder=Pixels())
+    rows = [ppo.round() for _ in range(8)]
+    assert rows[0]["return"] < 7.0
+    assert rows[-1]["return"] > 9.0
+    assert ppo.act(collector.seen).dtype == np.int64
+
+
 class Picture(Point):
     observation_space = Box(0, 255, (3, 8, 8), np.uint8)
 
@@ -148,3 +204,8 @@ class Picture(Point):
 def test_pictures_need_an_encoder():
     with pytest.raises(InvalidInputError, match=r"vectors of float32, got uint8 \(3, 8, 8\) in 'observation'"):
         learner(Picture())
+
+
+def test_squashed_actions_need_bounds_of_one():
+    with pytest.raises(InvalidInputError, match=r"expected actions in \[-1, 1\] for a squashed policy"):
+        learner(Point(), squashed=True)
