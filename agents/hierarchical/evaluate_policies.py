@@ -15,9 +15,8 @@ import json
 import logging
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,6 +34,7 @@ from dohyo.evaluation.statistics import mean_estimate
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, SimulationError
 from dohyo.sumo_networks.files import read_lines, write_atomically
+from dohyo.sumo_networks.processes import worker_pool
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
 logger = logging.getLogger(__name__)
@@ -134,7 +134,7 @@ def _go_on(out: Path, candidates: Sequence[Candidate], episodes: int, workers: i
         for one in candidates
         if (left := [n for n in range(episodes) if (one.policy, one.arm, one.seed, n) not in done])
     }
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+    pool = worker_pool(workers, examine)
     try:
         futures = {pool.submit(examine, one, left): one for one, left in jobs.items()}
         for future in as_completed(futures):

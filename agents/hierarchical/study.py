@@ -17,10 +17,9 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass, field
 from functools import cache
-from multiprocessing import get_context
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -39,6 +38,7 @@ from dohyo.evaluation.running.lock import held
 from dohyo.evaluation.scores.nocrash import drove, success
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
+from dohyo.sumo_networks.processes import worker_pool
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.units import TICK_S
 
@@ -219,7 +219,7 @@ def drive_all(jobs: Sequence[tuple[Driver, Scenario]], workers: int) -> Iterator
     if workers == 1:
         yield from (drive(*job) for job in jobs)
         return
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+    pool = worker_pool(workers, drive)
     try:
         for done in as_completed([pool.submit(drive, *job) for job in jobs]):
             yield done.result()

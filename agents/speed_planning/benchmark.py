@@ -9,8 +9,7 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any, get_args
 
@@ -22,6 +21,7 @@ from dohyo.evaluation.sources import source_files
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.freeway.dataset import DatasetRequest, dataset_facts
 from dohyo.sumo_networks.networks.entries import user_catalog
+from dohyo.sumo_networks.processes import worker_pool
 from dohyo.sumo_networks.scenario import content_hash
 
 PLANNER, NOBODY = "speed-planner", "none"
@@ -140,9 +140,7 @@ def _drive_all(jobs: Mapping[tuple[Path, str, int], tuple[Morning, str]], worker
     progress(there, len(jobs), 0.0)
     if not missing:
         return
-    with ProcessPoolExecutor(
-        min(workers, len(missing)), mp_context=get_context("spawn"), max_tasks_per_child=1
-    ) as pool:
+    with worker_pool(min(workers, len(missing)), drive_seed, max_tasks_per_child=1) as pool:
         ends = [pool.submit(drive_seed, folder, [arm], seed, *jobs[folder, arm, seed]) for folder, arm, seed in missing]
         try:
             for done, end in enumerate(as_completed(ends), start=there + 1):

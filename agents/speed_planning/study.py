@@ -13,10 +13,8 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, get_args
 
@@ -40,6 +38,7 @@ from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, pai
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.freeway.simulation import FreewaySimulation
+from dohyo.sumo_networks.processes import worker_pool
 
 SHOWN = {
     "throughput_vph": ("throughput, veh/h", 0),
@@ -171,7 +170,7 @@ def drive_all(
         segment_speeds(ARMS[name].forecast, forecaster)
         buffer_policy(ARMS[name].design)
     # SUMO is global in a process, and its state must not reach the next seed: one process each.
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
+    with worker_pool(workers, drive_seed, max_tasks_per_child=1) as pool:
         jobs = {seed: pool.submit(drive_seed, out, arms, seed, morning, forecaster) for seed in seeds}
         for seed, job in jobs.items():
             print(f"seed {seed}: {job.result()} runs driven, {len(arms)} there", flush=True)

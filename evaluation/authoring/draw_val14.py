@@ -16,9 +16,7 @@ import argparse
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from multiprocessing import get_context
 
 import numpy as np
 
@@ -47,6 +45,7 @@ from dohyo.evaluation.benchmarks.benchmark import (
 from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.benchmarks.traffic_logs import drive_reference
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.processes import worker_pool
 
 SEARCHED = ("district", "ingolstadt", "braunschweig", "adlershof")  # the fastest to simulate first
 QUARTERS_UNTIL = 1  # number of seeds in which each network gives only its quarter
@@ -181,7 +180,7 @@ def pinned(benchmark: Benchmark, reference_agent: str, workers: int) -> Iterator
     A run that is no longer of its type is reported and kept: its place in the list is part of the benchmark.
     """
     todo = [(cell, mission) for cell in benchmark.cells for mission in benchmark.missions[cell.missions]]
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with worker_pool(workers, _pin) as pool:
         yield from pool.map(partial(_pin, reference_agent), todo)
 
 

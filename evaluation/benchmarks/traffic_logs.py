@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.records.trajectory import Trajectory, TrajectoryRecorder
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.processes import worker_pool
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.simulation.traffic_log import Log, LogRecorder, log_path, write_log
 
@@ -101,7 +101,7 @@ def prepare_logs(
         return 0
     if reference_agent is None:
         raise InvalidInputError(f"scenario '{todo[0].name}': its log is missing, and no reference_agent makes it")
-    with ProcessPoolExecutor(min(workers, len(todo)), mp_context=get_context("spawn")) as pool:
+    with worker_pool(min(workers, len(todo)), _make_log) as pool:
         futures = [pool.submit(_make_log, scenario, reference_agent) for scenario in todo]
         try:
             for done, future in enumerate(as_completed(futures), start=1):

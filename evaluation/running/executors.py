@@ -7,7 +7,6 @@ returns. A worker whose parent has died ends itself.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import threading
 import time
@@ -28,6 +27,7 @@ from dohyo.evaluation.records.store import seal, write_record
 from dohyo.evaluation.records.trajectory import TrajectoryRecorder
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.processes import worker_context, worker_process
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Scenario
 
@@ -113,10 +113,10 @@ class Worker:
         self._start()
 
     def _start(self) -> None:
-        context = multiprocessing.get_context("spawn")
+        context = worker_context()
         self.pipe, theirs = context.Pipe()
         self.must_end_by = context.Value("d", 0.0)
-        self.process = context.Process(target=_work, args=(theirs, self.must_end_by), daemon=True)
+        self.process = worker_process(_work, theirs, self.must_end_by)
         self.process.start()
         theirs.close()
 

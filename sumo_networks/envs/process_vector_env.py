@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 from dohyo.sumo_networks.envs.env_rows import EnvRows, RowArrays, RowPlan
 from dohyo.sumo_networks.envs.row_vector_env import RowVectorEnv
 from dohyo.sumo_networks.envs.shared_memory import SharedMemory
-from dohyo.sumo_networks.envs.worker_process import WorkerProcess, spawn_context
+from dohyo.sumo_networks.envs.worker_process import WorkerProcess
+from dohyo.sumo_networks.processes import worker_context
 
 
 class ProcessVectorEnv(RowVectorEnv):
     """See `RowVectorEnv`. `make_env` is sent to the workers, so pickle must be able to find it."""
 
     def _take_arrays(self) -> RowArrays:
-        memory = SharedMemory(spawn_context(), self._plan.layout())
+        memory = SharedMemory(worker_context(), self._plan.layout())
         self._workers: list[WorkerProcess] = []
         self._finalizer = weakref.finalize(self, _stop_all, self._workers)
         for rank in range(self._plan.groups):

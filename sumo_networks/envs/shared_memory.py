@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping
-from multiprocessing.context import SpawnContext
+from multiprocessing.context import BaseContext
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ Layout = Mapping[str, tuple[DTypeLike, tuple[int, ...]]]
 class SharedMemory:
     """Arrays in shared memory, in the form that is sent to another process."""
 
-    def __init__(self, context: SpawnContext, layout: Layout) -> None:
+    def __init__(self, context: BaseContext, layout: Layout) -> None:
         self._blocks: dict[str, tuple[Any, str, tuple[int, ...]]] = {}
         for name, (dtype, shape) in layout.items():
             size = int(np.prod(shape)) * np.dtype(dtype).itemsize

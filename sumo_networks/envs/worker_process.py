@@ -5,7 +5,6 @@ A command without arguments is one short message and its answer an empty one: no
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import pickle
 import select
@@ -14,10 +13,11 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnContext, SpawnProcess
+from multiprocessing.process import BaseProcess
 from typing import Any, Protocol
 
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, SimulationError
+from dohyo.sumo_networks.processes import worker_context, worker_process
 
 JOIN_S = 5.0
 # After a sleep between two ticks of 0.2 ms, the core is halted and its caches are cold, and a tick takes 50 % longer.
@@ -74,7 +74,7 @@ class WorkerProcess:
             InvalidInputError: The host cannot be sent to another process.
         """
         self._number, self._make_host = number, make_host
-        self._process: SpawnProcess | None = None
+        self._process: BaseProcess | None = None
         self.start()
 
     @property
@@ -86,11 +86,10 @@ class WorkerProcess:
         """Starts the process unless there is one."""
         if self._process is not None:
             return
-        context = spawn_context()
-        ours, theirs = context.Pipe()
-        process = context.Process(target=_serve, args=(theirs, self._make_host), daemon=True)
+        ours, theirs = worker_context().Pipe()
         try:
             with _one_thread():
+                process = worker_process(_serve, theirs, self._make_host)
                 process.start()
         except (AttributeError, TypeError, pickle.PicklingError) as error:  # what pickle raises
             ours.close()
@@ -165,11 +164,6 @@ class _Raised:
         error.args = self.args
         error.add_note(f"in worker {worker}:\n{self.trace}")
         return error
-
-
-def spawn_context() -> SpawnContext:
-    """Context of all workers: new interpreters, since libsumo does not survive a fork."""
-    return multiprocessing.get_context("spawn")
 
 
 @contextmanager

@@ -1,18 +1,17 @@
 """Simulations in a process of their own, so that SUMO's remaining state ends with that process.
 
-After a simulation of queues (meso), SUMO rejects bicycles for the rest of the process. The processes are forked from a
-server that has loaded SUMO but has not started it, which takes about 20 ms each.
+After a simulation of queues (meso), SUMO rejects bicycles for the rest of the process.
 """
 
 from __future__ import annotations
 
-import multiprocessing
 import signal
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import TypeVar
 
 from dohyo.sumo_networks.errors import SimulationError
+from dohyo.sumo_networks.processes import worker_context, worker_process
 
 Result = TypeVar("Result")
 Progress = Callable[[float], None]
@@ -32,10 +31,8 @@ def drive_apart(drive: Callable[[Progress], Result], progress: Progress) -> Resu
         SimulationError: The process ended without an answer.
         Exception: The function raised this error.
     """
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["dohyo.sumo_networks.freeway.days"])
-    ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_answer, args=(theirs, drive))
+    ours, theirs = worker_context().Pipe(duplex=False)
+    process = worker_process(_answer, theirs, drive)
     process.start()
     theirs.close()
     try:

@@ -9,10 +9,9 @@ from __future__ import annotations
 import importlib.metadata
 import json
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -27,6 +26,7 @@ from dohyo.sumo_networks.freeway.days import Scale, SpeedDay, drive_day
 from dohyo.sumo_networks.freeway.measure import LAG_MINUTES, MINUTE_S, reported_speeds
 from dohyo.sumo_networks.freeway.road import load_freeway
 from dohyo.sumo_networks.freeway.scenario import DAY_S, Day, FreewayScenario, draw_day
+from dohyo.sumo_networks.processes import worker_pool
 from dohyo.sumo_networks.simulation.process import sumo_version
 
 Split = Literal["train", "easy", "hard"]
@@ -142,7 +142,7 @@ def make_dataset(
     progress(there, len(days), 0.0)
     if workers > 1 and len(missing) > 1:
         # SUMO is global in a process: one day at a time in each.
-        with ProcessPoolExecutor(min(workers, len(missing)), mp_context=get_context("spawn")) as pool:
+        with worker_pool(min(workers, len(missing)), _make) as pool:
             ends = [pool.submit(_make, day, folder) for day in missing]
             try:
                 for done, end in enumerate(as_completed(ends), start=there + 1):

@@ -144,8 +144,13 @@ def wait_for_records(out: Path, count: int, process: subprocess.Popen[bytes]) ->
         time.sleep(0.05)
 
 
-def children(pid: int) -> list[int]:
-    found = subprocess.run(["pgrep", "-P", str(pid), "-f", "spawn_main"], capture_output=True, text=True, check=False)
+def workers_of(pid: int) -> list[int]:
+    """Its worker processes: the children of the server that forks them."""
+    return [worker for server in children(pid, "multiprocessing.forkserver") for worker in children(server)]
+
+
+def children(pid: int, pattern: str = "") -> list[int]:
+    found = subprocess.run(["pgrep", "-P", str(pid), "-f", pattern], capture_output=True, text=True, check=False)
     return [int(line) for line in found.stdout.split()]
 
 
@@ -157,9 +162,10 @@ def test_kill_nine_of_a_worker_and_of_the_command_lose_nothing(tmp_path: Path) -
     out = tmp_path / "killed"
     process = subprocess.Popen(command(out), cwd=ROOT, stdout=subprocess.DEVNULL)
     wait_for_records(out, 1, process)
-    os.kill(children(process.pid)[0], signal.SIGKILL)
+    os.kill(workers_of(process.pid)[0], signal.SIGKILL)
     wait_for_records(out, 3, process)
-    workers = children(process.pid)
+    workers = workers_of(process.pid)
+    assert len(workers) == 2
     process.kill()
     process.wait()
     before = finished(out)
