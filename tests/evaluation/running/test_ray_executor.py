@@ -29,7 +29,13 @@ ROOT = Path(__file__).parents[3]
 STEADY = "tests.evaluation.agents:Steady"
 
 
-class KillsItsParentOnce(Steady):
+def kill_the_actor() -> None:
+    """Ends the Ray actor that started the server from which this process was forked."""
+    server = Path(f"/proc/{os.getppid()}/stat").read_text()
+    os.kill(int(server.rpartition(")")[2].split()[1]), signal.SIGKILL)
+
+
+class KillsItsActorOnce(Steady):
     """Ends the Ray actor above its worker process, as the loss of a machine does."""
 
     def __init__(self, marker: str) -> None:
@@ -39,13 +45,13 @@ class KillsItsParentOnce(Steady):
     def misbehave(self) -> np.ndarray:
         if self.seed == 1 and not self.marker.exists():
             self.marker.touch()
-            os.kill(os.getppid(), signal.SIGKILL)
+            kill_the_actor()
         return np.array([6.0, 0.0])
 
 
-class KillsItsParentAlways(Steady):
+class KillsItsActorAlways(Steady):
     def misbehave(self) -> np.ndarray:
-        os.kill(os.getppid(), signal.SIGKILL)
+        kill_the_actor()
         return np.array([6.0, 0.0])
 
 
@@ -93,7 +99,7 @@ def test_a_cluster_gives_the_records_of_the_process_pool(cluster: Any, tmp_path:
     assert run_benchmark(benchmark(), STEADY, out=tmp_path / "ray", executor=RayExecutor()).resumed == 4
 
 
-@pytest.mark.parametrize("agent", ["tests.evaluation.agents:DiesOnce", f"{__name__}:KillsItsParentOnce"])
+@pytest.mark.parametrize("agent", ["tests.evaluation.agents:DiesOnce", f"{__name__}:KillsItsActorOnce"])
 def test_what_dies_once_is_driven_again(cluster: Any, tmp_path: Path, agent: str) -> None:
     settings = {"marker": str(tmp_path / "marker")}
     crashed = run_benchmark(benchmark(), agent, settings=settings, out=tmp_path / "crashed", executor=RayExecutor())
@@ -104,7 +110,7 @@ def test_what_dies_once_is_driven_again(cluster: Any, tmp_path: Path, agent: str
 
 @pytest.mark.parametrize(
     ("agent", "says"),
-    [("tests.evaluation.agents:DiesAlways", "code -9"), (f"{__name__}:KillsItsParentAlways", "Ray lost its worker")],
+    [("tests.evaluation.agents:DiesAlways", "code -9"), (f"{__name__}:KillsItsActorAlways", "Ray lost its worker")],
 )
 def test_what_always_dies_is_lost_and_not_the_agents_fault(cluster: Any, tmp_path: Path, agent: str, says: str) -> None:
     result = run_benchmark(benchmark(1), agent, seeds=[0], out=tmp_path, executor=RayExecutor(workers=1))
