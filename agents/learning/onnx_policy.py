@@ -14,7 +14,7 @@ from dohyo.agents.learning.export import ACTION
 from dohyo.agents.learning.task import Array
 from dohyo.sumo_networks.errors import InvalidInputError
 
-TYPES = {"tensor(float)": np.dtype(np.float32), "tensor(uint8)": np.dtype(np.uint8)}
+TYPES: dict[str, np.dtype[Any]] = {"tensor(float)": np.dtype(np.float32), "tensor(uint8)": np.dtype(np.uint8)}
 
 
 class OnnxPolicy:
