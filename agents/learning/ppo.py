@@ -184,7 +184,7 @@ class Ppo:
         config, after = self._config, batch["next"]
         features = self._features(batch["observation"])
         # Density of the executed action, chosen by policy or expert: GPPO's "as if on-policy".
-        distribution = self.actor.distribution(*self.actor.parameters_at(features), **self._arguments)
+        distribution = self._distribution(features)
         batch["action_log_prob"] = distribution.log_prob(batch["action"])
         batch["state_value"] = self._value(features)
         batch["advantage"], batch["value_target"] = generalized_advantage_estimate(
@@ -238,6 +238,11 @@ class Ppo:
         features: Tensor = self.encoder({name: observation[name] for name in self._names})
         return features
 
+    def _distribution(self, features: Tensor) -> torch.distributions.Distribution:
+        parameters = zip(self.actor.parameter_names, self.actor.parameters_at(features), strict=True)
+        distribution: torch.distributions.Distribution = self.actor.distribution(**dict(parameters), **self._arguments)
+        return distribution
+
     def _look_back(self, seen: Tensor) -> None:
         """Updates the normalisation with (B, O) features."""
         if self._config.normalised:
@@ -277,7 +282,7 @@ class Ppo:
     ) -> dict[str, Tensor]:
         """TorchRL's ClipPPOLoss, which a test compares, without its overhead: it takes twice the time here."""
         config, features = self._config, self.encoder(observation)
-        distribution = self.actor.distribution(*self.actor.parameters_at(features), **self._arguments)
+        distribution = self._distribution(features)
         log_ratio = distribution.log_prob(action) - log_prob
         ratio, gain = log_ratio.exp(), advantage[:, 0]
         clipped = ratio.clamp(1.0 - config.clip, 1.0 + config.clip)
