@@ -1,0 +1,217 @@
+"""Off-policy learning: step, store, update. An algorithm adds its networks, its exploration and its losses."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+import torch
+from gymnasium.spaces import Discrete
+from pydantic import Field
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+
+from dohyo.agents.learning.behaviour import DEMONSTRATOR, Act, Behaviour, PolicyBehaviour
+from dohyo.agents.learning.collector import Collector, Finished
+from dohyo.agents.learning.config import Positive, Share
+from dohyo.agents.learning.export import Exportable
+from dohyo.agents.learning.metrics import Number
+from dohyo.agents.learning.replay import Replay, ReplayConfig
+from dohyo.agents.learning.run import Run
+from dohyo.agents.learning.task import Array, Task, named
+from dohyo.agents.learning.vectors import ActionVector
+from dohyo.sumo_networks.config import Config
+
+Augment = Callable[[TensorDictBase], TensorDictBase]
+"""Changes a batch before it is learned from; its randomness comes from torch's global generator."""
+
+
+class OffPolicyConfig(Config):
+    """Settings of every off-policy learner.
+
+    Attributes:
+        replay: The table [replay].
+        batch: Transitions per gradient step.
+        gamma: Discount per step.
+        updates_per_step: Gradient steps per environment step.
+        learning_starts: Environment steps with random actions, before the first gradient step.
+        demonstrated_share: Part of each batch that comes from the demonstrator (Ball et al. 2023: 0.5); 0: as it comes.
+        round_steps: Steps of every environment in a round.
+    """
+
+    replay: ReplayConfig = ReplayConfig()
+    batch: Positive = 256
+    gamma: Share = 0.99
+    updates_per_step: Annotated[float, Field(gt=0)] = 1.0
+    learning_starts: Annotated[int, Field(ge=0)] = 100
+    demonstrated_share: Share = 0.0
+    round_steps: Positive = 1000
+
+
+def make_replay(task: Task, run: Run, config: OffPolicyConfig, rows: int, **options: Any) -> Replay:
+    """Replay in a run's folder, with slack for what two checkpoint intervals add.
+
+    Args:
+        task: What is learned.
+        run: Its folder and configuration.
+        config: Of the algorithm.
+        rows: Of the collector.
+        options: `stack` and `extras` of `Replay`.
+    """
+    # A step adds one entry, or two where an episode begins; a checkpoint waits for the end of a round.
+    slack = 2 * 2 * (run.config.checkpoint_every + rows * config.round_steps)
+    spaces = named(task.observation_space), task.action_space
+    seed = run.config.seed
+    return Replay(run.folder / "replay", spaces, config.replay, gamma=config.gamma, slack=slack, seed=seed, **options)
+
+
+class OffPolicy(ABC):
+    """Learner from replayed transitions.
+
+    Attributes:
+        replay: Transitions of the run, and of any other producer.
+        policy: Module that is shipped.
+        updates: Gradient steps so far.
+        columns: Of metrics.csv.
+        losses: Names of what `learn` returns.
+    """
+
+    losses: ClassVar[tuple[str, ...]]
+    replay: Replay
+    policy: Exportable
+
+    def __init__(
+        self,
+        task: Task,
+        collector: Collector,
+        replay: Replay,
+        config: OffPolicyConfig,
+        device: torch.device,
+        make_behaviour: Callable[[Act], Behaviour] = PolicyBehaviour,
+        augment: Augment | None = None,
+    ) -> None:
+        """Prepares what all algorithms share.
+
+        Args:
+            task: What is learned.
+            collector: Of the task.
+            replay: See `make_replay`.
+            config: Settings.
+            device: Of networks and batches.
+            make_behaviour: From the exploring policy to what drives, such as a mixture with a demonstrator.
+            augment: See `Augment`.
+        """
+        self._collector, self.replay, self._device, self._augment = collector, replay, device, augment
+        self._settings, self._space = config, task.action_space
+        self._behaviour = make_behaviour(self._choose)
+        self._shares = {DEMONSTRATOR: config.demonstrated_share} if config.demonstrated_share else {}
+        self._unit = ActionVector(task.action_space).to(device)
+        self._due = 0.0  # gradient steps that are due
+        self.updates = 0
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """See the class."""
+        return ("updates", "episodes", "return", "length", "success", "demonstrated", *self.losses)
+
+    @abstractmethod
+    def explore(self, observation: TensorDictBase) -> Tensor:
+        """(N,) observations -> (N, ...) actions in the action space, with exploration."""
+
+    @abstractmethod
+    def learn(self, batch: TensorDictBase) -> dict[str, Tensor]:
+        """One gradient step of each loss on (B,) transitions, see `Replay.sample`; what is logged, by name."""
+
+    @property
+    @abstractmethod
+    def parts(self) -> Mapping[str, Any]:
+        """Modules and optimisers that a checkpoint holds, by name."""
+
+    def begin(self) -> None:
+        """See `Learner`."""
+
+    def round(self) -> dict[str, Number]:
+        """Takes `round_steps` steps everywhere; environments in processes simulate while the learner updates."""
+        sums: dict[str, Tensor] = {}
+        before = self.updates
+        for _ in self._collector.round(self._settings.round_steps):
+            steps = self._collector.steps
+            self._collector.send(self._behaviour)
+            self._update(sums)
+            self.replay.add(self._collector.receive())
+            if self._collector.steps > self._settings.learning_starts:
+                self._due += self._settings.updates_per_step * (self._collector.steps - steps)
+        means = {name: float(total) / (self.updates - before) for name, total in sums.items()}
+        row = {"updates": self.updates, "episodes": self._collector.finished_count}
+        return row | _outcome(self._collector.finished()) | means
+
+    def _update(self, sums: dict[str, Tensor]) -> None:
+        """Takes the gradient steps that are due, and adds their losses to the sums."""
+        while self._due >= 1.0:
+            batch: TensorDictBase = self.replay.sample(self._settings.batch, self._shares)
+            if self._device.type != "cpu":
+                batch = batch.to(self._device)
+            if self._augment is not None:
+                batch = self._augment(batch)
+            for name, value in self.learn(batch).items():
+                sums[name] = sums[name] + value if name in sums else value
+            self.updates += 1
+            self._due -= 1.0
+
+    def act(self, observation: TensorDict) -> Array:
+        """See `Learner`."""
+        with torch.no_grad():
+            actions = self.policy(observation.to(self._device))  # type: ignore[arg-type]
+        return np.asarray(actions.cpu().numpy())
+
+    def state(self) -> dict[str, Any]:
+        """State for a checkpoint; the replay's frames stay where they are."""
+        parts = {name: part.state_dict() for name, part in self.parts.items()}
+        return {"parts": parts, "replay": self.replay.state(), "updates": self.updates, "due": self._due}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Restores a state."""
+        for name, part in self.parts.items():
+            part.load_state_dict(state["parts"][name])
+        self.replay.restore(state["replay"])
+        self.updates, self._due = state["updates"], state["due"]
+
+    def _choose(self, observation: TensorDict) -> TensorDict:
+        """Actions with exploration; random ones before the learning starts."""
+        if self._collector.steps < self._settings.learning_starts:
+            count = len(observation)
+            if isinstance(self._space, Discrete):
+                action = torch.randint(int(self._space.n), (count,))
+            else:
+                action = self._unit.inverse(2.0 * torch.rand(count, self._unit.size, device=self._device) - 1.0)
+        else:
+            with torch.no_grad():
+                action = self.explore(observation.to(self._device) if self._device.type != "cpu" else observation)
+        return TensorDict({"action": action.cpu()}, observation.batch_size)
+
+    def _discount(self, batch: TensorDictBase) -> Tensor | float:
+        """(B,) discounts of what follows the n steps of each return, 0 behind a terminal observation."""
+        steps, follows = batch["next", "steps_to_next_obs"], ~batch["next", "terminated"]
+        discount: Tensor = self._settings.gamma**steps * follows if self._settings.replay.steps > 1 else follows * self._settings.gamma
+        return discount.squeeze(-1)
+
+
+def weighted(errors: Tensor, batch: TensorDictBase) -> Tensor:
+    """Mean of (..., B) errors, with the batch's importance weights if it has them."""
+    weight = batch.get("weight", None)
+    return errors.mean() if weight is None else (errors * weight).mean()
+
+
+def _outcome(finished: Sequence[Finished]) -> dict[str, Number]:
+    """Results of the episodes that the policy drove alone, and the share of others."""
+    own = [episode for episode in finished if not episode.demonstrated]
+    if not finished:
+        return {}
+    row: dict[str, Number] = {"demonstrated": 1.0 - len(own) / len(finished)}
+    if own:
+        row["return"] = float(np.mean([episode.total for episode in own]))
+        row["length"] = float(np.mean([episode.length for episode in own]))
+        row["success"] = float(np.mean([100.0 * episode.success for episode in own]))
+    return row
