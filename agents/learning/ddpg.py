@@ -109,7 +109,7 @@ class Ddpg(OffPolicy):
         loss_critic = weighted(errors.square(), batch)
         loss_actor = self.actor_loss(features.detach(), batch)
         self._optimizer.zero_grad()
-        (loss_critic + loss_actor).backward()
+        (loss_critic + loss_actor).backward()  # type: ignore[no-untyped-call]
         self._optimizer.step()
         soft_update(self.target_actor, self.actor, self._config.tau)
         soft_update(self.target_critic, self.critic, self._config.tau)

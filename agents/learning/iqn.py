@@ -18,7 +18,6 @@ from dohyo.agents.learning.networks import ObservationEncoder, QuantileNetwork, 
 from dohyo.agents.learning.off_policy import OffPolicy, OffPolicyConfig, weighted
 from dohyo.agents.learning.replay import Replay
 from dohyo.agents.learning.task import Task, named
-from dohyo.sumo_networks.errors import InvalidInputError
 
 
 class IqnConfig(OffPolicyConfig):
@@ -70,7 +69,8 @@ class IqnPolicy(nn.Module):
     def greedy(self, features: Tensor) -> Tensor:
         """(B, F) -> (B,)."""
         quantiles = self.network(features, self.levels.expand(len(features), -1))
-        return quantiles.mean(dim=1).argmax(dim=-1)
+        action: Tensor = quantiles.mean(dim=1).argmax(dim=-1)
+        return action
 
     def facts(self) -> Mapping[str, str]:
         """See `Exportable`."""
@@ -81,6 +81,7 @@ class Iqn(OffPolicy):
     """IQN on a collector's rows; see `OffPolicy`."""
 
     losses = ("loss", "value", "exploration")
+    actions = Discrete
 
     def __init__(
         self,
@@ -102,14 +103,9 @@ class Iqn(OffPolicy):
             device: Of networks and batches.
             encoder: Named observations -> (B, `features`); None: vectors are joined.
             options: See `OffPolicy`.
-
-        Raises:
-            InvalidInputError: The actions are not discrete.
         """
         super().__init__(task, collector, replay, config, device, **options)
-        if not isinstance(task.action_space, Discrete):
-            raise InvalidInputError(f"IQN: expected discrete actions, task '{task.name}' has {task.action_space}")
-        self._config, self._choices = config, int(task.action_space.n)
+        self._config, self._choices = config, self._unit.size
         self.encoder = (encoder or ObservationEncoder(named(task.observation_space))).to(device)
         features = int(self.encoder.features)  # type: ignore[arg-type]
         self.network = QuantileNetwork(features, self._choices, config.hidden).to(device)
@@ -139,7 +135,7 @@ class Iqn(OffPolicy):
         losses = quantile_huber(quantiles, levels, self.target_quantiles(batch), self._config.kappa)
         loss = weighted(losses, batch)
         self._optimizer.zero_grad()
-        loss.backward()
+        loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(self._parameters, self._config.gradient_norm)
         self._optimizer.step()
         if (self.updates + 1) % self._config.target_every == 0:
@@ -154,8 +150,7 @@ class Iqn(OffPolicy):
         features = self.encoder(batch["next", "observation"])
         levels = torch.rand(len(batch), self._config.target_quantiles, device=self._device)
         following = _of_actions(self.target(features, levels), self._target_policy.greedy(features))
-        discount = torch.as_tensor(self._discount(batch))
-        target: Tensor = batch["next", "reward"] + discount[:, None] * following
+        target: Tensor = batch["next", "reward"] + self._discount(batch)[:, None] * following
         return target
 
     @property

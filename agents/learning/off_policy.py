@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import torch
-from gymnasium.spaces import Discrete
+from gymnasium.spaces import Box, Discrete
 from pydantic import Field
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
@@ -23,6 +23,7 @@ from dohyo.agents.learning.run import Run
 from dohyo.agents.learning.task import Array, Task, named
 from dohyo.agents.learning.vectors import ActionVector
 from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.errors import InvalidInputError
 
 Augment = Callable[[TensorDictBase], TensorDictBase]
 """Changes a batch before it is learned from; its randomness comes from torch's global generator."""
@@ -76,9 +77,11 @@ class OffPolicy(ABC):
         updates: Gradient steps so far.
         columns: Of metrics.csv.
         losses: Names of what `learn` returns.
+        actions: Kind of the action space.
     """
 
     losses: ClassVar[tuple[str, ...]]
+    actions: ClassVar[type[Any]] = Box
     replay: Replay
     policy: Exportable
 
@@ -102,12 +105,19 @@ class OffPolicy(ABC):
             device: Of networks and batches.
             make_behaviour: From the exploring policy to what drives, such as a mixture with a demonstrator.
             augment: See `Augment`.
+
+        Raises:
+            InvalidInputError: The task's actions are of another kind than the algorithm's.
         """
+        if not isinstance(task.action_space, self.actions):
+            name, kind = type(self).__name__, self.actions.__name__
+            raise InvalidInputError(f"{name}: expected actions in a {kind}, '{task.name}' has {task.action_space}")
         self._collector, self.replay, self._device, self._augment = collector, replay, device, augment
-        self._settings, self._space = config, task.action_space
+        space: Any = task.action_space
+        self._settings, self._space = config, space
         self._behaviour = make_behaviour(self._choose)
         self._shares = {DEMONSTRATOR: config.demonstrated_share} if config.demonstrated_share else {}
-        self._unit = ActionVector(task.action_space).to(device)
+        self._unit = ActionVector(space).to(device)
         self._due = 0.0  # gradient steps that are due
         self.updates = 0
 
@@ -129,7 +139,7 @@ class OffPolicy(ABC):
     def parts(self) -> Mapping[str, Any]:
         """Modules and optimisers that a checkpoint holds, by name."""
 
-    def begin(self) -> None:
+    def begin(self) -> None:  # noqa: B027 - not abstract: there is nothing to do
         """See `Learner`."""
 
     def round(self) -> dict[str, Number]:
@@ -163,7 +173,7 @@ class OffPolicy(ABC):
     def act(self, observation: TensorDict) -> Array:
         """See `Learner`."""
         with torch.no_grad():
-            actions = self.policy(observation.to(self._device))  # type: ignore[arg-type]
+            actions = self.policy(observation.to(self._device))
         return np.asarray(actions.cpu().numpy())
 
     def state(self) -> dict[str, Any]:
@@ -191,11 +201,12 @@ class OffPolicy(ABC):
                 action = self.explore(observation.to(self._device) if self._device.type != "cpu" else observation)
         return TensorDict({"action": action.cpu()}, observation.batch_size)
 
-    def _discount(self, batch: TensorDictBase) -> Tensor | float:
+    def _discount(self, batch: TensorDictBase) -> Tensor:
         """(B,) discounts of what follows the n steps of each return, 0 behind a terminal observation."""
         steps, follows = batch["next", "steps_to_next_obs"], ~batch["next", "terminated"]
-        discount: Tensor = self._settings.gamma**steps * follows if self._settings.replay.steps > 1 else follows * self._settings.gamma
-        return discount.squeeze(-1)
+        discount = self._settings.gamma**steps if self._settings.replay.steps > 1 else self._settings.gamma
+        discounts: Tensor = (follows * discount).squeeze(-1)
+        return discounts
 
 
 def weighted(errors: Tensor, batch: TensorDictBase) -> Tensor:

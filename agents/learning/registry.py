@@ -67,6 +67,9 @@ def _subpolicy(name: str, summary: str) -> Listed:
 
 
 TRAINERS: dict[str, Listed] = {
+    "gymnasium": Listed(
+        "dohyo.agents.learning.gymnasium_task:GYMNASIUM", "any gymnasium environment, by PPO, SAC, DDPG or IQN"
+    ),
     "predictor": Listed(
         "dohyo.agents.mcts.predictors.train:PREDICTOR",
         "motion predictor of MBAPPE, from a motion data set",

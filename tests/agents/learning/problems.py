@@ -152,3 +152,39 @@ class SignEnv(gymnasium.Env[Any, Any]):
         picture = np.zeros((1, 4, 4), np.uint8)
         picture[:, :, 2 * self.side : 2 * self.side + 2] = 255
         return {"camera": picture, "meaning": np.array([2.0 * self.reversed - 1.0], np.float32)}
+
+
+@dataclass(frozen=True)
+class Dial(Task):
+    """A dial of three positions, to be turned to a mark that is shown, ten times; each one is a tenth of the return."""
+
+    name = "dial"
+    observation_space = Box(0, 1, (3,), np.float32)
+    action_space = Discrete(3)
+    held_out: Sequence[int] = held_out_seeds(4)
+
+    def make_env(self, rank: int) -> Env:
+        return DialEnv()
+
+
+class DialEnv(gymnasium.Env[Array, Any]):
+    """See `Dial`."""
+
+    LENGTH = 10
+    observation_space, action_space = Dial.observation_space, Dial.action_space
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        self.marks, self.time = np.random.default_rng(seed).integers(3, size=self.LENGTH + 1), 0
+        return self._observation(), {}
+
+    def step(self, action: Any) -> Step:
+        right = int(action) == self.marks[self.time]
+        self.time += 1
+        return self._observation(), float(right) / self.LENGTH, self.time == self.LENGTH, False, {"success": right}
+
+    def _observation(self) -> Array:
+        return np.eye(3, dtype=np.float32)[self.marks[self.time]]
+
+
+gymnasium.register("Point-v0", entry_point=lambda: PointEnv(Point()))
+gymnasium.register("Dial-v0", entry_point=DialEnv)

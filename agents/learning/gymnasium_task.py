@@ -1,0 +1,152 @@
+"""Any gymnasium environment as a task, for checks of the algorithms and for users' own environments.
+
+dohyo train gymnasium --set env=Pendulum-v1 --set algorithm=sac --set sac.batch=128
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium.spaces import Box, Discrete
+
+from dohyo.agents.learning.collector import Collector
+from dohyo.agents.learning.config import Positive, PpoConfig, RunConfig
+from dohyo.agents.learning.ddpg import Ddpg, DdpgConfig
+from dohyo.agents.learning.iqn import Iqn, IqnConfig
+from dohyo.agents.learning.off_policy import make_replay
+from dohyo.agents.learning.ppo import Ppo
+from dohyo.agents.learning.registry import Trainer, TrainRequest
+from dohyo.agents.learning.run import Run
+from dohyo.agents.learning.sac import Sac, SacConfig
+from dohyo.agents.learning.task import Array, Env, Task, held_out_seeds
+from dohyo.agents.learning.training import train
+from dohyo.sumo_networks.errors import InvalidInputError
+
+OFF_POLICY: dict[str, type[Sac | Ddpg | Iqn]] = {"sac": Sac, "ddpg": Ddpg, "iqn": Iqn}
+
+
+class GymnasiumConfig(RunConfig):
+    """A run on a gymnasium environment.
+
+    Attributes:
+        env: Name in gymnasium's registry, or "module:NAME" of one that the module registers.
+        algorithm: What learns; its settings are the table of that name.
+        episodes: Held-out episodes.
+        ppo: Settings of PPO.
+        sac: Settings of SAC.
+        ddpg: Settings of DDPG.
+        iqn: Settings of IQN.
+    """
+
+    env: str = "Pendulum-v1"
+    algorithm: Literal["ppo", "sac", "ddpg", "iqn"] = "sac"
+    processes: int = 0
+    episodes: Positive = 20
+    ppo: PpoConfig = PpoConfig()
+    sac: SacConfig = SacConfig()
+    ddpg: DdpgConfig = DdpgConfig()
+    iqn: IqnConfig = IqnConfig()
+
+
+@dataclass(frozen=True)
+class GymnasiumTask(Task):
+    """A gymnasium environment; vectors become float32, and pictures (H, W, C) become (C, H, W).
+
+    Attributes:
+        env: Name in gymnasium's registry.
+        episodes: Number of held-out episodes.
+    """
+
+    env: str
+    episodes: int = 20
+
+    @property
+    def name(self) -> str:
+        """See `Task`."""
+        return self.env
+
+    @property
+    def held_out(self) -> Sequence[int]:
+        """See `Task`."""
+        return held_out_seeds(self.episodes)
+
+    @cached_property
+    def _spaces(self) -> tuple[Any, Any]:
+        env = self.make_env(0)
+        try:
+            return env.observation_space, env.action_space
+        finally:
+            env.close()
+
+    @property
+    def observation_space(self) -> Box:
+        """See `Task`."""
+        space: Box = self._spaces[0]
+        return space
+
+    @property
+    def action_space(self) -> Box | Discrete:
+        """See `Task`."""
+        space: Box | Discrete = self._spaces[1]
+        return space
+
+    def make_env(self, rank: int) -> Env:
+        """See `Task`.
+
+        Raises:
+            InvalidInputError: There is no such environment, or its observations are no Box.
+        """
+        try:
+            env = gymnasium.make(self.env)
+        except (gymnasium.error.Error, ImportError) as error:
+            raise InvalidInputError(f"environment '{self.env}': {error}") from error
+        return _in_our_form(env, self.env)
+
+
+def _in_our_form(env: gymnasium.Env[Any, Any], name: str) -> Env:
+    """The environment with observations that learners can use."""
+    space = env.observation_space
+    if not isinstance(space, Box):
+        raise InvalidInputError(f"environment '{name}': expected observations in a Box, got {space}")
+    if len(space.shape) == 3 and space.dtype == np.uint8:
+        pictures = Box(space.low.transpose(2, 0, 1), space.high.transpose(2, 0, 1), dtype=np.uint8)
+        return gymnasium.wrappers.TransformObservation(env, _channels_first, pictures)
+    vectors = Box(space.low.astype(np.float32), space.high.astype(np.float32), dtype=np.float32)
+    return gymnasium.wrappers.TransformObservation(env, _float32, vectors)
+
+
+def _channels_first(picture: Array) -> Array:
+    return picture.transpose(2, 0, 1)
+
+
+def _float32(vector: Array) -> Array:
+    return vector.astype(np.float32)
+
+
+def make_learner(task: Task, settings: GymnasiumConfig, run: Run, collector: Collector, device: torch.device) -> Any:
+    """Learner of the algorithm that the settings name."""
+    if settings.algorithm == "ppo":
+        return Ppo(task, collector, settings.ppo, device, settings.seed)
+    config = getattr(settings, settings.algorithm)
+    replay = make_replay(task, run, config, rows=len(collector))
+    return OFF_POLICY[settings.algorithm](task, collector, replay, config, device)
+
+
+def _train(settings: GymnasiumConfig, request: TrainRequest) -> Path:
+    task = GymnasiumTask(settings.env, settings.episodes)
+    run = Run(request.name, request.out, settings, request.resume)
+    try:
+        train(lambda collector, device: make_learner(task, settings, run, collector, device), task, run, request.report)
+    finally:
+        run.close()
+    return run.folder / "best.safetensors"
+
+
+GYMNASIUM = Trainer("any gymnasium environment, by PPO, SAC, DDPG or IQN", GymnasiumConfig, _train)
