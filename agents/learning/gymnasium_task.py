@@ -23,7 +23,7 @@ from dohyo.agents.learning.iqn import Iqn, IqnConfig
 from dohyo.agents.learning.off_policy import make_replay
 from dohyo.agents.learning.ppo import Ppo
 from dohyo.agents.learning.registry import Trainer, TrainRequest
-from dohyo.agents.learning.run import Run
+from dohyo.agents.learning.run import Run, TaskRun
 from dohyo.agents.learning.sac import Sac, SacConfig
 from dohyo.agents.learning.task import Array, Env, Task, held_out_seeds
 from dohyo.agents.learning.training import train
@@ -130,7 +130,9 @@ def _float32(vector: Array) -> Array:
     return vector.astype(np.float32)
 
 
-def make_learner(task: Task, settings: GymnasiumConfig, run: Run, collector: Collector, device: torch.device) -> Any:
+def make_learner(
+    task: Task, settings: GymnasiumConfig, run: TaskRun, collector: Collector, device: torch.device
+) -> Any:
     """Learner of the algorithm that the settings name."""
     if settings.algorithm == "ppo":
         return Ppo(task, collector, settings.ppo, device, settings.seed)

@@ -19,7 +19,7 @@ from dohyo.agents.learning.config import Positive, Share
 from dohyo.agents.learning.export import Exportable
 from dohyo.agents.learning.metrics import Number
 from dohyo.agents.learning.replay import Replay, ReplayConfig
-from dohyo.agents.learning.run import Run
+from dohyo.agents.learning.run import TaskRun
 from dohyo.agents.learning.task import Array, Task, named
 from dohyo.agents.learning.vectors import ActionVector
 from dohyo.sumo_networks.config import Config
@@ -51,7 +51,7 @@ class OffPolicyConfig(Config):
     round_steps: Positive = 1000
 
 
-def make_replay(task: Task, run: Run, config: OffPolicyConfig, rows: int, **options: Any) -> Replay:
+def make_replay(task: Task, run: TaskRun, config: OffPolicyConfig, rows: int, **options: Any) -> Replay:
     """Replay in a run's folder, with slack for what two checkpoint intervals add.
 
     Args:

@@ -188,3 +188,16 @@ class DialEnv(gymnasium.Env[Array, Any]):
 
 gymnasium.register("Point-v0", entry_point=lambda: PointEnv(Point()))
 gymnasium.register("Dial-v0", entry_point=DialEnv)
+
+
+class PictureEnv(gymnasium.Env[Array, Any]):
+    """Always the same picture of 4 x 5 pixels: a hundred times the channel, ten times the column, and the row."""
+
+    observation_space, action_space = Box(0, 255, (4, 5, 3), np.uint8), Discrete(2)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        row, column, channel = np.indices((4, 5, 3))
+        return (row + 10 * column + 100 * channel).astype(np.uint8), {}
+
+
+gymnasium.register("Picture-v0", entry_point=PictureEnv)
