@@ -133,6 +133,20 @@ def forecasts() -> list[Figure]:
     ]
 
 
+def perception() -> list[Figure]:
+    """Encoders and augmentations of pixel learners, 32 pictures of 9 x 64 x 64."""
+    from tests.performance import perception as parts
+
+    kernel, augmentations = kernel_ms(), parts.augmentations_ms()
+    goals = {"random shift": 5.0, "colour jitter": 120.0, "Gaussian blur": 25.0}
+    return [
+        duration("RLAD's encoder, 32 pictures", parts.forward_ms("rlad"), 60.0, kernel),
+        duration("IMPALA's encoder, 32 pictures", parts.forward_ms("impala"), 300.0, kernel),
+        ratio("update of RLAD's encoder", parts.mixing_ratio(), "without A-LIX", 2.5, at_most=True),
+        *(duration(f"{name}, 32 pictures", ms, goals[name], kernel) for name, ms in augmentations.items()),
+    ]
+
+
 def wire() -> list[Figure]:
     """Steps of a remote agent over HTTP."""
     from tests.performance import wire as parts
@@ -147,7 +161,7 @@ def wire() -> list[Figure]:
 
 
 PARTS: dict[str, Callable[[], list[Figure]]] = {
-    part.__name__: part for part in (world, senses, planners, rules, state, forecasts, wire)
+    part.__name__: part for part in (world, senses, planners, rules, state, forecasts, perception, wire)
 }
 
 

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+import numpy as np
+import onnxruntime
 import pytest
 import torch
+from gymnasium.spaces import Box, Dict
+from torch import Tensor
 
+from dohyo.agents.learning.export import export
 from dohyo.agents.perception.encoders.base import Encoder
 from dohyo.agents.perception.encoders.impala import ImpalaEncoder
 from dohyo.agents.perception.encoders.registry import make_encoder
@@ -101,3 +108,36 @@ def test_waypoints():
         + encoder.convolution.bias[:, None]
     )
     torch.testing.assert_close(encoder.convolution(points.transpose(1, 2))[0], by_hand)
+
+
+class Policy(torch.nn.Module):
+    """Encoders of two observations, and a linear layer."""
+
+    def __init__(self, picture: Encoder) -> None:
+        super().__init__()
+        self.picture, self.points = picture, WayConv1D()
+        self.head = torch.nn.Linear(picture.features + self.points.features, 2)
+
+    def forward(self, observation: Mapping[str, Tensor]) -> Tensor:
+        seen = [self.picture(observation["picture"]), self.points(observation["points"])]
+        return torch.tanh(self.head(torch.cat(seen, dim=-1)))
+
+    def facts(self) -> dict[str, str]:
+        return {}
+
+
+@pytest.mark.parametrize("name", ["impala", "rlad"])
+def test_a_policy_with_it_is_exported_to_onnx(name, tmp_path):
+    policy = Policy(make_encoder(name, (3, 64, 64))).eval()
+    space = Dict({"picture": Box(0, 255, (3, 64, 64), np.uint8), "points": Box(-1, 1, (10, 2), np.float32)})
+    export(policy, space, tmp_path / "policy", {})
+    session = onnxruntime.InferenceSession(tmp_path / "policy.onnx")
+    for batch in (1, 5):
+        seen = {
+            "picture": torch.randint(0, 256, (batch, 3, 64, 64), dtype=torch.uint8),
+            "points": torch.rand(batch, 10, 2),
+        }
+        with torch.no_grad():
+            expected = policy(seen)
+        (action,) = session.run(None, {name: tensor.numpy() for name, tensor in seen.items()})
+        np.testing.assert_allclose(action, expected, atol=1e-5)
