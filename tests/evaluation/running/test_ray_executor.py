@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -23,16 +21,10 @@ from dohyo.evaluation.running.ray_executor import LOCAL_CLUSTER, RayExecutor
 from dohyo.evaluation.running.run import Result, run_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
-from tests.evaluation.agents import Steady
+from tests.evaluation.agents import Steady, kill_the_actor
 
 ROOT = Path(__file__).parents[3]
 STEADY = "tests.evaluation.agents:Steady"
-
-
-def kill_the_actor() -> None:
-    """Ends the Ray actor that started the server from which this process was forked."""
-    server = Path(f"/proc/{os.getppid()}/stat").read_text()
-    os.kill(int(server.rpartition(")")[2].split()[1]), signal.SIGKILL)
 
 
 class KillsItsActorOnce(Steady):

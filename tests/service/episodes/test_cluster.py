@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -17,7 +15,7 @@ from dohyo.evaluation.agent import agent_info
 from dohyo.service.database.models import AgentKind, EvaluationStatus
 from dohyo.service.policies.agent import ENTRY, OnnxPolicy
 from dohyo.sumo_networks.errors import InvalidInputError
-from tests.evaluation.agents import Steady
+from tests.evaluation.agents import Steady, kill_the_actor
 from tests.service.episodes.served import STEADY, Service, info_of, short
 from tests.service.episodes.wire_worker import hire
 from tests.service.policies import models
@@ -45,7 +43,7 @@ class KillsItsStationOnce(Steady):
     def misbehave(self) -> np.ndarray:
         if not self.marker.exists():
             self.marker.touch()
-            os.kill(os.getppid(), signal.SIGKILL)
+            kill_the_actor()
         return np.array([6.0, 0.0])
 
 
