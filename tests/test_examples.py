@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from dohyo.agents.learning.card import read_card
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("learn_*.py"))
@@ -31,3 +34,29 @@ def test_an_example_fits_twenty_lines() -> None:
     for path in EXAMPLES:
         code = [line for line in path.read_text().splitlines() if line and not line.startswith(("import", "from", '"'))]
         assert len(code) <= LINES_AT_MOST, f"{path.name} has {len(code)} lines without its imports"
+
+
+def dohyo(*arguments: str, cwd: Path) -> str:
+    program = "from dohyo.service.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", program, *arguments],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        env=os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"},
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    return done.stdout
+
+
+@pytest.mark.slow
+def test_a_policy_of_ones_own_is_trained_and_drives(tmp_path: Path) -> None:
+    short = ["--set", "steps=64", "--set", "ppo.horizon=64", "--set", "device=cpu"]
+    dohyo("train", "examples.follower:FOLLOWER", *short, "--out", "runs/follower", cwd=tmp_path)
+    assert read_card(tmp_path / "runs/follower/best.onnx").steps in (0, 64)
+    drive = ["--agent", "examples.follower:Follower", "--benchmark", "quickstart", "--only", "right-to-south"]
+    printed = json.loads(dohyo("evaluate", *drive, "--seeds", "0", "--json", cwd=tmp_path))
+    assert [one["failure"] for one in printed["drives"]] == [None]
+    assert printed["part"] == "part of quickstart: 1 of 6 missions"
