@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.spaces import Box, Dict
 
 from dohyo.agents.learning.config import PpoConfig, PpoRunConfig
-from dohyo.agents.learning.policy_agent import AsControl, ObservationEncoder, PolicyAgent
+from dohyo.agents.learning.policy_agent import AsControl, PolicyAgent, SensorEncoder
 from dohyo.agents.learning.ppo import ppo_trainer
 from dohyo.agents.learning.task import Task, held_out_seeds
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
@@ -21,7 +21,7 @@ from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 CONTROL = "target_speed_steering"
 
 
-class RouteAhead(ObservationEncoder):
+class RouteAhead(SensorEncoder):
     """The route at every fifth metre up to 45 m, in the ego's frame, and the speed."""
 
     track = "map"

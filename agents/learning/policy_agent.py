@@ -24,7 +24,7 @@ from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Obser
 from dohyo.sumo_networks.errors import InvalidInputError
 
 
-class ObservationEncoder(Protocol):
+class SensorEncoder(Protocol):
     """Turns an ego's sensors into what its policy observes. A subclass inherits the optional methods.
 
     Attributes:
@@ -112,7 +112,7 @@ class PolicyAgent(Agent):
         self,
         name: str,
         policy: Path,
-        encoder: ObservationEncoder,
+        encoder: SensorEncoder,
         decoder: ActionDecoder,
         *,
         frames: int = 1,

@@ -10,14 +10,14 @@ import torch
 from gymnasium.spaces import Box, Dict
 from torch import Tensor, nn
 
-from dohyo.agents.learning.policy_agent import ActionDecoder, AsControl, Choices, ObservationEncoder, PolicyAgent
+from dohyo.agents.learning.policy_agent import ActionDecoder, AsControl, Choices, PolicyAgent, SensorEncoder
 from dohyo.evaluation.agent import Mission, Observation
 
 SPEEDS = np.array([[0.0, 0.0], [6.0, 0.0], [9.0, 0.0]])
 """Target speed, m/s, and lane of each choice."""
 
 
-class SmallView(ObservationEncoder):
+class SmallView(SensorEncoder):
     """The view from above, a third as large, and the speed."""
 
     track = "privileged"
