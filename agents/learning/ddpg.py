@@ -24,6 +24,7 @@ from dohyo.agents.learning.off_policy import OffPolicy, OffPolicyConfig, weighte
 from dohyo.agents.learning.replay import Replay
 from dohyo.agents.learning.task import Task, named
 from dohyo.agents.learning.vectors import ActionVector
+from dohyo.agents.perception.encoders.local_mixing import parameter_groups
 
 
 class DdpgConfig(OffPolicyConfig):
@@ -93,7 +94,7 @@ class Ddpg(OffPolicy):
         self.target_actor = deepcopy(self.actor).requires_grad_(False)
         self.target_critic = deepcopy(self.critic).requires_grad_(False)
         self.policy = DdpgPolicy(self.encoder, self.actor, self._unit)
-        learned = [*self.encoder.parameters(), *self.actor.parameters(), *self.critic.parameters()]
+        learned = parameter_groups(self.encoder, self.actor, self.critic)
         self._optimizer = torch.optim.Adam(learned, lr=config.learning_rate, fused=True)
 
     def explore(self, observation: TensorDictBase) -> Tensor:

@@ -18,6 +18,7 @@ from dohyo.agents.learning.networks import ObservationEncoder, QuantileNetwork, 
 from dohyo.agents.learning.off_policy import OffPolicy, OffPolicyConfig, weighted
 from dohyo.agents.learning.replay import Replay
 from dohyo.agents.learning.task import Task, named
+from dohyo.agents.perception.encoders.local_mixing import parameter_groups
 
 
 class IqnConfig(OffPolicyConfig):
@@ -113,7 +114,8 @@ class Iqn(OffPolicy):
         self.policy = IqnPolicy(self.encoder, self.network, config.greedy_quantiles).to(device)
         self._target_policy = IqnPolicy(self.encoder, self.target, config.greedy_quantiles).to(device)
         self._parameters = [*self.encoder.parameters(), *self.network.parameters()]
-        self._optimizer = torch.optim.Adam(self._parameters, lr=config.learning_rate, fused=True)
+        learned = parameter_groups(self.encoder, self.network)
+        self._optimizer = torch.optim.Adam(learned, lr=config.learning_rate, fused=True)
 
     @property
     def exploration(self) -> float:

@@ -181,6 +181,17 @@ def frozen(module: nn.Module) -> Iterator[None]:
             parameter.requires_grad_(True)
 
 
+@contextmanager
+def evaluating(module: nn.Module) -> Iterator[None]:
+    """The module is in evaluation inside: no dropout, no local mixing, stored moments of batch normalisations."""
+    training = module.training
+    module.eval()
+    try:
+        yield
+    finally:
+        module.train(training)
+
+
 @torch.no_grad()
 def soft_update(target: nn.Module, online: nn.Module, rate: float) -> None:
     """Moves the target's parameters towards those of the online network: by a rate, at 1 to them."""

@@ -11,13 +11,14 @@ import torch
 from gymnasium.spaces import Box, Discrete
 from pydantic import Field
 from tensordict import TensorDict, TensorDictBase
-from torch import Tensor
+from torch import Tensor, nn
 
 from dohyo.agents.learning.behaviour import DEMONSTRATOR, Act, Behaviour, PolicyBehaviour
 from dohyo.agents.learning.collector import Collector, Finished
 from dohyo.agents.learning.config import Positive, Share
 from dohyo.agents.learning.export import Exportable
 from dohyo.agents.learning.metrics import Number
+from dohyo.agents.learning.networks import evaluating
 from dohyo.agents.learning.replay import Replay, ReplayConfig
 from dohyo.agents.learning.run import TaskRun
 from dohyo.agents.learning.task import Array, Task, named
@@ -72,6 +73,7 @@ class OffPolicy(ABC):
     """Learner from replayed transitions.
 
     Attributes:
+        encoder: Named observations -> (B, F); it acts in evaluation and learns in training.
         replay: Transitions of the run, and of any other producer.
         policy: Module that is shipped.
         updates: Gradient steps so far.
@@ -82,6 +84,7 @@ class OffPolicy(ABC):
 
     losses: ClassVar[tuple[str, ...]]
     actions: ClassVar[type[Any]] = Box
+    encoder: nn.Module
     replay: Replay
     policy: Exportable
 
@@ -172,7 +175,7 @@ class OffPolicy(ABC):
 
     def act(self, observation: TensorDict) -> Array:
         """See `Learner`."""
-        with torch.no_grad():
+        with torch.no_grad(), evaluating(self.encoder):
             actions = self.policy(observation.to(self._device))
         return np.asarray(actions.cpu().numpy())
 
@@ -197,7 +200,7 @@ class OffPolicy(ABC):
             else:
                 action = self._unit.inverse(2.0 * torch.rand(count, self._unit.size, device=self._device) - 1.0)
         else:
-            with torch.no_grad():
+            with torch.no_grad(), evaluating(self.encoder):
                 action = self.explore(observation.to(self._device) if self._device.type != "cpu" else observation)
         return TensorDict({"action": action.cpu()}, observation.batch_size)
 

@@ -25,6 +25,7 @@ from dohyo.agents.learning.off_policy import OffPolicy, OffPolicyConfig, weighte
 from dohyo.agents.learning.replay import Replay
 from dohyo.agents.learning.task import Task, named
 from dohyo.agents.learning.vectors import ActionVector
+from dohyo.agents.perception.encoders.local_mixing import parameter_groups
 
 
 class SacConfig(OffPolicyConfig):
@@ -97,7 +98,7 @@ class Sac(OffPolicy):
         self.target = deepcopy(self.critics).requires_grad_(False)
         self.log_alpha = nn.Parameter(torch.tensor(config.initial_alpha, device=device).log())
         self.policy = SacPolicy(self.encoder, self.actor, self._unit)
-        learned = [*self.encoder.parameters(), *self.actor.parameters(), *self.critics.parameters(), self.log_alpha]
+        learned = parameter_groups(self.encoder, self.actor, self.critics, nn.ParameterList([self.log_alpha]))
         self._optimizer = torch.optim.Adam(learned, lr=config.learning_rate, fused=True)
 
     def explore(self, observation: TensorDictBase) -> Tensor:

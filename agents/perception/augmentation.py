@@ -13,9 +13,10 @@ torchvision's ColorJitter, GaussianBlur and RandomErasing, which draw once per b
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import torch
+from tensordict import TensorDictBase
 from torch import Generator, Tensor
 from torch.nn.functional import pad as padded
 
@@ -166,6 +167,27 @@ def random_erasing(
     columns = _within(torch.arange(width, device=pictures.device), box[2], box[3])
     chosen = (erased & fits.any(1)).to(pictures.device)[:, None, None]
     return pictures.masked_fill((rows[:, :, None] & columns[:, None, :] & chosen)[:, None], 0)
+
+
+def of_transitions(
+    augmentation: Augmentation, names: Sequence[str], generator: Generator = torch.default_generator
+) -> Callable[[TensorDictBase], TensorDictBase]:
+    """An augmentation of the pictures before and after each transition of a batch, with draws of their own.
+
+    Args:
+        augmentation: Such as `partial(random_shift, pad=4)`.
+        names: Of the observations that are pictures.
+        generator: Of the draws; torch's own is stored by a run's checkpoints.
+    """
+
+    def augmented(batch: TensorDictBase) -> TensorDictBase:
+        keys = [(*moment, "observation", name) for moment in ((), ("next",)) for name in names]
+        changed = batch.copy()
+        for key in keys:
+            changed[key] = augmentation(batch[key], generator)
+        return changed
+
+    return augmented
 
 
 def _brighter(frames: Tensor, factor: Tensor) -> Tensor:

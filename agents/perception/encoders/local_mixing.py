@@ -93,11 +93,12 @@ def discontinuity(gradient: Tensor) -> Tensor:
     return torch.log1p(difference / (energy + 1e-20)).mean()
 
 
-def parameter_groups(network: nn.Module) -> list[dict[str, Any]]:
-    """Parameters of a network for torch's Adam: the strengths of A-LIX have their own learning rate and betas."""
-    strengths = [layer.strength for layer in network.modules() if isinstance(layer, LocalMixing)]
-    others = [p for p in network.parameters() if not any(p is strength for strength in strengths)]
-    tuned = {"params": strengths, "lr": LEARNING_RATE, "betas": BETAS, "weight_decay": 0.0}
+def parameter_groups(*networks: nn.Module) -> list[dict[str, Any]]:
+    """Parameters of networks for torch's Adam: the strengths of A-LIX have a learning rate and betas of their own."""
+    layers = [layer for network in networks for layer in network.modules() if isinstance(layer, LocalMixing)]
+    strengths = {id(layer.strength): layer.strength for layer in layers}
+    others = [p for network in networks for p in network.parameters() if id(p) not in strengths]
+    tuned = {"params": list(strengths.values()), "lr": LEARNING_RATE, "betas": BETAS, "weight_decay": 0.0}
     return [{"params": others}, *([tuned] if strengths else [])]
 
 

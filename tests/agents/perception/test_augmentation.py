@@ -9,12 +9,14 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from tensordict import TensorDict
 from torch import Generator, Tensor
 
 from dohyo.agents.perception.augmentation import (
     centre_crop,
     colour_jitter,
     gaussian_blur,
+    of_transitions,
     random_crop,
     random_erasing,
     random_shift,
@@ -177,3 +179,22 @@ def test_erasing_sets_one_rectangle_of_the_right_size_to_nothing():
 def test_a_rectangle_that_never_fits_erases_nothing():
     batch = pictures(height=4, width=200)
     assert torch.equal(random_erasing(batch, seeded(), probability=1.0, share=(0.9, 0.95), ratio=(8.0, 9.0)), batch)
+
+
+def test_transitions_are_augmented_before_and_after():
+    shown, after, vector = pictures(seed=1), pictures(seed=2), torch.rand(6, 2)
+    batch = TensorDict({"observation": {"camera": shown, "speed": vector}}, [6])
+    batch["next"] = TensorDict({"observation": {"camera": after, "speed": vector}}, [6])
+    shift = partial(random_shift, pad=4)
+    out = of_transitions(shift, ["camera"], seeded())(batch)
+    draws = seeded()
+    assert torch.equal(out["observation", "camera"], shift(shown, draws))
+    assert torch.equal(out["next", "observation", "camera"], shift(after, draws))
+    assert torch.equal(out["observation", "speed"], vector)
+    assert torch.equal(batch["observation", "camera"], shown)
+    torch.manual_seed(5)
+    of_torch = of_transitions(shift, ["camera"])(batch)
+    torch.manual_seed(5)
+    assert torch.equal(
+        of_transitions(shift, ["camera"])(batch)["observation", "camera"], of_torch["observation", "camera"]
+    )
