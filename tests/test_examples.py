@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import subprocess
@@ -60,3 +61,14 @@ def test_a_policy_of_ones_own_is_trained_and_drives(tmp_path: Path) -> None:
     printed = json.loads(dohyo("evaluate", *drive, "--seeds", "0", "--json", cwd=tmp_path))
     assert [one["failure"] for one in printed["drives"]] == [None]
     assert printed["part"] == "part of quickstart: 1 of 6 missions"
+
+
+@pytest.mark.slow
+def test_an_algorithm_of_ones_own_learns_and_resumes(tmp_path: Path) -> None:
+    out = ["--out", "runs/reinforce"]
+    run = ["examples.reinforce:REINFORCE", *out, "--set", "device=cpu", "--set", "tensorboard=false"]
+    dohyo("train", *run, "--set", "steps=16384", cwd=tmp_path)
+    dohyo("train", *run, "--set", "steps=20480", "--resume", cwd=tmp_path)
+    with (tmp_path / "runs/reinforce/evaluations.csv").open() as file:
+        returns = [float(row["return"]) for row in csv.DictReader(file)]
+    assert returns[-1] > 3 * returns[0]
