@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from dohyo.sumo_networks.arrays import BoolArray, FloatArray
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray
 from dohyo.sumo_networks.ego.control import InvalidActionError
 from dohyo.sumo_networks.envs.shared_memory import Layout
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, SimulationError
@@ -21,7 +21,7 @@ Observations = dict[str, NDArray[Any]]
 
 BARE = "observation"
 """Name of an observation that comes without one."""
-_OBSERVATION = "observation/"
+_PICTURE = "picture/"
 
 
 class EnvError(DohyoError):
@@ -52,7 +52,7 @@ class RowPlan:
     def layout(self) -> Layout:
         """Types and shapes of the arrays of all rows."""
         rows, action = self.groups * self.group_size, self.action_space
-        flag = np.bool_, (rows,)
+        flag, boxes = (np.bool_, (rows,)), _boxes(self.observation_space)
         actions = (np.float32, (rows, *action.shape)) if isinstance(action, Box) else (np.int64, (rows,))
         return {
             "actions": actions,
@@ -63,11 +63,8 @@ class RowPlan:
             "truncations": flag,
             "successes": flag,
             "measures": (np.float64, (rows, len(self.measures))),
-            **{
-                _OBSERVATION + name: (box.dtype, (rows, *box.shape))
-                for name, box in self.observation_space.items()
-                if isinstance(box, Box)
-            },
+            "vectors": (np.float32, (rows, sum(math.prod(box.shape) for box in boxes.values() if _is_vector(box)))),
+            **{_PICTURE + name: (np.uint8, (rows, *box.shape)) for name, box in boxes.items() if not _is_vector(box)},
         }
 
 
@@ -84,7 +81,8 @@ class RowArrays:
         truncations: (N,) whether it was truncated.
         successes: (N,) whether the ended episode succeeded.
         measures: (N, M) measures of the ended episode.
-        observations: (N, ...) by name.
+        vectors: (N, F) all float32 observations, side by side.
+        observations: (N, ...) by name; those of float32 are views of `vectors`.
     """
 
     actions: NDArray[Any]
@@ -95,18 +93,30 @@ class RowArrays:
     truncations: BoolArray
     successes: BoolArray
     measures: FloatArray
+    vectors: Float32Array
     observations: Observations
 
     @classmethod
-    def of(cls, arrays: Mapping[str, NDArray[Any]], rows: slice = slice(None)) -> RowArrays:
-        """Some rows of the arrays of `RowPlan.layout`."""
-        observations = {
-            name.removeprefix(_OBSERVATION): array[rows]
-            for name, array in arrays.items()
-            if name.startswith(_OBSERVATION)
-        }
-        others = {name: array[rows] for name, array in arrays.items() if not name.startswith(_OBSERVATION)}
-        return cls(**others, observations=observations)
+    def of(cls, arrays: Mapping[str, NDArray[Any]], space: Dict, rows: slice = slice(None)) -> RowArrays:
+        """Some rows of the arrays of `RowPlan.layout`, for an observation space."""
+        some = {name: array[rows] for name, array in arrays.items() if not name.startswith(_PICTURE)}
+        observations, column = {}, 0
+        for name, box in _boxes(space).items():
+            if _is_vector(box):
+                columns = slice(column, column + math.prod(box.shape))
+                observations[name] = some["vectors"][:, columns].reshape(-1, *box.shape)
+                column = columns.stop
+            else:
+                observations[name] = arrays[_PICTURE + name][rows]
+        return cls(**some, observations=observations)
+
+
+def _boxes(space: Dict) -> dict[str, Box]:
+    return {name: box for name, box in space.items() if isinstance(box, Box)}
+
+
+def _is_vector(box: Box) -> bool:
+    return box.dtype == np.float32
 
 
 def named_space(space: gymnasium.Space[Any]) -> Dict:
@@ -144,10 +154,8 @@ class EnvRows:
 
     def __init__(self, plan: RowPlan, arrays: Mapping[str, NDArray[Any]], rank: int) -> None:
         self._plan, self._rank = plan, rank
-        self._rows = RowArrays.of(arrays, slice(rank * plan.group_size, (rank + 1) * plan.group_size))
-        self._float_observations = {
-            name: array for name, array in self._rows.observations.items() if array.dtype.kind == "f"
-        }
+        rows = slice(rank * plan.group_size, (rank + 1) * plan.group_size)
+        self._rows = RowArrays.of(arrays, plan.observation_space, rows)
         self._discrete = isinstance(plan.action_space, Discrete)
         self._env: Any = None
 
@@ -183,19 +191,16 @@ class EnvRows:
             DohyoError: The environment's own; EnvError if its results do not fit the spaces.
         """
         env, rows = self._started, self._rows
-        driving = set(env.agents)
-        agents = [(row, agent) for row, agent in enumerate(env.possible_agents) if agent in driving]
-        actions = {
-            agent: int(rows.actions[row]) if self._discrete else rows.actions[row].copy() for row, agent in agents
-        }
+        active = env.agents
+        agents = [(row, agent) for row, agent in enumerate(env.possible_agents) if agent in active]
+        actions = {agent: self._action(row) for row, agent in agents}
         observations, rewards, terminations, truncations, infos = env.step(actions)
         for row, agent in agents:
-            reward = float(rewards[agent])
+            reward, terminated, truncated = float(rewards[agent]), terminations[agent], truncations[agent]
             if not math.isfinite(reward):
                 raise self._error(f"expected a finite reward, got {reward}")
-            rows.rewards[row] = reward
-            rows.terminations[row], rows.truncations[row] = terminations[agent], truncations[agent]
-            if terminations[agent] or truncations[agent]:
+            rows.rewards[row], rows.terminations[row], rows.truncations[row] = reward, terminated, truncated
+            if terminated or truncated:
                 self._write_end(row, infos[agent])
         self._write_observations(observations)
 
@@ -234,24 +239,33 @@ class EnvRows:
         return int(actions[row]) if self._discrete else actions[row].copy()
 
     def _write_observations(self, observations: Mapping[Any, Any]) -> None:
+        expected = self._rows.observations
         for row, agent in enumerate(self._env.possible_agents):
             if agent not in observations:
                 continue
             named = observations[agent]
             if not isinstance(named, Mapping):
                 named = {BARE: named}
-            if named.keys() != self._rows.observations.keys():
-                raise self._error(f"expected observations {[*self._rows.observations]}, got {[*named]}")
-            for name, array in self._rows.observations.items():
-                value = named[name]
-                if np.shape(value) != array.shape[1:]:
-                    shapes = f"expected shape {array.shape[1:]}, got {np.shape(value)}"
-                    raise self._error(f"observation '{name}': {shapes}")
-                np.copyto(array[row, ...], value, casting="same_kind")
-        for name, array in self._float_observations.items():
-            if not np.isfinite(array).all():
-                where = np.argwhere(~np.isfinite(array))[:4, 1:].tolist()
-                raise self._error(f"expected finite observations, got others in '{name}' at {where}")
+            if named.keys() != expected.keys():
+                raise self._error(f"expected observations {[*expected]}, got {[*named]}")
+            for name, array in expected.items():
+                value, target = named[name], array[row]
+                if not isinstance(value, np.ndarray) or value.shape != target.shape or value.dtype != target.dtype:
+                    value = self._converted(name, value, target)
+                array[row] = value
+        if not np.isfinite(self._rows.vectors).all():
+            name, array = next((name, array) for name, array in expected.items() if not np.isfinite(array).all())
+            where = np.argwhere(~np.isfinite(array))[:4, 1:].tolist()
+            raise self._error(f"expected finite observations, got others in '{name}' at {where}")
+
+    def _converted(self, name: str, value: Any, target: NDArray[Any]) -> NDArray[Any]:
+        """An observation with the type of its space, if it has the shape and numpy allows the cast."""
+        array = np.asarray(value)
+        if array.shape != target.shape:
+            raise self._error(f"observation '{name}': expected shape {target.shape}, got {array.shape}")
+        if not np.can_cast(array.dtype, target.dtype, "same_kind"):
+            raise self._error(f"observation '{name}': expected {target.dtype}, got {array.dtype}")
+        return array.astype(target.dtype)
 
     def _write_end(self, row: int, info: Mapping[str, Any]) -> None:
         if missing := [name for name in self._plan.measures if name not in info]:

@@ -17,7 +17,7 @@ class LocalVectorEnv(RowVectorEnv):
         arrays = {name: np.zeros(shape, dtype) for name, (dtype, shape) in self._plan.layout().items()}
         self._envs = [EnvRows(self._plan, arrays, rank) for rank in range(self._plan.groups)]
         self._sent: dict[int, tuple[str, tuple[Any, ...]]] = {}
-        return RowArrays.of(arrays)
+        return RowArrays.of(arrays, self.single_observation_space)
 
     def _send(self, group: int, command: str, *arguments: Any) -> None:
         self._sent[group] = command, arguments

@@ -1,7 +1,6 @@
 """ProcessVectorEnv: environments that step at the same time, one process each, as libsumo is global to its process.
 
-Parent and workers share the memory of actions, observations, rewards and ends; a step is one short message to each
-worker and an empty one back.
+Parent and workers share the memory of actions, observations, rewards and ends; nothing else is sent at a step.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ class ProcessVectorEnv(RowVectorEnv):
         self._finalizer = weakref.finalize(self, _stop_all, self._workers)
         for rank in range(self._plan.groups):
             self._workers.append(WorkerProcess(rank, partial(_make_rows, self._plan, memory, rank)))
-        return RowArrays.of(memory.arrays())
+        return RowArrays.of(memory.arrays(), self.single_observation_space)
 
     @property
     def pids(self) -> tuple[int, ...]:

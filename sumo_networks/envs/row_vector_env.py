@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import gymnasium
@@ -40,6 +40,7 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         single_action_space: Box or Discrete.
         measures: Names of the floats in `infos` at the end of an episode, beside "success".
         running: (N,) whether the row's episode has begun and not ended.
+        all_running: Whether all have.
         failures: Errors of the environments that were lost in the last reset or step, by environment.
         metadata: "autoreset_mode" is DISABLED: the caller resets.
 
@@ -78,7 +79,7 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
             raise InvalidInputError(f"expected actions in a Box or Discrete, got {action_space}")
         self.num_envs, self.group_size, self.measures = num_envs, group_size, measures
         self.metadata = {"autoreset_mode": AutoresetMode.DISABLED}
-        self.single_observation_space = named_space(observation_space)
+        self.single_observation_space: gymnasium.spaces.Dict = named_space(observation_space)
         self.single_action_space = action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(action_space, num_envs)
@@ -88,7 +89,7 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         )
         self._has_expert = expert
         self._arrays = self._take_arrays()
-        self.running: BoolArray = np.zeros(num_envs, np.bool_)
+        self._set_running(np.zeros(num_envs, np.bool_))
         self._pending: list[int] | None = None
         self.closed = False
 
@@ -127,11 +128,11 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         rest = dict(options or {})
         asked = self._groups(self._mask(rest.pop("reset_mask", np.ones(self.num_envs, np.bool_))))
         seeds, chosen = self._seeds(seed), self._rows(asked)
-        self.running[chosen] = False
+        self._set_running(self.running & ~chosen)
         for group in asked:
             self._send(group, "reset", seeds[group * self.group_size], rest or None)
         lost = self._finish(asked)
-        self.running |= chosen & ~lost
+        self._set_running(self.running | (chosen & ~lost))
         return self._observations(), {"lost": lost}
 
     def step(self, actions: ArrayLike) -> Step:
@@ -164,28 +165,29 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         self._check_idle()
         shared = self._arrays.actions
         shared[...] = checked_actions(actions, shared.shape, shared.dtype)
-        self._clear()
-        asked = self._groups(self.running)
-        for group in asked:
+        if not self.all_running:
+            self._clear()
+        for group in self._running_groups:
             self._send(group, "step")
-        self._pending = asked
+        self._pending = self._running_groups
 
     def step_wait(self) -> Step:
         """Waits for the step that `step_async` began, see `step`."""
         if self._pending is None:
             raise NoAsyncCallError("expected step_async() before step_wait()", "step")
         asked, self._pending = self._pending, None
-        arrays, active = self._arrays, self.running.copy()
-        lost = self._finish(asked) & active
-        arrays.rewards[lost], arrays.terminations[lost], arrays.truncations[lost] = 0.0, False, True
-        ended = arrays.terminations | arrays.truncations
-        self.running &= ~ended
-        infos: dict[str, Any] = {"active": active, "lost": lost}
-        judged = ended & ~lost
-        if judged.any():
-            for name, values in self._judgement().items():
-                infos[name], infos[f"_{name}"] = values, judged
-        return self._observations(), arrays.rewards.copy(), arrays.terminations.copy(), arrays.truncations.copy(), infos
+        arrays, active = self._arrays, self.running
+        lost = self._finish(asked)
+        if self.failures:
+            lost &= active
+            arrays.rewards[lost], arrays.terminations[lost], arrays.truncations[lost] = 0.0, False, True
+        infos: dict[str, Any] = {"active": active.copy(), "lost": lost}
+        terminations, truncations = arrays.terminations.copy(), arrays.truncations.copy()
+        ended = terminations | truncations
+        if ended.any():
+            self._set_running(active & ~ended)
+            infos |= self._judgement(ended & ~lost)
+        return self._observations(), arrays.rewards.copy(), terminations, truncations, infos
 
     def expert_actions(self, rows: BoolArray) -> tuple[NDArray[Any], BoolArray]:
         """Asks the expert for its actions for the present observations.
@@ -226,6 +228,10 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
                 raise picture
         return tuple(pictures.values())
 
+    def _set_running(self, running: BoolArray) -> None:
+        self.running, self.all_running = running, bool(running.all())
+        self._running_groups = self._groups(running)
+
     def _check_idle(self) -> None:
         if self.closed:
             raise SimulationError(f"this {type(self).__name__} is closed")
@@ -235,16 +241,17 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
     def _finish(self, asked: Iterable[int], keep: bool = False) -> BoolArray:
         """Waits for environments; (N,) rows of those that failed, which are discarded unless they are to be kept."""
         answers = self._collect(asked)
-        self.failures = {group: error for group, error in answers.items() if isinstance(error, SimulationError)}
+        errors = {group: answer for group, answer in answers.items() if isinstance(answer, Exception)}
+        self.failures = {group: error for group, error in errors.items() if isinstance(error, SimulationError)}
         for group, error in self.failures.items():
             logger.warning("environment %d is lost: %s", group, error)
             if not keep:
                 self._discard(group)
-        for group, error in answers.items():
-            if isinstance(error, EnvError):
-                logger.error("environment %d failed", group, exc_info=error)
-            if isinstance(error, Exception) and not isinstance(error, SimulationError):
-                raise error
+        for group, cause in errors.items():
+            if isinstance(cause, EnvError):
+                logger.error("environment %d failed", group, exc_info=cause)
+            if not isinstance(cause, SimulationError):
+                raise cause
         return self._rows(self.failures)
 
     def _collect(self, asked: Iterable[int]) -> dict[int, Any]:
@@ -262,21 +269,21 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         return answers
 
     def _clear(self) -> None:
-        """Empties what the last step said."""
+        """Empties the results of rows that have ended, which nobody writes."""
         arrays = self._arrays
         arrays.rewards[:] = 0.0
-        for flags in (arrays.terminations, arrays.truncations, arrays.successes):
-            flags[:] = False
+        arrays.terminations[:] = arrays.truncations[:] = False
         if self.group_size > 1:
             for observation in arrays.observations.values():
                 observation[~self.running] = 0
 
-    def _judgement(self) -> Mapping[str, NDArray[Any]]:
-        measured = self._arrays.measures
-        return {
-            "success": self._arrays.successes.copy(),
-            **{name: measured[:, column].copy() for column, name in enumerate(self.measures)},
-        }
+    def _judgement(self, ended: BoolArray) -> dict[str, NDArray[Any]]:
+        """Success and measures of the episodes that ended, in the form of infos."""
+        if not ended.any():
+            return {}
+        columns = dict(zip(self.measures, self._arrays.measures.T, strict=True))
+        values = {"success": self._arrays.successes, **columns}
+        return {name: value.copy() for name, value in values.items()} | {f"_{name}": ended for name in values}
 
     def _observations(self) -> Observations:
         return {name: array.copy() for name, array in self._arrays.observations.items()}
@@ -296,11 +303,11 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
 
     def _groups(self, rows: BoolArray) -> list[int]:
         """Environments of which a row is in a mask."""
-        groups: list[int] = np.flatnonzero(rows.reshape(-1, self.group_size).any(axis=1)).tolist()
-        return groups
+        return [group for group, some in enumerate(rows.reshape(-1, self.group_size).tolist()) if any(some)]
 
     def _rows(self, groups: Iterable[int]) -> BoolArray:
         """(N,) mask of the rows of environments."""
-        rows = np.zeros((self._plan.groups, self.group_size), np.bool_)
-        rows[list(groups)] = True
-        return rows.reshape(self.num_envs)
+        rows = np.zeros(self.num_envs, np.bool_)
+        for group in groups:
+            rows[group * self.group_size : (group + 1) * self.group_size] = True
+        return rows

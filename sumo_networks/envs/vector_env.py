@@ -84,7 +84,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._seed, self._episode = 0, np.arange(num_envs) - num_envs
-        self._given = np.zeros(num_envs, np.bool_)  # whether its episode has a given seed, and is none of the run
+        self._begun, self._shown = False, self._episode  # that of the observations; -1 where a seed was given
 
     @property
     def pids(self) -> tuple[int, ...]:
@@ -113,11 +113,11 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         if options and options.get("reset_mask") is not None:
             mask = np.asarray(options["reset_mask"], dtype=np.bool_).reshape(self.num_envs)
         if isinstance(seed, Sequence | np.ndarray):
-            self._given |= mask
-            return self._reset(mask, seed, {}), self._infos(self._rows.running)
+            self._shown = np.where(mask, -1, self._shown)
+            return self._reset(mask, seed, {}), self._infos(self._rows.running.copy())
         if seed is not None:
             self._seed, self._episode = seed, np.arange(self.num_envs) - self.num_envs
-        return self._begin_next(mask), self._infos(self._rows.running)
+        return self._begin_next(mask), self._infos(self._rows.running.copy())
 
     def step(self, actions: ArrayLike) -> Step:
         """Drives every ego of every environment for one tick of 0.1 s.
@@ -138,23 +138,22 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
             InvalidActionError: The actions have a wrong shape or are not finite; the simulations are then unchanged.
             SimulationError: SUMO failed, a worker has died, or the environment is closed.
         """
-        checked = checked_actions(actions, self.action_space.shape or (), np.float32)
-        if not (self.closed or self._given.any() or (self._episode >= 0).any()):
+        if not (self._begun or self.closed):
             raise SimulationError("this VectorDrivingEnv has not been reset")
         idle = self._ended()
-        observations, rewards, terminations, truncations, infos = self._rows.step(
-            checked.reshape(self._rows.action_space.shape)
-        )
+        observations, rewards, terminations, truncations, infos = self._rows.step(self._by_row(actions))
         self._check_failures()
-        active, seen, ended = infos["active"], self._by_env(observations), self._ended()
-        result = self._infos(active)
-        if self.autoreset_mode is AutoresetMode.NEXT_STEP and idle.any():
-            seen = self._begin_next(idle)
-            result = self._infos(active | np.repeat(idle, self.num_egos))
-        elif self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
-            finals, seen = seen, self._begin_next(ended)
-            result = {**self._infos(active), "final_obs": _of_some(finals, ended), "_final_obs": ended}
-        return seen, self._squeezed(rewards), self._squeezed(terminations), self._squeezed(truncations), result
+        seen, active, result = self._by_env(observations), infos["active"], {}
+        ended = self._ended()
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP and any(idle):
+            mask = np.array(idle)
+            seen, active = self._begin_next(mask), active | np.repeat(mask, self.num_egos)
+        elif self.autoreset_mode is AutoresetMode.SAME_STEP and any(ended):
+            mask = np.array(ended)
+            finals, seen = seen, self._begin_next(mask)
+            result = {"final_obs": _of_some(finals, mask), "_final_obs": mask}
+        ends = self._squeezed(terminations), self._squeezed(truncations)
+        return seen, self._squeezed(rewards), *ends, {**self._infos(active), **result}
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """One (480, 480, 3) RGB picture from above per environment; None without a render mode.
@@ -171,14 +170,14 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
     def _begin_next(self, mask: BoolArray) -> Observations:
         """Begins the run's next episodes in some environments."""
         self._episode[mask] += self.num_envs
-        self._given[mask] = False
+        self._shown = np.where(mask, self._episode, self._shown)
         begun = zip(self._episode.tolist(), mask.tolist(), strict=True)
         seeds = [training_seed(self._seed, episode) if now else None for episode, now in begun]
         return self._reset(mask, seeds, {"episodes": self._episode})
 
     def _reset(self, mask: BoolArray, seeds: Sequence[int | None], options: dict[str, Any]) -> Observations:
         """Begins episodes with seeds, one per environment."""
-        rows = np.repeat(mask, self.num_egos)
+        self._begun, rows = True, np.repeat(mask, self.num_egos)
         row_seeds = [seed for seed in seeds for _ in range(self.num_egos)]
         observations, _ = self._rows.reset(seed=row_seeds, options={**options, "reset_mask": rows})
         self._check_failures()
@@ -192,15 +191,25 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
                 raise SimulationError(f"{error}; this VectorDrivingEnv is closed") from error
             raise error
 
-    def _ended(self) -> BoolArray:
-        """(N,) whether the episodes of all egos have ended."""
-        return np.logical_not(self._rows.running.reshape(self.num_envs, self.num_egos).any(axis=1))
+    def _ended(self) -> list[bool]:
+        """Whether the episodes of all egos have ended, for each environment."""
+        if self._rows.all_running:
+            return [False] * self.num_envs
+        running = self._rows.running.reshape(self.num_envs, self.num_egos)
+        return [not any(egos) for egos in running.tolist()]
 
     def _infos(self, active: BoolArray) -> dict[str, Any]:
-        return {"active": self._squeezed(active.copy()), "episode": np.where(self._given, -1, self._episode)}
+        return {"active": self._squeezed(active), "episode": self._shown.copy()}
+
+    def _by_row(self, actions: ArrayLike) -> ArrayLike:
+        """Actions of all egos, one after the other."""
+        if self.num_egos == 1:
+            return actions
+        checked = checked_actions(actions, self.action_space.shape or (), np.float32)
+        return checked.reshape(self._rows.action_space.shape or ())
 
     def _by_env(self, observations: Observations) -> Observations:
-        return {name: self._squeezed(array) for name, array in observations.items()}
+        return observations if self.num_egos == 1 else {name: self._squeezed(a) for name, a in observations.items()}
 
     def _squeezed(self, array: NDArray[Any]) -> NDArray[Any]:
         """Array of rows as (N, E, ...), without the axis of egos if there is one ego."""

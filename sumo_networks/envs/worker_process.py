@@ -1,6 +1,6 @@
 """WorkerProcess: a process that carries out commands, and ends with its parent in any case.
 
-A command without arguments is one short message and its answer an empty one: nothing is pickled at a step.
+A step is one byte to the worker and one back: nothing is pickled.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ JOIN_S = 5.0
 SPIN_S = 0.0005
 # The processes of a run fill the cores already; a second thread in each slows all of them down.
 ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
-_PLAIN = b"!"
-"""First byte of a command without arguments; pickles begin with another one."""
+STEP = "step"
+"""The command that is sent as an empty message."""
+_EMPTY, _FULL = b".", b"+"
 
 
 class WorkerDeathError(SimulationError):
@@ -50,14 +51,23 @@ class Pipe:
         self._connection = connection
         self._poll = select.poll()
         self._poll.register(connection.fileno(), select.POLLIN)
-        self.send, self.close = connection.send_bytes, connection.close
+        self.close = connection.close
+
+    def send(self, message: bytes) -> None:
+        """Sends a message; an empty one takes a third of the time. Raises OSError if the other end is closed."""
+        os.write(self._connection.fileno(), _FULL if message else _EMPTY)
+        if message:
+            self._connection.send_bytes(message)
 
     def receive(self) -> bytes:
         """Receives the next message; raises EOFError or OSError if the other end is closed."""
         patience = time.perf_counter() + SPIN_S
         while not self._poll.poll(0) and time.perf_counter() < patience:
             os.sched_yield()
-        return self._connection.recv_bytes()
+        kind = os.read(self._connection.fileno(), 1)
+        if not kind:
+            raise EOFError
+        return b"" if kind == _EMPTY else self._connection.recv_bytes()
 
 
 class WorkerProcess:
@@ -101,7 +111,7 @@ class WorkerProcess:
     def send(self, command: str, *arguments: Any) -> None:
         """Begins a command of the host; the death of the process shows in `receive`."""
         self.start()
-        message = pickle.dumps((command, arguments)) if arguments else _PLAIN + command.encode()
+        message = b"" if command == STEP else pickle.dumps((command, arguments))
         with suppress(OSError):  # `receive` meets the same end
             self._pipe.send(message)
 
@@ -183,12 +193,14 @@ def _one_thread() -> Iterator[None]:
 
 def _serve(connection: Connection, make_host: Callable[[], Host]) -> None:
     """Main function of a worker: carries out commands until its parent closes the pipe or ends."""
-    os.setsid()  # the parent handles Ctrl-C and signals to the group, then closes the pipe
+    # The parent handles Ctrl-C and signals to its group, then closes the pipe. A session of its own would do too, but
+    # Linux may then schedule the worker as a group apart (autogroup), in which sched_yield yields to nobody.
+    os.setpgrp()
     pipe, host = Pipe(connection), make_host()
     try:
         while True:
             message = pipe.receive()
-            command, arguments = (message[1:].decode(), ()) if message[:1] == _PLAIN else pickle.loads(message)
+            command, arguments = pickle.loads(message) if message else (STEP, ())
             try:
                 answer = host.carry_out(command, *arguments)
             except Exception as error:

@@ -120,7 +120,7 @@ def test_pictures_and_discrete_actions(kind: type[RowVectorEnv]) -> None:
     assert observations["picture"][:, 0, 0, 0].tolist() == [4, 10]
     assert terminated.tolist() == [False, True]
     assert observations["vector"][:, 0].tolist() == [0.0, 1.0]
-    if kind is ProcessVectorEnv:  # one thread each, in sessions of their own
+    if kind is ProcessVectorEnv:  # one thread each, in process groups of their own
         assert observations["vector"][:, 1:].tolist() == [[1.0, 1.0], [1.0, 1.0]]
 
 
@@ -173,7 +173,7 @@ def test_the_expert_is_asked_and_does_not_drive(kind: type[RowVectorEnv]) -> Non
     [
         ("nan", "environment 0: expected finite observations, got others in 'observation' at [[0]]"),
         ("shape", "environment 0: observation 'observation': expected shape (2,), got (1, 2)"),
-        ("dtype", "environment 0: TypeError: Cannot cast"),
+        ("dtype", "environment 0: observation 'observation': expected float32, got complex64"),
         ("reward", "environment 0: expected a finite reward, got inf"),
         ("measure", "environment 0: the last info of an episode lacks distance"),
         ("raise", "environment 0: ValueError: the point is lost"),

@@ -63,7 +63,7 @@ class Point(gymnasium.Env[Any, Any]):
 
 
 class Counter(gymnasium.Env[Any, Any]):
-    """A picture and a vector of what was counted, with discrete actions; tells its process and its threads."""
+    """Counts its actions, and shows the count, its threads and whether its process leads a group."""
 
     observation_space = Dict({"picture": Box(0, 255, (3, 4, 5), np.uint8), "vector": Box(-1e9, 1e9, (3,), np.float32)})
     action_space = Discrete(3)
@@ -82,7 +82,7 @@ class Counter(gymnasium.Env[Any, Any]):
 
     def observation(self) -> Any:
         threads = int(os.environ.get("OMP_NUM_THREADS", 0))
-        vector = np.array([self.rank, threads, os.getsid(0) == os.getpid()], np.float32)
+        vector = np.array([self.rank, threads, os.getpgrp() == os.getpid()], np.float32)
         return {"picture": np.full((3, 4, 5), self.count, np.uint8), "vector": vector}
 
 
