@@ -175,6 +175,8 @@ def score(
     if scored:
         print_terms(scored)
     print_comparison([summary])
+    for part in sorted({part_of_record(path) for path in records}):
+        print_part(part)
 
 
 def _drives(
