@@ -36,6 +36,14 @@ class Steady(Agent):
         return np.array([6.0, 0.0])
 
 
+class Slow(Steady):
+    """Takes a second and a half for a short drive, without using the processor."""
+
+    def act(self, observation: Observation) -> np.ndarray:
+        time.sleep(0.01)
+        return super().act(observation)
+
+
 class Raises(Steady):
     def misbehave(self) -> np.ndarray:
         raise RuntimeError(f"out of ideas, {self!r}")

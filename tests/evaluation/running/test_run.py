@@ -16,6 +16,7 @@ import sumo
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.records.specifications import Status
+from dohyo.evaluation.running import executors
 from dohyo.evaluation.running.executors import ProcessPool
 from dohyo.evaluation.running.run import Result, part_of_record, read_result, run_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -115,7 +116,8 @@ def test_an_episode_whose_process_always_dies_is_lost_and_not_the_agents_fault(t
     assert run_benchmark(single, "tests.evaluation.agents:DiesAlways", seeds=[0], out=tmp_path).resumed == 0
 
 
-def test_an_agent_that_never_returns_is_ended_and_at_fault(tmp_path: Path) -> None:
+def test_an_agent_that_never_returns_is_ended_and_at_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(executors, "KILL_GRACE_S", 0.5)
     result = run_benchmark(
         benchmark(missions=1),
         "tests.evaluation.agents:HangsOutsidePython",
@@ -126,8 +128,25 @@ def test_an_agent_that_never_returns_is_ended_and_at_fault(tmp_path: Path) -> No
     assert result.records[0].egos[0].status is Status.AGENT_DEADLINE
 
 
-def command(out: Path) -> list[str]:
-    evaluate = ["evaluate", "--agent", "autopilot", "--benchmark", "quickstart", "--seeds", "0", "--json"]
+SHORT = """
+name = "short"
+description = "for tests"
+headline = "driving_score"
+metric = "driving score"
+network = "ingolstadt"
+traffic = { vehicles = 10, pedestrians = 10, warm_up_s = 5.0 }
+seeds = [0, 1, 2, 3, 4, 5]
+
+[[missions]]
+name = "along"
+start = { lane = "737320747#3_2", position_m = 5.0 }
+goal = { lane = "737320747#4_2", position_m = 40.0 }
+"""
+SLOW = "tests.evaluation.agents:Slow"
+
+
+def command(benchmark: Path, out: Path) -> list[str]:
+    evaluate = ["evaluate", "--agent", SLOW, "--benchmark", str(benchmark), "--json"]
     program = "from dohyo.service.cli import main; main()"
     return [sys.executable, "-c", program, *evaluate, "--workers", "2", "--out", str(out)]
 
@@ -156,11 +175,10 @@ def children(pid: int, pattern: str = "") -> list[int]:
 
 @pytest.mark.slow
 def test_kill_nine_of_a_worker_and_of_the_command_lose_nothing(tmp_path: Path) -> None:
-    undisturbed = run_benchmark(
-        "quickstart", "dohyo.agents.experts.autopilot:Autopilot", seeds=[0], out=tmp_path / "undisturbed"
-    )
-    out = tmp_path / "killed"
-    process = subprocess.Popen(command(out), cwd=ROOT, stdout=subprocess.DEVNULL)
+    short, out = tmp_path / "short.toml", tmp_path / "killed"
+    short.write_text(SHORT)
+    undisturbed = run_benchmark(str(short), SLOW, out=tmp_path / "undisturbed")
+    process = subprocess.Popen(command(short, out), cwd=ROOT, stdout=subprocess.DEVNULL)
     wait_for_records(out, 1, process)
     os.kill(workers_of(process.pid)[0], signal.SIGKILL)
     wait_for_records(out, 3, process)
@@ -175,7 +193,7 @@ def test_kill_nine_of_a_worker_and_of_the_command_lose_nothing(tmp_path: Path) -
         assert time.monotonic() < patience, "workers outlive their parent"
         time.sleep(0.05)
 
-    again = run_benchmark("quickstart", "dohyo.agents.experts.autopilot:Autopilot", seeds=[0], out=out)
+    again = run_benchmark(str(short), SLOW, out=out)
     assert again.resumed == len(before)
     assert hashes(again) == hashes(undisturbed)
     assert not list((out / "records").glob("*.tmp"))

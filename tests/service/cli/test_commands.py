@@ -1,4 +1,4 @@
-"""The command line as a stranger uses it: real processes, exit codes, what is printed and what is written."""
+"""The command line as a stranger uses it: exit codes, what is printed and what is written; some in real processes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,9 @@ goal = { lane = "737320747#4_2", position_m = 20.0 }
 """
 
 
+Call = Callable[..., subprocess.CompletedProcess[str]]
+
+
 def dohyo(*arguments: str, cwd: Path = ROOT, columns: int = 160) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-c", "from dohyo.service.cli import main; main()", *arguments]
     environment = {"PYTHONPATH": str(ROOT), "COLUMNS": str(columns)}
@@ -42,16 +46,20 @@ def dohyo(*arguments: str, cwd: Path = ROOT, columns: int = 160) -> subprocess.C
     )
 
 
-def here(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str
-) -> subprocess.CompletedProcess[str]:
-    """The same in this process, which need not import everything again."""
-    monkeypatch.setattr(sys, "argv", ["dohyo", *arguments])
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    with pytest.raises(SystemExit) as ended:
-        main()
-    printed = capsys.readouterr()
-    return subprocess.CompletedProcess(arguments, int(ended.value.code or 0), printed.out, printed.err)
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
+    """Calls a command in this process, which need not import everything again."""
+
+    def call(*arguments: str) -> subprocess.CompletedProcess[str]:
+        monkeypatch.setattr(sys, "argv", ["dohyo", *arguments])
+        monkeypatch.setattr(sys, "path", list(sys.path))
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main()
+        printed = capsys.readouterr()
+        return subprocess.CompletedProcess(arguments, int(ended.value.code or 0), printed.out, printed.err)
+
+    return call
 
 
 def document(result: subprocess.CompletedProcess[str]) -> Any:
@@ -73,14 +81,14 @@ def evaluated(short: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
     return out, document(result)
 
 
-def test_lists_name_what_there_is() -> None:
-    assert {"ingolstadt", "adlershof"} <= {row["name"] for row in document(dohyo("networks", "list", "--json"))}
-    assert {"autopilot", "reckless", "random"} <= {row["name"] for row in document(dohyo("agents", "list", "--json"))}
-    assert "quickstart" in {row["name"] for row in document(dohyo("benchmarks", "list", "--json"))}
+def test_lists_name_what_there_is(here: Call) -> None:
+    assert {"ingolstadt", "adlershof"} <= {row["name"] for row in document(here("networks", "list", "--json"))}
+    assert {"autopilot", "reckless", "random"} <= {row["name"] for row in document(here("agents", "list", "--json"))}
+    assert "quickstart" in {row["name"] for row in document(here("benchmarks", "list", "--json"))}
 
 
-def test_adlershof_has_its_lights_and_crossings() -> None:
-    (row,) = [row for row in document(dohyo("networks", "list", "--json")) if row["name"] == "adlershof"]
+def test_adlershof_has_its_lights_and_crossings(here: Call) -> None:
+    (row,) = [row for row in document(here("networks", "list", "--json")) if row["name"] == "adlershof"]
     assert (row["lights"], row["crossings"]) == (21, 503)
 
 
@@ -95,50 +103,50 @@ def test_evaluate_prints_one_json_document(evaluated: tuple[Path, Any]) -> None:
     assert (out / "evaluation.json").exists()
 
 
-def test_verify_proves_a_record_and_tells_a_changed_world(evaluated: tuple[Path, Any]) -> None:
+def test_verify_proves_a_record_and_tells_a_changed_world(evaluated: tuple[Path, Any], here: Call) -> None:
     record = evaluated[1]["drives"][0]["record"]
-    assert document(dohyo("verify", record, "--json"))["same"] is True
+    assert document(here("verify", record, "--json"))["same"] is True
 
 
-def test_verify_refuses_a_forged_record(evaluated: tuple[Path, Any], tmp_path: Path) -> None:
+def test_verify_refuses_a_forged_record(evaluated: tuple[Path, Any], tmp_path: Path, here: Call) -> None:
     record = json.loads(Path(evaluated[1]["drives"][0]["record"]).read_text())
     record["egos"][0]["status"] = "perfect"
     record["egos"][0]["infractions"] = []
     record["egos"][0]["driven_m"] += 1.0
     forged = tmp_path / "forged.json"
     forged.write_text(json.dumps(record))
-    result = dohyo("verify", str(forged))
+    result = here("verify", str(forged))
     assert result.returncode == 2
     assert "changed since it was written" in result.stderr
 
 
-def test_score_recomputes_under_other_rules(evaluated: tuple[Path, Any]) -> None:
+def test_score_recomputes_under_other_rules(evaluated: tuple[Path, Any], here: Call) -> None:
     records = [drive["record"] for drive in evaluated[1]["drives"]]
     for rules in ("1.0", "2.0", "2.1"):
-        scored = document(dohyo("score", *records, "--rules", rules, "--irs-length", "route", "--json"))
+        scored = document(here("score", *records, "--rules", rules, "--irs-length", "route", "--json"))
         assert (scored["rules"], scored["irs_length"]) == (rules, "route")
         assert len(scored["drives"]) == 2
 
 
-def test_report_compares_folders(evaluated: tuple[Path, Any], tmp_path: Path) -> None:
-    result = dohyo("report", str(evaluated[0]), str(evaluated[0]), "--out", str(tmp_path / "report.html"))
+def test_report_compares_folders(evaluated: tuple[Path, Any], tmp_path: Path, here: Call) -> None:
+    result = here("report", str(evaluated[0]), str(evaluated[0]), "--out", str(tmp_path / "report.html"))
     assert result.returncode == 2, "the same agent twice is no comparison"
-    result = dohyo("report", str(evaluated[0]), "--out", str(tmp_path / "report.html"))
+    result = here("report", str(evaluated[0]), "--out", str(tmp_path / "report.html"))
     assert result.returncode == 0, result.stderr
     assert "steady" in result.stdout
     assert "<html" in (tmp_path / "report.html").read_text()[:200]
 
 
-def test_the_same_command_again_goes_on(evaluated: tuple[Path, Any], short: Path) -> None:
+def test_the_same_command_again_goes_on(evaluated: tuple[Path, Any], short: Path, here: Call) -> None:
     out, printed = evaluated
-    again = document(dohyo("evaluate", "--agent", STEADY, "--benchmark", str(short), "--out", str(out), "--json"))
+    again = document(here("evaluate", "--agent", STEADY, "--benchmark", str(short), "--out", str(out), "--json"))
     assert again == printed
 
 
-def test_settings_reach_the_agent(short: Path, tmp_path: Path) -> None:
+def test_settings_reach_the_agent(short: Path, tmp_path: Path, here: Call) -> None:
     arguments = ("--agent", "tests.evaluation.agents:Raises", "--benchmark", str(short), "--seeds", "0", "--json")
-    late = document(dohyo("evaluate", *arguments, "--out", str(tmp_path / "a"), "--set", "after=20"))
-    early = document(dohyo("evaluate", *arguments, "--out", str(tmp_path / "b"), "--set", "after=3"))
+    late = document(here("evaluate", *arguments, "--out", str(tmp_path / "a"), "--set", "after=20"))
+    early = document(here("evaluate", *arguments, "--out", str(tmp_path / "b"), "--set", "after=3"))
     durations = [json.loads(Path(d["drives"][0]["record"]).read_text())["egos"][0]["duration_s"] for d in (late, early)]
     assert durations == [2.0, 0.3]
 
@@ -175,8 +183,7 @@ def test_bad_input_is_one_line_and_writes_nothing(
     arguments: list[str],
     says: str,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    here: Call,
 ) -> None:
     variants = {
         "no_toml": "name = [",
@@ -190,7 +197,7 @@ def test_bad_input_is_one_line_and_writes_nothing(
         paths[name] = str(tmp_path / f"{name}.toml")
         Path(paths[name]).write_text(text)
     out = tmp_path / "out"
-    result = here(monkeypatch, capsys, "evaluate", *[part.format(**paths) for part in arguments], "--out", str(out))
+    result = here("evaluate", *[part.format(**paths) for part in arguments], "--out", str(out))
     assert result.returncode == 2
     assert says in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
@@ -213,36 +220,34 @@ def test_an_agent_of_ones_own_is_found_in_the_working_folder(short: Path, tmp_pa
     assert document(result)["agent"] == "mine"
 
 
-def test_lists_of_benchmarks_and_agents_keep_their_names_whole_on_80_columns() -> None:
+def test_lists_of_benchmarks_and_agents_keep_their_names_whole_on_80_columns(here: Call) -> None:
     for what in ("benchmarks", "agents"):
-        listed = document(dohyo(what, "list", "--json"))
+        listed = document(here(what, "list", "--json"))
         shown = dohyo(what, "list", columns=80).stdout.splitlines()
         assert max(map(len, shown)) <= 80
         assert {one["name"] for one in listed} <= {line.split()[0] for line in shown if not line.startswith(" ")}
 
 
-def test_a_part_of_a_benchmark_is_marked_by_every_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_part_of_a_benchmark_is_marked_by_every_command(tmp_path: Path, here: Call) -> None:
     second = SHORT[SHORT.index("[[missions]]") :].replace("along", "again")
     (tmp_path / "two.toml").write_text(SHORT + second)
     order = ["--agent", STEADY, "--benchmark", str(tmp_path / "two.toml"), "--seeds", "0", "--out", str(tmp_path / "a")]
     words = "part of short: 1 of 2 missions"
 
-    shown = here(monkeypatch, capsys, "evaluate", *order, "--only", "again")
+    shown = here("evaluate", *order, "--only", "again")
     assert f"{words}; the scores are not those of the benchmark" in shown.stdout
-    printed = document(here(monkeypatch, capsys, "evaluate", *order, "--only", "again", "--json"))
+    printed = document(here("evaluate", *order, "--only", "again", "--json"))
     assert (printed["part"], printed["missions"]) == (words, ["again"])
-    compared = here(monkeypatch, capsys, "report", str(tmp_path / "a"), "--out", str(tmp_path / "report.html"))
+    compared = here("report", str(tmp_path / "a"), "--out", str(tmp_path / "report.html"))
     assert f"{words}; the scores are not" in compared.stdout
     record = tmp_path / "a" / "records" / "again-s0.json"
-    verified = document(here(monkeypatch, capsys, "verify", str(record), "--json"))
+    verified = document(here("verify", str(record), "--json"))
     assert (verified["same"], verified["part"]) == (True, words)
     assert f"{words}; the scores are not" in here(monkeypatch, capsys, "score", str(record)).stdout
 
-    refused = here(monkeypatch, capsys, "evaluate", *order, "--only", "along")
+    refused = here("evaluate", *order, "--only", "along")
     assert (refused.returncode, "choose another --out" in refused.stderr) == (2, True)
-    unknown = here(monkeypatch, capsys, "evaluate", *order, "--only", "agin")
+    unknown = here("evaluate", *order, "--only", "agin")
     assert "no cell or mission named 'agin'; did you mean 'again'?" in unknown.stderr
-    assert "--sample" in here(monkeypatch, capsys, "evaluate", *order, "--sample", "3").stderr
-    assert "--only" in here(monkeypatch, capsys, "evaluate", *order, "--only", "again,").stderr
+    assert "--sample" in here("evaluate", *order, "--sample", "3").stderr
+    assert "--only" in here("evaluate", *order, "--only", "again,").stderr
