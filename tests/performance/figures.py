@@ -160,8 +160,23 @@ def wire() -> list[Figure]:
     ]
 
 
+def learning() -> list[Figure]:
+    """Updates against the networks' bare passes and a peer's, the replay's bytes, the collector's own time."""
+    from tests.performance import learning as parts
+
+    sac, pixels = parts.sac_updates(), parts.pixel_updates()
+    passes, environment = "bare forward and backward", "bare environment"
+    return [
+        ratio(f"update of SAC, {sac['ms']:.1f} ms", sac["to_bare"], passes, 1.2, at_most=True),
+        ratio("updates per second of SAC", sac["to_peer"], "stable-baselines3", 1.0),
+        ratio(f"update from pictures, {pixels['ms']:.0f} ms", pixels["to_bare"], passes, 1.2, at_most=True),
+        ratio("bytes of a transition of 64 x 64 pixels", parts.pixel_bytes(), "one frame", 1.01, at_most=True),
+        ratio("step of the collector", parts.collector_overhead()["to_bare"], environment, 1.1, at_most=True),
+    ]
+
+
 PARTS: dict[str, Callable[[], list[Figure]]] = {
-    part.__name__: part for part in (world, senses, planners, rules, state, forecasts, perception, wire)
+    part.__name__: part for part in (world, senses, planners, rules, state, forecasts, perception, learning, wire)
 }
 
 
