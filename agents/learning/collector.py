@@ -28,6 +28,7 @@ class Finished(NamedTuple):
     """An episode that has ended.
 
     Attributes:
+        row: That drove it.
         demonstrated: Share of its steps that the policy did not drive.
         total: Sum of its rewards.
         length: Its steps.
@@ -36,6 +37,7 @@ class Finished(NamedTuple):
         measures: The task's measures.
     """
 
+    row: int
     demonstrated: float
     total: float
     length: int
@@ -84,6 +86,11 @@ class Collector:
         self._totals = np.zeros(count)
         self._actions: Array = np.zeros(0)
         self._chosen = TensorDict({}, [count])
+
+    @property
+    def action_space(self) -> Any:
+        """Space of one row's action."""
+        return self._environments.single_action_space
 
     def __len__(self) -> int:
         return self._environments.num_envs
@@ -235,7 +242,8 @@ class Collector:
             demonstrated = float(self._demonstrated[row]) / length
             success = bool(infos["success"][row]) if "success" in infos else False
             measures = {name: float(infos[name][row]) for name in self._task.measures}
-            self._finished.append(Finished(demonstrated, float(self._totals[row]), length, level, success, measures))
+            total = float(self._totals[row])
+            self._finished.append(Finished(row, demonstrated, total, length, level, success, measures))
             if not demonstrated:
                 self._progress.add(level, success)
             self.finished_count += 1

@@ -44,7 +44,9 @@ def add_intrinsic(sources: Sequence[IntrinsicReward], transitions: TensorDictBas
     Returns:
         The sources' columns.
     """
-    active = transitions.get("active", torch.ones(transitions.shape, dtype=torch.bool))
+    active = transitions.get("active", torch.ones(transitions.shape, dtype=torch.bool, device=transitions.device))
+    if not sources:
+        return {}
     lived, row = transitions[active], dict[str, Number]()
     rewards = [source.reward(lived) for source in sources]
     for source, reward in zip(sources, rewards, strict=True):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Protocol
@@ -42,6 +42,9 @@ class PpoActor(Protocol):
 
     def __call__(self, features: Tensor) -> Tensor:
         """(..., O) -> the action without exploration, in the action space."""
+
+    def parameters(self) -> Iterator[nn.Parameter]:
+        """Weights, as of any torch module."""
 
     def parameters_at(self, features: Tensor) -> tuple[Tensor, ...]:
         """(..., O) -> the distribution's parameters."""
@@ -332,6 +335,12 @@ def joined(observation: Tensor | Named) -> Tensor:
         return observation
     vectors: list[Tensor] = list(observation.values())
     return vectors[0] if len(vectors) == 1 else torch.cat(vectors, dim=-1)
+
+
+def distribution_at(actor: PpoActor, features: Tensor) -> Any:
+    """Distribution of an actor's variable, from (..., O) features."""
+    parameters = dict(zip(actor.parameter_names, actor.parameters_at(features), strict=True))
+    return actor.distribution(**parameters)
 
 
 def actor_for(features: int, actions: Box | Discrete, hidden: Sequence[int], std: float, squashed: bool) -> PpoActor:

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import torch
-from tensordict import TensorDict
+from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 from torchrl.objectives.value.functional import generalized_advantage_estimate
 
@@ -22,10 +22,20 @@ from dohyo.agents.learning.behaviour import DEMONSTRATOR, EpisodeMixture
 from dohyo.agents.learning.collector import Collector, Finished
 from dohyo.agents.learning.config import PpoConfig, PpoRunConfig
 from dohyo.agents.learning.export import Exportable
-from dohyo.agents.learning.imitation import Imitation
+from dohyo.agents.learning.imitation.bco import Bco
+from dohyo.agents.learning.imitation.dagger import WarmStart
+from dohyo.agents.learning.intrinsic import IntrinsicReward, add_intrinsic
 from dohyo.agents.learning.metrics import Number
 from dohyo.agents.learning.moments import Moments
-from dohyo.agents.learning.policy import Actor, EncodedPolicy, VectorEncoder, actor_for, layers, normalised
+from dohyo.agents.learning.policy import (
+    Actor,
+    EncodedPolicy,
+    VectorEncoder,
+    actor_for,
+    distribution_at,
+    layers,
+    normalised,
+)
 from dohyo.agents.learning.registry import Trainer, TrainRequest
 from dohyo.agents.learning.run import Run
 from dohyo.agents.learning.task import Array, Task, named
@@ -89,7 +99,7 @@ class Ppo:
         rounds: Rounds so far.
     """
 
-    columns = (
+    columns: tuple[str, ...] = (
         *("updates", "episodes", "level", "return", "length", "success", "guided_share", "guided_episodes"),
         *("guided_return", "guided_steps", "reward", "std", "learning_rate", "explained_variance", *LOSSES),
     )
@@ -102,6 +112,8 @@ class Ppo:
         device: torch.device,
         seed: int = 0,
         encoder: nn.Module | None = None,
+        intrinsic: Sequence[IntrinsicReward] = (),
+        cloning: Bco | None = None,
     ) -> None:
         """Draws weights from torch's generator.
 
@@ -112,11 +124,15 @@ class Ppo:
             device: Of networks and batches.
             seed: Of the run; it decides which episodes the expert drives.
             encoder: Named observations -> (..., `features`), learned with actor and critic; None: vectors are joined.
+            intrinsic: Rewards beside the task's, such as `Gail` and `Icm`; returns are reported without them.
+            cloning: Imitates demonstrations before the first round.
 
         Raises:
             InvalidInputError: A picture without an encoder, or settings that do not fit the action space.
         """
         self._collector, self._config, self._device = collector, config, device
+        self._intrinsic, self._cloning = intrinsic, cloning
+        self.columns = (*type(self).columns, *(name for source in intrinsic for name in source.columns))
         space = named(task.observation_space)
         self._names = list(space.spaces)
         self.encoder = (encoder or VectorEncoder(space)).to(device)
@@ -125,24 +141,30 @@ class Ppo:
         self.actor = actor.to(device)
         self.policy: Exportable = self.actor if encoder is None else EncodedPolicy(self.encoder, self.actor)
         self._value = _Value(self.actor, self.actor.sizes).to(device)
-        self._arguments = {"tanh_loc": False} if config.squashed else {}
         self._moments = Moments(features)
         self.behaviour = EpisodeMixture(self._explore, seed, config.guided_share)
         self._parameters = [*self.actor.parameters(), *self._value.parameters(), *self.encoder.parameters()]
         self._optimizer = torch.optim.Adam(self._parameters, lr=config.learning_rate)
         self._schedule = torch.optim.lr_scheduler.ExponentialLR(self._optimizer, config.learning_rate_decay)
+        self._intrinsic_row: dict[str, Number] = {}
         self.updates, self.rounds = 0, 0
         if config.normalised and not isinstance(self.actor, Actor):
             raise InvalidInputError("expected normalised = false with squashed or discrete actions")
 
     def begin(self) -> None:
-        """Imitates the expert, if that is set."""
-        if not self._config.imitated_steps:
-            return
+        """Imitates the expert, or demonstrations, if that is set."""
         config = self._config
-        imitation = Imitation(self.actor, self._value, self._collector, config.gamma, config.reward_scale)
-        imitation.learn(config.imitated_steps, self._look_back)
-        self._collector.begin()
+
+        def features(observation: TensorDictBase) -> Tensor:
+            return self._features(observation.to(self._device))
+
+        if config.imitated_steps:
+            start = WarmStart(self.actor, self._value, features, self._collector, config.gamma, config.reward_scale)
+            start.learn(config.imitated_steps, self._look_back)
+            self._collector.begin()
+        if self._cloning is not None:
+            self._cloning.learn(self.actor, features, self._collector, self.behaviour)
+            self._collector.begin()
 
     def round(self) -> dict[str, Number]:
         """Drives `horizon` steps everywhere, and learns from them.
@@ -158,7 +180,7 @@ class Ppo:
         mean = float(batch["next", "reward"].mean())
         row |= _outcome(self._collector.finished()) | {"level": self._collector.level}
         row |= {"guided_steps": guided_steps, "reward": mean / self._config.reward_scale}
-        row |= self._learn(batch)
+        row |= self._intrinsic_row | self._learn(batch)
         self._schedule.step()
         self.rounds += 1
         if self._config.normalised:
@@ -170,6 +192,7 @@ class Ppo:
         """A round: (N, T) transitions with advantages."""
         steps = [self._collector.step(self.behaviour) for _ in self._collector.round(self._config.horizon)]
         batch = TensorDict.stack(steps, dim=1).to(self._device)
+        self._intrinsic_row = add_intrinsic(self._intrinsic, batch)
         guided = batch["source"] == DEMONSTRATOR
         variable = batch.pop("variable")
         variable[guided] = self.actor.variable_of(batch["action"][guided])
@@ -184,7 +207,7 @@ class Ppo:
         config, after = self._config, batch["next"]
         features = self._features(batch["observation"])
         # Density of the executed action, chosen by policy or expert: GPPO's "as if on-policy".
-        distribution = self._distribution(features)
+        distribution = distribution_at(self.actor, features)
         batch["action_log_prob"] = distribution.log_prob(batch["action"])
         batch["state_value"] = self._value(features)
         batch["advantage"], batch["value_target"] = generalized_advantage_estimate(
@@ -215,6 +238,7 @@ class Ppo:
             "updates": self.updates,
             "rounds": self.rounds,
             "moments": self._moments.state(),
+            "intrinsic": [source.state() for source in self._intrinsic],
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -226,6 +250,8 @@ class Ppo:
         self._schedule.load_state_dict(state["schedule"])
         self.updates, self.rounds = state["updates"], state["rounds"]
         self._moments.restore(state["moments"])
+        for source, kept in zip(self._intrinsic, state["intrinsic"], strict=True):
+            source.restore(kept)
 
     def _explore(self, observation: TensorDict) -> TensorDict:
         """Draws actions; the variable of each is kept, since actions may be clipped."""
@@ -237,11 +263,6 @@ class Ppo:
     def _features(self, observation: TensorDict) -> Tensor:
         features: Tensor = self.encoder({name: observation[name] for name in self._names})
         return features
-
-    def _distribution(self, features: Tensor) -> torch.distributions.Distribution:
-        parameters = zip(self.actor.parameter_names, self.actor.parameters_at(features), strict=True)
-        distribution: torch.distributions.Distribution = self.actor.distribution(**dict(parameters), **self._arguments)
-        return distribution
 
     def _look_back(self, seen: Tensor) -> None:
         """Updates the normalisation with (B, O) features."""
@@ -282,7 +303,7 @@ class Ppo:
     ) -> dict[str, Tensor]:
         """TorchRL's ClipPPOLoss, which a test compares, without its overhead: it takes twice the time here."""
         config, features = self._config, self.encoder(observation)
-        distribution = self._distribution(features)
+        distribution = distribution_at(self.actor, features)
         log_ratio = distribution.log_prob(action) - log_prob
         ratio, gain = log_ratio.exp(), advantage[:, 0]
         clipped = ratio.clamp(1.0 - config.clip, 1.0 + config.clip)

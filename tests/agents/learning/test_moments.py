@@ -1,8 +1,6 @@
-"""What the actor and the critic know before the first round, and what observations are normalised by."""
+"""Moments: those of all rows so far, and policies whose observations they normalise."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,53 +8,12 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dohyo.agents.learning.imitation import Imitation
 from dohyo.agents.learning.moments import LEAST_SCALE, Moments
 from dohyo.agents.learning.policy import FARTHEST, Actor
-from tests.agents.learning.problems import BEST_RETURN, STEP, Point
-from tests.agents.learning.test_ppo import learner, seen, trained
-from tests.agents.learning.toys import POINT, SMALL, PointConfig
+from tests.agents.learning.problems import Point
+from tests.agents.learning.test_ppo import learner, seen
 
 torch.set_num_threads(1)  # more are slower wherever the cores are busy
-IMITATING = {"imitated_steps": 2400, "gamma": 0.9, "initial_std": 0.3}
-
-
-def test_the_policy_begins_as_its_expert():
-    ppo = learner(Point(), **IMITATING)
-    assert ppo._collector.steps == 2400
-    for place in (-1.0, -0.5, 0.1, 0.6):
-        expected = np.clip(-place, -STEP, STEP)
-        assert ppo.actor.act(np.array([place, 0.3], np.float32)) == pytest.approx(expected, abs=0.3 * STEP)
-
-
-def test_the_critic_knows_what_comes():
-    """From rest nothing more is lost; from the edge, about what the best loses."""
-    ppo = learner(Point(), **IMITATING)
-    with torch.no_grad():
-        near, far = ppo._value(torch.tensor([[0.0, 0.2], [1.0, 0.0]]))[:, 0].tolist()
-    assert far < 0.8 * BEST_RETURN < near
-
-
-def test_nothing_is_learned_where_the_expert_has_no_opinion():
-    ppo = learner(Point(reticent=True), **IMITATING)
-    places = np.stack(_lessons(ppo))[:, 0]
-    assert 0 < len(places) < 2000
-    assert (places < 0).all()
-
-
-def _lessons(ppo) -> list[np.ndarray]:
-    imitation = Imitation(ppo.actor, ppo._value, ppo._collector, 0.9, 1.0)
-    ppo._collector.begin()
-    imitation.learn(400, lambda _: None)
-    return imitation._lessons.seen
-
-
-def test_a_run_may_begin_with_imitation(tmp_path: Path):
-    settings = SMALL.model_copy(update={"imitated_steps": 960, "normalised": True})
-    first, *_ = trained(POINT, PointConfig(steps=1200, evaluate_every=5000, ppo=settings), tmp_path / "run")
-    assert int(first["steps"]) == 960
-    assert float(first["success"]) == 100.0
-
 
 rows = st.lists(st.floats(-100, 100, width=32), min_size=1, max_size=20)
 

@@ -1,0 +1,1 @@
+"""Imitation: learners of an expert's actions, and a reward for resembling the expert."""

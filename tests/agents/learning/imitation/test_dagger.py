@@ -1,0 +1,138 @@
+"""DAgger: it learns its expert, goes on where it stopped, and gives PPO a start."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+from tensordict import TensorDict
+
+from dohyo.agents.learning.collector import Collector
+from dohyo.agents.learning.imitation.behaviour_cloning import Labels, PolicyConfig
+from dohyo.agents.learning.imitation.dagger import Dagger, DaggerConfig, DaggerRunConfig, dagger_trainer
+from dohyo.agents.learning.registry import TrainRequest
+from dohyo.agents.learning.report import Report, Reporter, no_report
+from dohyo.sumo_networks.errors import InvalidInputError
+from tests.agents.learning.problems import BEST_RETURN, STEP, Point
+from tests.agents.learning.test_ppo import learner, trained
+from tests.agents.learning.toys import POINT, SMALL, PointConfig
+
+torch.set_num_threads(1)  # more are slower wherever the cores are busy
+IMITATING = {"imitated_steps": 2400, "gamma": 0.9, "initial_std": 0.3}
+QUICK = DaggerConfig(horizon=64, learning_rate=5e-3, batch=32, policy=PolicyConfig(loss="huber", hidden=(32,)))
+
+
+class PointDaggerConfig(DaggerRunConfig):
+    """A short run in one process."""
+
+    steps: int = 768
+    processes: int = 0
+    environments: int = 2
+    evaluate_every: int = 768
+    checkpoint_every: int = 256
+    tensorboard: bool = False
+    dagger: DaggerConfig = QUICK
+
+
+DAGGER = dagger_trainer("a point that comes to rest", PointDaggerConfig, lambda config: Point())
+
+
+def driven(out: Path, resume: bool = False, report: Reporter = no_report) -> list[dict[str, str]]:
+    DAGGER.train(PointDaggerConfig(), TrainRequest("point", out, resume, report))
+    with (out / "evaluations.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def stopped_at(steps: int) -> Reporter:
+    def report(now: Report) -> None:
+        if now.steps >= steps:
+            raise KeyboardInterrupt
+
+    return report
+
+
+def test_it_learns_its_expert_and_goes_on_where_it_was_killed(tmp_path):
+    first, last = driven(tmp_path / "whole")
+    assert float(first["return"]) < -15.0
+    assert BEST_RETURN >= float(last["return"]) > BEST_RETURN - 0.5
+    with pytest.raises(KeyboardInterrupt):
+        driven(tmp_path / "part", report=stopped_at(500))
+    driven(tmp_path / "part", resume=True)
+    for name in ("metrics.csv", "evaluations.csv"):
+        assert (tmp_path / "whole" / name).read_text() == (tmp_path / "part" / name).read_text()
+    whole, part = (load_file(tmp_path / name / "policy.safetensors") for name in ("whole", "part"))
+    assert all(torch.equal(whole[name], part[name]) for name in whole)
+
+
+def test_the_experts_share_of_the_episodes_falls_and_every_step_is_labelled():
+    task = Point()
+    collector = Collector(task.make_environments(2, processes=False), task, 0)
+    dagger = Dagger(task, collector, QUICK, torch.device("cpu"))
+    rows = [dagger.round() for _ in range(3)]
+    assert [row["expert_share"] for row in rows] == [1.0, 0.5, 0.25]
+    assert [row["labels"] for row in rows] == [128, 256, 384]
+    assert rows[-1]["loss"] < rows[0]["loss"]
+
+
+class _Alone(Point):
+    has_expert = False
+
+
+def test_a_task_without_an_expert_is_refused():
+    task = _Alone()
+    collector = Collector(task.make_environments(1, processes=False), task, 0)
+    with pytest.raises(InvalidInputError, match="no expert"):
+        Dagger(task, collector, QUICK, torch.device("cpu"))
+
+
+def test_labels_are_kept_in_the_order_of_time_where_the_expert_gave_one():
+    steps = TensorDict(
+        {
+            "observation": {"x": torch.arange(6.0).reshape(2, 3, 1)},
+            "label": torch.arange(6.0).reshape(2, 3, 1) * 10.0,
+            "labelled": torch.tensor([[True, False, True], [True, True, False]]),
+        },
+        [2, 3],
+    )
+    labels = Labels()
+    labels.add(steps)
+    assert labels.rows["observation", "x"].flatten().tolist() == [0.0, 3.0, 4.0, 2.0]
+    assert labels.rows["label"].flatten().tolist() == [0.0, 30.0, 40.0, 20.0]
+    labels.add(steps)
+    assert len(labels) == 8
+
+
+def test_ppo_may_begin_as_the_expert():
+    ppo = learner(Point(), **IMITATING)
+    assert ppo._collector.steps == 2400
+    for place in (-1.0, -0.5, 0.1, 0.6):
+        expected = np.clip(-place, -STEP, STEP)
+        assert ppo.actor.act(np.array([place, 0.3], np.float32)) == pytest.approx(expected, abs=0.3 * STEP)
+
+
+def test_the_critic_knows_what_comes():
+    """From rest nothing more is lost; from the edge, about what the best loses."""
+    ppo = learner(Point(), **IMITATING)
+    with torch.no_grad():
+        near, far = ppo._value(torch.tensor([[0.0, 0.2], [1.0, 0.0]]))[:, 0].tolist()
+    assert far < 0.8 * BEST_RETURN < near
+
+
+def test_nothing_is_learned_where_the_expert_has_no_opinion(monkeypatch):
+    kept: list[Labels] = []
+    monkeypatch.setattr(Labels, "fit", lambda self, *arguments: kept.append(self))
+    learner(Point(reticent=True), imitated_steps=400)
+    places = kept[-1].rows["observation", "observation"][:, 0]
+    assert 0 < len(places) < 400
+    assert (places < 0).all()
+
+
+def test_a_run_may_begin_with_imitation(tmp_path: Path):
+    settings = SMALL.model_copy(update={"imitated_steps": 960, "normalised": True})
+    first, *_ = trained(POINT, PointConfig(steps=1200, evaluate_every=5000, ppo=settings), tmp_path / "run")
+    assert int(first["steps"]) == 960
+    assert float(first["success"]) == 100.0
