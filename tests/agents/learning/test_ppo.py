@@ -141,7 +141,6 @@ def test_losses_are_torchrls(squashed):
         TensorDictModule(ppo.actor.parameters_at, in_keys=[("observation", "observation")], out_keys=["loc", "scale"]),
         in_keys=["loc", "scale"],
         distribution_class=ppo.actor.distribution,
-        distribution_kwargs=ppo._arguments,
     )
     critic = ValueOperator(ppo._value, in_keys=[("observation", "observation")])
     theirs = ClipPPOLoss(policy, critic, clip_epsilon=0.1, entropy_bonus=False, critic_coeff=0.7)(data)
