@@ -243,7 +243,7 @@ def test_a_part_of_a_benchmark_is_marked_by_every_command(tmp_path: Path, here: 
     record = tmp_path / "a" / "records" / "again-s0.json"
     verified = document(here("verify", str(record), "--json"))
     assert (verified["same"], verified["part"]) == (True, words)
-    assert f"{words}; the scores are not" in here(monkeypatch, capsys, "score", str(record)).stdout
+    assert f"{words}; the scores are not" in here("score", str(record)).stdout
 
     refused = here("evaluate", *order, "--only", "along")
     assert (refused.returncode, "choose another --out" in refused.stderr) == (2, True)
