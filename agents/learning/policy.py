@@ -293,7 +293,7 @@ class EncodedPolicy(nn.Module):
         self.encoder, self.actor = encoder, actor
 
     def forward(self, observation: Named) -> Tensor:
-        """Named observations (..., *) -> actions without exploration, in the action space."""
+        """Named observations -> actions without exploration, in the action space."""
         action: Tensor = self.actor(self.encoder(observation))
         return action
 

@@ -142,12 +142,10 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
             actions: (N, ...) in `action_space`.
 
         Returns:
-            observations: (N, ...) by name; at an end the last ones of the episode.
-            rewards: (N,) float64.
-            terminations: (N,).
-            truncations: (N,), also True where the environment was lost.
-            infos: "active" (N,): whether the row acted; "lost" (N,): whether its environment failed; where episodes
-                ended also "success" and the measures, each (N,) and valid where "_success" and so on are True.
+            Observations (N, ...) by name, at an end the last ones of the episode; rewards (N,) float64; terminations
+            (N,); truncations (N,), also True where the environment was lost; and infos: "active" (N,), whether the row
+            acted; "lost" (N,), whether its environment failed; where episodes ended also "success" and the measures,
+            each (N,) and valid where "_success" and so on are True.
 
         Raises:
             InvalidActionError: The actions have a wrong shape or are not finite; nothing has moved then.
