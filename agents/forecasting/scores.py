@@ -57,16 +57,3 @@ def coverage(intervals: Float32Array, windows: Windows) -> tuple[FloatArray, Flo
     inside = (windows.target >= intervals[:, :, 0]) & (windows.target <= intervals[:, :, 2])
     counted = np.where(np.isfinite(windows.target), inside, np.nan).astype(np.float32)
     return by_stretch(counted, windows), by_stretch(intervals[:, :, 2] - intervals[:, :, 0], windows)
-
-
-def crossed(values: FloatArray, resamples: int = 2000) -> tuple[float, float, float]:
-    """Mean and 95 % interval of values (seeds, stretches) that share both their rows and their columns.
-
-    Seeds and stretches are resampled independently, since values share both. With one seed
-    only the stretches are resampled, and with one stretch only the seeds. Source: Owen 2007, the pigeonhole bootstrap.
-    """
-    rng = np.random.default_rng(0)
-    n, m = values.shape
-    drawn = [values[np.ix_(rng.integers(n, size=n), rng.integers(m, size=m))].mean() for _ in range(resamples)]
-    low, high = np.quantile(drawn, (0.025, 0.975))
-    return float(values.mean()), float(low), float(high)

@@ -1,4 +1,4 @@
-"""Arms: trainings of each curve and each driver of the study, with their settings."""
+"""Trained arms: the policies of each, and their settings."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
 from dohyo.agents.learning.registry import Trainer, trainer_named
 from dohyo.agents.learning.settings import read_settings
+from dohyo.agents.studies.training_results import run_folder
 from dohyo.sumo_networks.config import Config
 
 MASTER, FLAT = "master", "flat"
@@ -26,14 +27,14 @@ class TrainedArm:
     """Trainings of an arm.
 
     Attributes:
-        told: Description in a legend.
+        isolates: Difference from the other arms, for legends.
         policies: Of `POLICIES`.
         settings: Of all policies except the master, on top of their file in `CONFIGS`.
         master: Settings of the master.
         options: The arm whose sub-policies its master chooses among; None: its own.
     """
 
-    told: str
+    isolates: str
     policies: tuple[str, ...]
     settings: tuple[str, ...] = ()
     master: tuple[str, ...] = ()
@@ -62,11 +63,6 @@ ARMS: Mapping[str, TrainedArm] = MappingProxyType(
     }
 )
 """In the order of tables and legends. `flat` has as many steps as HRL's five sub-policies and master together."""
-
-
-def run_folder(runs: Path, arm: str, seed: int, policy: str) -> Path:
-    """Folder of a training: RUNS/ARM/seed-N/POLICY."""
-    return runs / arm / f"seed-{seed}" / policy
 
 
 def trainer_of(policy: str) -> Trainer[Any]:

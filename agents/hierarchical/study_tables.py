@@ -1,180 +1,178 @@
-"""Tables of a study: success by cell and arm, failures, work of the rules, and paired differences.
+"""Tables of GHRL's drives: success by cell and arm, failures, work of the rules, and claims.
 
-Intervals are those of `crossed`; for one training, or equal outcomes of all drives, Wilson's.
+Intervals are those of `crossed_bootstrap`; for one training, or equal outcomes of all drives, Wilson's.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from pathlib import Path
-from typing import Any, Final
+from collections.abc import Callable, Iterable, Sequence
+from typing import Final
 
-from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, difference, estimate, of_pairs, verdict
+from dohyo.agents.studies.claims import Claim, judge
+from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, estimate
+from dohyo.agents.studies.rows import Row, arms_in, is_lost, matched, named
+from dohyo.agents.studies.study import Results
+from dohyo.agents.studies.tables import claims_table, each_training
 from dohyo.evaluation.records.specifications import COLLISIONS, InfractionKind, Status
 from dohyo.evaluation.report.style import MISSING, ending, interval, markdown, number
 from dohyo.evaluation.statistics import Estimate, share_estimate
-from dohyo.sumo_networks.files import read_lines
-
-Drive = dict[str, Any]
 
 PAIRS: Final = (
-    ("ghrl", "hrl"), ("ghrl-r", "ghrl"), ("ghrl-r", "hrl"), ("hrl-r", "hrl"), ("ghrl-r", "hrl-r"), ("hrl", "flat"),
-    ("ghrl", "flat-guided"), ("ghrl", "ghrl-pictures"), ("ghrl-r-pictures", "ghrl-pictures"),
-    ("ghrl-r-trained", "ghrl-r"), ("ghrl-s", "ghrl-r"), ("ghrl-r", "rules"),
+    ("ghrl", "hrl"), ("ghrl-r", "ghrl"), ("ghrl-r", "hrl"), ("ghrl", "flat-guided"), ("ghrl", "ghrl-pictures"),
+    ("ghrl-r-pictures", "ghrl-pictures"), ("ghrl-s", "ghrl-r"), ("ghrl-r", "rules"),
 )  # fmt: skip
-"""Compared arms."""
+"""Claims: the first arm succeeds more often; the first three are the thesis's."""
 
 
-def read_drives(path: Path) -> list[Drive]:
-    """Stored lines without a torn last one."""
-    return [{"training_seed": None, "benchmark": path.stem, **line} for line in read_lines(path)]
+def arms_section(*arms: str) -> Callable[[Results], str]:
+    """Section with all four tables of some arms, in the order of the columns; those without drives are left out."""
+
+    def section(results: Results) -> str:
+        return tables([row for row in results.rows if row["arm"] in arms and row["seed"] == 0], arms)
+
+    return section
 
 
-def tables(drives: Sequence[Drive], arms: Iterable[str]) -> str:
-    """All four tables as Markdown.
+def unseen_section(results: Results) -> str:
+    """Success in traffic that was not looked at: the scenarios of another seed."""
+    rows = [row for row in results.rows if row["seed"] != 0]
+    arms = named(rows, "arm")
+    return f"{success_table(rows, arms)}\n\n{failure_table(rows, arms)}" if rows else ""
 
-    Args:
-        drives: Of any benchmarks.
-        arms: In the order of the columns; those without drives are left out.
-    """
-    there = [arm for arm in arms if any(one["arm"] == arm for one in drives)]
-    parts = (success_table(drives, there), failure_table(drives, there), rules_table(drives, there), pair_table(drives))
+
+def tables(rows: Sequence[Row], arms: Sequence[str]) -> str:
+    """All four tables as Markdown."""
+    there = arms_in(rows, arms)
+    parts = (success_table(rows, there), failure_table(rows, there), rules_table(rows, there), claim_table(rows))
     return "\n\n".join(part for part in parts if part)
 
 
-def success_table(drives: Sequence[Drive], arms: Sequence[str]) -> str:
-    """A row per cell, or per kind of event, and one per benchmark; each training in parentheses.
+def success_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
+    """A row per cell, or per kind of event, and two per benchmark; each training in parentheses.
 
-    The last row is the thesis's success of long drives, 2500 m without a collision, if routes are so long.
+    Beside a benchmark's success stands its lawful success, of drives that ran no red light either. The last row is the
+    thesis's success of long drives, 2500 m without a collision, if routes are so long.
     """
-    rows: list[tuple[str, Sequence[Drive], bool]] = []
-    for benchmark in _named(drives, "benchmark"):
-        some = [one for one in drives if one["benchmark"] == benchmark]
+    lines: list[tuple[str, Sequence[Row], str, bool]] = []
+    for benchmark in named(rows, "benchmark"):
+        some = [row for row in rows if row["benchmark"] == benchmark]
         groups = dict.fromkeys(map(_group, some))
-        rows += [(f"{benchmark}: {group}", [one for one in some if _group(one) == group], False) for group in groups]
+        lines += [
+            (f"{benchmark}: {one}", [row for row in some if _group(row) == one], "success", False) for one in groups
+        ]
         if len(groups) > 1:
-            rows.append((f"{benchmark}, all", some, True))
-    if len(_named(drives, "benchmark")) > 1:
-        rows.append(("all", drives, True))
-    long = [{**one, "success": one["drove_2500m"]} for one in drives if one.get("drove_2500m") is not None]
-    if long:
-        rows.append(("2500 m before any collision", long, True))
+            lines.append((f"{benchmark}, all", some, "success", True))
+        if any("red_light" in row["infractions"] for row in _kept(some)):
+            lines.append((f"{benchmark}, all, no red light run either", some, "lawful", True))
+    if len(named(rows, "benchmark")) > 1:
+        lines.append(("all", rows, "success", True))
+    if long := [row for row in rows if row.get("drove_2500m") is not None]:
+        lines.append(("2500 m before any collision", long, "drove_2500m", True))
     cells = [
-        [name, *(_success([one for one in some if one["arm"] == arm], each) for arm in arms)]
-        for name, some, each in rows
+        [name, *(_success([row for row in some if row["arm"] == arm], measure, each) for arm in arms)]
+        for name, some, measure, each in lines
     ]
     return markdown(["NoCrash success, %", *arms], cells)
 
 
-def failure_table(drives: Sequence[Drive], arms: Sequence[str]) -> str:
+def failure_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
     """A row per benchmark and arm: how drives failed, red lights run, and successes without a red light run."""
-    rows = []
-    for benchmark, arm, some in _by_arm(drives, arms):
-        lost = len(some) - len(_kept(some))
-        found = [f"{count} {kind}" for kind, count in failures(some).most_common()]
-        red = sum(one["infractions"].count("red_light") for one in _kept(some))
-        told = ", ".join(found) or "none"
-        rows.append([benchmark, arm, str(len(_kept(some))), told, str(red), _lawful(_kept(some)), str(lost)])
+    lines = []
+    for benchmark, arm, some in _by_arm(rows, arms):
+        kept = _kept(some)
+        told = ", ".join(f"{count} {kind}" for kind, count in failures(some).most_common()) or "none"
+        red = sum(row["infractions"].count("red_light") for row in kept)
+        lawful = _counted(sum(map(is_lawful, kept)), len(kept))
+        lost = str(len(some) - len(kept))
+        lines.append([benchmark, arm, str(len(kept)), told, str(red), lawful, lost])
     heads = ["benchmark", "arm", "drives", "failures", "red lights run", "lawful success, %", "lost, not counted"]
-    return markdown(heads, rows)
+    return markdown(heads, lines)
 
 
-def rules_table(drives: Sequence[Drive], arms: Sequence[str]) -> str:
+def rules_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
     """A row per benchmark and arm that RSS monitored; empty without any."""
-    rows = []
-    for benchmark, arm, some in _by_arm(drives, arms):
-        watched = [one for one in _kept(some) if "critical_share" in one]
-        seconds = math.fsum(one["duration_s"] for one in watched)
-        if seconds:
-            critical = math.fsum(one["critical_share"] * one["duration_s"] for one in watched)
-            longest = max(one["longest_standing_s"] for one in watched)
-            told = [one["deadlock"] for one in watched if "deadlock" in one]
+    lines = []
+    for benchmark, arm, some in _by_arm(rows, arms):
+        watched = [row for row in _kept(some) if "critical_share" in row]
+        if seconds := math.fsum(row["duration_s"] for row in watched):
+            critical = math.fsum(row["critical_share"] * row["duration_s"] for row in watched)
+            longest = max(row["longest_standing_s"] for row in watched)
+            told = [row["deadlock"] for row in watched if "deadlock" in row]
             deadlocks = f"{sum(told)} of {len(told)}" if told else MISSING
-            rows.append([benchmark, arm, f"{100 * critical / seconds:.1f}", number(longest), deadlocks])
+            lines.append([benchmark, arm, f"{100 * critical / seconds:.1f}", number(longest), deadlocks])
     heads = ["benchmark", "arm", "time in critical intervals, %", "longest stand within one, s", "deadlocks, drives"]
-    return markdown(heads, rows) if rows else ""
+    return markdown(heads, lines) if lines else ""
 
 
-def pair_table(drives: Sequence[Drive]) -> str:
-    """A row per pair of `PAIRS`, over all benchmarks and for each, on the drives both made; empty without any."""
-    names = _named(drives, "benchmark")
-    wheres = {"all": drives} if len(names) > 1 else {}
-    wheres |= {name: [one for one in drives if one["benchmark"] == name] for name in names}
-    rows = []
-    for above, below in PAIRS:
-        for where, some in wheres.items():
-            matched = differences(some, above, below)
-            if matched:
-                found = estimate(matched, of_pairs)
-                each = ", ".join(f"{mean:+.0f}" for mean in by_training(matched).values())
-                rows.append([f"{above} - {below}", where, interval(found), each, verdict(found)])
-    heads = ["difference of successes, points", "benchmark", "mean", "each training", "significant"]
-    return markdown(heads, rows) if rows else ""
+def claim_table(rows: Sequence[Row]) -> str:
+    """A row per claim, over all benchmarks and for each; empty without any."""
+    benchmarks = named(rows, "benchmark")
+    wheres = ["", *benchmarks] if len(benchmarks) > 1 else benchmarks
+    judged = judge(
+        [Claim(left, ">", right, "success", where) for left, right in PAIRS for where in wheres],
+        lambda claim, arm: percent([row for row in rows if claim.where in ("", row["benchmark"])], arm, claim.measure),
+    )
+    before = {
+        "claim: more successes, points": lambda one: str(one.claim),
+        "benchmark": lambda one: one.claim.where or "all",
+        "each training": each_training,
+    }
+    return claims_table(judged, before)
 
 
-def failures(drives: Iterable[Drive]) -> Counter[str]:
+def percent(rows: Iterable[Row], arm: str, measure: str) -> Matched:
+    """0 or 100 of every drive of an arm that was not lost."""
+    outcomes = ({**row, "lawful": is_lawful(row)} if not is_lost(row) else row for row in rows)
+    return {
+        key: {seed: 100.0 * value for seed, value in of.items()} for key, of in matched(outcomes, arm, measure).items()
+    }
+
+
+def is_lawful(row: Row) -> bool:
+    """Whether a drive succeeded and ran no red light."""
+    return bool(row["success"]) and "red_light" not in row["infractions"]
+
+
+def failures(rows: Iterable[Row]) -> Counter[str]:
     """Failures by the first collision, or by the ending; lost drives do not count."""
     found: Counter[str] = Counter()
-    for one in _kept(drives):
-        if not one["success"]:
-            hits = [kind for kind in map(InfractionKind, one["infractions"]) if kind in COLLISIONS]
-            found[hits[0].specification.label if hits else ending(Status(one["status"]))] += 1
+    for row in _kept(rows):
+        if not row["success"]:
+            hits = [kind for kind in map(InfractionKind, row["infractions"]) if kind in COLLISIONS]
+            found[hits[0].specification.label if hits else ending(Status(row["status"]))] += 1
     return found
-
-
-def successes(drives: Iterable[Drive]) -> Matched:
-    """NoCrash success, 0 or 100, of every drive that was not lost."""
-    found: dict[tuple[Any, ...], dict[int | None, float]] = {}
-    for one in _kept(drives):
-        key = one["benchmark"], one["scenario"], one["seed"]
-        found.setdefault(key, {})[one["training_seed"]] = 100.0 * one["success"]
-    return found
-
-
-def differences(drives: Sequence[Drive], above: str, below: str) -> Matched:
-    """One arm's successes minus another's, on common scenarios; see `crossed.difference`."""
-    ours, theirs = (successes(one for one in drives if one["arm"] == arm) for arm in (above, below))
-    return difference(ours, theirs)
 
 
 def _of_successes(values: Sequence[float]) -> Estimate:
     return share_estimate([value > 0.0 for value in values])
 
 
-def _success(drives: Sequence[Drive], each: bool) -> str:
-    matched = successes(drives)
-    if not matched:
+def _success(rows: Sequence[Row], measure: str, each: bool) -> str:
+    values = percent(rows, rows[0]["arm"], measure) if rows else {}
+    if not values:
         return MISSING
-    trainings = by_training(matched)
+    trainings = by_training(values)
     told = f" ({', '.join(f'{mean:.0f}' for mean in trainings.values())})" if each and len(trainings) > 1 else ""
-    return interval(estimate(matched, _of_successes)) + told
+    return interval(estimate(values, _of_successes)) + told
 
 
-def _lawful(drives: Sequence[Drive]) -> str:
-    """Successes in which no red light was run: share and count."""
-    count = sum(bool(one["success"]) and "red_light" not in one["infractions"] for one in drives)
-    return f"{number(100 * count / len(drives))} ({count})" if drives else MISSING
+def _counted(count: int, total: int) -> str:
+    return f"{number(100 * count / total)} ({count})" if total else MISSING
 
 
-def _by_arm(drives: Sequence[Drive], arms: Sequence[str]) -> Iterable[tuple[str, str, list[Drive]]]:
-    for benchmark in _named(drives, "benchmark"):
+def _by_arm(rows: Sequence[Row], arms: Sequence[str]) -> Iterable[tuple[str, str, list[Row]]]:
+    for benchmark in named(rows, "benchmark"):
         for arm in arms:
-            some = [one for one in drives if (one["benchmark"], one["arm"]) == (benchmark, arm)]
-            if some:
+            if some := [row for row in rows if (row["benchmark"], row["arm"]) == (benchmark, arm)]:
                 yield benchmark, arm, some
 
 
-def _group(one: Drive) -> str:
-    cell: str = one["cell"]
-    return cell.partition(".")[0] if one.get("event") else cell
+def _group(row: Row) -> str:
+    cell: str = row["cell"]
+    return cell.partition(".")[0] if row.get("event") else cell
 
 
-def _kept(drives: Iterable[Drive]) -> list[Drive]:
-    """Drives that the infrastructure did not lose; lost ones are in no mean."""
-    return [one for one in drives if not one["status"].startswith("lost")]
-
-
-def _named(drives: Iterable[Drive], field: str) -> list[str]:
-    return list(dict.fromkeys(one[field] for one in drives))
+def _kept(rows: Iterable[Row]) -> list[Row]:
+    return [row for row in rows if not is_lost(row)]

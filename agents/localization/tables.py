@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from dohyo.agents.localization.figures import grid_figure, page
-from dohyo.agents.results_page import PAGE, write_section
+from dohyo.agents.studies.tables import PAGE, write_section
 from dohyo.evaluation.report.style import number
 from dohyo.sumo_networks.files import write_atomically
 

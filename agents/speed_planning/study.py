@@ -18,7 +18,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any, get_args
 
-from dohyo.agents.results_page import PAGE, write_section
 from dohyo.agents.speed_planning.buffer import RuleBuffer
 from dohyo.agents.speed_planning.dissipation import (
     DESIGNS,
@@ -33,6 +32,7 @@ from dohyo.agents.speed_planning.dissipation import (
     segment_speeds,
     watched,
 )
+from dohyo.agents.studies.tables import PAGE, write_section
 from dohyo.evaluation.scores.traffic import Outcome
 from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError

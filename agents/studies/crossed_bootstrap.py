@@ -3,23 +3,30 @@
 An interval is over both: a crossed bootstrap, in which the scenarios and the seeds of the training are both drawn with
 replacement, each value counting as often as its scenario times its training was drawn (the pigeonhole bootstrap; Owen
 2007). With one training, the values count as independent. If all values are equal, resampling gives no interval, and
-the values count as independent, one per scenario. Three trainings say little about the spread of trainings.
+the values count as independent, one per scenario. Three trainings say little about the spread of trainings:
+in simulated studies with 40 scenarios, 95 % intervals held the truth in 95 % of cases where trainings differ little,
+but in 83 % where they differ as much as scenarios do; in 88 % with five trainings, and in 93 % with ten.
+
+A p-value belongs to the same bootstrap: twice the share of resamples on the other side of 0, from more resamples, so
+that a correction over a hundred claims still resolves it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
 
 from dohyo.evaluation.statistics import N_RESAMPLES, SEED, Estimate, paired
-from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
 
 Matched = Mapping[tuple[Any, ...], Mapping[int | None, float]]
 """Values by scenario, by seed of the training; None without a training."""
 _TAILS: Final = (0.025, 0.975)
+P_RESAMPLES: Final = 10_000
 
 
 def estimate(matched: Matched, alone: Callable[[Sequence[float]], Estimate]) -> Estimate:
@@ -29,27 +36,66 @@ def estimate(matched: Matched, alone: Callable[[Sequence[float]], Estimate]) -> 
         matched: Values.
         alone: Estimate of independent values: of one training, or one per scenario if all are equal.
     """
-    trainings = _trainings(matched)
-    table = np.array([[row.get(seed, math.nan) for seed in trainings] for _, row in sorted(matched.items())])
+    table = _table(matched)
     values = table[np.isfinite(table)]
-    if len(trainings) < 2:
+    if table.shape[1] < 2:
         return alone(values.tolist())
     if values.min() == values.max():
         found = alone([float(values[0])] * len(table))
         return Estimate(found.mean, found.low, found.high, len(values))
-    low, high = np.quantile(_crossed(table), _TAILS)
+    low, high = np.quantile(_crossed(table, N_RESAMPLES), _TAILS)
     return Estimate(float(values.mean()), float(low), float(high), len(values))
 
 
-def _crossed(table: FloatArray) -> FloatArray:
-    """(R,) means of (N, K) values, NaN for missing ones, with rows and columns drawn with replacement."""
+def dense_estimate(matched: Matched) -> Estimate:
+    """The same without holes, also with a single training or scenario, which is then not resampled.
+
+    It draws indices instead of counts, so that its random numbers differ from those of `estimate`.
+    """
+    values = _table(matched).T
     generator = np.random.default_rng(SEED)
-    rows, columns = (generator.multinomial(n, np.full(n, 1 / n), N_RESAMPLES) for n in table.shape)
+    k, n = values.shape
+    drawn = [
+        values[np.ix_(generator.integers(k, size=k), generator.integers(n, size=n))].mean() for _ in range(N_RESAMPLES)
+    ]
+    low, high = np.quantile(drawn, _TAILS)
+    return Estimate(float(values.mean()), float(low), float(high), values.size)
+
+
+def p_value(matched: Matched) -> float:
+    """Two-sided p-value of paired differences: whether their mean is 0.
+
+    It is not smaller than that of a sign test on as many pairs: four pairs on one side prove nothing.
+    """
+    table = _table(matched)
+    means = _crossed(table, P_RESAMPLES)
+    beyond = min(np.count_nonzero(means <= 0.0), np.count_nonzero(means >= 0.0))
+    sign_test = 2.0 ** (1 - np.count_nonzero(np.isfinite(table)))
+    return float(min(1.0, max(2.0 * (beyond + 1) / (len(means) + 1), sign_test)))
+
+
+def _table(matched: Matched) -> FloatArray:
+    """(N, K) values by scenario and training; NaN where one is missing."""
+    trainings = _trainings(matched)
+    return np.array([[row.get(seed, math.nan) for seed in trainings] for _, row in sorted(matched.items())])
+
+
+def _crossed(table: FloatArray, resamples: int) -> FloatArray:
+    """(R,) means of (N, K) values, NaN for missing ones, with rows and columns drawn with replacement."""
+    rows, columns = _counts(*table.shape, resamples)
     there = np.isfinite(table)
     sums = ((rows @ np.where(there, table, 0.0)) * columns).sum(axis=1)
     counts = ((rows @ there.astype(float)) * columns).sum(axis=1)
     means: FloatArray = sums[counts > 0] / counts[counts > 0]
     return means
+
+
+@lru_cache(maxsize=4)
+def _counts(n: int, k: int, resamples: int) -> tuple[IntArray, IntArray]:
+    """How often each of N rows and K columns was drawn, (R, N) and (R, K); the same for all tables of a size."""
+    generator = np.random.default_rng(SEED)
+    rows, columns = (generator.multinomial(size, np.full(size, 1 / size), resamples) for size in (n, k))
+    return rows, columns
 
 
 def of_pairs(values: Sequence[float]) -> Estimate:
@@ -80,10 +126,3 @@ def by_training(matched: Matched) -> dict[int | None, float]:
 
 def _trainings(matched: Matched) -> list[int | None]:
     return sorted({seed for row in matched.values() for seed in row}, key=lambda seed: -1 if seed is None else seed)
-
-
-def verdict(found: Estimate) -> str:
-    """Side of 0 on which the interval of a difference lies; "no" if it contains 0."""
-    if found.low is None or found.high is None or found.low <= 0.0 <= found.high:
-        return "no"
-    return "above" if found.low > 0.0 else "below"

@@ -1,27 +1,16 @@
-"""The tables of a study, from hand-made drives."""
+"""The tables of GHRL's drives, from hand-made rows."""
 
 from __future__ import annotations
 
-import json
-
 from dohyo.agents.hierarchical import study_tables as tables
-from dohyo.agents.studies.crossed_bootstrap import estimate
+from dohyo.agents.studies.crossed_bootstrap import difference, estimate
+from dohyo.agents.studies.study import Results
 from dohyo.evaluation.statistics import share_estimate
 from tests.agents.hierarchical.drives import a_drive, drives_of
 
 
 def rows(table: str) -> list[list[str]]:
     return [line.strip("| ").split(" | ") for line in table.splitlines()[2:]]
-
-
-def test_lines_are_read_but_for_a_torn_one_and_old_ones_are_of_no_training(tmp_path):
-    path = tmp_path / "precrash.jsonl"
-    assert tables.read_drives(path) == []
-    path.write_text(json.dumps({"arm": "ghrl", "training_seed": 2}) + '\n{"arm": "rules"}\n{"arm": "to')
-    assert tables.read_drives(path) == [
-        {"benchmark": "precrash", "arm": "ghrl", "training_seed": 2},
-        {"benchmark": "precrash", "arm": "rules", "training_seed": None},
-    ]
 
 
 def test_failures_are_counted_by_the_first_collision_or_by_the_ending():
@@ -44,7 +33,9 @@ def test_a_success_with_a_red_light_is_not_lawful():
 def test_of_one_training_success_has_wilsons_interval_over_drives_that_were_not_lost():
     gone = a_drive(arm="ghrl", scenario="m9", status="lost: simulation failed")
     drives = [*drives_of("ghrl", {0: [1, 1, 0, 1]}), gone]
-    found = estimate(tables.successes(drives), lambda values: share_estimate([value > 0 for value in values]))
+    found = estimate(
+        tables.percent(drives, "ghrl", "success"), lambda values: share_estimate([value > 0 for value in values])
+    )
     assert found == share_estimate([True, True, False, True])
 
 
@@ -98,14 +89,15 @@ def test_arms_are_paired_by_scenario_and_training():
         *drives_of("ghrl", {0: [1, 0, 0], 1: [0, 1]}),
         *drives_of("rules", {None: [1, 1, 1, 0]}),
     ]
-    by_key = tables.differences(drives, "ghrl-r", "ghrl")
+    ghrl_r, ghrl, rules = (tables.percent(drives, arm, "success") for arm in ("ghrl-r", "ghrl", "rules"))
+    by_key = difference(ghrl_r, ghrl)
     assert [by_key[("precrash", f"m{i}", 0)] for i in range(3)] == [{0: 0.0, 1: 100.0}, {0: 100.0, 1: 0.0}, {0: 100.0}]
-    against_one = tables.differences(drives, "ghrl-r", "rules")
+    against_one = difference(ghrl_r, rules)
     assert against_one[("precrash", "m2", 0)] == {0: 0.0, 1: -100.0}
     assert ("precrash", "m3", 0) not in against_one
 
 
-def test_a_pair_is_told_apart_where_its_interval_leaves_out_nothing_and_by_benchmark():
+def test_a_claim_is_judged_over_all_benchmarks_and_in_each():
     scenarios = 12
     drives = [
         *drives_of("ghrl", {seed: [1] * scenarios for seed in range(3)}),
@@ -113,13 +105,29 @@ def test_a_pair_is_told_apart_where_its_interval_leaves_out_nothing_and_by_bench
         *drives_of("ghrl", {0: [1, 0]}, benchmark="nocrash"),
         *drives_of("hrl", {0: [0, 1]}, benchmark="nocrash"),
     ]
-    every, precrash, nocrash = rows(tables.pair_table(drives))
-    assert every[:2] == ["ghrl - hrl", "all"]
-    assert precrash[1] == "precrash"
-    assert precrash[2].startswith("83.3 [")
-    assert precrash[3:] == ["+83, +83, +83", "above"]
-    assert nocrash[1:] == ["nocrash", "0 [-100, 100] n=2", "+0", "no"]
-    assert tables.pair_table(drives_of("ghrl", {0: [1]})) == ""
+    every, precrash, nocrash = rows(tables.claim_table(drives))
+    assert every[:2] == ["ghrl > hrl", "all"]
+    assert precrash[1:3] == ["precrash", "+83, +83, +83"]
+    assert precrash[3].startswith("83.3 [")
+    assert precrash[4:] == ["< 0.001", "reproduced"]
+    assert nocrash[1:] == ["nocrash", "+0", "0 [-100, 100] n=2", "1.00", "not resolved"]
+    assert tables.claim_table(drives_of("ghrl", {0: [1]})) == ""
+
+
+def test_lawful_success_stands_beside_success_where_a_red_light_was_run():
+    drives = [*drives_of("ghrl", {None: [1, 1, 0]}), a_drive(arm="ghrl", scenario="m3", infractions=["red_light"])]
+    success, lawful = rows(tables.success_table(drives, ["ghrl"]))
+    assert success[1].startswith("75.0 [")
+    assert lawful[0] == "precrash, all, no red light run either"
+    assert lawful[1].startswith("50.0 [")
+
+
+def test_a_section_has_its_arms_and_seed_alone():
+    drives = [a_drive(), a_drive(arm="ghrl"), a_drive(arm="hrl"), a_drive(arm="ghrl", seed=1, success=False)]
+    head, row = tables.arms_section("ghrl", "rules")(Results(drives, {})).splitlines()[:3:2]
+    assert head == "| NoCrash success, % | ghrl | rules |"
+    assert row == "| precrash: a | 100 n=1 | 100 n=1 |"
+    assert "| precrash: a | 0 n=1 |" in tables.unseen_section(Results(drives, {}))
 
 
 def test_arms_that_never_drove_have_no_column_and_empty_tables_are_left_out():

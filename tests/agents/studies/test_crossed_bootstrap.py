@@ -32,7 +32,7 @@ def test_a_mean_is_over_the_drives_that_are_there():
     assert found.n == 5
     assert all(math.isfinite(end) for end in (found.low, found.high))
     table = np.array([[100.0, 0.0], [np.nan, 0.0], [100.0, 100.0]])
-    assert np.isfinite(crossed_bootstrap._crossed(table)).all()
+    assert np.isfinite(crossed_bootstrap._crossed(table, 500)).all()
 
 
 def test_differences_are_of_what_both_drove_by_training_and_who_did_not_learn_meets_all():

@@ -1,42 +1,19 @@
-"""Curves of the trainings: a measure of held-out episodes by steps; a panel per policy, a line per arm.
-
-    python -m dohyo.agents.hierarchical.curves runs/study --measure success --out out/hierarchical/curves.html
-    python -m dohyo.agents.hierarchical.curves runs/study --arms hrl p-5 p-20 --policies lights --table
-
-RUNS holds ARM/seed-N/POLICY, see `training_results`. With chromium and playwright on the machine a PNG is written
-beside the page.
-"""
+"""Curves of trainings: a measure of held-out episodes by steps; a panel per task, a line per arm."""
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections import Counter
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from dohyo.agents.hierarchical.arms import ARMS, POLICIES
-from dohyo.agents.hierarchical.training_results import (
-    MEASURES,
-    Results,
-    TrainingRun,
-    course,
-    only,
-    read_results,
-    table,
-)
-from dohyo.agents.results_page import PAGE, write_section
-from dohyo.evaluation.report.pictures import write_page
+from dohyo.agents.studies.training_results import MEASURES, TrainingRun, Trainings, course
 from dohyo.evaluation.report.style import OKABE_ITO, PALETTES, label, number, template
 from dohyo.evaluation.statistics import Estimate
-from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 
-RESULTS = Path(__file__).with_name("results") / "training"
 COLUMNS, WIDTH, PANEL, HEAD, FOOT = 3, 980, 220, 120, 90
 """Panels side by side; and sizes, px."""
 COLOURS = (*OKABE_ITO[:6], OKABE_ITO[7], OKABE_ITO[6])
@@ -47,24 +24,25 @@ ROUNDS = 8
 _BAND = {"fill": "toself", "line_width": 0, "hoverinfo": "skip", "mode": "lines", "opacity": 0.16}
 
 
-def draw(results: Results, measure: str = "return", training: bool = False) -> go.Figure:
-    """A panel per policy.
+def draw(trainings: Trainings, told: Mapping[str, str], measure: str = "return", training: bool = False) -> go.Figure:
+    """A panel per task.
 
     Args:
-        results: The trainings.
+        trainings: The trainings.
+        told: Description of each arm in the legend; an arm's place here decides its look.
         measure: Of `MEASURES`.
         training: Also the returns, or successes, of each seed's episodes of training, as thin lines.
 
     Raises:
         InvalidInputError: A run does not have that measure.
     """
-    rows = -(-len(results) // COLUMNS)
+    rows = -(-len(trainings) // COLUMNS)
     height = HEAD + rows * PANEL + FOOT
-    columns = min(COLUMNS, len(results))
+    columns = min(COLUMNS, len(trainings))
     spacing = {"vertical_spacing": 64 / (rows * PANEL), "horizontal_spacing": 0.07}
-    drawn = make_subplots(rows=rows, cols=columns, subplot_titles=list(results), **spacing)
-    arms = [*ARMS, *sorted({arm for trained in results.values() for arm in trained} - ARMS.keys())]
-    for place, trained in enumerate(results.values()):
+    drawn = make_subplots(rows=rows, cols=columns, subplot_titles=list(trainings), **spacing)
+    arms = [*told, *sorted({arm for trained in trainings.values() for arm in trained} - told.keys())]
+    for place, trained in enumerate(trainings.values()):
         panel = {"row": place // COLUMNS + 1, "col": place % COLUMNS + 1}
         for arm, runs in trained.items():
             looks = arms.index(arm)
@@ -74,40 +52,40 @@ def draw(results: Results, measure: str = "return", training: bool = False) -> g
             # At the end: plotly ignores shapes in an empty panel.
             grey = {"fillcolor": PALETTES["light"].line, "line_width": 0, "opacity": 0.6, "layer": "below"}
             drawn.add_vrect(x0=0, x1=imitated / 1e3, **panel, **grey)
-    for key in _legend(results, arms):
+    for key in _legend(trainings, arms, told):
         drawn.add_trace(key, row=1, col=1)
     if measure == "success":
         drawn.update_yaxes(range=[0, 105], dtick=25)
     drawn.update_yaxes(title_text=MEASURES[measure], col=1)
     drawn.update_xaxes(rangemode="tozero")
-    for place in range(max(len(results) - columns, 0), len(results)):
+    for place in range(max(len(trainings) - columns, 0), len(trainings)):
         drawn.update_xaxes(title_text="steps, thousands", row=place // COLUMNS + 1, col=place % COLUMNS + 1)
     return drawn.update_layout(
         template=template(),
-        title={"text": finding(results, measure), "subtitle": {"text": _caption(results, training)}},
+        title={"text": finding(trainings, measure), "subtitle": {"text": _caption(trainings, training)}},
         title_y=1 - 24 / height, title_yanchor="top", width=WIDTH, height=height, margin={"t": HEAD, "b": FOOT},
         legend={"y": -56 / (rows * PANEL), "yanchor": "top", "itemwidth": 46},
     )  # fmt: skip
 
 
-def finding(results: Results, measure: str) -> str:
-    """Arms with the highest end, by number of policies, and how often its interval is above the next one's."""
+def finding(trainings: Trainings, measure: str) -> str:
+    """Arms with the highest end, by number of tasks, and how often its interval is above the next one's."""
     ends = {
-        policy: sorted(
+        task: sorted(
             ((found[-1], arm) for arm, runs in arms.items() if (found := course(runs, measure)[1])),
             key=lambda end: -(end[0].mean or 0.0),
         )
-        for policy, arms in results.items()
+        for task, arms in trainings.items()
     }
     what = MEASURES[measure].partition(",")[0]
     contests = [found for found in ends.values() if len(found) > 1]
     if not contests:
-        alone = (f"{policy} {number(found[0][0].mean or 0.0)}" for policy, found in ends.items() if found)
+        alone = (f"{task} {number(found[0][0].mean or 0.0)}" for task, found in ends.items() if found)
         return f"Held-out {what} at the end: {', '.join(alone)}"
     first = Counter("nobody" if found[0][0].mean == found[1][0].mean else label(found[0][1]) for found in contests)
     told = ", ".join(f"{arm} in {times}" for arm, times in first.most_common())
     apart = sum(_above(found[0][0], found[1][0]) for found in contests)
-    count = "1 policy" if len(contests) == 1 else f"{len(contests)} policies"
+    count = "1 task" if len(contests) == 1 else f"{len(contests)} tasks"
     return f"Highest {what} at the end, of {count}: {told}; intervals apart in {apart}"
 
 
@@ -155,59 +133,23 @@ def _look(place: int) -> dict[str, Any]:
     }
 
 
-def _legend(results: Results, arms: Sequence[str]) -> list[go.Scatter]:
+def _legend(trainings: Trainings, arms: Sequence[str], told: Mapping[str, str]) -> list[go.Scatter]:
     """A legend entry per arm, with its number of seeds."""
     keys = []
     for place, arm in enumerate(arms):
-        counts = [len(trained[arm]) for trained in results.values() if arm in trained]
+        counts = [len(trained[arm]) for trained in trainings.values() if arm in trained]
         if counts:
             seeds = f"{min(counts)}" if min(counts) == max(counts) else f"{min(counts)} to {max(counts)}"
-            what = f" ({ARMS[arm].told})" if arm in ARMS else ""
+            what = f" ({told[arm]})" if arm in told else ""
             name = f"{label(arm)}{what}, {seeds} seed{'' if max(counts) == 1 else 's'}"
             keys.append(go.Scatter(x=[None], y=[None], mode="lines+markers", name=name, **_look(place)))
     return keys
 
 
-def _caption(results: Results, training: bool) -> str:
-    runs = [run for arms in results.values() for trained in arms.values() for run in trained]
+def _caption(trainings: Trainings, training: bool) -> str:
+    runs = [run for arms in trainings.values() for trained in arms.values() for run in trained]
     counts = sorted({int(n) for run in runs for n in run.evaluations.get("episodes", ()) if np.isfinite(n)})
     said = f"n = {' or '.join(map(str, counts))} held-out episodes, without exploration. "
     said += "Bands: 95 % over seeds (t); whiskers: 95 % over the episodes of a single seed.<br>"
     said += "Grey: steps in which arms that imitate the rules do so."
     return said + (f" Thin: the last {ROUNDS} rounds of each training, with exploration." if training else "")
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Command-line entry point."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", type=Path, nargs="?", default=RESULTS)
-    parser.add_argument("--measure", choices=[*MEASURES], default="return")
-    parser.add_argument("--arms", nargs="+", help="default: all in RUNS")
-    parser.add_argument("--policies", nargs="+", choices=POLICIES, default=POLICIES)
-    parser.add_argument("--training", action="store_true", help="also the episodes of training, as thin lines")
-    parser.add_argument("--table", action="store_true", help="print a table, and draw nothing")
-    parser.add_argument("--results", metavar="SECTION", help="with --table: write it into that section of RESULTS.md")
-    parser.add_argument("--out", type=Path, default=Path("out/hierarchical/curves.html"), help="the page")
-    given = parser.parse_args(arguments)
-    results, waiting = read_results(given.runs)
-    for folder in waiting:
-        print(f"not evaluated so far: {folder}", file=sys.stderr)
-    if given.arms:
-        results = only(results, given.arms)
-    results = {policy: trained for policy, trained in results.items() if policy in given.policies}
-    if not results:
-        raise InvalidInputError(f"'{given.runs}': expected runs of {', '.join(given.policies)}, found none")
-    if given.table:
-        print(table(results))
-        if given.results:
-            write_section(Path(__file__).with_name(PAGE), given.results, table(results))
-        return
-    for path in write_page(draw(results, given.measure, given.training), given.out, "How GHRL's policies learned"):
-        print(f"figure: {path}")
-
-
-if __name__ == "__main__":
-    try:
-        main()
-    except DohyoError as error:
-        sys.exit(f"curves: {error}")

@@ -1,4 +1,4 @@
-"""Curves of trainings: a panel per policy, a line per arm."""
+"""Curves of trainings: a panel per task, a line per arm."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from dohyo.agents.hierarchical import curves
-from dohyo.agents.hierarchical.training_results import TrainingRun
+from dohyo.agents.studies import curves
+from dohyo.agents.studies.training_results import TrainingRun
 from dohyo.sumo_networks.errors import InvalidInputError
 
+TOLD = {"ghrl": "rules imitated", "ghrl-r": "rules", "hrl": "PPO alone", "p-5": "5 %", "p-10": "10 %", "p-20": "20 %"}
 HALF = 4.302653 * 10.0 / 3**0.5
 """Of Student's interval of three values 10 apart."""
 
@@ -33,7 +34,7 @@ def named(drawn, mode="lines+markers"):
 
 
 def test_an_arm_of_seeds_has_a_line_in_a_band_and_one_of_a_single_seed_has_whiskers():
-    drawn = curves.draw({"lane": {"ghrl": THREE, "hrl": ONE}})
+    drawn = curves.draw({"lane": {"ghrl": THREE, "hrl": ONE}}, TOLD)
     many, single = named(drawn)
     assert many.x.tolist() == [4.0, 8.0]
     assert many.y.tolist() == [50.0, 100.0]
@@ -47,28 +48,28 @@ def test_an_arm_of_seeds_has_a_line_in_a_band_and_one_of_a_single_seed_has_whisk
 
 def test_arms_differ_by_more_than_colour_and_keep_their_look_whoever_else_is_there():
     everyone = dict.fromkeys(("ghrl", "ghrl-r", "hrl", "p-5", "p-10", "p-20"), ONE)
-    looks = [(one.line.color, one.line.dash, one.marker.symbol) for one in named(curves.draw({"lane": everyone}))]
+    looks = [(one.line.color, one.line.dash, one.marker.symbol) for one in named(curves.draw({"lane": everyone}, TOLD))]
     for part in zip(*looks, strict=True):
         assert len(set(part)) == 6
-    (alone,) = named(curves.draw({"lights": {"p-5": ONE}}))
+    (alone,) = named(curves.draw({"lights": {"p-5": ONE}}, TOLD))
     assert (alone.line.color, alone.line.dash, alone.marker.symbol) == looks[3]
 
 
 def test_the_legend_names_each_arm_once_and_how_many_seeds_it_has():
-    drawn = curves.draw({"lane": {"ghrl": THREE, "other": ONE}, "master": {"ghrl": ONE}})
+    drawn = curves.draw({"lane": {"ghrl": THREE, "other": ONE}, "master": {"ghrl": ONE}}, TOLD)
     keys = [trace.name for trace in drawn.data if trace.showlegend is not False]
-    assert keys == ["ghrl (rules imitated, then p = 10 %), 1 to 3 seeds", "other, 1 seed"]
+    assert keys == ["ghrl (rules imitated), 1 to 3 seeds", "other, 1 seed"]
 
 
 def test_imitation_is_grey_where_any_arm_imitates():
-    drawn = curves.draw({"lane": {"ghrl": THREE, "hrl": ONE}, "master": {"hrl": ONE}})
+    drawn = curves.draw({"lane": {"ghrl": THREE, "hrl": ONE}, "master": {"hrl": ONE}}, TOLD)
     (grey,) = drawn.layout.shapes
     assert (grey.x0, grey.x1) == (0, 4.0)
 
 
 def test_the_trainings_own_returns_are_means_of_the_last_rounds():
-    assert not named(curves.draw({"lane": {"ghrl": THREE}}), "lines")[1:]
-    *lines, _ = named(curves.draw({"lane": {"ghrl": THREE}}, training=True), "lines")
+    assert not named(curves.draw({"lane": {"ghrl": THREE}}, TOLD), "lines")[1:]
+    *lines, _ = named(curves.draw({"lane": {"ghrl": THREE}}, TOLD, training=True), "lines")
     assert len(lines) == 3
     assert lines[0].x.tolist() == [i / 10 for i in range(1, 10)]
     assert lines[0].y.tolist() == [1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.5]
@@ -80,19 +81,11 @@ def test_the_title_says_who_ends_highest_and_where_intervals_are_apart():
     tied = {"ghrl": ONE, "hrl": ONE}
     results = {"lane": both, "left": both, "right": near, "lights": tied, "master": {"hrl": ONE}}
     title = curves.finding(results, "return")
-    assert title == "Highest return at the end, of 4 policies: ghrl in 2, hrl in 1, nobody in 1; intervals apart in 2"
+    assert title == "Highest return at the end, of 4 tasks: ghrl in 2, hrl in 1, nobody in 1; intervals apart in 2"
     alone = curves.finding({"lane": {"ghrl": THREE}, "master": {"hrl": ONE}}, "return")
     assert alone == "Held-out return at the end: lane 100, master 30.0"
 
 
 def test_a_measure_that_runs_do_not_have_is_named():
     with pytest.raises(InvalidInputError, match="expected evaluations with a column 'success'"):
-        curves.draw({"lane": {"ghrl": ONE}}, "success")
-
-
-def test_the_command_tells_of_some_arms_and_policies_alone(capsys):
-    curves.main(["--table", "--arms", "hrl", "p-20", "--policies", "lights"])
-    rows = capsys.readouterr().out.splitlines()[2:]
-    assert [row.split(" | ")[:2] for row in rows] == [["| lights", "hrl"], ["| lights", "p-20"]]
-    with pytest.raises(InvalidInputError, match="expected runs of flat, found none"):
-        curves.main(["--table", "--arms", "hrl", "--policies", "flat"])
+        curves.draw({"lane": {"ghrl": ONE}}, TOLD, "success")

@@ -1,4 +1,4 @@
-"""Results of trainings, read from RUNS/ARM/seed-N/POLICY, and their means over seeds.
+"""Results of trainings, read from RUNS/ARM/seed-N/TASK, and their means over seeds.
 
     runs/ghrl/seed-0/lane/{config.toml,metrics.csv,evaluations.csv}, runs/ghrl/seed-1/lane/..., runs/hrl/seed-0/...
 
@@ -8,6 +8,7 @@ An interval over seeds is Student's; a single seed has the interval of its own e
 from __future__ import annotations
 
 import csv
+import logging
 import math
 import re
 import tomllib
@@ -19,12 +20,17 @@ from types import MappingProxyType
 import numpy as np
 from scipy.special import stdtrit  # type: ignore[import-untyped]
 
-from dohyo.agents.hierarchical.arms import ARMS, POLICIES
-from dohyo.evaluation.report.style import MISSING, interval
+from dohyo.agents.studies.rows import Row
+from dohyo.agents.studies.study import Results
+from dohyo.evaluation.report.style import MISSING, interval, markdown
 from dohyo.evaluation.statistics import Estimate
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
+logger = logging.getLogger(__name__)
+
+BENCHMARK = "training"
+"""Benchmark of the rows of trainings; their scenario is the task."""
 MEASURES: Mapping[str, str] = MappingProxyType(
     {
         "return": "return",
@@ -44,7 +50,7 @@ Columns = Mapping[str, FloatArray]
 
 @dataclass(frozen=True, slots=True)
 class TrainingRun:
-    """One policy's training with one seed.
+    """Training of one task with one seed.
 
     Attributes:
         seed: Of the training.
@@ -85,46 +91,51 @@ class TrainingRun:
         return float(self.evaluations["steps"][np.argmax(self.evaluations["return"])])
 
 
-Results = Mapping[str, Mapping[str, Sequence[TrainingRun]]]
-"""Runs by seed, by policy and arm."""
+Trainings = Mapping[str, Mapping[str, Sequence[TrainingRun]]]
+"""Runs by seed, by task and arm."""
 
 
-def read_results(runs: Path) -> tuple[Results, list[Path]]:
-    """Every run of a folder that has been evaluated, and the folders of those that have not been.
+def run_folder(runs: Path, arm: str, seed: int, task: str) -> Path:
+    """Folder of a training: RUNS/ARM/seed-N/TASK."""
+    return runs / arm / f"seed-{seed}" / task
+
+
+def find_trainings(runs: Path, tasks: Iterable[str]) -> Results:
+    """A row for every training of a folder, with its folder."""
+    found = []
+    for folder in sorted(runs.glob("*/seed-*/*")):
+        arm, numbered, task = folder.parts[-3:]
+        seed = re.fullmatch(r"seed-(\d+)", numbered)
+        if seed and task in tasks and folder.is_dir():
+            found.append(training_row(arm, int(seed[1]), task, folder))
+    return Results(found, {})
+
+
+def training_row(arm: str, seed: int, task: str, folder: Path) -> Row:
+    """Row of a training."""
+    cell = {"arm": arm, "training_seed": seed, "benchmark": BENCHMARK, "scenario": task, "seed": None}
+    return {**cell, "folder": str(folder)}
+
+
+def read_trainings(results: Results, arms: Sequence[str], tasks: Sequence[str]) -> Trainings:
+    """Evaluated trainings of some arms, in a given order.
 
     Raises:
-        InvalidInputError: There is no run, or one is damaged.
+        InvalidInputError: There is none, or one is damaged.
     """
     found: dict[str, dict[str, list[TrainingRun]]] = {}
-    waiting = []
-    for policy in POLICIES:
-        for arm in _in_order(path.name for path in runs.iterdir()) if runs.is_dir() else ():
-            for seed, folder in _seeds(runs / arm):
-                if not (folder / policy).is_dir():
-                    continue
-                run = read_run(folder / policy, seed)
+    for task in tasks:
+        for arm in arms:
+            rows = [row for row in results.rows if (row["arm"], row["scenario"]) == (arm, task) and "folder" in row]
+            for row in sorted(rows, key=lambda row: int(row["training_seed"])):
+                run = read_run(Path(row["folder"]), row["training_seed"])
                 if run is None:
-                    waiting.append(folder / policy)
+                    logger.warning("not evaluated so far: %s", row["folder"])
                 else:
-                    found.setdefault(policy, {}).setdefault(arm, []).append(run)
+                    found.setdefault(task, {}).setdefault(arm, []).append(run)
     if not found:
-        raise InvalidInputError(
-            f"'{runs}': expected evaluated runs as ARM/seed-N/POLICY, of policies {', '.join(POLICIES)}; found none"
-        )
-    return found, waiting
-
-
-def only(results: Results, arms: Sequence[str]) -> Results:
-    """Results of some arms; policies that none of them has are left out.
-
-    Raises:
-        InvalidInputError: There is no such arm.
-    """
-    there = {arm for trained in results.values() for arm in trained}
-    if unknown := [arm for arm in arms if arm not in there]:
-        raise InvalidInputError(f"expected arms of {', '.join(_in_order(there))}; got '{unknown[0]}'")
-    kept = {policy: {arm: runs for arm, runs in trained.items() if arm in arms} for policy, trained in results.items()}
-    return {policy: trained for policy, trained in kept.items() if trained}
+        raise InvalidInputError(f"expected evaluated trainings of {', '.join(arms)}; found none")
+    return found
 
 
 def read_run(folder: Path, seed: int) -> TrainingRun | None:
@@ -184,28 +195,28 @@ def course(runs: Sequence[TrainingRun], measure: str) -> tuple[FloatArray, list[
     return grid, [over_seeds(at_step, measure) for at_step in values]
 
 
-def table(results: Results) -> str:
-    """Markdown: a row per policy and arm. The best evaluation is chosen by the episodes that measure it.
+def table(trainings: Trainings) -> str:
+    """Markdown: a row per task and arm. The best evaluation is chosen by the episodes that measure it.
 
     Infractions are the share of episodes that ended with one.
     """
     told = ("return, last", "success, last, %", "infractions, last", "return, best", "success then, %")
-    heads = ("policy", "arm", "seeds", "steps", "of these imitating", *told)
-    rows = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
-    for policy, arms in results.items():
+    rows = []
+    for task, arms in trainings.items():
         for arm, runs in arms.items():
             last, best = [run.last for run in runs], [run.best for run in runs]
-            cells = [
-                policy,
-                arm,
-                ", ".join(str(run.seed) for run in runs),
-                _range([int(run.last) for run in runs]),
-                _range([run.imitated for run in runs]),
-                *(_told(runs, name, last) for name in ("return", "success", "infraction")),
-                *(_told(runs, name, best) for name in ("return", "success")),
-            ]
-            rows.append(f"| {' | '.join(cells)} |")
-    return "\n".join(rows)
+            rows.append(
+                [
+                    task,
+                    arm,
+                    ", ".join(str(run.seed) for run in runs),
+                    _range([int(run.last) for run in runs]),
+                    _range([run.imitated for run in runs]),
+                    *(_told(runs, name, last) for name in ("return", "success", "infraction")),
+                    *(_told(runs, name, best) for name in ("return", "success")),
+                ]
+            )
+    return markdown(["policy", "arm", "seeds", "steps", "of these imitating", *told], rows)
 
 
 def _told(runs: Sequence[TrainingRun], measure: str, steps: Sequence[float]) -> str:
@@ -217,16 +228,6 @@ def _told(runs: Sequence[TrainingRun], measure: str, steps: Sequence[float]) -> 
 def _range(counts: Sequence[int]) -> str:
     low, high = min(counts), max(counts)
     return f"{low:,}" if low == high else f"{low:,} to {high:,}"
-
-
-def _in_order(arms: Iterable[str]) -> list[str]:
-    known = list(ARMS)
-    return sorted(arms, key=lambda arm: (known.index(arm) if arm in known else len(known), arm))
-
-
-def _seeds(arm: Path) -> list[tuple[int, Path]]:
-    named = [(re.fullmatch(r"seed-(\d+)", path.name), path) for path in arm.glob("seed-*")]
-    return sorted((int(match[1]), path) for match, path in named if match)
 
 
 def _columns(path: Path) -> Columns:

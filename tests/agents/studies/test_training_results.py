@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dohyo.agents.hierarchical import arms
-from dohyo.agents.hierarchical import training_results as results
+from dohyo.agents.studies import training_results as results
 from dohyo.evaluation.statistics import Estimate
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -24,6 +23,7 @@ HEAD = (
     "standing",
     "infraction",
 )
+TASKS = ("lane", "left", "master")
 T_2, T_1 = 4.302653, 12.706205
 """Student's quantiles at 97.5 % with 2 and 1 degrees of freedom, from a printed table."""
 
@@ -67,42 +67,30 @@ def runs(tmp_path):
     return tmp_path
 
 
-def test_policies_are_those_that_can_be_trained():
-    from dohyo.agents.hierarchical.hierarchy import FLAT, MASTER
-    from dohyo.agents.hierarchical.manoeuvres import Manoeuvre
-
-    assert (*(one.value for one in Manoeuvre), MASTER, FLAT) == arms.POLICIES
-
-
-def test_runs_are_found_by_policy_arm_and_seed_and_other_folders_are_left_alone(runs):
+def test_trainings_are_found_by_task_arm_and_seed_and_other_folders_are_left_alone(runs):
     (runs / "ghrl" / "seed-0" / "logs").mkdir()
     (runs / "ghrl" / "seed-old" / "lane").mkdir(parents=True)
     (runs / "aaa").write_text("a note")
-    written(runs / "aab" / "seed-0" / "lane", [(4000, 1.0, 1.0)])
-    found, waiting = results.read_results(runs)
-    assert {policy: list(arms) for policy, arms in found.items()} == {
-        "lane": ["ghrl", "hrl", "aab"],
-        "master": ["ghrl"],
-    }
+    found = results.read_trainings(results.find_trainings(runs, TASKS), ("ghrl", "hrl", "none"), TASKS)
+    assert {task: list(arms) for task, arms in found.items()} == {"lane": ["ghrl", "hrl"], "master": ["ghrl"]}
     assert [run.seed for run in found["lane"]["ghrl"]] == [0, 1, 2]
     assert [run.imitated for run in found["lane"]["ghrl"]] == [4000] * 3
     assert found["lane"]["hrl"][0].seed == 2
-    assert waiting == []
 
 
-def test_a_run_that_was_not_evaluated_so_far_is_named(runs):
+def test_a_training_that_was_not_evaluated_so_far_is_named(runs, caplog):
     going = written(runs / "ghrl" / "seed-3" / "lane", [])
-    found, waiting = results.read_results(runs)
-    assert waiting == [going]
+    found = results.read_trainings(results.find_trainings(runs, TASKS), ("ghrl",), TASKS)
+    assert caplog.messages == [f"not evaluated so far: {going}"]
     assert len(found["lane"]["ghrl"]) == 3
 
 
-def test_what_is_no_run_is_named(tmp_path, runs):
-    with pytest.raises(InvalidInputError, match="expected evaluated runs as ARM/seed-N/POLICY, of policies lane, left"):
-        results.read_results(tmp_path / "nowhere")
+def test_what_is_no_training_is_named(tmp_path, runs):
+    with pytest.raises(InvalidInputError, match="expected evaluated trainings of ghrl; found none"):
+        results.read_trainings(results.find_trainings(tmp_path / "nowhere", TASKS), ("ghrl",), TASKS)
     (runs / "hrl" / "seed-2" / "lane" / "config.toml").unlink()
     with pytest.raises(InvalidInputError, match=r"'.*hrl/seed-2/lane' is no run: .*config.toml"):
-        results.read_results(runs)
+        results.read_trainings(results.find_trainings(runs, TASKS), ("hrl",), TASKS)
     folder = written(runs / "hrl" / "seed-4" / "lane", [(4000, 1.0, 1.0)])
     (folder / "evaluations.csv").write_text("steps,return\n4000,1.0\n")
     with pytest.raises(InvalidInputError, match="expected columns success"):
@@ -137,13 +125,6 @@ def test_a_course_goes_as_far_as_all_seeds_and_straight_between_evaluations(tmp_
         results.course([run for run in runs if run], "speed_m_s")
 
 
-def test_some_arms_can_be_told_alone_and_an_unknown_one_is_named(runs):
-    found, _ = results.read_results(runs)
-    assert {policy: list(arms) for policy, arms in results.only(found, ["hrl"]).items()} == {"lane": ["hrl"]}
-    with pytest.raises(InvalidInputError, match="expected arms of ghrl, hrl; got 'p-7'"):
-        results.only(found, ["hrl", "p-7"])
-
-
 def test_seeds_that_never_met_have_no_course(tmp_path):
     early = results.read_run(written(tmp_path / "a", [(2000, 10.0, 0.0)]), 0)
     late = results.read_run(written(tmp_path / "b", [(4000, 40.0, 0.0)]), 1)
@@ -155,7 +136,8 @@ def test_seeds_that_never_met_have_no_course(tmp_path):
 
 
 def test_the_table_has_the_last_evaluation_and_the_one_of_the_highest_return(runs):
-    rows = results.table(results.read_results(runs)[0]).splitlines()[2:]
+    found = results.read_trainings(results.find_trainings(runs, TASKS), ("ghrl", "hrl"), TASKS)
+    rows = results.table(found).splitlines()[2:]
     half = T_2 * 10.0 / 3**0.5
     last = f"100 [{100 - half:.1f}, {100 + half:.0f}] | 100 [85.0, 100]"
     assert rows[0] == f"| lane | ghrl | 0, 1, 2 | 8,000 | 4,000 | {last} | 0 | {last} |"

@@ -1,0 +1,116 @@
+"""Claims: statements that one arm is above or below another, and what the paired rows say about them.
+
+A claim is judged by the differences of its arms on the scenarios that both drove, matched by training. The p-value is
+two-sided, from the crossed bootstrap; all claims of a list are corrected together (Holm 1979), so that the chance of
+any false verdict in the list is at most 5 %. A list of twenty claims without correction has a false one in two of
+three studies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, difference, estimate, of_pairs, p_value
+from dohyo.evaluation.statistics import Estimate
+
+LEVEL: Final = 0.05
+Relation = Literal[">", "<", "="]
+Verdict = Literal["reproduced", "not resolved", "contradicted"]
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """Arm against arm on one measure.
+
+    Attributes:
+        left: Arm whose value is claimed to be higher (">"), lower ("<") or equal ("=").
+        relation: The relation.
+        right: Other arm.
+        measure: Measure of the rows.
+        where: Benchmark, task or data set; empty for all rows.
+        told: Wording in tables; empty: the names of the arms.
+    """
+
+    left: str
+    relation: Relation
+    right: str
+    measure: str
+    where: str = ""
+    told: str = ""
+
+    def __str__(self) -> str:
+        """Wording in tables."""
+        return self.told or f"{self.left} {self.relation} {self.right}"
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """Result of a claim.
+
+    Attributes:
+        claim: The claim.
+        difference: Mean of left - right with its 95 % interval, which is not corrected.
+        trainings: Mean difference of each training, by seed.
+        p: Two-sided p-value.
+        adjusted: The same after Holm's correction over the list.
+        verdict: Of the corrected p-value.
+    """
+
+    claim: Claim
+    difference: Estimate
+    trainings: Mapping[int | None, float]
+    p: float
+    adjusted: float
+    verdict: Verdict
+
+
+def judge(
+    claims: Iterable[Claim],
+    values: Callable[[Claim, str], Matched],
+    interval: Callable[[Matched], Estimate] = lambda matched: estimate(matched, of_pairs),
+) -> list[Judgement]:
+    """Judges a list of claims; those whose arms have no scenario in common are left out.
+
+    Args:
+        claims: All claims of the study; they are corrected together.
+        values: Values of an arm for a claim.
+        interval: Mean and interval of paired differences.
+    """
+    pairs = [(claim, difference(values(claim, claim.left), values(claim, claim.right))) for claim in claims]
+    pairs = [(claim, matched) for claim, matched in pairs if matched]
+    p_values = [p_value(matched) for _, matched in pairs]
+    judged = []
+    for (claim, matched), p, adjusted in zip(pairs, p_values, holm(p_values), strict=True):
+        found = interval(matched)
+        said = verdict(claim.relation, found.mean or 0.0, adjusted)
+        judged.append(Judgement(claim, found, by_training(matched), p, adjusted, said))
+    return judged
+
+
+def verdict(relation: Relation, mean: float, adjusted: float) -> Verdict:
+    """Verdict on a claim.
+
+    A difference contradicts the claim of none; no significant difference does not prove that claim.
+
+    Args:
+        relation: Claimed.
+        mean: Mean difference.
+        adjusted: Corrected p-value.
+    """
+    if adjusted >= LEVEL or mean == 0.0:
+        return "not resolved"
+    return "reproduced" if relation == (">" if mean > 0.0 else "<") else "contradicted"
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Adjusted p-values, in the given order: the smallest times n, the next times n - 1, ..., never decreasing.
+
+    Source: Holm 1979.
+    """
+    adjusted, largest = [1.0] * len(p_values), 0.0
+    for rank, place in enumerate(sorted(range(len(p_values)), key=p_values.__getitem__)):
+        largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[place]))
+        adjusted[place] = largest
+    return adjusted

@@ -1,0 +1,150 @@
+"""Study: what a system compares; its cells, the work on them, and the tables and figures made of stored rows."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from dohyo.agents.learning.settings import read_settings
+from dohyo.agents.studies.arms import Cell
+from dohyo.agents.studies.rows import Row, read_rows
+from dohyo.agents.studies.runner import Job, Progress, run
+from dohyo.evaluation.entry import load_entry
+from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.files import write_atomically
+
+O = TypeVar("O", bound=Config)  # noqa: E741
+ROWS, FACTS = "rows.jsonl", "facts.json"
+
+STUDIES: Mapping[str, str] = {
+    "forecasting": "dohyo.agents.forecasting.study:STUDY",
+    "ghrl": "dohyo.agents.hierarchical.study:STUDY",
+    "ghrl-policies": "dohyo.agents.hierarchical.evaluate_policies:STUDY",
+    "ghrl-trainings": "dohyo.agents.hierarchical.trainings:STUDY",
+    "mbappe": "dohyo.agents.mcts.study:STUDY",
+}
+"""As "module:attribute", since systems take seconds to import."""
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """Stored results of a study.
+
+    Attributes:
+        rows: A row per cell.
+        facts: What holds for all rows: settings, sizes of the data, times.
+    """
+
+    rows: Sequence[Row]
+    facts: Mapping[str, Any]
+
+
+class NoOptions(Config):
+    """Options of a study that has none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Study(Generic[O]):
+    """A study.
+
+    Attributes:
+        summary: Subject, in a few words.
+        stored: Folder of the published rows.
+        page: RESULTS.md of the system.
+        options: Settings that change the rows, such as a folder of trainings.
+        cells: All cells.
+        work: Measures of the cells of one job; at the top of a module, since processes import it.
+        tables: Sections of the page, each from the stored results; "" where the rows of a section are missing.
+        together: Key of the job of a cell.
+        prepare: Makes what all cells need; called once before the first cell, with the cells and the number of workers.
+        fresh: Whether each job gets a process of its own.
+        phase: Phase of a cell; a phase begins when the one before has ended.
+        read: Reads the results of a folder.
+        facts: Facts of a run beside its options; called at its end.
+        figures: Draws the figures into a folder, and returns their paths; None without figures.
+    """
+
+    summary: str
+    stored: Path
+    page: Path
+    options: type[O]
+    cells: Callable[[O], Sequence[Cell]]
+    work: Callable[[O, Job], Iterable[Row]]
+    tables: Mapping[str, Callable[[Results], str]]
+    together: Callable[[Cell], Hashable] = lambda cell: cell
+    prepare: Callable[[O, Sequence[Cell], int], None] = lambda options, cells, workers: None
+    fresh: bool = False
+    phase: Callable[[Cell], int] = lambda cell: 0
+    read: Callable[[Path], Results] = lambda folder: read_results(folder)
+    facts: Callable[[O], Mapping[str, Any]] = lambda options: {}
+    figures: Callable[[Results, Path], Sequence[Path]] | None = field(default=None)
+
+    def run(
+        self,
+        out: Path,
+        settings: Sequence[str] = (),
+        *,
+        chosen: Callable[[Cell], bool] = lambda cell: True,
+        workers: int = 1,
+        progress: Progress = lambda done, total, job: None,
+    ) -> None:
+        """Runs the missing cells into a folder; see `runner.run`.
+
+        Args:
+            out: Folder of the rows and facts.
+            settings: Options as "key=value".
+            chosen: Which cells are wanted.
+            workers: Number of processes.
+            progress: See `runner.run`.
+
+        Raises:
+            InvalidInputError: An option is wrong, no cell is wanted, or the folder has rows of other options.
+        """
+        options = read_settings(self.options, None, settings)
+        cells = [cell for cell in self.cells(options) if chosen(cell)]
+        if not cells:
+            raise InvalidInputError("expected arms, trainings and benchmarks of the study, got a choice without cells")
+        given = options.model_dump(mode="json")
+        out.mkdir(parents=True, exist_ok=True)
+        earlier = read_results(out).facts.get("options", given)
+        if earlier != given:
+            raise InvalidInputError(f"'{out}' has rows of other options: expected {earlier}; choose another --out")
+        self.prepare(options, cells, workers)
+        _write_facts(out, {"options": given})
+        work = partial(self.work, options)
+        for _, some in groupby(sorted(cells, key=self.phase), self.phase):
+            run(out / ROWS, some, work, workers=workers, together=self.together, fresh=self.fresh, progress=progress)
+        _write_facts(out, {"options": given, **self.facts(options)})
+
+
+def study_named(name: str) -> Study[Any]:
+    """The study of a name.
+
+    Raises:
+        UnknownNameError: There is no such study.
+    """
+    if name not in STUDIES:
+        raise UnknownNameError("study", name, STUDIES)
+    study = load_entry(STUDIES[name], "study")
+    assert isinstance(study, Study)
+    return study
+
+
+def read_results(folder: Path) -> Results:
+    """Rows and facts of a folder; both are empty before the first row.
+
+    Raises:
+        InvalidInputError: A row has no cell.
+    """
+    facts = folder / FACTS
+    return Results(read_rows(folder), json.loads(facts.read_text()) if facts.exists() else {})
+
+
+def _write_facts(out: Path, facts: Mapping[str, Any]) -> None:
+    write_atomically(out / FACTS, (json.dumps(facts, indent=1) + "\n").encode())

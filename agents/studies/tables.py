@@ -1,0 +1,93 @@
+"""Tables of studies as Markdown, and RESULTS.md, whose sections are written from stored rows, each between its marks.
+
+<!-- begin val14 -->
+| arm | score |
+<!-- end val14 -->
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from dohyo.agents.studies.claims import Judgement
+from dohyo.evaluation.report.style import interval, markdown, number
+from dohyo.evaluation.statistics import Estimate
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
+
+PAGE: Final = "RESULTS.md"
+ENOUGH_TRAININGS: Final = 3
+"""With fewer, a verdict says nothing about other seeds of the training, and its cell has their number."""
+
+
+def claims_table(
+    judged: Sequence[Judgement],
+    before: Mapping[str, Callable[[Judgement], str]],
+    shown: Callable[[Judgement], str] = lambda one: interval(one.difference),
+) -> str:
+    """A row per claim; empty without any.
+
+    Args:
+        judged: Claims of one list.
+        before: Columns before the difference, by head.
+        shown: Difference with its interval.
+    """
+    heads = [*before, "paired difference", "p (Holm)", "verdict"]
+    rows = [
+        [*(cell(one) for cell in before.values()), shown(one), probability(one.adjusted), verdict_cell(one)]
+        for one in judged
+    ]
+    return markdown(heads, rows) if rows else ""
+
+
+def verdict_cell(one: Judgement) -> str:
+    """Verdict; a resolved one on few trainings has their number."""
+    few = 0 < len(one.trainings.keys() - {None}) < ENOUGH_TRAININGS
+    if not few or one.verdict == "not resolved":
+        return one.verdict
+    count = len(one.trainings)
+    return f"{one.verdict}, of {count} training{'s' * (count > 1)}"
+
+
+def each_training(one: Judgement) -> str:
+    """Mean difference of each training."""
+    return ", ".join(f"{mean:+.0f}" for mean in one.trainings.values())
+
+
+def probability(p: float) -> str:
+    """A p-value to two digits."""
+    return "< 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
+
+
+def fixed(estimate: Estimate, digits: int = 1) -> str:
+    """Mean with its interval, to a fixed number of decimals."""
+    if estimate.mean is None:
+        return ""
+    if estimate.low is None or estimate.high is None:
+        return f"{estimate.mean:.{digits}f}"
+    return f"{estimate.mean:.{digits}f} [{estimate.low:.{digits}f}, {estimate.high:.{digits}f}]"
+
+
+def bracketed(estimate: Estimate) -> str:
+    """Mean with its interval, to three significant digits."""
+    if estimate.mean is None:
+        return "-"
+    if estimate.low is None or estimate.high is None:
+        return number(estimate.mean)
+    return f"{number(estimate.mean)} [{number(estimate.low)}, {number(estimate.high)}]"
+
+
+def write_section(page: Path, section: str, text: str) -> None:
+    """Replaces what stands between the marks of one section.
+
+    Raises:
+        InvalidInputError: The page does not have the two marks.
+    """
+    begin, end = f"<!-- begin {section} -->", f"<!-- end {section} -->"
+    before, found_begin, rest = page.read_text().partition(begin)
+    _, found_end, after = rest.partition(end)
+    if not (found_begin and found_end):
+        raise InvalidInputError(f"'{page}': expected the marks {begin} and {end}")
+    write_atomically(page, f"{before}{begin}\n{text.strip()}\n{end}{after}".encode())

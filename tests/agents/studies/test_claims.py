@@ -1,0 +1,107 @@
+"""Claims: verdicts on both sides of every threshold, Holm's correction, and coverage on synthetic rows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dohyo.agents.studies.claims import LEVEL, Claim, holm, judge, verdict
+from dohyo.agents.studies.crossed_bootstrap import Matched, estimate, of_pairs, p_value
+
+
+def pairs(*differences: float) -> Matched:
+    """Differences of one training, a scenario each."""
+    return {(f"m{i:03}",): {None: value} for i, value in enumerate(differences)}
+
+
+def arms(**values: Matched):
+    """Values for `judge`, by arm."""
+    return lambda claim, arm: values.get(arm, {})
+
+
+@pytest.mark.parametrize(
+    ("relation", "mean", "p", "said"),
+    [
+        (">", 1.0, LEVEL - 1e-9, "reproduced"),
+        (">", 1.0, LEVEL, "not resolved"),
+        (">", -1.0, LEVEL - 1e-9, "contradicted"),
+        ("<", -1.0, LEVEL - 1e-9, "reproduced"),
+        ("<", 1.0, LEVEL - 1e-9, "contradicted"),
+        ("<", -1.0, LEVEL, "not resolved"),
+        ("=", 1.0, LEVEL - 1e-9, "contradicted"),
+        ("=", -1.0, LEVEL - 1e-9, "contradicted"),
+        ("=", 0.001, LEVEL, "not resolved"),
+        (">", 0.0, 0.0, "not resolved"),
+    ],
+)
+def test_a_verdict_follows_the_corrected_p_value_and_the_side(relation, mean, p, said):
+    assert verdict(relation, mean, p) == said
+
+
+def test_holms_correction_is_that_of_the_textbook():
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.5, 0.9]) == [1.0, 1.0]
+    assert holm([]) == []
+    assert holm([0.02, 0.02, 0.02]) == pytest.approx([0.06, 0.06, 0.06])
+
+
+def test_a_claim_that_is_resolved_alone_may_not_be_among_many():
+    generator = np.random.default_rng(3)
+    near = pairs(*generator.normal(0.45, 1.0, 30))
+    zero = pairs(*[0.0] * 30)
+    alone = judge([Claim("near", ">", "zero", "score")], arms(near=near, zero=zero))
+    assert alone[0].verdict == "reproduced"
+    noise = {f"noise-{i}": pairs(*generator.normal(0.0, 1.0, 30)) for i in range(20)}
+    claims = [Claim("near", ">", "zero", "score"), *(Claim(name, ">", "zero", "score") for name in noise)]
+    among = judge(claims, arms(near=near, zero=zero, **noise))
+    assert among[0].p == alone[0].p
+    assert among[0].adjusted > LEVEL
+    assert {one.verdict for one in among} == {"not resolved"}
+
+
+def test_only_common_scenarios_and_trainings_count_and_claims_without_any_are_left_out():
+    left = {("m0",): {0: 5.0, 1: 7.0}, ("m1",): {0: 1.0}}
+    right = {("m0",): {0: 2.0, 1: 3.0}, ("m2",): {0: 9.0}}
+    claims = [Claim("left", ">", "right", "score"), Claim("left", ">", "nobody", "score")]
+    (only,) = judge(claims, arms(left=left, right=right))
+    assert only.difference.mean == pytest.approx(3.5)
+    assert only.trainings == {0: 3.0, 1: 4.0}
+
+
+@pytest.mark.parametrize(("count", "resolved"), [(5, False), (6, True)])
+def test_no_fewer_pairs_than_a_sign_test_needs_resolve_a_claim(count, resolved):
+    assert (p_value(pairs(*[1.0 + i for i in range(count)])) < LEVEL) is resolved
+
+
+def test_the_p_value_is_that_of_the_interval():
+    generator = np.random.default_rng(0)
+    for shift in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6):
+        differences = pairs(*generator.normal(shift, 1.0, 40))
+        found, p = estimate(differences, of_pairs), p_value(differences)
+        assert found.low is not None
+        if abs(p - LEVEL) > 0.02:
+            assert (p < LEVEL) == (found.low > 0.0)
+
+
+def test_without_an_effect_a_list_of_claims_has_a_false_verdict_in_few_studies():
+    generator = np.random.default_rng(1)
+    zero = pairs(*[0.0] * 30)
+    false = 0
+    for _ in range(60):
+        noise = {f"arm-{i}": pairs(*generator.normal(0.0, 1.0, 30)) for i in range(8)}
+        judged = judge([Claim(name, ">", "zero", "score") for name in noise], arms(zero=zero, **noise))
+        false += any(one.verdict != "not resolved" for one in judged)
+    assert false <= 9  # of 60 at most 5 % are expected; uncorrected it would be a third
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say_with_many_trainings():
+    generator = np.random.default_rng(2)
+    held = 0
+    for _ in range(200):
+        effects = generator.normal(0, 1, (20, 1)) + generator.normal(0, 1, (1, 20)) + generator.normal(0, 1, (20, 20))
+        crossed = {(f"m{i:02}",): dict(enumerate(row)) for i, row in enumerate((effects + 3.0).tolist())}
+        found = estimate(crossed, of_pairs)
+        assert found.low is not None
+        assert found.high is not None
+        held += found.low <= 3.0 <= found.high
+    assert held / 200 >= 0.90

@@ -1,0 +1,159 @@
+"""The runner: a durable row per cell, whatever dies, and the same call runs what is missing."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from dohyo.agents.studies.arms import Block, Cell, Place, cells_of
+from dohyo.agents.studies.rows import cell_of, matched, read_rows
+from dohyo.agents.studies.runner import DIED, NOTHING, run
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+
+ROOT = Path(__file__).parents[3]
+CELLS = cells_of([Block(("a", "b"), (0, 1), [Place("town", f"m{i}", 7) for i in range(3)])])
+SLOW = """
+import sys, time
+from pathlib import Path
+from tests.agents.studies.test_runner import CELLS, measured
+from dohyo.agents.studies.runner import run
+
+def work(job):
+    time.sleep(0.3)
+    return measured(job)
+
+run(Path(sys.argv[1]), CELLS, work)
+"""
+
+
+def measured(job):
+    """The scenario's number for arm a, one more for arm b."""
+    for cell in job:
+        yield {**cell._asdict(), "score": int(cell.scenario[1:]) + (cell.arm == "b")}
+
+
+def counted(job, log: Path):
+    """Writes what it does into a file."""
+    with log.open("a") as file:
+        file.writelines(f"{cell.arm} {cell.training_seed} {cell.scenario}\n" for cell in job)
+    yield from measured(job)
+
+
+def failing(job):
+    """Loses the first scenario of arm a, and ends the process in the second one of arm b."""
+    for cell in job:
+        if (cell.arm, cell.scenario) == ("a", "m0"):
+            raise SimulationError("SUMO is gone")
+        if (cell.arm, cell.scenario, cell.training_seed) == ("b", "m1", 0):
+            os._exit(3)
+    yield from measured(job)
+
+
+def refused(job):
+    raise InvalidInputError("no such training")
+
+
+def silent(job):
+    return []
+
+
+def test_cells_are_the_product_of_each_block_once():
+    assert len(CELLS) == 2 * 2 * 3
+    assert CELLS[0] == Cell("a", 0, "town", "m0", 7)
+    places = [Place("town", "m0", 7)]
+    assert cells_of([Block(("a",), (0,), places), Block(("a", "b"), (0, 1), places)]) == [
+        Cell("a", 0, "town", "m0", 7), Cell("a", 1, "town", "m0", 7), Cell("b", 0, "town", "m0", 7),
+        Cell("b", 1, "town", "m0", 7),
+    ]  # fmt: skip
+
+
+def test_every_cell_has_a_row_and_a_second_call_runs_only_what_is_missing(tmp_path):
+    log, path = tmp_path / "log", tmp_path / "out" / "rows.jsonl"
+    work = partial(counted, log=log)
+    run(path, CELLS[:5], work)
+    run(path, CELLS, work)
+    assert [cell_of(row) for row in read_rows(path)] == CELLS
+    assert len(log.read_text().splitlines()) == len(CELLS)
+    assert matched(read_rows(path), "b", "score")["town", "m2", 7] == {0: 3.0, 1: 3.0}
+
+
+def test_processes_give_the_rows_of_one(tmp_path):
+    run(tmp_path / "one" / "rows.jsonl", CELLS, measured)
+    run(
+        tmp_path / "two" / "rows.jsonl",
+        CELLS,
+        measured,
+        workers=2,
+        together=lambda cell: (cell.arm, cell.training_seed),
+    )
+    one, two = (read_rows(tmp_path / name / "rows.jsonl") for name in ("one", "two"))
+    assert sorted(one, key=cell_of) == sorted(two, key=cell_of)
+
+
+def test_a_lost_cell_is_a_row_that_says_so_is_in_no_mean_and_is_run_again(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    run(path, CELLS, failing, workers=2)
+    lost = {cell_of(row)[:4]: row["lost"] for row in read_rows(path) if "lost" in row}
+    assert lost == {
+        ("a", 0, "town", "m0"): "SimulationError: SUMO is gone",
+        ("a", 1, "town", "m0"): "SimulationError: SUMO is gone",
+        ("b", 0, "town", "m1"): DIED,
+    }
+    assert len(read_rows(path)) == len(CELLS)
+    assert matched(read_rows(path), "b", "score")["town", "m1", 7] == {1: 2.0}
+    run(path, CELLS, measured)
+    assert sorted(cell_of(row) for row in read_rows(path)) == sorted(CELLS)
+    assert not [row for row in read_rows(path) if "lost" in row]
+
+
+def test_a_cell_for_which_the_work_has_no_row_is_lost(tmp_path):
+    run(tmp_path / "rows.jsonl", CELLS[:1], silent)
+    assert [row["lost"] for row in read_rows(tmp_path / "rows.jsonl")] == [NOTHING]
+
+
+def test_an_error_of_the_input_stops_the_study_and_keeps_the_rows(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    run(path, CELLS[:2], measured)
+    for workers in (1, 2):
+        with pytest.raises(InvalidInputError, match="no such training"):
+            run(path, CELLS, refused, workers=workers)
+    assert [cell_of(row) for row in read_rows(path)] == CELLS[:2]
+
+
+def test_rows_of_a_killed_process_stay_and_the_same_call_adds_the_missing_ones(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    going = subprocess.Popen([sys.executable, "-c", SLOW, str(path)], cwd=ROOT, stderr=subprocess.PIPE)
+    while not path.exists() or len(path.read_text().splitlines()) < 2:
+        assert going.poll() is None, going.communicate()
+        time.sleep(0.05)
+    going.send_signal(signal.SIGKILL)
+    going.communicate()
+    before = read_rows(path)
+    assert 2 <= len(before) < len(CELLS)
+    with path.open("a") as file:
+        file.write('{"arm": "torn')
+    run(path, CELLS, measured)
+    assert [cell_of(row) for row in read_rows(path)] == CELLS
+    assert read_rows(path)[: len(before)] == before
+    assert all(json.loads(line) for line in path.read_text().splitlines())
+
+
+def test_progress_counts_what_was_there_and_what_was_run(tmp_path):
+    seen = []
+    run(tmp_path / "rows.jsonl", CELLS[:2], measured)
+    run(tmp_path / "rows.jsonl", CELLS[:4], measured, progress=lambda *what: seen.append(what[:2]))
+    assert seen == [(3, 4), (4, 4)]
+
+
+def test_a_row_without_a_cell_is_named(tmp_path):
+    (tmp_path / "rows.jsonl").write_text('{"arm": "a", "score": 3}\n')
+    with pytest.raises(InvalidInputError, match="expected rows with training_seed, benchmark, scenario, seed"):
+        read_rows(tmp_path)

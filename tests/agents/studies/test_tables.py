@@ -1,0 +1,85 @@
+"""RESULTS.md: sections are replaced between their marks, and hold what their stored rows give."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from dohyo.agents.studies.__main__ import main
+from dohyo.agents.studies.claims import Claim, judge
+from dohyo.agents.studies.study import STUDIES, study_named
+from dohyo.agents.studies.tables import claims_table, each_training, probability, write_section
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+
+TEXT = "before\n<!-- begin a -->\nold\n<!-- end a -->\nbetween\n<!-- begin b -->\nkept\n<!-- end b -->\nafter\n"
+
+
+def test_one_section_is_replaced_and_the_rest_stays(tmp_path: Path) -> None:
+    page = tmp_path / "RESULTS.md"
+    page.write_text(TEXT)
+    write_section(page, "a", "new\n")
+    assert page.read_text() == TEXT.replace("old", "new")
+
+
+@pytest.mark.parametrize("damaged", ["", "<!-- begin a -->\nold\n", "<!-- end a -->\n<!-- begin a -->\n"])
+def test_a_page_without_both_marks_is_refused_and_left_alone(tmp_path: Path, damaged: str) -> None:
+    page = tmp_path / "RESULTS.md"
+    page.write_text(damaged)
+    with pytest.raises(InvalidInputError, match="expected the marks <!-- begin a -->"):
+        write_section(page, "a", "new")
+    assert page.read_text() == damaged
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STUDIES)
+def test_every_section_holds_what_its_stored_rows_give(name: str) -> None:
+    study = study_named(name)
+    results, page = study.read(study.stored), study.page.read_text()
+    for section, table in study.tables.items():
+        found = re.search(rf"<!-- begin {section} -->\n(.*?)\n<!-- end {section} -->", page, re.S)
+        assert found, f"{study.page} has no section {section}"
+        text = table(results) if results.rows else ""
+        assert text in ("", found[1])
+
+
+def test_a_verdict_on_few_trainings_says_how_many() -> None:
+    def table(seeds: range | tuple[None]) -> str:
+        rows = {
+            arm: {(f"m{i}",): dict.fromkeys(seeds, base + i) for i in range(20)} for arm, base in (("a", 9), ("b", 1))
+        }
+        judged = judge([Claim("a", ">", "b", "score")], lambda claim, arm: rows[arm])
+        return claims_table(judged, {"claim": lambda one: str(one.claim), "each": each_training}).splitlines()[-1]
+
+    difference = "8.00 [8.00, 8.00]"
+    assert table(range(3)) == f"| a > b | +8, +8, +8 | {difference} n=60 | < 0.001 | reproduced |"
+    assert table(range(1)) == f"| a > b | +8 | {difference} n=20 | < 0.001 | reproduced, of 1 training |"
+    assert table((None,)) == f"| a > b | +8 | {difference} n=20 | < 0.001 | reproduced |"
+
+
+def test_p_values_have_two_digits_that_count() -> None:
+    assert [probability(p) for p in (0.0004, 0.001, 0.0496, 0.1, 1.0)] == ["< 0.001", "0.001", "0.050", "0.10", "1.00"]
+
+
+def test_the_command_lists_the_studies_and_prints_one_section(capsys: pytest.CaptureFixture[str]) -> None:
+    main([])
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(STUDIES)
+    main(["ghrl-trainings", "table", "--arms", "hrl"])
+    rows = capsys.readouterr().out.strip().splitlines()[2:]
+    assert {row.split(" | ")[1] for row in rows} == {"hrl"}
+    with pytest.raises(UnknownNameError, match="no study named 'ghlr'; did you mean 'ghrl'"):
+        main(["ghlr", "table"])
+
+
+def test_a_choice_without_cells_and_rows_that_are_not_there_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInputError, match="got a choice without cells"):
+        main(["ghrl", "run", "--arms", "nobody", "--out", str(tmp_path)])
+    with pytest.raises(InvalidInputError, match="expected stored rows, found none"):
+        main(["ghrl", "table", "--rows", str(tmp_path)])
+
+
+def test_rows_of_other_options_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "facts.json").write_text('{"options": {"runs": "elsewhere"}}')
+    with pytest.raises(InvalidInputError, match=r"has rows of other options: expected {'runs': 'elsewhere'}"):
+        main(["ghrl", "run", "--arms", "rules", "--only", "precrash", "--out", str(tmp_path)])
