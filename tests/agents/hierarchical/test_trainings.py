@@ -57,6 +57,7 @@ def test_the_stored_trainings_are_the_cells_of_the_study_and_masters_come_last()
     assert {trainings.STUDY.phase(cell) for cell in wanted} == {0, 1}
 
 
+@pytest.mark.slow
 def test_one_command_trains_two_arms_and_once_more_it_has_nothing_to_do(tmp_path):
     command = [*COMMAND, *choice(tmp_path, *TINY, "ppo.imitated_steps=12"), "--trainings", "0"]
     command += ["--arms", "ghrl", "hrl", "--workers", "2"]
@@ -70,6 +71,7 @@ def test_one_command_trains_two_arms_and_once_more_it_has_nothing_to_do(tmp_path
     assert again.stdout == f"rows: {tmp_path / 'out'}\n"
 
 
+@pytest.mark.slow
 def test_a_command_that_is_stopped_has_its_trainings_write_checkpoints_and_goes_on(tmp_path):
     tiny = [setting for setting in TINY if not setting.startswith("steps")]
     tiny.append("checkpoint_every=24")
