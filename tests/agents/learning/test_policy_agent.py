@@ -10,6 +10,7 @@ import pytest
 import torch
 from gymnasium.spaces import Box, Dict
 
+from dohyo.agents.learning.environments import FrameStack
 from dohyo.agents.learning.export import export
 from dohyo.agents.learning.policy_agent import AsControl, Frames, PolicyAgent
 from dohyo.evaluation.agent import agent_info, make_agent
@@ -18,6 +19,7 @@ from dohyo.evaluation.running.run import run_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Mission, Place
 from tests.agents.learning.drivers import Chooser, Choosing, Pilot, Seeing, SmallView
+from tests.agents.learning.problems import Sign
 
 STACKED = Dict(view=Box(0, 255, (6, 64, 64), np.uint8), speed=Box(0.0, 100.0, (1,)))
 MISSION = Mission(name="ego", start=Place(lane="a_0", position_m=1.0), goal=Place(lane="b_0", position_m=1.0))
@@ -112,6 +114,22 @@ def test_frames_are_stacked_along_the_channels_oldest_first() -> None:
         assert frames.space["view"].contains(stacked["view"])
         shown.append(stacked["view"][:, 0, 0].tolist())
     assert shown == [[1, 1, 1], [1, 1, 2], [1, 2, 3], [2, 3, 4]]
+
+
+def test_frames_are_those_that_a_learner_sees() -> None:
+    task = Sign()
+    environments = FrameStack(task.make_environments(1, processes=False), 3)
+    frames = Frames(task.observation_space, 3)
+    env = task.make_env(0)
+    assert frames.space == environments.single_observation_space
+    try:
+        learner, own = environments.reset(seed=[5])[0], env.reset(seed=5)[0]
+        for step in range(5):
+            stacked = frames.stacked(own)
+            assert all((stacked[name] == learner[name][0]).all() for name in frames.space), step
+            learner, own = environments.step(np.array([0]))[0], env.step(0)[0]
+    finally:
+        environments.close()
 
 
 def test_what_does_not_fit_is_refused(pilot: Path, chooser: Path, tmp_path: Path) -> None:
