@@ -23,8 +23,9 @@ demo: $(INSTALLED)  ## Evaluate two agents on a real city junction and write rep
 	@$(BIN)/dohyo evaluate --agent reckless --benchmark quickstart --out $(RESULTS)/reckless
 	@$(BIN)/dohyo report $(RESULTS)/autopilot $(RESULTS)/reckless --out $(REPORT)
 
+# Two processes keep two cores busy: more threads of torch in each would only wait for each other.
 test: $(INSTALLED)  ## Run the whole test suite in two processes
-	@$(BIN)/python -m pytest -q -n 2 --dist worksteal
+	@OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n 2 --dist worksteal
 
 lint: $(INSTALLED)  ## Check style, types, the four floors and the Dockerfile
 	@$(BIN)/ruff check --quiet .

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from numba.core.dispatcher import Dispatcher
+
+from dohyo.agents.registry import resolve_with
+from dohyo.evaluation.agent import Agent, Mission, Observation, make_agent
+from dohyo.evaluation.episode.runner import drive_episode
+from dohyo.sumo_networks.processes import PRELOADED, worker_pool
+from tests.evaluation.episode.test_runner import scenario
 
 AGENTS: dict[str, dict[str, Any]] = {
     "autopilot": {},
@@ -26,44 +34,45 @@ AGENTS: dict[str, dict[str, Any]] = {
     "predictor-only": {},
 }
 
-COMPILED_WHILE_DECIDING = """
-import json, sys
-from numba.core.dispatcher import Dispatcher
-from dohyo.agents.registry import resolve_with
-from dohyo.evaluation.agent import Agent, make_agent
-from dohyo.evaluation.episode.runner import drive_episode
-from tests.evaluation.episode.test_runner import scenario
-
-def kernels():
-    return {
-        f"{module}.{name} {signature}"
-        for module, content in list(sys.modules.items())
-        if module.startswith("dohyo.")
-        for name, value in list(vars(content).items())
-        if isinstance(value, Dispatcher)
-        for signature in value.signatures
-    }
 
 class Watched(Agent):
-    def __init__(self, agent):
-        self.agent, self.spec, self.late = agent, agent.spec, set()
+    """Notes the kernels that its agent loads while it decides."""
 
-    def warm_up(self):
+    def __init__(self, agent: Agent) -> None:
+        self.agent, self.spec = agent, agent.spec
+        self.late: set[str] = set()
+
+    def warm_up(self) -> None:
         self.agent.warm_up()
 
-    def reset(self, mission, seed):
+    def reset(self, mission: Mission, seed: int) -> None:
         self.agent.reset(mission, seed)
 
-    def act(self, observation):
+    def act(self, observation: Observation) -> np.ndarray:
         before = kernels()
         action = self.agent.act(observation)
         self.late |= kernels() - before
         return action
 
-agent = Watched(make_agent(*resolve_with(sys.argv[1], json.loads(sys.argv[2]))))
-drive_episode(scenario(time_limit_s=8.0), {"ego": agent})
-print(json.dumps([len(kernels()), sorted(agent.late)]))
-"""
+
+def kernels() -> set[str]:
+    """Kernels of dohyo that this process has compiled or loaded."""
+    return {
+        f"{module}.{name} {signature}"
+        for module, content in list(sys.modules.items())
+        if module.startswith("dohyo.") and module != PRELOADED
+        for name, value in list(vars(content).items())
+        if isinstance(value, Dispatcher)
+        for signature in value.signatures
+    }
+
+
+def compiled_while_deciding(name: str, settings: Mapping[str, Any]) -> tuple[int, int, list[str]]:
+    """Kernels before the agent is made, those at the end, and names of those that a decision needed first."""
+    before = len(kernels())
+    agent = Watched(make_agent(*resolve_with(name, settings)))
+    drive_episode(scenario(time_limit_s=8.0), {"ego": agent})
+    return before, len(kernels()), sorted(agent.late)
 
 
 def python(code: str, *arguments: str, **environment: str) -> str:
@@ -78,7 +87,9 @@ def python(code: str, *arguments: str, **environment: str) -> str:
     "agent", [name if "es-ekf" in name else pytest.param(name, marks=pytest.mark.slow) for name in AGENTS]
 )
 def test_no_decision_of_an_episode_compiles_a_kernel(agent: str) -> None:
-    count, late = json.loads(python(COMPILED_WHILE_DECIDING, agent.split(",")[0], json.dumps(AGENTS[agent])))
+    with worker_pool(1, compiled_while_deciding) as pool:  # a process in which nothing has been compiled yet
+        before, count, late = pool.submit(compiled_while_deciding, agent.split(",")[0], AGENTS[agent]).result()
+    assert before == 0
     assert count > 10
     assert late == []
 

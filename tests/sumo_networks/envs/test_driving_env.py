@@ -53,7 +53,7 @@ def drive(env: DrivingEnv, seconds: float, action: Any) -> list[tuple[Any, ...]]
 # As others understand environments
 
 
-@pytest.mark.parametrize("scenario", [light(), two_egos()], ids=["one ego", "two egos"])
+@pytest.mark.parametrize("scenario", [light(time_limit_s=2.0), two_egos()], ids=["one ego", "two egos"])
 def test_pettingzoo_accepts_it(scenario: Scenario, make_env: MakeEnv) -> None:
     parallel_api_test(make_env(scenario, sensors=tuple(SENSORS)), num_cycles=130)
 
