@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from torch import Tensor
 
 from dohyo.agents.learning.behaviour import POLICY, Behaviour
 from dohyo.agents.learning.curriculum import Progress
+from dohyo.agents.learning.metrics import Number
 from dohyo.agents.learning.task import Array, Environments, Task
 from dohyo.sumo_networks.arrays import BoolArray
 from dohyo.sumo_networks.errors import SimulationError
@@ -44,6 +46,19 @@ class Finished(NamedTuple):
     level: int
     success: bool
     measures: Mapping[str, float]
+
+
+def outcome(episodes: Sequence[Finished]) -> dict[str, Number]:
+    """Mean return, length [steps] and success [%] of some episodes; None without any."""
+
+    def mean(values: Iterable[float]) -> float | None:
+        return math.fsum(values) / len(episodes) if episodes else None
+
+    return {
+        "return": mean(episode.total for episode in episodes),
+        "length": mean(episode.length for episode in episodes),
+        "success": mean(100.0 * episode.success for episode in episodes),
+    }
 
 
 class Collector:

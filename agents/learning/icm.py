@@ -21,7 +21,8 @@ from torch.nn.functional import cross_entropy, mse_loss
 from torchrl.modules import MLP
 
 from dohyo.agents.learning.metrics import Number
-from dohyo.agents.learning.vectors import ActionVector, ObservationVector
+from dohyo.agents.learning.networks import ObservationEncoder
+from dohyo.agents.learning.vectors import ActionVector
 from dohyo.sumo_networks.config import Config
 
 Positive = Annotated[int, Field(gt=0)]
@@ -78,8 +79,8 @@ class Icm(nn.Module):
         self._config, self._device = config, device
         self._action = ActionVector(actions)
         if encoder is None:
-            vector = ObservationVector(observations)
-            encoder = nn.Sequential(vector, MLP(vector.size, config.features, num_cells=config.hidden))
+            vector = ObservationEncoder(observations)
+            encoder = nn.Sequential(vector, MLP(vector.features, config.features, num_cells=config.hidden))
         self._phi = encoder
         self._inverse = MLP(2 * config.features, self._action.size, num_cells=config.hidden)
         self._forward = MLP(config.features + self._action.size, config.features, num_cells=config.hidden)

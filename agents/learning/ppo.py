@@ -6,7 +6,6 @@ probability of the expert's action under the current policy.
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -19,7 +18,7 @@ from torch import Tensor, nn
 from torchrl.objectives.value.functional import generalized_advantage_estimate
 
 from dohyo.agents.learning.behaviour import DEMONSTRATOR, EpisodeMixture
-from dohyo.agents.learning.collector import Collector, Finished
+from dohyo.agents.learning.collector import Collector, Finished, outcome
 from dohyo.agents.learning.config import PpoConfig, PpoRunConfig
 from dohyo.agents.learning.export import Exportable
 from dohyo.agents.learning.imitation.bco import Bco
@@ -178,7 +177,7 @@ class Ppo:
         guided_steps = int((batch["source"] == DEMONSTRATOR).sum())
         row: dict[str, Number] = {"guided_share": share, "learning_rate": float(self._schedule.get_last_lr()[0])}
         mean = float(batch["next", "reward"].mean())
-        row |= _outcome(self._collector.finished()) | {"level": self._collector.level}
+        row |= _outcomes(self._collector.finished()) | {"level": self._collector.level}
         row |= {"guided_steps": guided_steps, "reward": mean / self._config.reward_scale}
         row |= self._intrinsic_row | self._learn(batch)
         self._schedule.step()
@@ -326,21 +325,11 @@ def _entropy(distribution: torch.distributions.Distribution) -> Tensor:
         return -distribution.log_prob(distribution.rsample()).mean()
 
 
-def _outcome(finished: Sequence[Finished]) -> dict[str, Number]:
+def _outcomes(finished: Sequence[Finished]) -> dict[str, Number]:
     """Results of the episodes of a round, separately for policy and expert."""
     own = [episode for episode in finished if not episode.demonstrated]
     guided = [episode for episode in finished if episode.demonstrated]
-    return {
-        "return": _mean([episode.total for episode in own]),
-        "length": _mean([episode.length for episode in own]),
-        "success": _mean([100.0 * episode.success for episode in own]),
-        "guided_episodes": len(guided),
-        "guided_return": _mean([episode.total for episode in guided]),
-    }
-
-
-def _mean(values: Sequence[float]) -> float | None:
-    return math.fsum(values) / len(values) if values else None
+    return outcome(own) | {"guided_episodes": len(guided), "guided_return": outcome(guided)["return"]}
 
 
 def _explained(value: Tensor, target: Tensor) -> float | None:

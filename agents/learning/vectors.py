@@ -1,4 +1,4 @@
-"""Observations and actions as vectors, for models of transitions such as discriminators and inverse dynamics."""
+"""Actions as vectors, for models of transitions such as discriminators and inverse dynamics."""
 
 from __future__ import annotations
 
@@ -6,39 +6,9 @@ import gymnasium
 import numpy as np
 import torch
 from gymnasium import spaces
-from tensordict import TensorDictBase
 from torch import Tensor, nn
 
 from dohyo.sumo_networks.errors import InvalidInputError
-
-
-class ObservationVector(nn.Module):
-    """Concatenates the vectors of an observation, in the order of their names.
-
-    Attributes:
-        size: Numbers of all vectors together, F.
-    """
-
-    def __init__(self, space: spaces.Dict) -> None:
-        """Checks the space.
-
-        Args:
-            space: Of one observation.
-
-        Raises:
-            InvalidInputError: It holds a picture, which needs an encoder of its own.
-        """
-        super().__init__()
-        self.size = 0
-        for name, box in space.items():
-            if not isinstance(box, spaces.Box) or box.dtype != np.float32 or len(box.shape) != 1:
-                raise InvalidInputError(f"expected vectors of float32, or an encoder, got '{name}': {box}")
-            self.size += box.shape[0]
-        self._names = sorted(space.keys())
-
-    def forward(self, observation: TensorDictBase) -> Tensor:
-        """(...) observations -> (..., F)."""
-        return torch.cat([observation[name] for name in self._names], dim=-1)
 
 
 class ActionVector(nn.Module):

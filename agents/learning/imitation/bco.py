@@ -21,8 +21,9 @@ from torchrl.modules import MLP
 from dohyo.agents.learning.behaviour import Behaviour
 from dohyo.agents.learning.collector import Collector
 from dohyo.agents.learning.imitation.behaviour_cloning import Labels, Loss, cloning_loss
+from dohyo.agents.learning.networks import ObservationEncoder
 from dohyo.agents.learning.policy import PpoActor
-from dohyo.agents.learning.vectors import ActionVector, ObservationVector
+from dohyo.agents.learning.vectors import ActionVector
 from dohyo.sumo_networks.config import Config
 
 Positive = Annotated[int, Field(gt=0)]
@@ -90,8 +91,8 @@ class InverseDynamics(nn.Module):
         """
         super().__init__()
         self._config, self._device = config, device
-        self._observation, self._action = ObservationVector(observations), ActionVector(actions)
-        self._body = MLP(2 * self._observation.size, self._action.size, num_cells=config.hidden)
+        self._observation, self._action = ObservationEncoder(observations), ActionVector(actions)
+        self._body = MLP(2 * self._observation.features, self._action.size, num_cells=config.hidden)
         self._log_std = nn.Parameter(torch.zeros(self._action.size))
         self.to(device)
         self._optimizer = torch.optim.Adam(self.parameters(), lr=config.learning_rate)

@@ -17,7 +17,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 
 from dohyo.agents.learning.behaviour import DEMONSTRATOR, POLICY, EpisodeMixture
-from dohyo.agents.learning.collector import Collector, Finished
+from dohyo.agents.learning.collector import Collector, outcome
 from dohyo.agents.learning.config import RunConfig
 from dohyo.agents.learning.export import Exportable
 from dohyo.agents.learning.imitation.behaviour_cloning import ImitatingPolicy, Labels, PolicyConfig, cloning_loss
@@ -118,7 +118,7 @@ class Dagger:
         self.rounds += 1
         own = [episode for episode in self._collector.finished() if not episode.demonstrated]
         row: dict[str, Number] = {"updates": self.updates, "episodes": self._collector.finished_count}
-        return row | _outcome(own) | {"expert_share": self.behaviour.share, "labels": len(self._labels), "loss": loss}
+        return row | outcome(own) | {"expert_share": self.behaviour.share, "labels": len(self._labels), "loss": loss}
 
     def act(self, observation: TensorDict) -> Array:
         """See `Learner`."""
@@ -288,15 +288,3 @@ class _Noisy:
         action = self._actor.scaled(torch.normal(mean, std)).cpu()
         source = torch.full(observation.batch_size, DEMONSTRATOR if self._follow else POLICY, dtype=torch.uint8)
         return TensorDict({"action": action, "source": source}, observation.batch_size)
-
-
-def _outcome(finished: list[Finished]) -> dict[str, Number]:
-    """Means over the policy's own episodes; None without any."""
-    if not finished:
-        return {"return": None, "length": None, "success": None}
-    count = len(finished)
-    return {
-        "return": sum(episode.total for episode in finished) / count,
-        "length": sum(episode.length for episode in finished) / count,
-        "success": 100.0 * sum(episode.success for episode in finished) / count,
-    }

@@ -20,7 +20,8 @@ from torchrl.modules import MLP
 from torchrl.objectives import GAILLoss
 
 from dohyo.agents.learning.metrics import Number
-from dohyo.agents.learning.vectors import ActionVector, ObservationVector
+from dohyo.agents.learning.networks import ObservationEncoder
+from dohyo.agents.learning.vectors import ActionVector
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -78,10 +79,10 @@ class Gail:
         if not len(demonstrations):
             raise InvalidInputError("expected transitions of an expert for GAIL, got none")
         self._config, self._device = config, device
-        self._observation = ObservationVector(observations)
+        self._observation = ObservationEncoder(observations)
         self._action = ActionVector(actions).to(device)
-        size = self._action.size if config.sees == "action" else self._observation.size
-        self._logit = MLP(self._observation.size + size, 1, num_cells=config.hidden, device=device)
+        size = self._action.size if config.sees == "action" else self._observation.features
+        self._logit = MLP(self._observation.features + size, 1, num_cells=config.hidden, device=device)
         discriminator = TensorDictSequential(
             TensorDictModule(self._logit, in_keys=["observation", "action"], out_keys=["logit"]),
             TensorDictModule(nn.Sigmoid(), in_keys=["logit"], out_keys=["d_logits"]),  # TorchRL's name for D

@@ -62,7 +62,7 @@ def test_the_inverse_model_learns_discrete_actions():
 
 def test_pictures_need_an_encoder():
     pictures = Dict({"camera": Box(0, 255, (3, 8, 8), "uint8")})
-    with pytest.raises(InvalidInputError, match="an encoder, got 'camera'"):
+    with pytest.raises(InvalidInputError, match="an encoder for observation 'camera'"):
         Icm(pictures, ACTIONS, IcmConfig(), CPU)
 
 
