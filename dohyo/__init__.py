@@ -12,7 +12,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from dohyo.gym_ids import register_all
+from dohyo.gym_ids import register_once_imported
 
 if TYPE_CHECKING:
     from dohyo.agents.evaluation import evaluate
@@ -33,7 +33,7 @@ _HOMES = {
     "make_vec": "dohyo.evaluation.benchmarks.environments",
 }
 
-register_all()
+register_once_imported()
 
 
 def __getattr__(name: str) -> Any:

@@ -19,7 +19,8 @@ from dohyo.agents.forecasting.registry import shipped
 from dohyo.agents.registry import agent_entries
 from dohyo.agents.speed_planning.benchmark import NOBODY, PLANNER
 from dohyo.evaluation.agent import make_agent
-from dohyo.evaluation.benchmarks.benchmark import benchmark_names, load_benchmark
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.benchmarks.documents import benchmark_names
 from dohyo.evaluation.freeway.benchmark import is_freeway_benchmark
 from dohyo.evaluation.records.record import EgoRecord, Infraction
 from dohyo.evaluation.records.specifications import InfractionKind, Status

@@ -19,7 +19,18 @@ def test_the_import_loads_nothing_heavy() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = set(json.loads(done.stdout))
     assert "dohyo" in loaded
-    assert not loaded & {"torch", "libsumo", "scipy", "numba", "polars", "sqlalchemy", "fastapi", "plotly"}
+    assert not loaded & {
+        "gymnasium",
+        "numpy",
+        "torch",
+        "libsumo",
+        "scipy",
+        "numba",
+        "polars",
+        "sqlalchemy",
+        "fastapi",
+        "plotly",
+    }
     assert not [name for name in loaded if name.startswith(("dohyo.sumo_networks", "dohyo.evaluation", "dohyo.agents"))]
 
 
@@ -40,3 +51,29 @@ def test_gymnasium_knows_the_ids(name: str) -> None:
     spec = gymnasium.spec(f"dohyo/{name}-v0")
     assert spec.entry_point is not None
     assert spec.vector_entry_point is not None
+
+
+@pytest.mark.parametrize(
+    "imports",
+    [
+        "import gymnasium, dohyo",
+        "import dohyo, gymnasium",
+        "import dohyo; from gymnasium.envs.registration import spec; import gymnasium",
+        "import dohyo, importlib.util; importlib.util.find_spec('gymnasium.envs.registration'); import gymnasium",
+        "import gymnasium; gymnasium.spec('CartPole-v1'); import importlib; importlib.import_module('dohyo')",
+    ],
+)
+def test_the_ids_are_known_in_whatever_order_both_are_imported(imports: str) -> None:
+    code = f"""{imports}
+import inspect, sys
+gymnasium.spec("dohyo/Quickstart-v0")
+assert "def register" in inspect.getsource(gymnasium.envs.registration)
+assert not any("dohyo" in type(finder).__module__ for finder in sys.meta_path)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_gymnasium_imports_dohyo_by_the_prefix_of_an_id() -> None:
+    code = "import gymnasium; env = gymnasium.make('dohyo:dohyo/Quickstart-v0'); print(env.unwrapped.scenarios[0].name)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip()

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from dohyo.evaluation.authoring.draw_missions import TEST_CONDITIONS, TRAIN_CONDITIONS
-from dohyo.evaluation.benchmarks.benchmark import BENCHMARKS
+from dohyo.evaluation.benchmarks.documents import BENCHMARKS
 from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.events import Event

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from dohyo.evaluation.benchmarks.benchmark import BENCHMARKS
+from dohyo.evaluation.benchmarks.documents import BENCHMARKS
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.network import RoadNetwork

@@ -35,13 +35,8 @@ from dohyo.evaluation.authoring.val14_search import (
     scenario_of,
     take_snapshot,
 )
-from dohyo.evaluation.benchmarks.benchmark import (
-    BENCHMARKS,
-    Benchmark,
-    Cell,
-    ScriptedMission,
-    load_benchmark,
-)
+from dohyo.evaluation.benchmarks.benchmark import Benchmark, Cell, ScriptedMission, load_benchmark
+from dohyo.evaluation.benchmarks.documents import BENCHMARKS
 from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.benchmarks.traffic_logs import drive_reference
 from dohyo.sumo_networks.errors import InvalidInputError

@@ -9,13 +9,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
+from dohyo.evaluation.benchmarks.documents import benchmark_names, benchmark_path, read_document, with_cells
 from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.events import Event
 from dohyo.sumo_networks.events.auto_events import EVERY_M
 from dohyo.sumo_networks.scenario import Config, Mission, Name, Scenario, Traffic, content_hash
 
-BENCHMARKS = Path(__file__).parent
 ENTRY = r"^\w+(\.\w+)*:\w+$"
 """Form of the name of an agent's class."""
 
@@ -153,11 +153,7 @@ class Benchmark(Config):
     @classmethod
     def _one_cell(cls, given: Any) -> Any:
         """Converts the short form of a file to the long form."""
-        if not isinstance(given, dict) or "cells" in given or not isinstance(given.get("missions"), list | tuple):
-            return given
-        parts = {key: given[key] for key in ("network", "traffic", "conditions", "events") if key in given}
-        rest = {key: value for key, value in given.items() if key not in parts}
-        return rest | {"cells": [{"name": "all", "missions": "all", **parts}], "missions": {"all": given["missions"]}}
+        return with_cells(given) if isinstance(given, dict) else given
 
     @model_validator(mode="after")
     def _names_fit(self) -> Benchmark:
@@ -219,19 +215,6 @@ class Benchmark(Config):
         return self.headline is Headline.CLOSED_LOOP
 
 
-def _document(path: Path) -> dict[str, Any]:
-    """The tables of a file; a file that is `like` another one takes missing keys from that one."""
-    document = tomllib.loads(path.read_text())
-    if (like := document.pop("like", None)) is None:
-        return document
-    return _document(path.with_name(f"{like}.toml")) | document
-
-
-def benchmark_names() -> list[str]:
-    """Sorted names of the built-in benchmarks."""
-    return sorted(path.stem for path in BENCHMARKS.glob("*.toml"))
-
-
 def load_benchmark(name: str) -> Benchmark:
     """Loads a benchmark by its name, or from the path of a .toml file.
 
@@ -239,11 +222,11 @@ def load_benchmark(name: str) -> Benchmark:
         UnknownNameError: No benchmark has this name.
         InvalidInputError: The file is missing or invalid; the message says where.
     """
-    path = Path(name) if name.endswith(".toml") else BENCHMARKS / f"{name}.toml"
+    path = Path(name) if name.endswith(".toml") else benchmark_path(name)
     if not name.endswith(".toml") and name not in benchmark_names():
         raise UnknownNameError("benchmark", name, benchmark_names())
     try:
-        return Benchmark.model_validate(_document(path))
+        return Benchmark.model_validate(read_document(path))
     except OSError as error:
         raise InvalidInputError(f"cannot read benchmark file '{path}': {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from dohyo.evaluation.benchmarks.benchmark import BENCHMARKS
+from dohyo.evaluation.benchmarks.documents import freeway_benchmark_names, freeway_benchmark_path
 from dohyo.sumo_networks.config import Config, Name
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.networks.entries import user_catalog
@@ -16,8 +16,6 @@ from dohyo.sumo_networks.scenario import content_hash
 
 if TYPE_CHECKING:
     from dohyo.sumo_networks.freeway.dataset import DatasetRequest
-
-FREEWAY_BENCHMARKS = BENCHMARKS / "freeway"
 
 
 class _Named(Config):
@@ -98,11 +96,6 @@ FreewayBenchmark = ForecastBenchmark | TrafficBenchmark
 _READ: TypeAdapter[FreewayBenchmark] = TypeAdapter(Annotated[FreewayBenchmark, Field(discriminator="kind")])
 
 
-def freeway_benchmark_names() -> list[str]:
-    """Sorted names of the built-in benchmarks of the freeway."""
-    return sorted(path.stem for path in FREEWAY_BENCHMARKS.glob("*.toml"))
-
-
 def is_freeway_benchmark(name: str) -> bool:
     """Whether a name, or the path of a .toml file, is that of a benchmark of the freeway."""
     if not name.endswith(".toml"):
@@ -122,7 +115,7 @@ def load_freeway_benchmark(name: str) -> FreewayBenchmark:
     """
     if not name.endswith(".toml") and name not in freeway_benchmark_names():
         raise UnknownNameError("benchmark of the freeway", name, freeway_benchmark_names())
-    path = Path(name) if name.endswith(".toml") else FREEWAY_BENCHMARKS / f"{name}.toml"
+    path = Path(name) if name.endswith(".toml") else freeway_benchmark_path(name)
     try:
         return _READ.validate_python(tomllib.loads(path.read_text(encoding="utf-8")))
     except OSError as error:

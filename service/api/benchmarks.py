@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from dohyo.evaluation.benchmarks.benchmark import Benchmark, benchmark_names, load_benchmark
+from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
+from dohyo.evaluation.benchmarks.documents import benchmark_names
 from dohyo.service.access import Reader
 from dohyo.service.api.documents import Name, problems
 from dohyo.service.database.evaluations import count_by_version

@@ -1,30 +1,59 @@
-"""`dohyo benchmarks list`, from TOML files alone."""
+"""`dohyo benchmarks list`: a table from the heads of TOML files alone, or with versions as JSON."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-from dohyo.evaluation.benchmarks.benchmark import benchmark_names, load_benchmark
-from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, freeway_benchmark_names, load_freeway_benchmark
+from dohyo.evaluation.benchmarks.documents import (
+    benchmark_names,
+    benchmark_path,
+    count_scenarios,
+    freeway_benchmark_names,
+    freeway_benchmark_path,
+    read_document,
+)
+from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.service.cli.output import Json, print_json, print_rows
+
+_OF_A_FREEWAY: dict[str, tuple[str, Callable[[dict[str, Any]], int]]] = {
+    "forecast": ("mse", lambda document: document["number"]),
+    "traffic": ("speed std", lambda document: len(document["seeds"])),
+}
+"""Headline, and function from the document to the number of scenarios, by kind."""
 
 
 def list_benchmarks(json: Json = False) -> None:
     """Lists the benchmarks."""
-    rows = [*map(_benchmark, benchmark_names()), *map(_freeway_benchmark, freeway_benchmark_names())]
     if json:
-        print_json(rows)
+        print_json(_with_versions())
         return
-    print_rows(
-        ("name", "scenarios", "ranked by", "description"),
-        [
-            *((row["name"], str(row["scenarios"]), row["headline"], row["description"]) for row in rows),
-            ("localization", "", "share within 0.5 m", "Filters on simulated logs, no agent: dohyo localize --study"),
-        ],
-    )
+    print_rows(("name", "scenarios", "ranked by", "description"), table_rows())
+
+
+def table_rows() -> list[tuple[str, str, str, str]]:
+    """Name, number of scenarios, headline and description of all benchmarks."""
+    rows = []
+    for name in benchmark_names():
+        document = read_document(benchmark_path(name))
+        label = Headline(document["headline"]).label
+        rows.append((name, str(count_scenarios(document)), label, document["description"]))
+    for name in freeway_benchmark_names():
+        document = read_document(freeway_benchmark_path(name))
+        label, count = _OF_A_FREEWAY[document["kind"]]
+        rows.append((name, str(count(document)), label, document["description"]))
+    study = "Filters on simulated logs, no agent: dohyo localize --study"
+    return [*rows, ("localization", "", "share within 0.5 m", study)]
+
+
+def _with_versions() -> list[dict[str, Any]]:
+    """Benchmarks as loaded: a version is a hash of all that a file means, so that this takes longer."""
+    return [*map(_benchmark, benchmark_names()), *map(_freeway_benchmark, freeway_benchmark_names())]
 
 
 def _benchmark(name: str) -> dict[str, Any]:
+    from dohyo.evaluation.benchmarks.benchmark import load_benchmark  # builds the models of all events: slow
+
     benchmark = load_benchmark(name)
     return {
         "name": name,
@@ -39,6 +68,8 @@ def _benchmark(name: str) -> dict[str, Any]:
 
 
 def _freeway_benchmark(name: str) -> dict[str, Any]:
+    from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, load_freeway_benchmark
+
     benchmark = load_freeway_benchmark(name)
     return {
         "name": name,

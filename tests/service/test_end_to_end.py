@@ -47,7 +47,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def served(folder: Path) -> Iterator[Served]:
     here = f"pathlib.Path({str(folder / 'benchmarks')!r})"
-    before = f"import pathlib, dohyo.evaluation.benchmarks.benchmark as b; b.BENCHMARKS = {here}"
+    before = f"import pathlib, dohyo.evaluation.benchmarks.documents as b; b.BENCHMARKS = {here}"
     with serving(folder / "data", before=before) as service:
         yield service
         assert service.end() == 0

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from dohyo.evaluation.benchmarks.benchmark import BENCHMARKS, load_benchmark
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.benchmarks.documents import BENCHMARKS
 from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.sumo_networks.errors import InvalidInputError
 

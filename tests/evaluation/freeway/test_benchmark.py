@@ -6,13 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from dohyo.evaluation.benchmarks.benchmark import benchmark_names
+from dohyo.evaluation.benchmarks.documents import FREEWAY_BENCHMARKS, benchmark_names, freeway_benchmark_names
 from dohyo.evaluation.freeway.benchmark import (
-    FREEWAY_BENCHMARKS,
     ForecastBenchmark,
     TrafficBenchmark,
     days_folder,
-    freeway_benchmark_names,
     is_freeway_benchmark,
     load_freeway_benchmark,
 )

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from dohyo.service.cli import benchmark_list
 from dohyo.service.cli.commands import COMMANDS
 from dohyo.service.cli.lazy import Command, Group
 
@@ -25,9 +26,9 @@ main()
 """.replace(repr(SLOW), repr(set(SLOW)))
 
 
-def dohyo(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+def dohyo(*arguments: str, cwd: Path, code: str = REPORT) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "160"}
-    command = [sys.executable, "-c", REPORT, *arguments]
+    command = [sys.executable, "-c", code, *arguments]
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120, env=environment, check=False)
 
 
@@ -37,6 +38,12 @@ def leaves(table: Mapping[str, Command | Group], words: tuple[str, ...] = ()) ->
             yield " ".join((*words, name)), entry
         else:
             yield from leaves(entry.commands, (*words, name))
+
+
+@pytest.mark.parametrize("arguments", [("--help",), ("networks", "list"), ("agents", "list"), ("benchmarks", "list")])
+def test_the_help_and_the_tables_do_without_numpy_and_models(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    code = f"{REPORT.replace(repr(set(SLOW)), repr({'numpy', 'gymnasium', 'dohyo.sumo_networks.events'}))}"
+    assert dohyo(*arguments, cwd=tmp_path, code=code).stderr.strip() == "imported:"
 
 
 @pytest.mark.parametrize(
@@ -57,6 +64,14 @@ def test_the_help_and_the_lists_import_nothing_slow(arguments: tuple[str, ...], 
     result = dohyo(*arguments, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert result.stderr.strip() == "imported:"
+
+
+def test_the_table_of_benchmarks_says_what_the_loaded_ones_say() -> None:
+    loaded = [
+        (row["name"], str(row["scenarios"]), row["headline"], row["description"])
+        for row in benchmark_list._with_versions()
+    ]
+    assert loaded == benchmark_list.table_rows()[:-1]
 
 
 def test_a_command_that_reads_a_network_imports_numba(tmp_path: Path) -> None:
