@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 
 from dohyo.agents.studies.arms import Cell, Place
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
+from dohyo.evaluation.benchmarks.part import in_drawing_order
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Scenario
 
@@ -91,8 +91,4 @@ def _fewest(scenarios: Iterable[Scenario], count: int) -> set[str]:
     types: dict[str, list[str]] = {}
     for one in scenarios:
         types.setdefault(one.cell.partition(".")[0], []).append(one.name)
-    return {name for names in types.values() for name in sorted(names, key=_hash)[:count]}
-
-
-def _hash(name: str) -> bytes:
-    return hashlib.sha256(name.encode()).digest()
+    return {name for names in types.values() for name in in_drawing_order(names)[:count]}
