@@ -16,7 +16,7 @@ from dohyo.agents.speed_planning.ppo import PpoConfig
 from dohyo.agents.speed_planning.training import Lesson, run
 from dohyo.sumo_networks.arrays import FloatArray
 
-CONFIG = PpoConfig(iterations=25, hidden=(64, 64, 64, 64), learning_rate=1e-3, batch=2560, epochs=5, gamma=0.97)
+CONFIG = PpoConfig(iterations=15, hidden=(64, 64, 64, 64), learning_rate=1e-3, batch=2560, epochs=5, gamma=0.97)
 HELD_OUT = 10_000
 
 

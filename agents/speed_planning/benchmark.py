@@ -7,21 +7,23 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import json
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import as_completed
+from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
 from dohyo.agents.speed_planning.dissipation import Arm, Morning, SetPoints, buffer_policy, segment_speeds
-from dohyo.agents.speed_planning.study import ARMS, drive_seed, run_path
+from dohyo.agents.speed_planning.mornings import ARMS, drive_morning, morning_place
+from dohyo.agents.studies.arms import Cell
+from dohyo.agents.studies.rows import cell_of, read_rows
+from dohyo.agents.studies.runner import Work, run
+from dohyo.agents.studies.study import ROWS
 from dohyo.evaluation.freeway.benchmark import TrafficBenchmark
 from dohyo.evaluation.freeway.result import AgentFacts, FreewayResult, Metric, Units, claim, write_result
 from dohyo.evaluation.sources import source_files
-from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
 from dohyo.sumo_networks.freeway.dataset import DatasetRequest, dataset_facts
 from dohyo.sumo_networks.networks.entries import user_catalog
-from dohyo.sumo_networks.processes import worker_pool
 from dohyo.sumo_networks.scenario import content_hash
 
 PLANNER, NOBODY = "speed-planner", "none"
@@ -75,10 +77,14 @@ def evaluate_controller(
     order = dataset_facts(DatasetRequest(days=0, network=benchmark.network))
     versions = {key: str(order[key]) for key in ("dohyo", "sumo", "network_sha256")}
     untouched = untouched_folder(benchmark, versions)
-    jobs = {(untouched, NOBODY, seed): (morning, DEFAULTS["forecaster"]) for seed in seeds}
+    folders = {untouched: (NOBODY, DEFAULTS["forecaster"])}
     if arm != NOBODY:
-        jobs |= {(out / "runs", arm, seed): (morning, forecaster) for seed in seeds}
-    _drive_all(jobs, workers, progress)
+        folders[out / "runs"] = (arm, forecaster)
+    total, before = len(folders) * len(seeds), 0
+    for folder, (driven, network) in folders.items():
+        _drive(folder, driven, seeds, partial(drive_morning, morning, network), workers,
+               lambda done, before=before: progress(before + done, total, 0.0))  # fmt: skip
+        before += len(seeds)
     theirs = _units(untouched, NOBODY, seeds)
     result = FreewayResult(
         benchmark=benchmark,
@@ -133,26 +139,23 @@ def untouched_folder(benchmark: TrafficBenchmark, versions: Mapping[str, str]) -
     return user_catalog().with_name("freeway") / content_hash(decides)[:16]
 
 
-def _drive_all(jobs: Mapping[tuple[Path, str, int], tuple[Morning, str]], workers: int, progress: Progress) -> None:
+def _drive(
+    folder: Path, arm: str, seeds: Sequence[int], work: Work, workers: int, progress: Callable[[int], None]
+) -> None:
     """Drives what is missing, each run in a process of its own, since SUMO is global in one."""
-    missing = [job for job in jobs if not run_path(*job).exists()]
-    there = len(jobs) - len(missing)
-    progress(there, len(jobs), 0.0)
-    if not missing:
-        return
-    with worker_pool(min(workers, len(missing)), drive_seed, max_tasks_per_child=1) as pool:
-        ends = [pool.submit(drive_seed, folder, [arm], seed, *jobs[folder, arm, seed]) for folder, arm, seed in missing]
-        try:
-            for done, end in enumerate(as_completed(ends), start=there + 1):
-                end.result()
-                progress(done, len(jobs), 0.0)
-        finally:
-            pool.shutdown(cancel_futures=True)
+    cells = [Cell(arm, None, *morning_place(seed)) for seed in seeds]
+    there = {cell_of(row) for row in read_rows(folder / ROWS) if "lost" not in row}
+    progress(sum(cell in there for cell in cells))
+    run(folder / ROWS, cells, work, workers=workers, fresh=True, progress=lambda done, total, job: progress(done))
+    if lost := [row["lost"] for row in read_rows(folder / ROWS) if "lost" in row and cell_of(row) in cells]:
+        raise SimulationError(lost[0])
 
 
 def _units(folder: Path, arm: str, seeds: Sequence[int]) -> Units:
-    runs = {seed: json.loads(run_path(folder, arm, seed).read_text())["outcome"] for seed in seeds}
+    rows = {cell_of(row): row for row in read_rows(folder / ROWS)}
     return {
-        f"seed-{seed:03}": {metric.key: round(float(outcome[metric.key]), 6) for metric in METRICS}
-        for seed, outcome in runs.items()
+        f"seed-{seed:03}": {
+            metric.key: round(float(rows[Cell(arm, None, *morning_place(seed))][metric.key]), 6) for metric in METRICS
+        }
+        for seed in seeds
     }

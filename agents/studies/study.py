@@ -23,6 +23,7 @@ O = TypeVar("O", bound=Config)  # noqa: E741
 ROWS, FACTS = "rows.jsonl", "facts.json"
 
 STUDIES: Mapping[str, str] = {
+    "dissipation": "dohyo.agents.speed_planning.study:STUDY",
     "forecasting": "dohyo.agents.forecasting.study:STUDY",
     "ghrl": "dohyo.agents.hierarchical.study:STUDY",
     "ghrl-policies": "dohyo.agents.hierarchical.evaluate_policies:STUDY",
