@@ -13,8 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from dohyo.agents.localization.figures import grid_figure, page
-from dohyo.agents.studies.tables import PAGE, write_section
+from dohyo.agents.studies.tables import PAGE, bracketed, write_section
+from dohyo.evaluation.report.style import markdown as markdown_table
 from dohyo.evaluation.report.style import number
+from dohyo.evaluation.statistics import Estimate
 from dohyo.sumo_networks.files import write_atomically
 
 ARMS = ("none", "calibrated", "calibrated + low-pass")
@@ -53,7 +55,7 @@ def accuracy_by_rate(cells: Cells, *sigmas: float) -> str:
         for sigma in sigmas:
             chosen = [_one(cells, arm=arm, filter="es-ekf", rate_hz=rate, sigma_m=sigma) for rate in rates]
             rows.append([arm, f"{sigma:g}", *(_interval(cell["accuracy"]) for cell in chosen)])
-    return _table(["within 0.5 m, %: ES-EKF", "sigma, m", *(f"{rate:g} Hz" for rate in rates)], rows)
+    return markdown_table(["within 0.5 m, %: ES-EKF", "sigma, m", *(f"{rate:g} Hz" for rate in rates)], rows)
 
 
 def by_sigma(cells: Cells, name: str) -> tuple[list[str], list[list[str]]]:
@@ -78,7 +80,7 @@ def rmse_by_sigma(cells: Cells) -> str:
     for sigma in _values(cells, "sigma_m"):
         chosen = [_one(cells, arm="calibrated", filter="es-ekf", rate_hz=rate, sigma_m=sigma) for rate in rates]
         rows.append([f"{sigma:g}", *(f"{_mean(c, 'accuracy')} / {_mean(c, 'rmse')}" for c in chosen)])
-    return _table(["calibrated ES-EKF: %, RMSE in m; sigma, m", *(f"{rate:g} Hz" for rate in rates)], rows)
+    return markdown_table(["calibrated ES-EKF: %, RMSE in m; sigma, m", *(f"{rate:g} Hz" for rate in rates)], rows)
 
 
 def by_filter(cells: Cells, sigma: float) -> str:
@@ -97,7 +99,7 @@ def by_filter(cells: Cells, sigma: float) -> str:
         "95 % within, m",
         "max drift, m",
     ]
-    return _table([*head, "NEES (2)", "NIS (3)", "us per step"], rows)
+    return markdown_table([*head, "NEES (2)", "NIS (3)", "us per step"], rows)
 
 
 def white(cells: Cells) -> str:
@@ -109,7 +111,7 @@ def white(cells: Cells) -> str:
             for rate in rates
         ]
         rows.append([f"{sigma:g}", *(f"{_mean(c, 'accuracy')} / {_mean(c, 'nees')}" for c in chosen)])
-    return _table(["white errors only: %, NEES (2); sigma, m", *(f"{rate:g} Hz" for rate in rates)], rows)
+    return markdown_table(["white errors only: %, NEES (2); sigma, m", *(f"{rate:g} Hz" for rate in rates)], rows)
 
 
 def vibration(cells: Cells) -> str:
@@ -121,7 +123,7 @@ def vibration(cells: Cells) -> str:
                 _one(cells, arm=arm, filter="es-ekf", rate_hz=rate, sigma_m=0.1, vibration=shaken) for rate in rates
             ]
             rows.append([f"{shaken:g}", arm, *(_interval(cell["rmse"]) for cell in chosen)])
-    return _table(["vibration, m/s^2", "RMSE in m, sigma 0.1 m", *(f"{rate:g} Hz" for rate in rates)], rows)
+    return markdown_table(["vibration, m/s^2", "RMSE in m, sigma 0.1 m", *(f"{rate:g} Hz" for rate in rates)], rows)
 
 
 def against(comparisons: Cells) -> str:
@@ -136,7 +138,7 @@ def against(comparisons: Cells) -> str:
             counts = [str(verdicts[verdict]) for verdict in ("<", "=", ">")]
             rows.append([arm, NAMES[other], *counts, str(chosen[0]["difference_m"]["n"]) if chosen else "0"])
     head = ["ES-EKF's RMSE against", "", "smaller", "no difference found", "larger", "journeys each"]
-    return _table(head, rows)
+    return markdown_table(head, rows)
 
 
 def _one(cells: Cells, **wanted: Any) -> Mapping[str, Any]:
@@ -155,20 +157,12 @@ def _scores(cell: Mapping[str, Any]) -> list[str]:
 
 
 def _interval(estimate: Mapping[str, Any]) -> str:
-    if estimate["mean"] is None:
-        return "-"
-    ends = [estimate["low"], estimate["high"]]
-    return number(estimate["mean"]) + (f" [{number(ends[0])}, {number(ends[1])}]" if None not in ends else "")
+    return bracketed(Estimate(**estimate))
 
 
 def _mean(cell: Mapping[str, Any], name: str) -> str:
     mean = cell[name]["mean"]
     return "-" if mean is None else number(mean)
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 if __name__ == "__main__":

@@ -80,11 +80,10 @@ def evaluate_controller(
     folders = {untouched: (NOBODY, DEFAULTS["forecaster"])}
     if arm != NOBODY:
         folders[out / "runs"] = (arm, forecaster)
-    total, before = len(folders) * len(seeds), 0
-    for folder, (driven, network) in folders.items():
-        _drive(folder, driven, seeds, partial(drive_morning, morning, network), workers,
-               lambda done, before=before: progress(before + done, total, 0.0))  # fmt: skip
-        before += len(seeds)
+    total = len(folders) * len(seeds)
+    for number, (folder, (driven, network)) in enumerate(folders.items()):
+        work = partial(drive_morning, morning, network)
+        _drive(folder, driven, seeds, work, workers, partial(_told, progress, number * len(seeds), total))
     theirs = _units(untouched, NOBODY, seeds)
     result = FreewayResult(
         benchmark=benchmark,
@@ -149,6 +148,10 @@ def _drive(
     run(folder / ROWS, cells, work, workers=workers, fresh=True, progress=lambda done, total, job: progress(done))
     if lost := [row["lost"] for row in read_rows(folder / ROWS) if "lost" in row and cell_of(row) in cells]:
         raise SimulationError(lost[0])
+
+
+def _told(progress: Progress, before: int, total: int, done: int) -> None:
+    progress(before + done, total, 0.0)
 
 
 def _units(folder: Path, arm: str, seeds: Sequence[int]) -> Units:
