@@ -63,7 +63,7 @@ def world() -> list[Figure]:
     figures.append(ratio("eight egos, steps of an ego", parts.eight_egos()["ratio"], "bare libsumo", 1.0))
     workers = parts.two_workers()
     figures.append(ratio("two processes", workers["ratio"], "one process", 1.5))
-    figures.append(ratio("VectorDrivingEnv of two", workers["vector_ratio"], "of one", 1.3))
+    figures.append(ratio("VectorDrivingEnv of two", workers["vector_ratio"], "of one", 1.8))
     figures.append(ratio("DrivingEnv, 50 vehicles", parts.against_a_peer()["ratio"], "highway-env", 10.0))
     return figures
 
