@@ -3,7 +3,8 @@
     python -m dohyo.agents.studies mbappe run --workers 2 [--only val14/ nocrash]
     python -m dohyo.agents.studies mbappe table --rows out/studies/mbappe
 
-The planner is developed on the odd missions of a benchmark of excerpts; the study drives even ones, five of each type.
+The planner is developed on the odd missions of a benchmark of excerpts (`--set look=true`); the published tables are of
+even ones, five of each type.
 """
 
 from __future__ import annotations
@@ -19,12 +20,13 @@ from dohyo.agents.studies.arms import Arm, Block, Cell, cells_of
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.samples import Sample, scenario_of
-from dohyo.agents.studies.study import NoOptions, Study
+from dohyo.agents.studies.study import Study
 from dohyo.agents.studies.tables import PAGE
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
 from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.scores.nuplan.score import closed_loop
+from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import SimulationError
 from dohyo.sumo_networks.networks.catalog import load_network
 
@@ -33,6 +35,13 @@ def _mbappe(reported: float | None = None, **settings: Any) -> Arm:
     return Arm("mbappe", MappingProxyType(settings), reported=reported)
 
 
+THESIS: Mapping[str, Any] = MappingProxyType(
+    {
+        "crafted": "limit", "first_play": "zero", "choice": "visits", "early_stop": True, "reuse": False,
+        "emergency": False, "caution": False, "steering": "wheel",
+    }
+)  # fmt: skip
+"""Undoes every addition that a setting undoes; the terms of the reward that are ours stay."""
 ARMS: Mapping[str, Arm] = MappingProxyType(
     {
         "autopilot": Arm("autopilot"),
@@ -51,6 +60,8 @@ ARMS: Mapping[str, Arm] = MappingProxyType(
         "hold-0.1s": _mbappe(hold_s=0.1),
         "thesis-crafted": _mbappe(crafted="limit", first_play="zero", choice="visits", reuse=False),
         "thesis-wheel": _mbappe(steering="wheel"),
+        "thesis": _mbappe(**THESIS),
+        "thesis-prior-none": _mbappe(prior="none", **THESIS),
         "learned-everywhere": _mbappe(learned_prior_s=8.0),
         "no-reuse": _mbappe(reuse=False),
         "choice-q": _mbappe(choice="q"),
@@ -80,19 +91,32 @@ DRIVEN: Mapping[str, tuple[Sample, tuple[str, ...]]] = MappingProxyType(
 """Scenarios and arms of each section of RESULTS.md."""
 
 
-def cells(options: NoOptions) -> list[Cell]:
+class Options(Config):
+    """Options of a run.
+
+    Attributes:
+        look: Whether to drive the odd missions of excerpts, on which the planner is developed, instead of even ones.
+    """
+
+    look: bool = False
+
+
+def cells(options: Options) -> list[Cell]:
     """Every cell of the published tables."""
-    return cells_of(Block(arms, (None,), sample.places()) for sample, arms in DRIVEN.values())
+    return cells_of(
+        Block(arms, (None,), (sample.other_half() if options.look else sample).places())
+        for sample, arms in DRIVEN.values()
+    )
 
 
-def prepare(options: NoOptions, wanted: Sequence[Cell], workers: int) -> None:
+def prepare(options: Options, wanted: Sequence[Cell], workers: int) -> None:
     """Makes the missing logs of recorded traffic."""
     for name in dict.fromkeys(cell.benchmark for cell in wanted):
         scenarios = [scenario_of(cell) for cell in wanted if cell.benchmark == name]
         prepare_logs(scenarios, load_benchmark(name).reference_agent, workers)
 
 
-def work(options: NoOptions, job: Job) -> Iterator[Row]:
+def work(options: Options, job: Job) -> Iterator[Row]:
     """Drives a scenario with an agent of its own.
 
     Raises:
@@ -118,7 +142,7 @@ STUDY = Study(
     summary="MBAPPE's ablations and baselines on val14, nocrash and leaderboard",
     stored=Path(__file__).with_name("results") / "drives",
     page=Path(__file__).with_name(PAGE),
-    options=NoOptions,
+    options=Options,
     cells=cells,
     work=work,
     tables={name: section(sample, {arm: ARMS[arm] for arm in arms}) for name, (sample, arms) in DRIVEN.items()},

@@ -40,6 +40,8 @@ CLAIMS: Final = (
     ("mbappe", "choice-visits", "score"),
     ("mbappe", "thesis-crafted", "score"),
     ("mbappe", "thesis-wheel", "score"),
+    ("thesis", "thesis-prior-none", "score"),
+    ("mbappe", "thesis", "score"),
     ("mbappe", "no-reuse", "score"),
     ("learned-everywhere", "mbappe", "score"),
     ("value-network", "mbappe", "score"),
@@ -72,7 +74,8 @@ def section(sample: Sample, arms: Mapping[str, Arm]) -> Callable[[Results], str]
             and row["scenario"].startswith(sample.cells or "")
             and row["arm"] in arms
         ]
-        return tables(sample, rows, arms) if rows else ""
+        look = results.facts.get("options", {}).get("look", False)
+        return tables(sample.other_half() if look else sample, rows, arms) if rows else ""
 
     return written
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 from dohyo.agents.studies.arms import Cell, Place
@@ -52,6 +52,10 @@ class Sample:
         if not found:
             raise InvalidInputError(f"benchmark '{self.benchmark}' has no scenario in cells {', '.join(self.cells)}")
         return found[:: self.every]
+
+    def other_half(self) -> Sample:
+        """The same of the missions with the other remainder."""
+        return self if self.remainder is None else replace(self, remainder=1 - self.remainder)
 
     def places(self) -> list[Place]:
         """The scenarios as places of cells."""

@@ -46,10 +46,6 @@ class Results:
     facts: Mapping[str, Any]
 
 
-class NoOptions(Config):
-    """Options of a study that has none."""
-
-
 @dataclass(frozen=True, slots=True)
 class Study(Generic[O]):
     """A study.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from typer.testing import CliRunner
 from dohyo.agents.localization import study
 from dohyo.agents.localization.study import ARMS, RATES_HZ, SIGMAS_M, Cell, grid
 from dohyo.agents.localization.synthetic import ROUTES
-from dohyo.agents.localization.tables import by_sigma
+from dohyo.agents.localization.tables import by_sigma, markdown
 from dohyo.service.cli import app
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
@@ -75,6 +76,14 @@ def test_neither_logs_nor_study_is_an_error_and_so_is_an_unknown_filter() -> Non
         done = CliRunner().invoke(app, ["localize", *arguments])
         assert done.exit_code != 0
         assert isinstance(done.exception, kind)
+
+
+def test_results_shows_the_stored_study() -> None:
+    folder = Path(study.__file__).parent
+    stored = json.loads((folder / "results" / "study.json").read_text())
+    found = re.search(r"<!-- begin study -->\n(.*?)\n<!-- end study -->", (folder / "RESULTS.md").read_text(), re.S)
+    assert found
+    assert found[1] == markdown(stored)
 
 
 def test_the_benchmark_is_listed_with_its_command() -> None:

@@ -14,7 +14,7 @@ from dohyo.agents.mcts.tables import CLAIMS, ROUTE_CLAIMS, section
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.samples import Sample
-from dohyo.agents.studies.study import NoOptions, Results
+from dohyo.agents.studies.study import Results
 from dohyo.evaluation.records.specifications import InfractionKind, Status
 from tests.evaluation.builders import ego, infraction
 
@@ -41,12 +41,12 @@ def test_every_arm_can_be_set_and_every_claim_is_of_arms() -> None:
 
 
 def test_the_cells_are_those_of_the_published_tables() -> None:
-    cells = study.cells(NoOptions())
+    cells = study.cells(study.Options())
     counts = {
         benchmark: len({c.scenario for c in cells if c.benchmark == benchmark}) for benchmark in ("val14", "nocrash")
     }
     assert counts == {"val14": 70, "nocrash": 50}
-    assert len(cells) == 70 * 25 + 70 * 4 + 2 * 25 * 3 + 20 * 3
+    assert len(cells) == 70 * 27 + 70 * 4 + 2 * 25 * 3 + 20 * 3
 
 
 @pytest.mark.parametrize(
@@ -104,10 +104,21 @@ def test_whole_routes_are_measured_by_what_happened_on_them() -> None:
     assert (late["nocrash_success"], late["out_of_time"], late["hits"], late["collisions"]) == (0.0, 100.0, 100.0, 0.0)
 
 
+def test_the_planner_is_developed_on_the_other_half() -> None:
+    look, published = (
+        {cell.scenario for cell in study.cells(study.Options(look=half)) if cell.benchmark.startswith("val14")}
+        for half in (True, False)
+    )
+    assert len(look) == len(published) == 70
+    assert not look & published
+    sample, results = study.DRIVEN["val14"][0], Results(rows("idm", "val14", 80, 90), {"options": {"look": True}})
+    assert section(sample, study.ARMS)(results).startswith("On `val14`, odd-numbered missions, 5 of each type:")
+
+
 @pytest.mark.slow
 def test_an_excerpt_is_driven_and_scored() -> None:
-    cell = next(one for one in study.cells(NoOptions()) if one.arm == "idm")
-    study.prepare(NoOptions(), [cell], 1)
-    (row,) = study.work(NoOptions(), [cell])
+    cell = next(one for one in study.cells(study.Options()) if one.arm == "idm")
+    study.prepare(study.Options(), [cell], 1)
+    (row,) = study.work(study.Options(), [cell])
     assert 0.0 <= row["score"] <= 100.0
     assert sum(row["points"].values()) == pytest.approx(100.0 - row["score"])
