@@ -147,6 +147,9 @@ def demonstrator(policy: Act) -> EpisodeMixture:
 
 def _replaced(chosen: TensorDict, label: Tensor, rows: Tensor) -> TensorDict:
     """The policy's choice, with the expert's in some rows."""
+    if not rows.any():
+        chosen["source"] = torch.full(rows.shape, POLICY, dtype=torch.uint8)
+        return chosen
     action = chosen["action"].clone()
     action[rows] = label[rows].to(action)
     chosen["action"] = action

@@ -100,7 +100,8 @@ class Collector:
         self._lengths, self._demonstrated = np.zeros(count, np.int64), np.zeros(count, np.int64)
         self._totals = np.zeros(count)
         self._actions: Array = np.zeros(0)
-        self._chosen = TensorDict({}, [count])
+        self._seen = TensorDict({}, [count])
+        self._chosen: dict[str, Any] = {}  # what is known of the next transitions before the environments answer
 
     @property
     def action_space(self) -> Any:
@@ -147,14 +148,13 @@ class Collector:
             behaviour.begin(self._begun, self._numbers)
             self._begun[:] = False
         label, labelled = self._labels(behaviour.asked(len(self)) & ~self._over)
-        observation = self.seen
-        chosen = behaviour.act(observation, label, labelled)
+        chosen = dict(behaviour.act(self.seen, label, labelled).items())
         self._actions = chosen["action"].numpy()
         if self._asynchronous:
             self._environments.step_async(self._actions)  # type: ignore[attr-defined]
-        chosen["observation"], chosen["episode"] = observation, torch.from_numpy(self._numbers.copy())
+        chosen |= {"observation": self.seen, "episode": torch.from_numpy(self._numbers.copy())}
         if self._task.has_expert:
-            chosen["label"], chosen["labelled"] = label, labelled
+            chosen |= {"label": label, "labelled": labelled}
         self._chosen = chosen
 
     def receive(self) -> TensorDict:
@@ -169,20 +169,21 @@ class Collector:
             TaskError: The task's code failed.
             SimulationError: Simulations fail again and again; if one does, its episode is cut off and the next begins.
         """
-        self.observation, reward, terminated, truncated, infos = self._answer()
+        observation, reward, terminated, truncated, infos = self._answer()
+        self._see(observation)
         active = ~self._over & infos.get("active", True)
         lost = ~self._over & infos.get("lost", False)
         terminated, truncated = terminated & active, (truncated & active) | lost
         self._count(reward, active)
         cut = self._cuts()
         ended = terminated | truncated
-        step = self._chosen
-        step["active"] = torch.from_numpy(active)
-        step["next"] = self._after(reward, terminated, truncated | (active & ~terminated) if cut else truncated)
-        self._finish(ended & ~lost, infos)
-        self._lose(lost)
-        self._over |= ended
-        if not cut:
+        after = self._after(reward, terminated, truncated | (active & ~terminated) if cut else truncated)
+        step = TensorDict({**self._chosen, "active": torch.from_numpy(active), "next": after}, [len(self)])
+        if ended.any():
+            self._finish(ended & ~lost, infos)
+            self._lose(lost)
+            self._over |= ended
+        if self._over.any() and not cut:
             over = self._over.reshape(-1, self._group).all(axis=1)
             self._reset(np.repeat(over, self._group))
         self._fresh = cut
@@ -196,7 +197,7 @@ class Collector:
     @property
     def seen(self) -> TensorDict:
         """(N,) present observations by name, which later steps leave as they are."""
-        return TensorDict({name: torch.from_numpy(array) for name, array in self.observation.items()}, [len(self)])
+        return self._seen
 
     def state(self) -> dict[str, Any]:
         """State for `restore`, after a cut."""
@@ -214,6 +215,10 @@ class Collector:
         self.finished_count, self.lost_count = state["finished"], state["lost"]
         self._progress.restore(state["progress"])
         self._fresh = True
+
+    def _see(self, observation: dict[str, Array]) -> None:
+        self.observation = observation
+        self._seen = TensorDict({name: torch.from_numpy(one) for name, one in observation.items()}, [len(self)])
 
     def _labels(self, rows: BoolArray) -> tuple[Tensor, Tensor]:
         """(N, ...) the expert's actions, and (N,) whether it gave one."""
@@ -239,14 +244,13 @@ class Collector:
         return self._left == 0 and self.steps >= self.cut_at > 0
 
     def _after(self, reward: Array, terminated: BoolArray, truncated: BoolArray) -> TensorDict:
-        column = [len(self), 1]
         return TensorDict(
             {
                 "observation": self.seen,
-                "reward": torch.from_numpy(np.asarray(reward, np.float32)).reshape(column),
-                "terminated": torch.from_numpy(terminated).reshape(column),
-                "truncated": torch.from_numpy(truncated).reshape(column),
-                "done": torch.from_numpy(terminated | truncated).reshape(column),
+                "reward": torch.from_numpy(np.asarray(reward, np.float32)[:, None]),
+                "terminated": torch.from_numpy(terminated[:, None]),
+                "truncated": torch.from_numpy(truncated[:, None]),
+                "done": torch.from_numpy((terminated | truncated)[:, None]),
             },
             [len(self)],
         )
@@ -291,7 +295,8 @@ class Collector:
             options: dict[str, Any] = {"reset_mask": rows.copy()}
             if self._task.curriculum is not None:
                 options["level"] = self.level
-            self.observation, infos = self._environments.reset(seed=seeds, options=options)  # type: ignore[arg-type]
+            observation, infos = self._environments.reset(seed=seeds, options=options)  # type: ignore[arg-type]
+            self._see(observation)
             self._levels[rows] = self.level
             self._totals[rows], self._lengths[rows], self._demonstrated[rows] = 0.0, 0, 0
             self._over[rows], self._begun[rows] = False, True
