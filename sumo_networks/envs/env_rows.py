@@ -149,6 +149,31 @@ def checked_actions(actions: ArrayLike, shape: tuple[int, ...], dtype: DTypeLike
     return array
 
 
+def row_seeds(seed: Any, count: int) -> list[int | None]:
+    """One seed per row: as given, or s, s + 1, ... for a single s.
+
+    Raises:
+        InvalidInputError: There are more or fewer than `count`.
+    """
+    if seed is None or isinstance(seed, int | np.integer):
+        return [None if seed is None else int(seed) + row for row in range(count)]
+    if len(seed) != count:
+        raise InvalidInputError(f"expected {count} seeds, got {len(seed)}")
+    return [None if one is None else int(one) for one in seed]
+
+
+def row_mask(rows: ArrayLike, count: int) -> BoolArray:
+    """Mask of rows, (count,).
+
+    Raises:
+        InvalidInputError: It has another shape.
+    """
+    mask = np.asarray(rows, dtype=np.bool_)
+    if mask.shape != (count,):
+        raise InvalidInputError(f"expected a mask of shape {(count,)}, got {mask.shape}")
+    return mask
+
+
 class EnvRows:
     """One environment, which reads its actions from its rows and writes its results there."""
 

@@ -16,7 +16,16 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
-from dohyo.sumo_networks.envs.env_rows import EnvError, Observations, RowArrays, RowPlan, checked_actions, named_space
+from dohyo.sumo_networks.envs.env_rows import (
+    EnvError,
+    Observations,
+    RowArrays,
+    RowPlan,
+    checked_actions,
+    named_space,
+    row_mask,
+    row_seeds,
+)
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 
 logger = logging.getLogger(__name__)
@@ -126,8 +135,8 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         """
         self._check_idle()
         rest = dict(options or {})
-        asked = self._groups(self._mask(rest.pop("reset_mask", np.ones(self.num_envs, np.bool_))))
-        seeds, chosen = self._seeds(seed), self._rows(asked)
+        asked = self._groups(row_mask(rest.pop("reset_mask", np.ones(self.num_envs, np.bool_)), self.num_envs))
+        seeds, chosen = row_seeds(seed, self.num_envs), self._rows(asked)
         self._set_running(self.running & ~chosen)
         for group in asked:
             self._send(group, "reset", seeds[group * self.group_size], rest or None)
@@ -203,7 +212,7 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         if not self._has_expert:
             raise InvalidInputError("these environments have no expert")
         self._check_idle()
-        wanted = self._mask(rows) & self.running
+        wanted = row_mask(rows, self.num_envs) & self.running
         asked = self._groups(wanted)
         for group in asked:
             self._send(group, "ask_expert")
@@ -285,19 +294,6 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
 
     def _observations(self) -> Observations:
         return {name: array.copy() for name, array in self._arrays.observations.items()}
-
-    def _seeds(self, seed: Any) -> list[int | None]:
-        if seed is None or isinstance(seed, int | np.integer):
-            return [None if seed is None else int(seed) + row for row in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise InvalidInputError(f"expected {self.num_envs} seeds, got {len(seed)}")
-        return [None if one is None else int(one) for one in seed]
-
-    def _mask(self, rows: Any) -> BoolArray:
-        mask = np.asarray(rows, dtype=np.bool_)
-        if mask.shape != (self.num_envs,):
-            raise InvalidInputError(f"expected a mask of shape {(self.num_envs,)}, got {mask.shape}")
-        return mask
 
     def _groups(self, rows: BoolArray) -> list[int]:
         """Environments of which a row is in a mask."""
