@@ -95,6 +95,12 @@ TRAINERS: dict[str, Listed] = {
         "dohyo.agents.hierarchical.master_training:MASTER",
         "GHRL's master: chooses among the sub-policies, by option-critic",
     ),
+    "speed-buffer": Listed(
+        "dohyo.agents.speed_planning.buffer_training:BUFFER", "density of the buffer before a bottleneck"
+    ),
+    "cruise-control": Listed(
+        "dohyo.agents.speed_planning.cruise_control_training:CRUISE_CONTROL", "set-points of a car's cruise control"
+    ),
 }
 
 

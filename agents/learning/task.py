@@ -85,8 +85,11 @@ class Task(Protocol):
 
         Args:
             rank: Index of the environment, from 0.
+
+        Raises:
+            InvalidInputError: The task implements only `make_environments`.
         """
-        raise NotImplementedError
+        raise InvalidInputError(f"task '{self.name}' makes no single environments: expected `make_environments`")
 
     def make_environments(self, count: int, processes: bool) -> Environments:
         """Environments that step together, see `environments.check_environments`.

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
-from dohyo.agents.speed_planning.ppo import Actor
-from dohyo.sumo_networks.arrays import BoolArray, FloatArray
+from dohyo.agents.learning.policy import TanhActor
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 
 MPH = 0.44704
 SLOWEST_MPH, FASTEST_MPH = 20, 80
@@ -102,6 +102,15 @@ class Memory:
         pairs = np.repeat(speed[:, None], PAST_PAIRS, axis=1)
         return cls(np.zeros((n, PAST_ACCELERATIONS)), pairs, pairs.copy(), np.ones(n))
 
+    def of_rows(self, rows: IntArray | BoolArray) -> Memory:
+        """Copy of some cars' memory."""
+        return Memory(self.accelerations[rows], self.speeds[rows], self.requests[rows], self.gap[rows])
+
+    def replace(self, rows: IntArray | BoolArray, memory: Memory) -> None:
+        """Replaces some cars' memory."""
+        self.accelerations[rows], self.speeds[rows] = memory.accelerations, memory.speeds
+        self.requests[rows], self.gap[rows] = memory.requests, memory.gap
+
     def remember(self, acceleration: FloatArray, speed: FloatArray, settings: Settings) -> None:
         """Adds a decision's outcome in front, and drops the oldest."""
         self.accelerations = np.concatenate([acceleration[:, None], self.accelerations[:, :-1]], axis=1)
@@ -139,17 +148,17 @@ class SetPointPolicy:
         actor: Its network.
     """
 
-    actor: Actor
+    actor: TanhActor
 
     @classmethod
     def shipped(cls) -> SetPointPolicy:
-        """Shipped policy, trained in `acc_training`.
+        """Shipped policy, see `cruise_control_training`.
 
         Raises:
             InvalidInputError: Its checkpoint is missing.
         """
-        return cls(Actor.load(CHECKPOINT))
+        return cls(TanhActor.load(CHECKPOINT))
 
     def settings(self, observation: FloatArray) -> Settings:
         """(N, 34) -> settings."""
-        return settings_of(self.actor.act(observation))
+        return settings_of(self.actor.act(observation).astype(np.float64))

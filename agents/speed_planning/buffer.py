@@ -11,8 +11,8 @@ from typing import Protocol
 
 import numpy as np
 
+from dohyo.agents.learning.policy import TanhActor
 from dohyo.agents.speed_planning.fundamental_diagram import FundamentalDiagram
-from dohyo.agents.speed_planning.ppo import Actor
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -105,21 +105,22 @@ class LearnedBuffer:
         length_m: Of the buffer, as it was trained.
     """
 
-    actor: Actor
+    actor: TanhActor
     length_m: float = TRAINED_M
 
     @classmethod
     def shipped(cls) -> LearnedBuffer:
-        """Shipped policy, trained in `buffer_training`.
+        """Shipped policy, see `buffer_training`.
 
         Raises:
             InvalidInputError: Its checkpoint is missing.
         """
-        return cls(Actor.load(CHECKPOINT))
+        return cls(TanhActor.load(CHECKPOINT))
 
     def density(self, profile: FloatArray, squeeze: Squeeze, diagram: FundamentalDiagram) -> FloatArray:
         """Density chosen by the network, between the critical one and that of the slowest buffer."""
-        return density_of_action(self.actor.act(observation(profile, squeeze, diagram))[..., 0], diagram)
+        action = self.actor.act(observation(profile, squeeze, diagram)).astype(np.float64)
+        return density_of_action(action[..., 0], diagram)
 
 
 def in_buffer(position_m: FloatArray, bottleneck_m: float, length_m: float) -> BoolArray:
@@ -150,3 +151,9 @@ def density_of_action(action: FloatArray, diagram: FundamentalDiagram) -> FloatA
     most = diagram.density(np.asarray(SLOWEST_MPS))
     share = (np.clip(action, -1, 1) + 1) / 2
     return np.asarray(diagram.critical_density + share * (most - diagram.critical_density))
+
+
+def action_of_density(density: FloatArray, diagram: FundamentalDiagram) -> FloatArray:
+    """Inverse of `density_of_action`."""
+    most = diagram.density(np.asarray(SLOWEST_MPS))
+    return np.asarray(2 * (density - diagram.critical_density) / (most - diagram.critical_density) - 1)

@@ -146,8 +146,7 @@ class AccBased:
         fresh = Memory.of(cars.speed)
         known = np.array([self._memory.get(name, -1) for name in cars.names], dtype=np.int64)
         old = known >= 0
-        for column in ("accelerations", "speeds", "requests", "gap"):
-            getattr(fresh, column)[old] = getattr(self._rows, column)[known[old]]
+        fresh.replace(old, self._rows.of_rows(known[old]))
         self._memory, self._rows = {name: row for row, name in enumerate(cars.names)}, fresh
         return fresh
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from dohyo.agents.speed_planning.buffer_training import BufferEnv, discharge
 from dohyo.agents.speed_planning.dissipation import Arm, Morning, run
 from dohyo.agents.speed_planning.mornings import ARMS, drive_morning, in_a_copy, morning_place
 from dohyo.agents.speed_planning.study import STUDY, Options, cells, tables
@@ -66,16 +65,6 @@ def test_a_copy_that_fails_is_said_by_its_name(capfd: pytest.CaptureFixture[str]
     with pytest.raises(SimulationError, match="rule, seed 4: the run failed"):
         in_a_copy("rule, seed 4", work)
     assert "not today" in capfd.readouterr().err
-
-
-def test_training_mornings_begin_with_traffic_and_pay_what_passes() -> None:
-    env = BufferEnv(seed=2, roads=4)
-    assert env.reset().shape == (4, env.observations)
-    _, reward, over = env.step(env.reset()[:, :1] * 0 - 1)
-    assert (reward > 0.3).all()
-    assert (reward <= 1.01).all()
-    assert not over
-    assert discharge(None, 2, roads=4) == pytest.approx(discharge(None, 2, roads=4))
 
 
 @pytest.mark.slow
