@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -185,6 +186,15 @@ class Plateau(Rate):
         if self.stale == PATIENCE:
             self.rate, self.stale = self.rate * DECAY, 0
             self.over = self.rate < LAST_RATE
+
+    def state(self) -> dict[str, Any]:
+        """See `Rate`."""
+        return asdict(self)
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """See `Rate`."""
+        for name, value in state.items():
+            setattr(self, name, value)
 
     def _cool(self, step: int) -> None:
         if step == self.cooling:
