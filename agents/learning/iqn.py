@@ -69,7 +69,7 @@ class IqnPolicy(nn.Module):
 
     def greedy(self, features: Tensor) -> Tensor:
         """(B, F) -> (B,)."""
-        quantiles = self.network(features, self.levels.expand(len(features), -1))
+        quantiles = self.network(features, self.levels[None])
         action: Tensor = quantiles.mean(dim=1).argmax(dim=-1)
         return action
 

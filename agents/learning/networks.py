@@ -143,7 +143,11 @@ class DeterministicHead(nn.Module):
 
 
 class QuantileNetwork(nn.Module):
-    """Implicit quantile network (Dabney et al. 2018): features and levels -> quantiles of every action's return."""
+    """Implicit quantile network (Dabney et al. 2018): features and levels -> quantiles of every action's return.
+
+    All hidden layers come before the product with the levels' embedding, and so run once per state; Dabney's last one
+    comes behind it.
+    """
 
     frequencies: Tensor
 
@@ -153,16 +157,16 @@ class QuantileNetwork(nn.Module):
         Args:
             features: F.
             actions: Number of choices, A.
-            hidden: Width of each hidden layer; the first one's is that of the levels' embedding.
+            hidden: Width of each hidden layer; the last one's is that of the levels' embedding.
         """
         super().__init__()
-        self.body = nn.Sequential(nn.Linear(features, hidden[0]), nn.ReLU())
-        self.embedding = nn.Sequential(nn.Linear(COSINES, hidden[0]), nn.ReLU())
-        self.head = mlp((*hidden, actions))
+        self.body = nn.Sequential(mlp((features, *hidden)), nn.ReLU())
+        self.embedding = nn.Sequential(nn.Linear(COSINES, hidden[-1]), nn.ReLU())
+        self.head = nn.Linear(hidden[-1], actions)
         self.register_buffer("frequencies", math.pi * torch.arange(COSINES))
 
     def forward(self, features: Tensor, levels: Tensor) -> Tensor:
-        """(B, F) and (B, N) levels in [0, 1] -> (B, N, A)."""
+        """(B, F) and (B, N) levels in [0, 1], or (1, N) the same for all -> (B, N, A)."""
         embedded = self.embedding(torch.cos(levels[..., None] * self.frequencies))
         quantiles: Tensor = self.head(self.body(features)[:, None] * embedded)
         return quantiles

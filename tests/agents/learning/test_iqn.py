@@ -58,7 +58,7 @@ def test_its_targets_are_the_target_networks_returns_of_its_best_action(tmp_path
     iqn = learner(Iqn, SMALL, Dial(), tmp_path)
     for parameter in iqn.target.parameters():
         parameter.data.zero_()
-    iqn.target.head[-1].bias.data = torch.tensor([1.0, 5.0, 3.0])
+    iqn.target.head.bias.data = torch.tensor([1.0, 5.0, 3.0])
     batch = transitions(Dial(), 6)
     goes_on = ~batch["next", "terminated"]
     expected = batch["next", "reward"] + 0.99 * 5.0 * goes_on
