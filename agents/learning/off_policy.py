@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -14,7 +14,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 
 from dohyo.agents.learning.behaviour import DEMONSTRATOR, Act, Behaviour, PolicyBehaviour
-from dohyo.agents.learning.collector import Collector, Finished
+from dohyo.agents.learning.collector import Collector, outcome
 from dohyo.agents.learning.config import Positive, Share
 from dohyo.agents.learning.export import Exportable
 from dohyo.agents.learning.metrics import Number
@@ -157,8 +157,11 @@ class OffPolicy(ABC):
             if self._collector.steps > self._settings.learning_starts:
                 self._due += self._settings.updates_per_step * (self._collector.steps - steps)
         means = {name: float(total) / (self.updates - before) for name, total in sums.items()}
-        row = {"updates": self.updates, "episodes": self._collector.finished_count}
-        return row | _outcome(self._collector.finished()) | means
+        row: dict[str, Number] = {"updates": self.updates, "episodes": self._collector.finished_count}
+        finished = self._collector.finished()
+        own = [episode for episode in finished if not episode.demonstrated]
+        row |= {"demonstrated": 1.0 - len(own) / len(finished)} if finished else {}
+        return row | outcome(own) | means
 
     def _update(self, sums: dict[str, Tensor]) -> None:
         """Takes the gradient steps that are due, and adds their losses to the sums."""
@@ -216,16 +219,3 @@ def weighted(errors: Tensor, batch: TensorDictBase) -> Tensor:
     """Mean of (..., B) errors, with the batch's importance weights if it has them."""
     weight = batch.get("weight", None)
     return errors.mean() if weight is None else (errors * weight).mean()
-
-
-def _outcome(finished: Sequence[Finished]) -> dict[str, Number]:
-    """Results of the episodes that the policy drove alone, and the share of others."""
-    own = [episode for episode in finished if not episode.demonstrated]
-    if not finished:
-        return {}
-    row: dict[str, Number] = {"demonstrated": 1.0 - len(own) / len(finished)}
-    if own:
-        row["return"] = float(np.mean([episode.total for episode in own]))
-        row["length"] = float(np.mean([episode.length for episode in own]))
-        row["success"] = float(np.mean([100.0 * episode.success for episode in own]))
-    return row

@@ -29,6 +29,7 @@ STUDIES: Mapping[str, str] = {
     "ghrl-policies": "dohyo.agents.hierarchical.evaluate_policies:STUDY",
     "ghrl-trainings": "dohyo.agents.hierarchical.trainings:STUDY",
     "mbappe": "dohyo.agents.mcts.study:STUDY",
+    "peers": "dohyo.agents.studies.peers:STUDY",
 }
 """As "module:attribute", since systems take seconds to import."""
 

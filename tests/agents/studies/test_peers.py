@@ -1,0 +1,29 @@
+"""Study of peers: a short training of both libraries is a row with equal steps, and the table shows both."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from dohyo.agents.studies import peers
+from dohyo.agents.studies.study import read_results
+
+
+@pytest.mark.slow
+def test_both_libraries_train_and_are_judged_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    short = dataclasses.replace(
+        peers.MATCHES[1], steps=400, config=peers.MATCHES[1].config.model_copy(update={"round_steps": 200})
+    )
+    assert (short.env, short.algorithm) == ("Pendulum-v1", "sac")
+    monkeypatch.setattr(peers, "MATCHES", (short,))
+    monkeypatch.setattr(peers, "EPISODES", 2)
+    peers.STUDY.run(tmp_path, chosen=lambda cell: cell.training_seed == 0)
+    rows = read_results(tmp_path).rows
+    assert [row["arm"] for row in rows] == ["sac, dohyo", "sac, stable-baselines3"]
+    assert all(row["steps"] == 400 and -2500.0 < row["return"] < 0.0 for row in rows)
+    assert all(abs(row["updates"] - 300) <= 1 for row in rows)
+    table = peers.table(read_results(tmp_path))
+    assert "Pendulum-v1 | sac | dohyo | 400 | 1" in table
+    assert "stable-baselines3" in table
