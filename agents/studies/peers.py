@@ -33,13 +33,14 @@ from dohyo.agents.learning.task import Array, named
 from dohyo.agents.studies.arms import Block, Cell, Place, cells_of
 from dohyo.agents.studies.rows import Row, is_lost
 from dohyo.agents.studies.runner import Job
-from dohyo.agents.studies.study import NoOptions, Results, Study
+from dohyo.agents.studies.study import Results, Study
 from dohyo.agents.studies.tables import PAGE, fixed
 from dohyo.evaluation.report.style import markdown
 from dohyo.evaluation.statistics import mean_estimate
+from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
 
-TRAININGS, EPISODES = (0, 1, 2), 20
+TRAININGS = (0, 1, 2)
 HERE = Path(__file__).parents[1] / "learning"
 
 
@@ -120,7 +121,7 @@ MATCHES = (CARTPOLE, *_continuous("Pendulum-v1", 10_000, 100_000), *_continuous(
 def train_ours(match: Match, seed: int) -> tuple[Callable[[TensorDict], Array], int]:
     """A policy that our algorithm learned, and its gradient steps."""
     torch.manual_seed(seed)
-    task = GymnasiumTask(match.env, EPISODES)
+    task = GymnasiumTask(match.env)
     environments = task.make_environments(match.rows, processes=False)
     collector = Collector(environments, task, seed)
     with tempfile.TemporaryDirectory() as folder:
@@ -173,7 +174,17 @@ def train_peer(match: Match, seed: int) -> tuple[Callable[[TensorDict], Array], 
 LIBRARIES = {"dohyo": train_ours, "stable-baselines3": train_peer}
 
 
-def cells(options: NoOptions) -> list[Cell]:
+class Options(Config):
+    """Options of a run.
+
+    Attributes:
+        episodes: Held-out episodes of every policy.
+    """
+
+    episodes: int = 20
+
+
+def cells(options: Options) -> list[Cell]:
     """Every algorithm of both libraries on its environments, three trainings each."""
     blocks = []
     for match in MATCHES:
@@ -182,7 +193,7 @@ def cells(options: NoOptions) -> list[Cell]:
     return cells_of(blocks)
 
 
-def work(options: NoOptions, job: Job) -> Iterator[Row]:
+def work(options: Options, job: Job) -> Iterator[Row]:
     """Trains and judges."""
     torch.set_num_threads(1)
     for cell in job:
@@ -191,8 +202,8 @@ def work(options: NoOptions, job: Job) -> Iterator[Row]:
         began = time.process_time()
         act, updates = LIBRARIES[library](match, cell.training_seed or 0)
         core_s = time.process_time() - began
-        task = GymnasiumTask(match.env, EPISODES)
-        environments = task.make_environments(EPISODES, processes=False)
+        task = GymnasiumTask(match.env, options.episodes)
+        environments = task.make_environments(options.episodes, processes=False)
         value = evaluate(task, environments, act).mean_return.mean
         environments.close()
         measures = {"steps": match.steps, "return": value, "updates": updates, "core_s": round(core_s, 2)}
@@ -216,7 +227,7 @@ STUDY = Study(
     summary="our algorithms against stable-baselines3's on gymnasium's environments",
     stored=HERE / "results" / "peers",
     page=HERE / PAGE,
-    options=NoOptions,
+    options=Options,
     cells=cells,
     work=work,
     tables={"peers": table},

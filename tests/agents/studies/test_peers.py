@@ -18,8 +18,7 @@ def test_both_libraries_train_and_are_judged_alike(tmp_path: Path, monkeypatch: 
     )
     assert (short.env, short.algorithm) == ("Pendulum-v1", "sac")
     monkeypatch.setattr(peers, "MATCHES", (short,))
-    monkeypatch.setattr(peers, "EPISODES", 2)
-    peers.STUDY.run(tmp_path, chosen=lambda cell: cell.training_seed == 0)
+    peers.STUDY.run(tmp_path, ["episodes=2"], chosen=lambda cell: cell.training_seed == 0)
     rows = read_results(tmp_path).rows
     assert [row["arm"] for row in rows] == ["sac, dohyo", "sac, stable-baselines3"]
     assert all(row["steps"] == 400 and -2500.0 < row["return"] < 0.0 for row in rows)
