@@ -13,8 +13,8 @@ from dohyo.agents.forecasting.base import Forecaster
 from dohyo.agents.forecasting.learned import Learned
 from dohyo.agents.forecasting.networks.registry import NETWORKS
 from dohyo.agents.forecasting.quantiles import Quantiles, conformal_quantile
-from dohyo.agents.forecasting.registry import NAMES, load_forecaster, make_forecaster, shipped
-from dohyo.agents.forecasting.scores import by_stretch, coverage, crossed, errors
+from dohyo.agents.forecasting.registry import NAMES, load_forecaster, make_forecaster
+from dohyo.agents.forecasting.scores import by_stretch, coverage, errors
 from dohyo.agents.forecasting.simple import Linear, Persistence
 from dohyo.agents.forecasting.training import TrainSettings
 from dohyo.agents.forecasting.windows import Windows, make_windows
@@ -231,24 +231,3 @@ def test_missing_targets_do_not_count() -> None:
     values[0, 0] = np.nan
     values[1, 0] = 5.0
     np.testing.assert_allclose(by_stretch(values, windows), [[5.0, 1.0, 1.0]])
-
-
-def test_an_interval_over_seeds_and_days_is_no_narrower_than_over_days_alone() -> None:
-    rng = np.random.default_rng(0)
-    days = rng.normal(0, 1, 12)
-    crossing = days + rng.normal(0, 1.0, (3, 1))
-    mean, low, high = crossed(crossing)
-    assert mean == pytest.approx(crossing.mean())
-    _, alone_low, alone_high = crossed(crossing.mean(axis=0, keepdims=True))
-    assert high - low > alone_high - alone_low
-    assert crossed(np.full((3, 4), 2.0)) == (2.0, 2.0, 2.0)
-
-
-@pytest.mark.parametrize("name", shipped())
-def test_what_is_shipped_forecasts_the_freeway(name: str) -> None:
-    one = load_forecaster(name)
-    rows = road_stretch(200, 21, 3).speeds[120:128]
-    got = one.predict(rows, 8 * 3600.0)
-    assert got.shape == (3, 21)
-    if name not in ("historical-mean", "linear"):
-        np.testing.assert_allclose(load_forecaster(name, exported=True).predict(rows), got, rtol=1e-3, atol=1e-3)

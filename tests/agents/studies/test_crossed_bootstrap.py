@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from dohyo.agents.studies import crossed_bootstrap
+from dohyo.agents.studies.crossed_bootstrap import Matched, dense_estimate
 from dohyo.evaluation.statistics import mean_estimate
 
 
@@ -40,3 +41,18 @@ def test_differences_are_of_what_both_drove_by_training_and_who_did_not_learn_me
     theirs = {("a",): {1: 1.0, 2: 9.0}, ("c",): {0: 4.0}}
     assert crossed_bootstrap.difference(ours, theirs) == {("a",): {1: 4.0}}
     assert crossed_bootstrap.difference(ours, {("a",): {None: 1.0}}) == {("a",): {0: 2.0, 1: 4.0}}
+
+
+def crossing(values: np.ndarray) -> Matched:
+    """(seeds, scenarios) values."""
+    return {(column,): dict(enumerate(values[:, column].tolist())) for column in range(values.shape[1])}
+
+
+def test_an_interval_over_seeds_and_days_is_no_narrower_than_over_days_alone() -> None:
+    rng = np.random.default_rng(0)
+    values = rng.normal(0, 1, 12) + rng.normal(0, 1.0, (3, 1))
+    both, days = dense_estimate(crossing(values)), dense_estimate(crossing(values.mean(axis=0, keepdims=True)))
+    assert both.mean == pytest.approx(values.mean())
+    assert both.high - both.low > days.high - days.low
+    flat = dense_estimate(crossing(np.full((3, 4), 2.0)))
+    assert (flat.mean, flat.low, flat.high) == (2.0, 2.0, 2.0)
