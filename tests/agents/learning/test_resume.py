@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import os
 import signal
 import subprocess
 import sys
@@ -58,10 +57,6 @@ class Dohyo:
             assert time.monotonic() < patience
             time.sleep(0.01)
 
-    def children(self) -> list[int]:
-        pid = self.process.pid
-        return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
     def end(self, name: signal.Signals | None = None) -> tuple[int, str]:
         """Exit code and all that it said."""
         if name is not None:
@@ -70,12 +65,17 @@ class Dohyo:
         return self.process.returncode, output
 
 
+def descendants(pid: int) -> list[int]:
+    """Its server of processes, the workers that this has forked, and others."""
+    children = [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    return [*children, *(one for child in children for one in descendants(child))]
+
+
 def alive(pid: int) -> bool:
     try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
+        return "Z" not in Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
         return False
-    return "Z" not in Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
 
 
 LEARNED_BEFORE = ("--set=ppo.imitated_steps=256", "--set=ppo.normalised=true")
@@ -107,12 +107,12 @@ def test_a_run_that_was_stopped_and_killed_gives_the_same_curve(toy, settings, t
 
     killed, before = Dohyo(toy, out, "--resume"), rows(out)
     killed.wait_for(lambda: rows(out) >= before + 3)  # beyond a checkpoint
-    children = killed.children()
-    assert len(children) >= 2
+    below = descendants(killed.process.pid)
+    assert len(below) >= 3
     assert killed.end(signal.SIGKILL)[0] == -signal.SIGKILL
     assert before + 3 <= rows(out) < rows(whole)
     patience = time.monotonic() + PATIENCE_S
-    while any(map(alive, children)):
+    while any(map(alive, below)):
         assert time.monotonic() < patience
         time.sleep(0.01)
 
