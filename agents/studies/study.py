@@ -10,6 +10,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from dohyo.agents.learning.run import surroundings
 from dohyo.agents.learning.settings import read_settings
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import Row, read_rows
@@ -40,7 +41,7 @@ class Results:
 
     Attributes:
         rows: A row per cell.
-        facts: What holds for all rows: settings, sizes of the data, times.
+        facts: What holds for all rows: options, commits and commands of the sessions, sizes of the data, times.
     """
 
     rows: Sequence[Row]
@@ -108,17 +109,18 @@ class Study(Generic[O]):
         cells = [cell for cell in self.cells(options) if chosen(cell)]
         if not cells:
             raise InvalidInputError("expected arms, trainings and benchmarks of the study, got a choice without cells")
-        given = options.model_dump(mode="json")
-        out.mkdir(parents=True, exist_ok=True)
-        earlier = read_results(out).facts.get("options", given)
-        if earlier != given:
-            raise InvalidInputError(f"'{out}' has rows of other options: expected {earlier}; choose another --out")
+        given, earlier = options.model_dump(mode="json"), read_results(out).facts
+        if earlier.get("options", given) != given:
+            before = earlier["options"]
+            raise InvalidInputError(f"'{out}' has rows of other options: expected {before}; choose another --out")
         self.prepare(options, cells, workers)
-        _write_facts(out, {"options": given})
+        origin = {"options": given, "sessions": [*earlier.get("sessions", ()), surroundings()]}
+        out.mkdir(parents=True, exist_ok=True)
+        _write_facts(out, origin)
         work = partial(self.work, options)
         for _, some in groupby(sorted(cells, key=self.phase), self.phase):
             run(out / ROWS, some, work, workers=workers, together=self.together, fresh=self.fresh, progress=progress)
-        _write_facts(out, {"options": given, **self.facts(options)})
+        _write_facts(out, {**origin, **self.facts(options)})
 
 
 def study_named(name: str) -> Study[Any]:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from dohyo.agents.studies.__main__ import main
 from dohyo.agents.studies.claims import Claim, judge
-from dohyo.agents.studies.study import STUDIES, study_named
+from dohyo.agents.studies.rows import Row
+from dohyo.agents.studies.runner import Job
+from dohyo.agents.studies.study import STUDIES, read_results, study_named
 from dohyo.agents.studies.tables import claims_table, each_training, probability, write_section
+from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 TEXT = "before\n<!-- begin a -->\nold\n<!-- end a -->\nbetween\n<!-- begin b -->\nkept\n<!-- end b -->\nafter\n"
@@ -83,3 +87,17 @@ def test_rows_of_other_options_are_refused(tmp_path: Path) -> None:
     (tmp_path / "facts.json").write_text('{"options": {"runs": "elsewhere"}}')
     with pytest.raises(InvalidInputError, match=r"has rows of other options: expected {'runs': 'elsewhere'}"):
         main(["ghrl", "run", "--arms", "rules", "--only", "precrash", "--out", str(tmp_path)])
+
+
+def test_facts_hold_the_options_and_the_commit_of_every_session(tmp_path: Path) -> None:
+    study = replace(study_named("ghrl"), work=one_row, prepare=lambda options, cells, workers: None)
+    for count in (1, 2):
+        study.run(tmp_path, ["runs=somewhere"], chosen=lambda cell: cell.arm == "rules")
+        facts = read_results(tmp_path).facts
+        assert facts["options"] == {"runs": "somewhere"}
+        assert len(facts["sessions"]) == count
+        assert {"commit", "command", "versions"} <= set(facts["sessions"][0])
+
+
+def one_row(options: Config, job: Job) -> list[Row]:
+    return [{**cell._asdict(), "success": True} for cell in job]
