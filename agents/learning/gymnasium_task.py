@@ -12,20 +12,22 @@ from pathlib import Path
 from typing import Any, Literal
 
 import gymnasium
-import numpy as np
 import torch
-from gymnasium.spaces import Box, Discrete
+from gymnasium.spaces import Box, Dict, Discrete
 
 from dohyo.agents.learning.collector import Collector
 from dohyo.agents.learning.config import Positive, PpoConfig, RunConfig
 from dohyo.agents.learning.ddpg import Ddpg, DdpgConfig
+from dohyo.agents.learning.gymnasium_spaces import in_our_form
 from dohyo.agents.learning.iqn import Iqn, IqnConfig
+from dohyo.agents.learning.networks import ObservationEncoder
 from dohyo.agents.learning.off_policy import make_replay
-from dohyo.agents.learning.ppo import Ppo
+from dohyo.agents.learning.policy import VectorEncoder
+from dohyo.agents.learning.ppo import Ppo, ppo_actor
 from dohyo.agents.learning.registry import Trainer, TrainRequest
 from dohyo.agents.learning.run import Run, TaskRun
 from dohyo.agents.learning.sac import Sac, SacConfig
-from dohyo.agents.learning.task import Array, Env, Task, held_out_seeds
+from dohyo.agents.learning.task import Env, Task, check_task, held_out_seeds, named
 from dohyo.agents.learning.training import train
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -57,7 +59,7 @@ class GymnasiumConfig(RunConfig):
 
 @dataclass(frozen=True)
 class GymnasiumTask(Task):
-    """A gymnasium environment; vectors become float32, and pictures (H, W, C) become (C, H, W).
+    """A gymnasium environment, in the form of `in_our_form`.
 
     Attributes:
         env: Name in gymnasium's registry.
@@ -86,9 +88,9 @@ class GymnasiumTask(Task):
             env.close()
 
     @property
-    def observation_space(self) -> Box:
+    def observation_space(self) -> Dict:
         """See `Task`."""
-        space: Box = self._spaces[0]
+        space: Dict = self._spaces[0]
         return space
 
     @property
@@ -101,33 +103,13 @@ class GymnasiumTask(Task):
         """See `Task`.
 
         Raises:
-            InvalidInputError: There is no such environment, or its observations are no Box.
+            InvalidInputError: It cannot be made, or its observations cannot be used; see `in_our_form`.
         """
         try:
             env = gymnasium.make(self.env)
-        except (gymnasium.error.Error, ImportError) as error:
-            raise InvalidInputError(f"environment '{self.env}': {error}") from error
-        return _in_our_form(env, self.env)
-
-
-def _in_our_form(env: gymnasium.Env[Any, Any], name: str) -> Env:
-    """The environment with observations that learners can use."""
-    space = env.observation_space
-    if not isinstance(space, Box):
-        raise InvalidInputError(f"environment '{name}': expected observations in a Box, got {space}")
-    if len(space.shape) == 3 and space.dtype == np.uint8:
-        pictures = Box(space.low.transpose(2, 0, 1), space.high.transpose(2, 0, 1), dtype=np.uint8)
-        return gymnasium.wrappers.TransformObservation(env, _channels_first, pictures)
-    vectors = Box(space.low.astype(np.float32), space.high.astype(np.float32), dtype=np.float32)
-    return gymnasium.wrappers.TransformObservation(env, _float32, vectors)
-
-
-def _channels_first(picture: Array) -> Array:
-    return picture.transpose(2, 0, 1)
-
-
-def _float32(vector: Array) -> Array:
-    return vector.astype(np.float32)
+        except Exception as error:  # of the registry, or of the environment's own code
+            raise InvalidInputError(f"environment '{self.env}': {type(error).__name__}: {error}") from error
+        return in_our_form(env, self.env)
 
 
 def make_learner(
@@ -141,8 +123,20 @@ def make_learner(
     return OFF_POLICY[settings.algorithm](task, collector, replay, config, device)
 
 
+def check_fit(task: Task, settings: GymnasiumConfig) -> None:
+    """Raises InvalidInputError if the algorithm cannot learn the task, before a run is begun."""
+    check_task(task)
+    if settings.algorithm == "ppo":
+        encoder = VectorEncoder(named(task.observation_space))
+        ppo_actor(encoder.features, task.action_space, settings.ppo)
+    else:
+        OFF_POLICY[settings.algorithm].check(task)
+        ObservationEncoder(named(task.observation_space))
+
+
 def _train(settings: GymnasiumConfig, request: TrainRequest) -> Path:
     task = GymnasiumTask(settings.env, settings.episodes)
+    check_fit(task, settings)
     run = Run(request.name, request.out, settings, request.resume)
     try:
         train(lambda collector, device: make_learner(task, settings, run, collector, device), task, run, request.report)

@@ -112,9 +112,7 @@ class OffPolicy(ABC):
         Raises:
             InvalidInputError: The task's actions are of another kind than the algorithm's.
         """
-        if not isinstance(task.action_space, self.actions):
-            name, kind = type(self).__name__, self.actions.__name__
-            raise InvalidInputError(f"{name}: expected actions in a {kind}, '{task.name}' has {task.action_space}")
+        self.check(task)
         self._collector, self.replay, self._device, self._augment = collector, replay, device, augment
         space: Any = task.action_space
         self._settings, self._space = config, space
@@ -123,6 +121,13 @@ class OffPolicy(ABC):
         self._unit = ActionVector(space).to(device)
         self._due = 0.0  # gradient steps that are due
         self.updates = 0
+
+    @classmethod
+    def check(cls, task: Task) -> None:
+        """Raises InvalidInputError if the task's actions are of another kind than the algorithm's."""
+        if not isinstance(task.action_space, cls.actions):
+            name, kind = cls.__name__, cls.actions.__name__
+            raise InvalidInputError(f"{name}: expected actions in a {kind}, '{task.name}' has {task.action_space}")
 
     @property
     def columns(self) -> tuple[str, ...]:

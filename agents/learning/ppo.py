@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import torch
+from gymnasium.spaces import Box, Discrete
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 from torchrl.objectives.value.functional import generalized_advantage_estimate
@@ -26,9 +27,11 @@ from dohyo.agents.learning.imitation.dagger import WarmStart
 from dohyo.agents.learning.intrinsic import IntrinsicReward, add_intrinsic
 from dohyo.agents.learning.metrics import Number
 from dohyo.agents.learning.moments import Moments
+from dohyo.agents.learning.networks import evaluating
 from dohyo.agents.learning.policy import (
     Actor,
     EncodedPolicy,
+    PpoActor,
     VectorEncoder,
     actor_for,
     distribution_at,
@@ -39,6 +42,7 @@ from dohyo.agents.learning.registry import Trainer, TrainRequest
 from dohyo.agents.learning.run import Run
 from dohyo.agents.learning.task import Array, Task, named
 from dohyo.agents.learning.training import train
+from dohyo.agents.perception.encoders.local_mixing import parameter_groups
 from dohyo.sumo_networks.errors import InvalidInputError
 
 LOSSES = ("loss_objective", "loss_critic", "loss_entropy", "entropy", "kl_approx", "clip_fraction")
@@ -136,19 +140,18 @@ class Ppo:
         self._names = list(space.spaces)
         self.encoder = (encoder or VectorEncoder(space)).to(device)
         features: int = self.encoder.features  # type: ignore[assignment]
-        actor: Any = actor_for(features, task.action_space, config.hidden, config.initial_std, config.squashed)
+        actor: Any = ppo_actor(features, task.action_space, config)
         self.actor = actor.to(device)
         self.policy: Exportable = self.actor if encoder is None else EncodedPolicy(self.encoder, self.actor)
         self._value = _Value(self.actor, self.actor.sizes).to(device)
         self._moments = Moments(features)
         self.behaviour = EpisodeMixture(self._explore, seed, config.guided_share)
-        self._parameters = [*self.actor.parameters(), *self._value.parameters(), *self.encoder.parameters()]
-        self._optimizer = torch.optim.Adam(self._parameters, lr=config.learning_rate)
+        learned: Any = parameter_groups(actor, self._value, self.encoder)
+        self._parameters: list[nn.Parameter] = learned[0]["params"]  # of which the gradient's norm is bounded
+        self._optimizer = torch.optim.Adam(learned, lr=config.learning_rate)
         self._schedule = torch.optim.lr_scheduler.ExponentialLR(self._optimizer, config.learning_rate_decay)
         self._intrinsic_row: dict[str, Number] = {}
         self.updates, self.rounds = 0, 0
-        if config.normalised and not isinstance(self.actor, Actor):
-            raise InvalidInputError("expected normalised = false with squashed or discrete actions")
 
     def begin(self) -> None:
         """Imitates the expert, or demonstrations, if that is set."""
@@ -183,7 +186,9 @@ class Ppo:
         self._schedule.step()
         self.rounds += 1
         if self._config.normalised:
-            self._look_back(self._features(batch["observation"]).flatten(0, 1))
+            with torch.no_grad(), evaluating(self.encoder):
+                seen = self._features(batch["observation"]).flatten(0, 1)
+            self._look_back(seen)
         std = float(self.actor.log_std.detach().exp().mean()) if isinstance(self.actor, Actor) else None
         return row | {"std": std, "updates": self.updates, "episodes": self._collector.finished_count}
 
@@ -197,7 +202,7 @@ class Ppo:
         variable[guided] = self.actor.variable_of(batch["action"][guided])
         batch["action"] = variable
         batch["next", "reward"] *= self._config.reward_scale
-        with torch.no_grad():
+        with torch.no_grad(), evaluating(self.encoder):
             self._judge(batch)
         return batch
 
@@ -222,7 +227,7 @@ class Ppo:
 
     def act(self, observation: TensorDict) -> Array:
         """See `Learner`."""
-        with torch.no_grad():
+        with torch.no_grad(), evaluating(self.encoder):
             action: Tensor = self.actor(self._features(observation.to(self._device)))
         return np.asarray(action.cpu().numpy())
 
@@ -254,7 +259,7 @@ class Ppo:
 
     def _explore(self, observation: TensorDict) -> TensorDict:
         """Draws actions; the variable of each is kept, since actions may be clipped."""
-        with torch.no_grad():
+        with torch.no_grad(), evaluating(self.encoder):
             variable = self.actor.sample(self._features(observation.to(self._device)))
             chosen = {"action": self.actor.action_of(variable).cpu(), "variable": variable.cpu()}
         return TensorDict(chosen, observation.batch_size)
@@ -315,6 +320,14 @@ class Ppo:
             "kl_approx": -log_ratio.detach().mean(),
             "clip_fraction": (ratio.detach() != clipped.detach()).float().mean(),
         }
+
+
+def ppo_actor(features: int, actions: Box | Discrete, config: PpoConfig) -> PpoActor:
+    """An untrained actor of some settings, see `actor_for`; InvalidInputError if they do not fit the actions."""
+    actor = actor_for(features, actions, config.hidden, config.initial_std, config.squashed)
+    if config.normalised and not isinstance(actor, Actor):
+        raise InvalidInputError("expected normalised = false with squashed or discrete actions")
+    return actor
 
 
 def _entropy(distribution: torch.distributions.Distribution) -> Tensor:

@@ -16,10 +16,9 @@ import numpy as np
 import onnxruntime
 import pytest
 import torch
-from gymnasium.spaces import Box
 
 from dohyo.agents.learning.checkpoint import load_checkpoint
-from dohyo.agents.learning.gymnasium_task import GYMNASIUM, GymnasiumConfig, GymnasiumTask
+from dohyo.agents.learning.gymnasium_task import GYMNASIUM, GymnasiumConfig
 from dohyo.agents.learning.registry import TrainRequest
 from dohyo.agents.learning.report import no_report
 from dohyo.agents.learning.settings import read_settings
@@ -27,6 +26,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 ROOT = Path(__file__).parents[3]
 POINT, DIAL = "tests.agents.learning.problems:Point-v0", "tests.agents.learning.problems:Dial-v0"
+PICTURE = "tests.agents.learning.problems:Picture-v0"
 SHORT = ("steps=800", "evaluate_every=400", "checkpoint_every=100", "episodes=2", "tensorboard=false")
 ALGORITHMS = {
     "sac": (POINT, "sac.round_steps=50", "sac.hidden=[32]", "sac.replay={capacity=500, steps=3, priority=0.6}"),
@@ -96,26 +96,19 @@ def test_it_trains_judges_and_exports(tmp_path: Path) -> None:
     assert (np.abs(action) <= 0.25).all()
 
 
-def test_observations_come_in_our_form() -> None:
-    task = GymnasiumTask("CartPole-v1")
-    assert task.observation_space.dtype == np.float32
-    observation, _ = task.make_env(0).reset(seed=0)
-    assert task.observation_space.contains(observation)
-
-
-def test_pictures_come_channels_first() -> None:
-    task = GymnasiumTask("tests.agents.learning.problems:Picture-v0")
-    assert task.observation_space == Box(0, 255, (3, 4, 5), np.uint8)
-    observation, _ = task.make_env(0).reset(seed=0)
-    assert observation.shape == (3, 4, 5)
-    assert observation[2, 1, 4] == 241  # channel, row, column
+@pytest.mark.parametrize("env", ["Blackjack-v1", "tests.agents.learning.foreign:Cabinet-v0"])
+def test_environments_of_others_are_learned_from(env: str, tmp_path: Path) -> None:
+    train([f"env={env}", "algorithm=ppo", *SHORT, "steps=100", "ppo.horizon=50", "processes=2"], tmp_path / "run")
+    assert (tmp_path / "run" / "policy.onnx").exists()
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
         (["env=Nowhere-v0"], "environment 'Nowhere-v0'"),
-        (["env=Blackjack-v1"], "expected observations in a Box"),
+        ([f"env={PICTURE}", "algorithm=ppo"], "pictures need an encoder"),
+        ([f"env={PICTURE}", "algorithm=iqn"], "expected an encoder for observation 'observation'"),
+        ([f"env={DIAL}", "algorithm=ppo", "ppo.normalised=true"], "expected normalised = false"),
         ([f"env={DIAL}", "algorithm=sac"], "Sac: expected actions in a Box"),
         ([f"env={POINT}", "algorithm=iqn"], "Iqn: expected actions in a Discrete"),
     ],
@@ -123,3 +116,4 @@ def test_pictures_come_channels_first() -> None:
 def test_what_it_cannot_learn_is_refused(settings: list[str], message: str, tmp_path: Path) -> None:
     with pytest.raises(InvalidInputError, match=message):
         train([*settings, *SHORT], tmp_path / "run")
+    assert not (tmp_path / "run").exists()

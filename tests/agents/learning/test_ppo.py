@@ -23,6 +23,7 @@ from dohyo.agents.learning.config import PpoConfig
 from dohyo.agents.learning.ppo import Ppo
 from dohyo.agents.learning.registry import Trainer, TrainRequest
 from dohyo.agents.learning.report import no_report
+from dohyo.agents.perception.encoders.local_mixing import LEARNING_RATE, LocalMixing
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.problems import BEST_RETURN, STEP, Lock, Point, Sign
 from tests.agents.learning.toys import LOCK, POINT, SMALL, PointConfig, ToyConfig
@@ -194,6 +195,32 @@ def test_choices_are_learned_from_pictures_and_numbers():
     assert rows[0]["return"] < 7.0
     assert rows[-1]["return"] > 9.0
     assert ppo.act(collector.seen).dtype == np.int64
+
+
+class Mixed(Pixels):
+    """The same, with a picture that A-LIX shifts; it notes whether it was in training."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.mixing = LocalMixing(strength=0.5)
+        self.trained = set[tuple[bool, bool]]()
+
+    def forward(self, observation: Mapping[str, torch.Tensor]) -> torch.Tensor:
+        self.trained.add((self.training, torch.is_grad_enabled()))
+        picture = observation["camera"].float()
+        mixed = self.mixing(picture.flatten(end_dim=-4).requires_grad_(), tune=True).reshape(picture.shape)
+        return super().forward(dict(observation) | {"camera": mixed})
+
+
+def test_an_encoder_acts_in_evaluation_and_a_lix_has_its_own_rate():
+    task, encoder = Sign(), Mixed()
+    collector = Collector(task.make_environments(2, processes=False), task, 0)
+    config = PpoConfig(horizon=20, hidden=(8,), learning_rate=1e-5, batch=40, epochs=1)
+    ppo = Ppo(task, collector, config, torch.device("cpu"), encoder=encoder)
+    ppo.round()
+    ppo.act(collector.seen)
+    assert encoder.trained == {(False, False), (True, True)}
+    assert abs(encoder.mixing.strength.item() - 0.5) == pytest.approx(LEARNING_RATE, rel=1e-3)
 
 
 class Picture(Point):
