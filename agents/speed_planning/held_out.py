@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from tensordict import TensorDict
 
-from dohyo.agents.learning.evaluation import Acting, evaluate
+from dohyo.agents.learning.evaluation import Acting, Evaluation, evaluate
 from dohyo.agents.learning.policy import TanhActor
 from dohyo.agents.learning.task import SINGLE, Array, Task
 from dohyo.agents.speed_planning import acc, buffer
@@ -27,8 +27,8 @@ from dohyo.evaluation.statistics import Estimate, mean_estimate, paired
 
 POLICY = "policy.safetensors"
 """The last policy of a run; its best one was chosen on the held-out episodes themselves."""
-Scores = dict[str, list[float]]
-"""Mean reward per decision in each held-out episode, by policy; baselines come first."""
+Judged = dict[str, Evaluation]
+"""Held-out episodes by policy; the two baselines come first."""
 
 
 def no_buffer(seen: TensorDict) -> Array:
@@ -70,43 +70,44 @@ def learned(path: Path) -> Acting:
     return lambda seen: actor.act(seen[SINGLE].numpy())
 
 
-def scores(task: Task, policies: Mapping[str, Acting]) -> Scores:
+def judged(task: Task, policies: Mapping[str, Acting]) -> Judged:
     """Drives the held-out episodes."""
     environments = task.make_environments(task.judged_at_once, processes=False)
-    return {
-        name: [outcome.total / outcome.length for outcome in evaluate(task, environments, act).outcomes]
-        for name, act in policies.items()
-    }
+    return {name: evaluate(task, environments, act) for name, act in policies.items()}
 
 
-def buffer_scores(runs: Sequence[Path]) -> Scores:
-    """Flow into the bottleneck over its capacity: without a buffer, by the rule, shipped, and of some runs."""
-    found = scores(BufferTask(), {"none": no_buffer})
-    found |= scores(BufferTask(RuleBuffer().length_m), {"rule": Rule()})
-    return found | scores(BufferTask(), _learned(buffer.CHECKPOINT, runs))
+def judged_buffers(runs: Sequence[Path]) -> Judged:
+    """No buffer, the rule, the shipped policy, and those of some runs."""
+    found = judged(BufferTask(), {"none": no_buffer})
+    found |= judged(BufferTask(RuleBuffer().length_m), {"rule": Rule()})
+    return found | judged(BufferTask(), _learned(buffer.CHECKPOINT, runs))
 
 
-def cruise_control_scores(runs: Sequence[Path]) -> Scores:
-    """Reward behind the held-out leaders: two settings by hand, shipped, and of some runs."""
+def judged_set_points(runs: Sequence[Path]) -> Judged:
+    """Two settings by hand, the shipped policy, and those of some runs."""
     by_hand: dict[str, Acting] = {"follows-traffic": follows_traffic, "follows-plan": follows_plan}
-    return scores(CruiseControlTask(), {**by_hand, **_learned(acc.CHECKPOINT, runs)})
+    return judged(CruiseControlTask(), {**by_hand, **_learned(acc.CHECKPOINT, runs)})
 
 
-def table(found: Scores, unit: float) -> str:
-    """Markdown: every policy's mean, and its difference from the two baselines.
+def table(found: Judged, unit: float, measures: Mapping[str, str]) -> str:
+    """Markdown: every policy's mean reward per decision, its difference from the two baselines, and some measures.
 
     Args:
-        found: Scores.
-        unit: Factor of the numbers shown.
+        found: Held-out episodes.
+        unit: Factor of the rewards shown.
+        measures: Heads of measures by name.
     """
     first, second = list(found)[:2]
-    heads, rows = ["policy", "n", "mean per decision", f"against {first}", f"against {second}"], []
-    for name, values in found.items():
+    heads = ["policy", "n", "mean per decision", f"against {first}", f"against {second}", *measures.values()]
+    earned = {name: [one.total / one.length for one in evaluation.outcomes] for name, evaluation in found.items()}
+    rows = []
+    for name, values in earned.items():
         shown = [_shown(mean_estimate(values), unit, "")]
         for other in (first, second):
-            comparison = paired(values, found[other])
+            comparison = paired(values, earned[other])
             shown.append("" if name == other else f"{_shown(comparison.difference, unit, '+')} {comparison.verdict}")
-        rows.append([name, str(len(values)), *shown])
+        measured = [f"{found[name].measures[measure]:.2f}" for measure in measures]
+        rows.append([name, str(len(values)), *shown, *measured])
     return markdown(heads, rows)
 
 
@@ -128,8 +129,10 @@ def main() -> None:
     given = parser.parse_args()
     torch.set_num_threads(1)
     tables = {
-        "buffer": table(buffer_scores(given.buffer), unit=100.0),
-        "cruise-control": table(cruise_control_scores(given.cruise_control), unit=1.0),
+        "buffer": table(judged_buffers(given.buffer), 100.0, {"requested_mps": "requested speed, m/s"}),
+        "cruise-control": table(
+            judged_set_points(given.cruise_control), 1.0, {"fuel_g_s": "fuel of a car, g/s", "speed_mps": "speed, m/s"}
+        ),
     }
     for name, text in tables.items():
         print(text)

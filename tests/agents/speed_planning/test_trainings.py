@@ -10,6 +10,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
+from dohyo.agents.learning.evaluation import Evaluation, Outcome
 from dohyo.agents.learning.policy import TanhActor
 from dohyo.agents.learning.registry import TrainRequest, trainer_named
 from dohyo.agents.learning.report import no_report
@@ -66,17 +67,25 @@ def test_a_training_ships_a_policy_that_is_judged_beside_the_baselines(tmp_path:
     trainer.train(config, TrainRequest("speed-buffer", tmp_path / "seed-0", False, no_report))
     with (tmp_path / "seed-0" / "evaluations.csv").open() as file:
         last = list(csv.DictReader(file))[-1]
-    found = held_out.buffer_scores([tmp_path / "seed-0"])
+    found = held_out.judged_buffers([tmp_path / "seed-0"])
     assert list(found) == ["none", "rule", "shipped", "PPO, seed-0"]
-    assert np.mean(found["PPO, seed-0"]) == pytest.approx(float(last["discharge"]))
-    assert np.mean(found["rule"]) == pytest.approx(np.mean(found["none"]), abs=0.01)
+    discharge = {name: one.measures["discharge"] for name, one in found.items()}
+    assert discharge["PPO, seed-0"] == pytest.approx(float(last["discharge"]))
+    assert discharge["rule"] == pytest.approx(discharge["none"], abs=0.01)
+    assert found["none"].measures["requested_mps"] > found["rule"].measures["requested_mps"]
 
 
 def test_tables_compare_with_both_baselines() -> None:
-    text = held_out.table({"none": [0.5, 0.6, 0.7], "rule": [0.4, 0.5, 0.6], "shipped": [0.7, 0.8, 0.9]}, unit=100.0)
+    text = held_out.table({"none": judged(0.6), "rule": judged(0.5), "shipped": judged(0.8)}, 100.0, {"speed": "m/s"})
+    assert "| against none | against rule | m/s |" in text
     assert "| none | 3 | 60.000" in text
     assert "| shipped | 3 | 80.000" in text
-    assert "| +20.000 [+20.000, +20.000] > | +30.000 [+30.000, +30.000] > |" in text
+    assert "| +20.000 [+20.000, +20.000] > | +30.000 [+30.000, +30.000] > | 7.00 |" in text
+
+
+def judged(mean: float) -> Evaluation:
+    """Three episodes of ten steps around a mean reward."""
+    return Evaluation([Outcome(seed, 10 * (mean + 0.1 * seed), 10, False, {"speed": 7.0}) for seed in (-1, 0, 1)])
 
 
 def test_actions_and_densities_of_the_buffer_are_inverse() -> None:
