@@ -286,7 +286,8 @@ class Replay:
         """
         if not self._config.priority:
             return
-        positions, priorities = index.numpy(), errors.detach().cpu().double().flatten().abs().numpy() + LEAST_PRIORITY
+        positions = index.cpu().numpy()
+        priorities = errors.detach().cpu().double().flatten().abs().numpy() + LEAST_PRIORITY
         self._top_priority = max(self._top_priority, float(priorities.max()))
         inside = positions >= self._start  # newer entries may have taken the place of others
         slots, weights = positions[inside] % self._size, priorities[inside] ** self._config.priority

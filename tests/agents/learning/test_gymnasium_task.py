@@ -30,7 +30,7 @@ PICTURE = "tests.agents.learning.problems:Picture-v0"
 SHORT = ("steps=800", "evaluate_every=400", "checkpoint_every=100", "episodes=2", "tensorboard=false")
 ALGORITHMS = {
     "sac": (POINT, "sac.round_steps=50", "sac.hidden=[32]", "sac.replay={capacity=500, steps=3, priority=0.6}"),
-    "ddpg": (POINT, "ddpg.round_steps=50", "ddpg.hidden=[32]", "ddpg.replay.capacity=400"),
+    "ddpg": (POINT, "processes=1", "ddpg.round_steps=50", "ddpg.hidden=[32]", "ddpg.replay.capacity=400"),
     "iqn": (DIAL, "iqn.round_steps=50", "iqn.target_every=20", "iqn.replay.capacity=400"),
     "ppo": (DIAL, "ppo.horizon=50"),
 }
