@@ -71,7 +71,9 @@ class ActionRepeat(VectorWrapper):
             over = terminated | truncated
             if over.all():
                 break
+            last = observation
             observation, more, ended, cut, later = self.env.step(actions)
+            observation = _chosen(over, last, observation)
             reward = reward + np.where(over, 0.0, more)
             terminated, truncated = terminated | (ended & ~over), truncated | (cut & ~over)
             infos = _merged(infos, later, ~over)
@@ -142,6 +144,13 @@ class FrameStack(VectorWrapper):
 
 def _stacked(space: Any, count: int) -> Box:
     return Box(np.tile(space.low, (count, 1, 1)), np.tile(space.high, (count, 1, 1)), dtype=np.uint8)
+
+
+def _chosen(rows: BoolArray, ours: dict[str, Array], others: dict[str, Array]) -> dict[str, Array]:
+    """The first observations in some rows, the others elsewhere."""
+    if not rows.any():
+        return others
+    return {name: np.where(rows.reshape(-1, *[1] * (ours[name].ndim - 1)), ours[name], others[name]) for name in ours}
 
 
 def _merged(first: dict[str, Any], later: dict[str, Any], rows: BoolArray) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,6 +17,8 @@ from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray
 from dohyo.sumo_networks.ego.control import InvalidActionError
 from dohyo.sumo_networks.envs.shared_memory import Layout
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, SimulationError
+
+logger = logging.getLogger(__name__)
 
 Observations = dict[str, NDArray[Any]]
 
@@ -183,6 +186,7 @@ class EnvRows:
         self._rows = RowArrays.of(arrays, plan.observation_space, rows)
         self._discrete = isinstance(plan.action_space, Discrete)
         self._env: Any = None
+        self._acting: set[int] = set()  # rows whose episode has not ended
 
     def carry_out(self, command: str, *arguments: Any) -> Any:
         """Calls one of the methods below.
@@ -201,12 +205,15 @@ class EnvRows:
         """Begins an episode.
 
         Raises:
-            DohyoError: The environment's own; EnvError if its observations do not fit the space.
+            DohyoError: The environment's own; EnvError if its observations do not fit the space, or an agent is absent.
         """
         if self._env is None:
             env = self._plan.make_env(self._rank)
             self._env = OneAgentEnv(env) if isinstance(env, gymnasium.Env) else env
         observations, _ = self._env.reset(seed=seed, options=options)
+        if absent := set(self._env.possible_agents) - set(self._env.agents):
+            raise self._error(f"expected all agents to begin the episode, {sorted(map(str, absent))} did not")
+        self._acting = set(range(self._plan.group_size))
         self._write_observations(observations)
 
     def step(self) -> None:
@@ -215,18 +222,14 @@ class EnvRows:
         Raises:
             DohyoError: The environment's own; EnvError if its results do not fit the spaces.
         """
-        env, rows = self._started, self._rows
-        active = env.agents
-        agents = [(row, agent) for row, agent in enumerate(env.possible_agents) if agent in active]
-        actions = {agent: self._action(row) for row, agent in agents}
+        env = self._started
+        actions = {agent: self._action(row) for row, agent in enumerate(env.possible_agents) if agent in env.agents}
         observations, rewards, terminations, truncations, infos = env.step(actions)
-        for row, agent in agents:
-            reward, terminated, truncated = float(rewards[agent]), terminations[agent], truncations[agent]
-            if not math.isfinite(reward):
-                raise self._error(f"expected a finite reward, got {reward}")
-            rows.rewards[row], rows.terminations[row], rows.truncations[row] = reward, terminated, truncated
-            if terminated or truncated:
-                self._write_end(row, infos[agent])
+        for row in list(self._acting):
+            agent = env.possible_agents[row]
+            self._write_outcome(row, rewards[agent], terminations[agent], truncations[agent], infos[agent])
+            if row in self._acting and agent not in env.agents:
+                raise self._error(f"agent '{agent}' has left, but its episode neither terminated nor was truncated")
         self._write_observations(observations)
 
     def ask_expert(self) -> None:
@@ -247,10 +250,13 @@ class EnvRows:
         return self._started.render()
 
     def close(self) -> None:
-        """Closes the environment; the next reset makes a new one."""
-        if self._env is not None:
-            self._env.close()
-            self._env = None
+        """Closes the environment, which may fail at that; the next reset makes a new one."""
+        env, self._env = self._env, None
+        try:
+            if env is not None:
+                env.close()
+        except (Exception, SystemExit) as error:
+            logger.warning("environment %d could not be closed: %s: %s", self._rank, type(error).__name__, error)
 
     @property
     def _started(self) -> Any:
@@ -291,6 +297,19 @@ class EnvRows:
         if not np.can_cast(array.dtype, target.dtype, "same_kind"):
             raise self._error(f"observation '{name}': expected {target.dtype}, got {array.dtype}")
         return array.astype(target.dtype)
+
+    def _write_outcome(self, row: int, reward: Any, terminated: Any, truncated: Any, info: Mapping[str, Any]) -> None:
+        rows = self._rows
+        try:
+            number = float(reward)
+        except (TypeError, ValueError):
+            number = math.nan
+        if not math.isfinite(number):
+            raise self._error(f"expected a finite reward, got {reward}")
+        rows.rewards[row], rows.terminations[row], rows.truncations[row] = number, terminated, truncated
+        if terminated or truncated:
+            self._acting.remove(row)
+            self._write_end(row, info)
 
     def _write_end(self, row: int, info: Mapping[str, Any]) -> None:
         if missing := [name for name in self._plan.measures if name not in info]:

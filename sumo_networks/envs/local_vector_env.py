@@ -8,6 +8,7 @@ import numpy as np
 
 from dohyo.sumo_networks.envs.env_rows import EnvRows, RowArrays
 from dohyo.sumo_networks.envs.row_vector_env import RowVectorEnv
+from dohyo.sumo_networks.errors import SimulationError
 
 
 class LocalVectorEnv(RowVectorEnv):
@@ -24,7 +25,10 @@ class LocalVectorEnv(RowVectorEnv):
 
     def _receive(self, group: int) -> Any:
         command, arguments = self._sent.pop(group)
-        return self._envs[group].carry_out(command, *arguments)
+        try:
+            return self._envs[group].carry_out(command, *arguments)
+        except SystemExit as error:  # a worker's process would have ended
+            raise SimulationError(f"environment {group} wanted to end the process with code {error.code}") from error
 
     def _discard(self, group: int) -> None:
         self._envs[group].close()

@@ -28,6 +28,7 @@ from dohyo.sumo_networks.envs.local_vector_env import LocalVectorEnv
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM, training_seed
 from tests.agents.learning.problems import LENGTH, STEP, Lock, Point
+from tests.sumo_networks.envs.toys import Pair
 
 
 def still(observation: TensorDict) -> TensorDict:
@@ -256,6 +257,16 @@ def test_an_action_is_repeated_until_the_episode_ends():
     assert (seen["speed"][0, 0], reward.tolist()) == (4.0, [4.0, 4.0])
     seen, reward, terminated, *_ = environments.step(np.ones((2, 1), np.float32))
     assert (seen["speed"][0, 0], reward.tolist(), terminated.all()) == (7.0, [3.0, 3.0], True)
+
+
+def test_a_repeated_action_leaves_the_last_observation_of_an_agent_that_ended():
+    pair = LocalVectorEnv(Pair, 2, Pair.observation_space, Pair.action_space, measures=("way",), group_size=2)
+    environments = ActionRepeat(pair, 3)
+    environments.reset(seed=[1, None])
+    seen, rewards, terminated, _, infos = environments.step(np.ones((2, 1), np.float32))
+    assert seen["observation"][:, 0].tolist() == pytest.approx([1.2, 1.3])
+    assert (rewards.tolist(), terminated.tolist()) == ([2.0, 3.0], [True, False])
+    assert (infos["_way"].tolist(), infos["way"][0]) == ([True, False], 1.0)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -148,6 +149,34 @@ def test_agents_of_one_environment_are_rows_that_end_alone(kind: type[RowVectorE
     assert again["observation"][2:, 0].tolist() == [30.0, 30.0]
 
 
+@pytest.mark.parametrize(
+    ("breach", "message"),
+    [
+        ("late", "environment 0: expected all agents to begin the episode, ['long'] did not"),
+        ("lost", "environment 0: agent 'short' has left, but its episode neither terminated nor was truncated"),
+    ],
+)
+def test_agents_that_come_late_or_leave_without_an_end_are_named(breach: str, message: str) -> None:
+    env = LocalVectorEnv(partial(Pair, breach=breach), 2, Pair.observation_space, Pair.action_space, group_size=2)
+    with pytest.raises(EnvError, match=re.escape(message)):  # noqa: PT012 - at the reset or at the step
+        env.reset(seed=[1, None])
+        env.step(still(env))
+
+
+def test_an_agent_that_stays_after_its_end_gets_nothing() -> None:
+    env = LocalVectorEnv(partial(Pair, breach="stays"), 2, Pair.observation_space, Pair.action_space, group_size=2)
+    env.reset(seed=[1, None])
+    steps = [env.step(still(env)) for _ in range(4)]
+    assert [rewards.tolist() for _, rewards, *_ in steps] == [[1.0, 1.0]] * 2 + [[0.0, 1.0]] * 2
+    assert [ends.tolist() for _, _, ends, *_ in steps][2:] == [[False, False], [False, True]]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_environment_that_cannot_be_closed_stops_nobody(kind: type[RowVectorEnv]) -> None:
+    with points(kind, fragile="close") as env:
+        env.reset(seed=[LEFT, RIGHT])
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_expert_is_asked_and_does_not_drive(kind: type[RowVectorEnv]) -> None:
     with points(kind) as env:
@@ -175,6 +204,7 @@ def test_the_expert_is_asked_and_does_not_drive(kind: type[RowVectorEnv]) -> Non
         ("shape", "environment 0: observation 'observation': expected shape (2,), got (1, 2)"),
         ("dtype", "environment 0: observation 'observation': expected float32, got complex64"),
         ("reward", "environment 0: expected a finite reward, got inf"),
+        ("rewards", "environment 0: expected a finite reward, got [0.]"),
         ("measure", "environment 0: the last info of an episode lacks distance"),
         ("raise", "environment 0: ValueError: the point is lost"),
     ],
@@ -192,7 +222,7 @@ def test_code_that_fails_is_named(
     assert where in caplog.text, "the log has the traceback of the environment's process"
 
 
-@pytest.mark.parametrize(("kind", "fragile"), [*((kind, "crash") for kind in KINDS), (ProcessVectorEnv, "die")])
+@pytest.mark.parametrize(("kind", "fragile"), [*product(KINDS, ("crash", "die"))])
 def test_an_episode_whose_simulation_fails_is_lost_alone(
     kind: type[RowVectorEnv], fragile: str, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -206,7 +236,7 @@ def test_an_episode_whose_simulation_fails_is_lost_alone(
         assert (rewards[0], terminated.any(), truncated.tolist()) == (0.0, False, [True, False])
         assert infos["lost"].tolist() == [True, False]
         assert "success" not in infos
-        reason = "the point fell off the line" if fragile == "crash" else r"worker 0 \(process \d+\) ended with code 3"
+        reason = "the point fell off the line" if fragile == "crash" else r"end(ed)?( the process)? with code 3"
         assert re.search(reason, caplog.text)
         assert re.search(reason, str(env.failures[0]))
         fresh, infos = env.reset(seed=[LEFT, None], options={"reset_mask": np.array([True, False])})

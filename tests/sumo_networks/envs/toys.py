@@ -18,8 +18,9 @@ class Point(gymnasium.Env[Any, Any]):
     """A point on a line; the reward is minus its distance from 0. It starts at the side that the seed says.
 
     Attributes:
-        fragile: How it fails, if at all: "nan", "shape", "dtype", "reward", "measure", "raise"; and on the right side
-            only, "die" (its process does, at the third step), "crash" (its simulation does) and "crash-at-reset".
+        fragile: How it fails, if at all: "nan", "shape", "dtype", "reward", "rewards", "measure", "raise", "close"; and
+            on the right side only, "die" (its process does, at the third step), "crash" (its simulation does) and
+            "crash-at-reset".
     """
 
     observation_space = Box(-np.inf, np.inf, (2,), np.float32)
@@ -47,8 +48,12 @@ class Point(gymnasium.Env[Any, Any]):
             if self.fragile == "crash":
                 raise SimulationError("the point fell off the line")
         info = {"success": abs(self.place) < 0.25} | ({} if self.fragile == "measure" else {"distance": self.place})
-        reward = np.inf if self.fragile == "reward" else -abs(self.place)
+        reward = {"reward": np.inf, "rewards": np.zeros(1)}.get(self.fragile, -abs(self.place))
         return self.observation(), reward, False, self.time == LENGTH + self.level, info
+
+    def close(self) -> None:
+        if self.fragile == "close":
+            raise ValueError("the point stays")
 
     def observation(self) -> Any:
         place = np.nan if self.fragile == "nan" and self.time else self.place
@@ -87,17 +92,25 @@ class Counter(gymnasium.Env[Any, Any]):
 
 
 class Pair:
-    """Two agents, in PettingZoo's form: the first leaves after two steps, the second after four."""
+    """Two agents, in PettingZoo's form: the first leaves after two steps, the second after four.
+
+    Attributes:
+        breach: Of PettingZoo's rules: "late" (the second is not there at the reset), "lost" (the first leaves without
+            an end), "stays" (the first is still among the agents after its end).
+    """
 
     possible_agents = ("short", "long")
     observation_space = Box(-np.inf, np.inf, (1,), np.float32)
     action_space = Box(-1, 1, (1,), np.float32)
 
-    def __init__(self, rank: int) -> None:
+    def __init__(self, rank: int, breach: str = "") -> None:
         self.agents: list[str] = []
+        self.breach = breach
 
     def reset(self, seed: int | None, options: dict[str, Any] | None) -> tuple[dict[str, Any], dict[str, Any]]:
         self.agents, self.time, self.seed = list(self.possible_agents), 0, seed
+        if self.breach == "late":
+            self.agents = ["short"]
         return self.observations(), {}
 
     def step(self, actions: dict[str, Any]) -> tuple[dict[str, Any], ...]:
@@ -107,7 +120,10 @@ class Pair:
         infos = {agent: {"success": agent == "long", "way": float(actions[agent][0])} for agent in self.agents}
         never = dict.fromkeys(self.agents, False)
         result = self.observations(), dict.fromkeys(self.agents, 1.0), ends, never, infos
-        self.agents = [agent for agent in self.agents if not ends[agent]]
+        if self.breach == "lost":
+            ends["short"], self.agents = False, ["long"]
+        elif self.breach != "stays" or self.time == 4:
+            self.agents = [agent for agent in self.agents if not ends[agent]]
         return result
 
     def observations(self) -> dict[str, Any]:
