@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,10 +21,13 @@ from dohyo.agents.learning.behaviour import (
     UncertaintyGate,
 )
 from dohyo.agents.learning.collector import MAX_LOST, Collector
+from dohyo.agents.learning.config import PpoConfig
 from dohyo.agents.learning.curriculum import Curriculum
 from dohyo.agents.learning.environments import ActionRepeat, FrameStack, check_environments
 from dohyo.agents.learning.evaluation import evaluate
-from dohyo.agents.learning.task import Env, Task, check_task, held_out_seeds
+from dohyo.agents.learning.ppo import Ppo
+from dohyo.agents.learning.replay import Replay, ReplayConfig
+from dohyo.agents.learning.task import Env, Environments, Task, check_task, held_out_seeds, named
 from dohyo.sumo_networks.envs.local_vector_env import LocalVectorEnv
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM, training_seed
@@ -289,3 +293,70 @@ def test_learners_reset_environments_themselves():
     made = gymnasium.make_vec("CartPole-v1", num_envs=2)
     with pytest.raises(InvalidInputError, match="expected named observations"):
         check_environments(made)
+
+
+@dataclass(frozen=True)
+class Pairs(Task):
+    """Two agents of one environment, of which the first ends after two steps, the second after four."""
+
+    name = "pairs"
+    observation_space, action_space = Pair.observation_space, Pair.action_space
+    held_out: Sequence[int] = held_out_seeds(2)
+    measures = ("way",)
+
+    def make_environments(self, count: int, processes: bool) -> Environments:
+        spaces = self.observation_space, self.action_space
+        return LocalVectorEnv(Pair, 2 * count, *spaces, measures=self.measures, group_size=2)
+
+
+def pairs(count: int, steps: int) -> tuple[Collector, TensorDict]:
+    """Some steps of `count` pairs, whose agents do nothing."""
+    collector, behaviour = collector_of(Pairs(), count, seed=5), PolicyBehaviour(still)
+    return collector, torch.stack([collector.step(behaviour) for _ in range(steps)], dim=1)
+
+
+def test_agents_of_one_environment_end_alone_and_begin_together():
+    collector, batch = pairs(2, steps=9)
+    short, long = [1, 1, 0, 0] * 2 + [1], [1] * 9
+    assert batch["active"].int().tolist() == [short, long] * 2
+    first, second = [0] * 4 + [2] * 4 + [4], [1] * 4 + [3] * 4 + [5]
+    assert batch["episode"].tolist() == [first, first, second, second]
+    ends = batch["next", "terminated"][..., 0].nonzero().tolist()
+    assert ends == [[row, step + begin] for row, step in ((0, 1), (1, 3), (2, 1), (3, 3)) for begin in (0, 4)]
+    finished = collector.finished()
+    assert [(one.row, one.length, one.total, one.success) for one in finished] == 2 * [
+        (0, 2, 2.0, False),
+        (2, 2, 2.0, False),
+        (1, 4, 4.0, True),
+        (3, 4, 4.0, True),
+    ]
+    assert collector.steps == int(batch["active"].sum())
+    begins = batch["observation", "observation"][:, ::4, 0]
+    seeds = [[training_seed(5, number) for number in numbers] for numbers in ([0, 2, 4], [1, 3, 5])]
+    assert begins.tolist() == [pytest.approx(of) for of in (seeds[0], seeds[0], seeds[1], seeds[1])]
+
+
+def test_agents_that_end_at_different_times_are_learned_from_and_judged():
+    torch.manual_seed(0)
+    task = Pairs()
+    collector = Collector(task.make_environments(2, processes=False), task, seed=5)
+    ppo = Ppo(task, collector, PpoConfig(horizon=8, hidden=(8,), batch=12, epochs=1), torch.device("cpu"))
+    row = ppo.round()
+    assert row["episodes"] == 8
+    assert row["length"] == 3.0
+    assert row["updates"] == 2, "24 of 32 rows acted"
+    judged = evaluate(task, task.make_environments(1, processes=False), ppo.act)
+    assert [outcome.length for outcome in judged.outcomes] == [2, 4]
+
+
+def test_a_replay_keeps_what_agents_did_and_nothing_else(tmp_path):
+    _, batch = pairs(1, steps=9)
+    spaces, config = (named(Pairs.observation_space), Pairs.action_space), ReplayConfig(capacity=100, steps=3)
+    replay = Replay(tmp_path, spaces, config, gamma=0.5, slack=9, seed=0)
+    for step in batch.unbind(dim=1):
+        replay.add(step)
+    drawn = replay.sample(400)
+    assert len(drawn["index"].unique()) == batch["active"].sum() == 14
+    ends, returns = drawn["next", "terminated"][:, 0], drawn["next", "reward"][:, 0]
+    assert set(returns[ends].tolist()) == {1.0, 1.5, 1.75}
+    assert (drawn["next", "observation", "observation"] > 0).all(), "rows that have ended show 0"
