@@ -179,7 +179,7 @@ class Ppo:
         batch = self.collect()
         guided_steps = int((batch["source"] == DEMONSTRATOR).sum())
         row: dict[str, Number] = {"guided_share": share, "learning_rate": float(self._schedule.get_last_lr()[0])}
-        mean = float(batch["next", "reward"].mean())
+        mean = float(batch["next", "reward"][batch["active"]].mean())
         row |= _outcomes(self._collector.finished()) | {"level": self._collector.level}
         row |= {"guided_steps": guided_steps, "reward": mean / self._config.reward_scale}
         row |= self._intrinsic_row | self._learn(batch)
@@ -187,7 +187,7 @@ class Ppo:
         self.rounds += 1
         if self._config.normalised:
             with torch.no_grad(), evaluating(self.encoder):
-                seen = self._features(batch["observation"]).flatten(0, 1)
+                seen = self._features(batch["observation"])[batch["active"]]
             self._look_back(seen)
         std = float(self.actor.log_std.detach().exp().mean()) if isinstance(self.actor, Actor) else None
         return row | {"std": std, "updates": self.updates, "episodes": self._collector.finished_count}

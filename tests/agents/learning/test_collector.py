@@ -340,8 +340,12 @@ def test_agents_that_end_at_different_times_are_learned_from_and_judged():
     torch.manual_seed(0)
     task = Pairs()
     collector = Collector(task.make_environments(2, processes=False), task, seed=5)
-    ppo = Ppo(task, collector, PpoConfig(horizon=8, hidden=(8,), batch=12, epochs=1), torch.device("cpu"))
+    config = PpoConfig(horizon=8, hidden=(8,), batch=12, epochs=1, normalised=True)
+    ppo = Ppo(task, collector, config, torch.device("cpu"))
     row = ppo.round()
+    seeds = [training_seed(5, number) for number in range(4)]
+    assert row["reward"] == 1.0
+    assert ppo.actor.shift.item() == pytest.approx(np.mean(seeds)), "rows that have ended show 0"
     assert row["episodes"] == 8
     assert row["length"] == 3.0
     assert row["updates"] == 2, "24 of 32 rows acted"
