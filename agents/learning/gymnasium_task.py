@@ -22,7 +22,6 @@ from dohyo.agents.learning.gymnasium_spaces import in_our_form
 from dohyo.agents.learning.iqn import Iqn, IqnConfig
 from dohyo.agents.learning.networks import ObservationEncoder
 from dohyo.agents.learning.off_policy import make_replay
-from dohyo.agents.learning.policy import VectorEncoder
 from dohyo.agents.learning.ppo import Ppo, ppo_actor
 from dohyo.agents.learning.registry import Trainer, TrainRequest
 from dohyo.agents.learning.run import Run, TaskRun
@@ -126,12 +125,11 @@ def make_learner(
 def check_fit(task: Task, settings: GymnasiumConfig) -> None:
     """Raises InvalidInputError if the algorithm cannot learn the task, before a run is begun."""
     check_task(task)
+    encoder = ObservationEncoder(named(task.observation_space))
     if settings.algorithm == "ppo":
-        encoder = VectorEncoder(named(task.observation_space))
         ppo_actor(encoder.features, task.action_space, settings.ppo)
     else:
         OFF_POLICY[settings.algorithm].check(task)
-        ObservationEncoder(named(task.observation_space))
 
 
 def _train(settings: GymnasiumConfig, request: TrainRequest) -> Path:

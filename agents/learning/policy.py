@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import torch
-from gymnasium.spaces import Box, Dict, Discrete
+from gymnasium.spaces import Box, Discrete
 from safetensors import SafetensorError, safe_open
 from tensordict.nn import NormalParamExtractor
 from torch import Tensor, nn
@@ -300,33 +300,6 @@ class EncodedPolicy(nn.Module):
     def facts(self) -> Mapping[str, str]:
         """Arguments of the actor's constructor."""
         return self.actor.facts()  # type: ignore[attr-defined, no-any-return]
-
-
-class VectorEncoder(nn.Module):
-    """Joins named vectors, in the order of their space, to one.
-
-    Attributes:
-        features: Numbers in it.
-    """
-
-    def __init__(self, observations: Dict) -> None:
-        """Checks the space.
-
-        Raises:
-            InvalidInputError: One of the observations is a picture, which needs an encoder of its own.
-        """
-        super().__init__()
-        for name, space in observations.spaces.items():
-            if len(space.shape or ()) != 1:
-                raise InvalidInputError(
-                    f"expected observations to be vectors of float32, got {space.dtype} {space.shape} in '{name}': "
-                    "pictures need an encoder"
-                )
-        self.features = sum(space.shape[0] for space in observations.spaces.values() if space.shape)
-
-    def forward(self, observation: Named) -> Tensor:
-        """Named vectors -> (..., features)."""
-        return joined(observation)
 
 
 def joined(observation: Tensor | Named) -> Tensor:

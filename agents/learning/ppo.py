@@ -27,12 +27,11 @@ from dohyo.agents.learning.imitation.dagger import WarmStart
 from dohyo.agents.learning.intrinsic import IntrinsicReward, add_intrinsic
 from dohyo.agents.learning.metrics import Number
 from dohyo.agents.learning.moments import Moments
-from dohyo.agents.learning.networks import evaluating
+from dohyo.agents.learning.networks import ObservationEncoder, evaluating
 from dohyo.agents.learning.policy import (
     Actor,
     EncodedPolicy,
     PpoActor,
-    VectorEncoder,
     actor_for,
     distribution_at,
     layers,
@@ -138,7 +137,7 @@ class Ppo:
         self.columns = (*type(self).columns, *(name for source in intrinsic for name in source.columns))
         space = named(task.observation_space)
         self._names = list(space.spaces)
-        self.encoder = (encoder or VectorEncoder(space)).to(device)
+        self.encoder = (encoder or ObservationEncoder(space)).to(device)
         features: int = self.encoder.features  # type: ignore[assignment]
         actor: Any = ppo_actor(features, task.action_space, config)
         self.actor = actor.to(device)

@@ -16,7 +16,8 @@ from torch import Tensor, nn
 from dohyo.agents.learning.demonstrations import Demonstrations
 from dohyo.agents.learning.evaluation import evaluate
 from dohyo.agents.learning.export import export
-from dohyo.agents.learning.policy import Actor, EncodedPolicy, PpoActor, VectorEncoder, actor_for, distribution_at
+from dohyo.agents.learning.networks import ObservationEncoder
+from dohyo.agents.learning.policy import Actor, EncodedPolicy, PpoActor, actor_for, distribution_at
 from dohyo.agents.learning.registry import Trainer, TrainRequest
 from dohyo.agents.learning.report import Report
 from dohyo.agents.learning.run import Run
@@ -130,7 +131,7 @@ class ImitatingPolicy(nn.Module):
         super().__init__()
         space = named(task.observation_space)
         self._names, self._loss = list(space.spaces), config.loss
-        self.encoder = encoder or VectorEncoder(space)
+        self.encoder = encoder or ObservationEncoder(space)
         features: int = self.encoder.features  # type: ignore[assignment]
         self.actor: Any = actor_for(features, task.action_space, config.hidden, config.initial_std, config.squashed)
         self.exported: Any = self.actor if encoder is None else EncodedPolicy(self.encoder, self.actor)

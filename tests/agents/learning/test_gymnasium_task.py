@@ -106,7 +106,7 @@ def test_environments_of_others_are_learned_from(env: str, tmp_path: Path) -> No
     ("settings", "message"),
     [
         (["env=Nowhere-v0"], "environment 'Nowhere-v0'"),
-        ([f"env={PICTURE}", "algorithm=ppo"], "pictures need an encoder"),
+        ([f"env={PICTURE}", "algorithm=ppo"], "expected an encoder for observation"),
         ([f"env={PICTURE}", "algorithm=iqn"], "expected an encoder for observation 'observation'"),
         ([f"env={DIAL}", "algorithm=ppo", "ppo.normalised=true"], "expected normalised = false"),
         ([f"env={DIAL}", "algorithm=sac"], "Sac: expected actions in a Box"),
