@@ -11,8 +11,8 @@ from dohyo.agents.learning.behaviour import PolicyBehaviour
 from dohyo.agents.learning.config import RunConfig
 from dohyo.agents.learning.gymnasium_task import GymnasiumTask
 from dohyo.agents.learning.policy import actor_for, joined
-from dohyo.agents.learning.registry import Trainer
 from dohyo.agents.learning.run import Run
+from dohyo.agents.learning.trainer import Trainer
 from dohyo.agents.learning.training import train
 
 

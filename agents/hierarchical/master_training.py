@@ -43,9 +43,9 @@ from dohyo.agents.learning.collector import Collector, Finished
 from dohyo.agents.learning.config import Positive, RunConfig, Share
 from dohyo.agents.learning.export import Exportable
 from dohyo.agents.learning.metrics import Number
-from dohyo.agents.learning.registry import Trainer, TrainRequest
 from dohyo.agents.learning.run import Run
 from dohyo.agents.learning.task import SINGLE, Array
+from dohyo.agents.learning.trainer import Trainer, TrainRequest
 from dohyo.agents.learning.training import train
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array
 from dohyo.sumo_networks.config import Config

@@ -19,8 +19,8 @@ from dohyo.agents.hierarchical.state import StateConfig
 from dohyo.agents.hierarchical.tasks import HELD_OUT, ManoeuvreTask
 from dohyo.agents.learning.config import PpoRunConfig
 from dohyo.agents.learning.ppo import ppo_trainer
-from dohyo.agents.learning.registry import Trainer
 from dohyo.agents.learning.task import Task
+from dohyo.agents.learning.trainer import Trainer
 
 
 class SubPolicyConfig(PpoRunConfig):

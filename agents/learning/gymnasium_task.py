@@ -23,10 +23,10 @@ from dohyo.agents.learning.iqn import Iqn, IqnConfig
 from dohyo.agents.learning.networks import ObservationEncoder
 from dohyo.agents.learning.off_policy import make_replay
 from dohyo.agents.learning.ppo import Ppo, ppo_actor
-from dohyo.agents.learning.registry import Trainer, TrainRequest
 from dohyo.agents.learning.run import Run, TaskRun
 from dohyo.agents.learning.sac import Sac, SacConfig
 from dohyo.agents.learning.task import Env, Task, check_task, held_out_seeds, named
+from dohyo.agents.learning.trainer import Trainer, TrainRequest
 from dohyo.agents.learning.training import train
 from dohyo.sumo_networks.errors import InvalidInputError
 

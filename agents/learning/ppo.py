@@ -37,9 +37,9 @@ from dohyo.agents.learning.policy import (
     layers,
     normalised,
 )
-from dohyo.agents.learning.registry import Trainer, TrainRequest
 from dohyo.agents.learning.run import Run
 from dohyo.agents.learning.task import Array, Task, named
+from dohyo.agents.learning.trainer import Trainer, TrainRequest
 from dohyo.agents.learning.training import train
 from dohyo.agents.perception.encoders.local_mixing import parameter_groups
 from dohyo.sumo_networks.errors import InvalidInputError

@@ -36,9 +36,10 @@ def train(
         return
     if name is None:
         raise InvalidInputError("expected the name of a trainer (dohyo train --list shows them)")
-    from dohyo.agents.learning.registry import TrainRequest, trainer_named
     from dohyo.agents.learning.run import RunStoppedError, stored_config  # torch takes seconds to import
     from dohyo.agents.learning.settings import read_settings
+    from dohyo.agents.learning.trainer import TrainRequest
+    from dohyo.agents.trainers import trainer_named
 
     find_own_modules()
     trainer, given = trainer_named(name), list(settings or [])
@@ -57,7 +58,7 @@ def train(
 
 def _list(as_json: bool) -> None:
     """Prints the built-in trainers, from their table alone."""
-    from dohyo.agents.learning.registry import TRAINERS
+    from dohyo.agents.trainers import TRAINERS
 
     rows = [{"name": name, "summary": one.summary, "writes": one.writes} for name, one in TRAINERS.items()]
     print_listing(rows, as_json)

@@ -18,11 +18,11 @@ from dohyo.agents.learning.evaluation import evaluate
 from dohyo.agents.learning.export import export
 from dohyo.agents.learning.networks import ObservationEncoder
 from dohyo.agents.learning.policy import Actor, EncodedPolicy, PpoActor, actor_for, distribution_at
-from dohyo.agents.learning.registry import Trainer, TrainRequest
 from dohyo.agents.learning.report import Report
 from dohyo.agents.learning.run import Run
 from dohyo.agents.learning.supervised import FREE, Cosine, Fit, SupervisedConfig, fit, shuffled
 from dohyo.agents.learning.task import Array, Task, check_task, named
+from dohyo.agents.learning.trainer import Trainer, TrainRequest
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
 

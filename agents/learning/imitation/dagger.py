@@ -23,9 +23,9 @@ from dohyo.agents.learning.export import Exportable
 from dohyo.agents.learning.imitation.behaviour_cloning import ImitatingPolicy, Labels, PolicyConfig, cloning_loss
 from dohyo.agents.learning.metrics import Number
 from dohyo.agents.learning.policy import Actor
-from dohyo.agents.learning.registry import Trainer, TrainRequest
 from dohyo.agents.learning.run import Run
 from dohyo.agents.learning.task import Array, Task
+from dohyo.agents.learning.trainer import Trainer, TrainRequest
 from dohyo.agents.learning.training import train
 from dohyo.sumo_networks.arrays import BoolArray, IntArray
 from dohyo.sumo_networks.config import Config

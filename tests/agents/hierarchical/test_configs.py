@@ -9,8 +9,8 @@ import pytest
 
 from dohyo.agents.hierarchical.hierarchy import FLAT, MASTER
 from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
-from dohyo.agents.learning.registry import TRAINERS, trainer_named
 from dohyo.agents.learning.settings import read_settings
+from dohyo.agents.trainers import TRAINERS, trainer_named
 
 CONFIGS = Path(__file__).parents[3] / "agents" / "hierarchical" / "configs"
 FILES = {**{name.value: name.value for name in Manoeuvre}, FLAT: DRIVE, MASTER: MASTER}

@@ -19,9 +19,9 @@ import torch
 
 from dohyo.agents.learning.checkpoint import load_checkpoint
 from dohyo.agents.learning.gymnasium_task import GYMNASIUM, GymnasiumConfig
-from dohyo.agents.learning.registry import TrainRequest
 from dohyo.agents.learning.report import no_report
 from dohyo.agents.learning.settings import read_settings
+from dohyo.agents.learning.trainer import TrainRequest
 from dohyo.sumo_networks.errors import InvalidInputError
 
 ROOT = Path(__file__).parents[3]

@@ -21,8 +21,8 @@ from dohyo.agents.learning.behaviour import DEMONSTRATOR
 from dohyo.agents.learning.collector import Collector
 from dohyo.agents.learning.config import PpoConfig
 from dohyo.agents.learning.ppo import Ppo
-from dohyo.agents.learning.registry import Trainer, TrainRequest
 from dohyo.agents.learning.report import no_report
+from dohyo.agents.learning.trainer import Trainer, TrainRequest
 from dohyo.agents.perception.encoders.local_mixing import LEARNING_RATE, LocalMixing
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.problems import BEST_RETURN, STEP, Lock, Point, Sign

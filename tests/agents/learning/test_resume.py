@@ -16,9 +16,9 @@ from safetensors.torch import load_file
 
 from dohyo.agents.learning import training
 from dohyo.agents.learning.ppo import Ppo
-from dohyo.agents.learning.registry import TrainRequest
 from dohyo.agents.learning.report import no_report
 from dohyo.agents.learning.run import RunStoppedError
+from dohyo.agents.learning.trainer import TrainRequest
 from dohyo.service.cli import main
 from tests.agents.learning.toys import POINT, PointConfig
 

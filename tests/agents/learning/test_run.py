@@ -15,15 +15,15 @@ import pytest
 from safetensors import safe_open
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from dohyo.agents.learning import registry
+from dohyo.agents import trainers
 from dohyo.agents.learning.card import read_card
 from dohyo.agents.learning.config import RunConfig
 from dohyo.agents.learning.metrics import Table
 from dohyo.agents.learning.policy import Actor
-from dohyo.agents.learning.registry import TrainRequest
 from dohyo.agents.learning.report import Report, no_report
 from dohyo.agents.learning.run import Run, RunStoppedError, Stop
 from dohyo.agents.learning.settings import read_settings
+from dohyo.agents.learning.trainer import TrainRequest
 from dohyo.service.cli import main
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.problems import Point
@@ -190,8 +190,8 @@ def test_a_trainer_of_ones_own_is_found_where_the_command_runs(tmp_path, monkeyp
 
 
 def test_every_registered_trainer_is_where_the_list_says_and_says_the_same():
-    for name, listed in registry.TRAINERS.items():
-        assert registry.trainer_named(name).summary == listed.summary
+    for name, listed in trainers.TRAINERS.items():
+        assert trainers.trainer_named(name).summary == listed.summary
 
 
 def test_rows_beyond_the_checkpoint_are_dropped_and_a_torn_one_too(tmp_path):

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from dohyo.agents.learning.registry import TRAINERS
 from dohyo.agents.mcts.predictors.dataset import Shard
 from dohyo.agents.mcts.predictors.learned import Learned
+from dohyo.agents.trainers import TRAINERS
 from dohyo.service.cli import main
 from tests.agents.mcts.predictors.scenes import busy, sampled
 

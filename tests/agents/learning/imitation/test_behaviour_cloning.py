@@ -20,8 +20,8 @@ from dohyo.agents.learning.imitation.behaviour_cloning import (
     cloning_trainer,
 )
 from dohyo.agents.learning.policy import Actor, actor_for
-from dohyo.agents.learning.registry import TrainRequest
 from dohyo.agents.learning.report import no_report
+from dohyo.agents.learning.trainer import TrainRequest
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.problems import BEST_RETURN, Point
 

@@ -14,8 +14,8 @@ from tensordict import TensorDict
 from dohyo.agents.learning.collector import Collector
 from dohyo.agents.learning.imitation.behaviour_cloning import Labels, PolicyConfig
 from dohyo.agents.learning.imitation.dagger import Dagger, DaggerConfig, DaggerRunConfig, dagger_trainer
-from dohyo.agents.learning.registry import TrainRequest
 from dohyo.agents.learning.report import Report, Reporter, no_report
+from dohyo.agents.learning.trainer import TrainRequest
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.problems import BEST_RETURN, STEP, Point
 from tests.agents.learning.test_ppo import learner, trained

@@ -2,49 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
-from dohyo.agents.learning.report import Reporter
+from dohyo.agents.learning.trainer import Trainer
 from dohyo.evaluation.entry import load_entry
-from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-
-C = TypeVar("C", bound=Config)
-
-
-@dataclass(frozen=True, slots=True)
-class TrainRequest:
-    """Request for a training.
-
-    Attributes:
-        name: Of the trainer.
-        out: Folder of the run.
-        resume: Continue the existing run.
-        report: Called with the progress.
-    """
-
-    name: str
-    out: Path
-    resume: bool
-    report: Reporter
-
-
-@dataclass(frozen=True, slots=True)
-class Trainer(Generic[C]):
-    """Trainer of one system.
-
-    Attributes:
-        summary: Subject, in a few words.
-        config: Its settings.
-        train: Trains, and returns the resulting file.
-    """
-
-    summary: str
-    config: type[C]
-    train: Callable[[C, TrainRequest], Path]
 
 
 @dataclass(frozen=True, slots=True)
