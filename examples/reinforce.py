@@ -10,8 +10,10 @@ from torchrl.objectives.value.functional import reward2go
 from dohyo.agents.learning.behaviour import PolicyBehaviour
 from dohyo.agents.learning.config import RunConfig
 from dohyo.agents.learning.gymnasium_task import GymnasiumTask
+from dohyo.agents.learning.networks import ObservationEncoder
 from dohyo.agents.learning.policy import actor_for, joined
 from dohyo.agents.learning.run import Run
+from dohyo.agents.learning.task import named
 from dohyo.agents.learning.trainer import Trainer
 from dohyo.agents.learning.training import train
 
@@ -35,7 +37,7 @@ class Reinforce:
 
     def __init__(self, task, collector, config):
         self.collector, self.config, self.updates = collector, config, 0
-        features = task.observation_space.shape[0]
+        features = ObservationEncoder(named(task.observation_space)).features
         self.policy = actor_for(features, task.action_space, (64,), std=0.5, squashed=False)
         self.optimizer = torch.optim.Adam(self.policy.parameters(), config.learning_rate)
         self.behaviour = PolicyBehaviour(self.explore)
@@ -55,8 +57,8 @@ class Reinforce:
         batch = TensorDict.stack(steps, dim=1)  # (N, T)
         later = reward2go(batch["next", "reward"], batch["next", "done"], self.config.gamma, time_dim=1)[..., 0]
         parameters = self.policy.parameters_at(joined(batch["observation"]))
-        named = dict(zip(self.policy.parameter_names, parameters, strict=True))
-        log_prob = self.policy.distribution(**named).log_prob(batch["variable"])
+        density = self.policy.distribution(**dict(zip(self.policy.parameter_names, parameters, strict=True)))
+        log_prob = density.log_prob(batch["variable"])
         loss = -(log_prob * (later - later.mean()) / later.std()).mean()
         self.optimizer.zero_grad()
         loss.backward()

@@ -16,7 +16,8 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from dohyo.evaluation.agent import agent_info
-from dohyo.evaluation.benchmarks import benchmark as benchmarks
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.benchmarks.documents import BENCHMARKS
 from dohyo.evaluation.episode.runner import run_episode
 from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.running.run import read_result
@@ -37,7 +38,7 @@ PATIENCE_S = 240.0
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Holds a quickstart of two drives, and the data of a service."""
     made = tmp_path_factory.mktemp("user")
-    head, *missions = (benchmarks.BENCHMARKS / "quickstart.toml").read_text().split("[[missions]]")
+    head, *missions = (BENCHMARKS / "quickstart.toml").read_text().split("[[missions]]")
     kept = [mission for mission in missions if any(f'"{name}"' in mission for name in DRIVES)]
     (made / "benchmarks").mkdir()
     (made / "benchmarks" / "quickstart.toml").write_text("[[missions]]".join([head, *kept]))
@@ -110,7 +111,7 @@ def test_local_builtin_and_remote_give_the_same_hashes(
 def test_an_uploaded_policy_gives_the_hashes_of_its_file_here(
     evaluations: dict[str, list[dict[str, Any]]], folder: Path
 ) -> None:
-    benchmark = benchmarks.load_benchmark(str(folder / "benchmarks" / "quickstart.toml"))
+    benchmark = load_benchmark(str(folder / "benchmarks" / "quickstart.toml"))
     policy = OnnxPolicy(path=folder / "policy.onnx", name="pursuit", track="privileged", sensors=SENSORS)
     try:
         record = run_episode(
