@@ -12,10 +12,9 @@ from dohyo.agents.learning.config import RunConfig
 from dohyo.agents.learning.gymnasium_task import GymnasiumTask
 from dohyo.agents.learning.networks import ObservationEncoder
 from dohyo.agents.learning.policy import actor_for, joined
-from dohyo.agents.learning.run import Run
 from dohyo.agents.learning.task import named
 from dohyo.agents.learning.trainer import Trainer
-from dohyo.agents.learning.training import train
+from dohyo.agents.learning.training import train_task
 
 
 class ReinforceConfig(RunConfig):
@@ -88,12 +87,8 @@ class Reinforce:
 
 def train_reinforce(config, request):
     """Trains, and returns the best policy's file."""
-    task, run = GymnasiumTask(config.env), Run(request.name, request.out, config, request.resume)
-    try:
-        train(lambda collector, device: Reinforce(task, collector, config), task, run, request.report)
-    finally:
-        run.close()
-    return run.folder / "best.onnx"
+    task = GymnasiumTask(config.env)
+    return train_task(lambda collector, run: Reinforce(task, collector, config), task, config, request)
 
 
 REINFORCE = Trainer("REINFORCE on a gymnasium environment", ReinforceConfig, train_reinforce)

@@ -43,10 +43,10 @@ from dohyo.agents.learning.collector import Collector, Finished
 from dohyo.agents.learning.config import Positive, RunConfig, Share
 from dohyo.agents.learning.export import Exportable
 from dohyo.agents.learning.metrics import Number
-from dohyo.agents.learning.run import Run
+from dohyo.agents.learning.run import TaskRun
 from dohyo.agents.learning.task import SINGLE, Array
 from dohyo.agents.learning.trainer import Trainer, TrainRequest
-from dohyo.agents.learning.training import train
+from dohyo.agents.learning.training import train_task
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array
 from dohyo.sumo_networks.config import Config
 
@@ -402,21 +402,16 @@ class OptionCritic:
         self._rng, self.updates = generator_of(state["choices"]), state["updates"]
 
 
-def train_master(config: MasterConfig, order: TrainRequest) -> Path:
+def train_master(config: MasterConfig, request: TrainRequest) -> Path:
     """Trains the master of a folder of sub-policies."""
     policies = read_sub_policies(config.options)
     task = MissionTask(policies.state, policies.steering, config.form, config.rules_when_critical, config.held_out)
-    run = Run(order.name, order.out, config, order.resume)
 
-    def learner(collector: Collector, device: torch.device) -> OptionCritic:
+    def learner(collector: Collector, run: TaskRun) -> OptionCritic:
         master = master_of(policies, config.option_critic.hidden, config.option_critic.tempo)
-        return OptionCritic(master, collector, config.option_critic, config.seed, device)
+        return OptionCritic(master, collector, config.option_critic, config.seed, run.device)
 
-    try:
-        train(learner, task, run, order.report)
-    finally:
-        run.close()
-    return run.folder / "best.safetensors"
+    return train_task(learner, task, config, request)
 
 
 def _mean(values: list[float] | list[int]) -> float | None:

@@ -166,7 +166,7 @@ class Collector:
             after the step (an episode's last one at its end), "reward", "terminated", "truncated" and "done" (N, 1).
 
         Raises:
-            TaskError: The task's code failed.
+            EnvError: The task's code failed.
             SimulationError: Simulations fail again and again; if one does, its episode is cut off and the next begins.
         """
         observation, reward, terminated, truncated, infos = self._answer()

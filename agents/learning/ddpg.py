@@ -17,12 +17,9 @@ from pydantic import Field
 from tensordict import TensorDictBase
 from torch import Tensor, nn
 
-from dohyo.agents.learning.collector import Collector
 from dohyo.agents.learning.config import Positive, Share
-from dohyo.agents.learning.networks import Critics, DeterministicHead, ObservationEncoder, frozen, soft_update
+from dohyo.agents.learning.networks import Critics, DeterministicHead, frozen, soft_update
 from dohyo.agents.learning.off_policy import OffPolicy, OffPolicyConfig, weighted
-from dohyo.agents.learning.replay import Replay
-from dohyo.agents.learning.task import Task, named
 from dohyo.agents.learning.vectors import ActionVector
 from dohyo.agents.perception.encoders.local_mixing import parameter_groups
 
@@ -59,38 +56,16 @@ class DdpgPolicy(nn.Module):
         return {"policy": "ddpg"}
 
 
-class Ddpg(OffPolicy):
+class Ddpg(OffPolicy[DdpgConfig]):
     """DDPG on a collector's rows; see `OffPolicy`."""
 
     losses = ("loss_critic", "loss_actor", "value")
 
-    def __init__(
-        self,
-        task: Task,
-        collector: Collector,
-        replay: Replay,
-        config: DdpgConfig,
-        device: torch.device,
-        encoder: nn.Module | None = None,
-        **options: Any,
-    ) -> None:
-        """Draws weights from torch's generator.
-
-        Args:
-            task: What is learned; its actions are a vector.
-            collector: Of the task.
-            replay: See `make_replay`.
-            config: Settings.
-            device: Of networks and batches.
-            encoder: Named observations -> (B, `features`); None: vectors are joined.
-            options: See `OffPolicy`.
-        """
-        super().__init__(task, collector, replay, config, device, **options)
-        self._config = config
-        self.encoder = (encoder or ObservationEncoder(named(task.observation_space))).to(device)
-        features, actions = int(self.encoder.features), self._unit.size  # type: ignore[arg-type]
-        self.actor = DeterministicHead(features, actions, config.hidden).to(device)
-        self.critic = Critics(features, actions, config.hidden, count=1).to(device)
+    def build(self, features: int) -> None:
+        """See `OffPolicy`."""
+        config, actions = self._config, self._unit.size
+        self.actor = DeterministicHead(features, actions, config.hidden).to(self._device)
+        self.critic = Critics(features, actions, config.hidden, count=1).to(self._device)
         self.target_actor = deepcopy(self.actor).requires_grad_(False)
         self.target_critic = deepcopy(self.critic).requires_grad_(False)
         self.policy = DdpgPolicy(self.encoder, self.actor, self._unit)

@@ -40,34 +40,48 @@ def check_environments(environments: Environments) -> None:
         raise InvalidInputError(f"{what}: expected groups that divide {environments.num_envs} rows, got {group}")
 
 
-class ActionRepeat(VectorWrapper):
-    """Repeats every action for some steps; rewards are summed, and a row that ends does not act on."""
+class _Counted(VectorWrapper):
+    """Wrapper with a count, that offers all that the environments offer.
+
+    Attributes:
+        count: At least 1.
+    """
 
     def __init__(self, environments: VectorEnv[Any, Any, Any], count: int) -> None:
         """Wraps environments.
 
         Args:
             environments: See the module.
-            count: Steps of every action, at least 1.
+            count: See the wrapper.
 
         Raises:
             InvalidInputError: The count is below 1.
         """
         if count < 1:
-            raise InvalidInputError(f"expected an action repeat of at least 1, got {count}")
+            raise InvalidInputError(f"{type(self).__name__}: expected a count of at least 1, got {count}")
         super().__init__(environments)
-        self._count = count
+        self.count = count
 
     def __getattr__(self, name: str) -> Any:
-        """What the environments offer beside gymnasium's methods, but for asynchronous steps."""
-        if name.startswith("_") or name in ("step_async", "step_wait"):
+        """What the environments offer beside gymnasium's methods."""
+        if name.startswith("_"):
             raise AttributeError(name)
         return getattr(self.env, name)
+
+
+class ActionRepeat(_Counted):
+    """Repeats every action for `count` steps; rewards are summed, and a row that ends does not act on."""
+
+    def __getattr__(self, name: str) -> Any:
+        """As all wrappers, but for asynchronous steps, of which only the first could be."""
+        if name in ("step_async", "step_wait"):
+            raise AttributeError(name)
+        return super().__getattr__(name)
 
     def step(self, actions: Array) -> Step:
         """See `VectorEnv`."""
         observation, reward, terminated, truncated, infos = self.env.step(actions)
-        for _ in range(self._count - 1):
+        for _ in range(self.count - 1):
             over = terminated | truncated
             if over.all():
                 break
@@ -80,23 +94,12 @@ class ActionRepeat(VectorWrapper):
         return observation, reward, terminated, truncated, infos
 
 
-class FrameStack(VectorWrapper):
-    """Stacks the last pictures along their channels; an episode's first picture is repeated. Vectors stay."""
+class FrameStack(_Counted):
+    """Stacks the last `count` pictures along their channels; an episode's first one is repeated. Vectors stay."""
 
     def __init__(self, environments: VectorEnv[Any, Any, Any], count: int) -> None:
-        """Wraps environments.
-
-        Args:
-            environments: See the module.
-            count: Pictures in a stack, at least 1.
-
-        Raises:
-            InvalidInputError: The count is below 1.
-        """
-        if count < 1:
-            raise InvalidInputError(f"expected a stack of at least 1 picture, got {count}")
-        super().__init__(environments)
-        self.count = count
+        """See `_Counted`."""
+        super().__init__(environments, count)
         spaces = environments.single_observation_space
         assert isinstance(spaces, Dict)
         self._pictures = [name for name, space in spaces.items() if len(space.shape or ()) == 3]
@@ -104,12 +107,6 @@ class FrameStack(VectorWrapper):
         self.single_observation_space = Dict(stacked)
         self.observation_space = batch_space(self.single_observation_space, environments.num_envs)
         self._stacks: dict[str, Array] = {}
-
-    def __getattr__(self, name: str) -> Any:
-        """What the environments offer beside gymnasium's methods."""
-        if name.startswith("_"):
-            raise AttributeError(name)
-        return getattr(self.env, name)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> Reset:
         """See `VectorEnv`."""

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import gymnasium
-import torch
 from gymnasium.spaces import Box, Dict, Discrete
 
 from dohyo.agents.learning.collector import Collector
@@ -23,11 +22,11 @@ from dohyo.agents.learning.iqn import Iqn, IqnConfig
 from dohyo.agents.learning.networks import ObservationEncoder
 from dohyo.agents.learning.off_policy import make_replay
 from dohyo.agents.learning.ppo import Ppo, ppo_actor
-from dohyo.agents.learning.run import Run, TaskRun
+from dohyo.agents.learning.run import TaskRun
 from dohyo.agents.learning.sac import Sac, SacConfig
 from dohyo.agents.learning.task import Env, Task, check_task, held_out_seeds, named
 from dohyo.agents.learning.trainer import Trainer, TrainRequest
-from dohyo.agents.learning.training import train
+from dohyo.agents.learning.training import train_task
 from dohyo.sumo_networks.errors import InvalidInputError
 
 OFF_POLICY: dict[str, type[Sac | Ddpg | Iqn]] = {"sac": Sac, "ddpg": Ddpg, "iqn": Iqn}
@@ -111,15 +110,13 @@ class GymnasiumTask(Task):
         return in_our_form(env, self.env)
 
 
-def make_learner(
-    task: Task, settings: GymnasiumConfig, run: TaskRun, collector: Collector, device: torch.device
-) -> Any:
+def make_learner(task: Task, settings: GymnasiumConfig, run: TaskRun, collector: Collector) -> Any:
     """Learner of the algorithm that the settings name."""
     if settings.algorithm == "ppo":
-        return Ppo(task, collector, settings.ppo, device, settings.seed)
+        return Ppo(task, collector, settings.ppo, run.device, settings.seed)
     config = getattr(settings, settings.algorithm)
     replay = make_replay(task, run, config, rows=len(collector))
-    return OFF_POLICY[settings.algorithm](task, collector, replay, config, device)
+    return OFF_POLICY[settings.algorithm](task, collector, replay, config, run.device)
 
 
 def check_fit(task: Task, settings: GymnasiumConfig) -> None:
@@ -135,12 +132,7 @@ def check_fit(task: Task, settings: GymnasiumConfig) -> None:
 def _train(settings: GymnasiumConfig, request: TrainRequest) -> Path:
     task = GymnasiumTask(settings.env, settings.episodes)
     check_fit(task, settings)
-    run = Run(request.name, request.out, settings, request.resume)
-    try:
-        train(lambda collector, device: make_learner(task, settings, run, collector, device), task, run, request.report)
-    finally:
-        run.close()
-    return run.folder / "best.safetensors"
+    return train_task(lambda collector, run: make_learner(task, settings, run, collector), task, settings, request)
 
 
 GYMNASIUM = Trainer("any gymnasium environment, by PPO, SAC, DDPG or IQN", GymnasiumConfig, _train)

@@ -12,12 +12,9 @@ from pydantic import Field
 from tensordict import TensorDictBase
 from torch import Tensor, nn
 
-from dohyo.agents.learning.collector import Collector
 from dohyo.agents.learning.config import Positive, Share
-from dohyo.agents.learning.networks import ObservationEncoder, QuantileNetwork, soft_update
+from dohyo.agents.learning.networks import QuantileNetwork, soft_update
 from dohyo.agents.learning.off_policy import OffPolicy, OffPolicyConfig, weighted
-from dohyo.agents.learning.replay import Replay
-from dohyo.agents.learning.task import Task, named
 from dohyo.agents.perception.encoders.local_mixing import parameter_groups
 
 
@@ -78,41 +75,19 @@ class IqnPolicy(nn.Module):
         return {"policy": "iqn"}
 
 
-class Iqn(OffPolicy):
+class Iqn(OffPolicy[IqnConfig]):
     """IQN on a collector's rows; see `OffPolicy`."""
 
     losses = ("loss", "value", "exploration")
     actions = Discrete
 
-    def __init__(
-        self,
-        task: Task,
-        collector: Collector,
-        replay: Replay,
-        config: IqnConfig,
-        device: torch.device,
-        encoder: nn.Module | None = None,
-        **options: Any,
-    ) -> None:
-        """Draws weights from torch's generator.
-
-        Args:
-            task: What is learned; its actions are discrete.
-            collector: Of the task.
-            replay: See `make_replay`.
-            config: Settings.
-            device: Of networks and batches.
-            encoder: Named observations -> (B, `features`); None: vectors are joined.
-            options: See `OffPolicy`.
-        """
-        super().__init__(task, collector, replay, config, device, **options)
-        self._config, self._choices = config, self._unit.size
-        self.encoder = (encoder or ObservationEncoder(named(task.observation_space))).to(device)
-        features = int(self.encoder.features)  # type: ignore[arg-type]
-        self.network = QuantileNetwork(features, self._choices, config.hidden).to(device)
+    def build(self, features: int) -> None:
+        """See `OffPolicy`."""
+        config, self._choices = self._config, self._unit.size
+        self.network = QuantileNetwork(features, self._choices, config.hidden).to(self._device)
         self.target = deepcopy(self.network).requires_grad_(False)
-        self.policy = IqnPolicy(self.encoder, self.network, config.greedy_quantiles).to(device)
-        self._target_policy = IqnPolicy(self.encoder, self.target, config.greedy_quantiles).to(device)
+        self.policy = IqnPolicy(self.encoder, self.network, config.greedy_quantiles).to(self._device)
+        self._target_policy = IqnPolicy(self.encoder, self.target, config.greedy_quantiles).to(self._device)
         self._parameters = [*self.encoder.parameters(), *self.network.parameters()]
         learned = parameter_groups(self.encoder, self.network)
         self._optimizer = torch.optim.Adam(learned, lr=config.learning_rate, fused=True)

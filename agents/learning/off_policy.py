@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 import torch
@@ -18,7 +18,7 @@ from dohyo.agents.learning.collector import Collector, outcome
 from dohyo.agents.learning.config import Positive, Share
 from dohyo.agents.learning.export import Exportable
 from dohyo.agents.learning.metrics import Number
-from dohyo.agents.learning.networks import evaluating
+from dohyo.agents.learning.networks import ObservationEncoder, evaluating
 from dohyo.agents.learning.replay import Replay, ReplayConfig
 from dohyo.agents.learning.run import TaskRun
 from dohyo.agents.learning.task import Array, Task, named
@@ -52,6 +52,9 @@ class OffPolicyConfig(Config):
     round_steps: Positive = 1000
 
 
+C = TypeVar("C", bound=OffPolicyConfig)
+
+
 def make_replay(task: Task, run: TaskRun, config: OffPolicyConfig, rows: int, **options: Any) -> Replay:
     """Replay in a run's folder, with slack for what two checkpoint intervals add.
 
@@ -69,7 +72,7 @@ def make_replay(task: Task, run: TaskRun, config: OffPolicyConfig, rows: int, **
     return Replay(run.folder / "replay", spaces, config.replay, gamma=config.gamma, slack=slack, seed=seed, **options)
 
 
-class OffPolicy(ABC):
+class OffPolicy(ABC, Generic[C]):
     """Learner from replayed transitions.
 
     Attributes:
@@ -93,34 +96,42 @@ class OffPolicy(ABC):
         task: Task,
         collector: Collector,
         replay: Replay,
-        config: OffPolicyConfig,
+        config: C,
         device: torch.device,
+        encoder: nn.Module | None = None,
         make_behaviour: Callable[[Act], Behaviour] = PolicyBehaviour,
         augment: Augment | None = None,
     ) -> None:
-        """Prepares what all algorithms share.
+        """Draws weights from torch's generator.
 
         Args:
-            task: What is learned.
+            task: What is learned; its actions are of the algorithm's kind.
             collector: Of the task.
             replay: See `make_replay`.
             config: Settings.
             device: Of networks and batches.
+            encoder: Named observations -> (B, `features`); None: vectors are joined.
             make_behaviour: From the exploring policy to what drives, such as a mixture with a demonstrator.
             augment: See `Augment`.
 
         Raises:
-            InvalidInputError: The task's actions are of another kind than the algorithm's.
+            InvalidInputError: The task's actions are of another kind, or a picture has no encoder.
         """
         self.check(task)
         self._collector, self.replay, self._device, self._augment = collector, replay, device, augment
         space: Any = task.action_space
-        self._settings, self._space = config, space
+        self._config, self._space = config, space
         self._behaviour = make_behaviour(self._choose)
         self._shares = {DEMONSTRATOR: config.demonstrated_share} if config.demonstrated_share else {}
         self._unit = ActionVector(space).to(device)
         self._due = 0.0  # gradient steps that are due
         self.updates = 0
+        self.encoder = (encoder or ObservationEncoder(named(task.observation_space))).to(device)
+        self.build(int(self.encoder.features))  # type: ignore[arg-type]
+
+    @abstractmethod
+    def build(self, features: int) -> None:
+        """Makes the networks on `features` numbers, their optimiser, and the policy that is shipped."""
 
     @classmethod
     def check(cls, task: Task) -> None:
@@ -147,20 +158,20 @@ class OffPolicy(ABC):
     def parts(self) -> Mapping[str, Any]:
         """Modules and optimisers that a checkpoint holds, by name."""
 
-    def begin(self) -> None:  # noqa: B027 - not abstract: there is nothing to do
+    def begin(self) -> None:
         """See `Learner`."""
 
     def round(self) -> dict[str, Number]:
         """Takes `round_steps` steps everywhere; environments in processes simulate while the learner updates."""
         sums: dict[str, Tensor] = {}
         before = self.updates
-        for _ in self._collector.round(self._settings.round_steps):
+        for _ in self._collector.round(self._config.round_steps):
             steps = self._collector.steps
             self._collector.send(self._behaviour)
             self._update(sums)
             self.replay.add(self._collector.receive())
-            if self._collector.steps > self._settings.learning_starts:
-                self._due += self._settings.updates_per_step * (self._collector.steps - steps)
+            if self._collector.steps > self._config.learning_starts:
+                self._due += self._config.updates_per_step * (self._collector.steps - steps)
         means = {name: float(total) / (self.updates - before) for name, total in sums.items()}
         row: dict[str, Number] = {"updates": self.updates, "episodes": self._collector.finished_count}
         finished = self._collector.finished()
@@ -171,7 +182,7 @@ class OffPolicy(ABC):
     def _update(self, sums: dict[str, Tensor]) -> None:
         """Takes the gradient steps that are due, and adds their losses to the sums."""
         while self._due >= 1.0:
-            batch: TensorDictBase = self.replay.sample(self._settings.batch, self._shares)
+            batch: TensorDictBase = self.replay.sample(self._config.batch, self._shares)
             if self._device.type != "cpu":
                 batch = batch.to(self._device)
             if self._augment is not None:
@@ -201,7 +212,7 @@ class OffPolicy(ABC):
 
     def _choose(self, observation: TensorDict) -> TensorDict:
         """Actions with exploration; random ones before the learning starts."""
-        if self._collector.steps < self._settings.learning_starts:
+        if self._collector.steps < self._config.learning_starts:
             count = len(observation)
             if isinstance(self._space, Discrete):
                 action = torch.randint(int(self._space.n), (count,))
@@ -215,7 +226,7 @@ class OffPolicy(ABC):
     def _discount(self, batch: TensorDictBase) -> Tensor:
         """(B,) discounts of what follows the n steps of each return, 0 behind a terminal observation."""
         steps, follows = batch["next", "steps_to_next_obs"], ~batch["next", "terminated"]
-        discount = self._settings.gamma**steps if self._settings.replay.steps > 1 else self._settings.gamma
+        discount = self._config.gamma**steps if self._config.replay.steps > 1 else self._config.gamma
         discounts: Tensor = (follows * discount).squeeze(-1)
         return discounts
 

@@ -17,13 +17,10 @@ from pydantic import Field
 from tensordict import TensorDictBase
 from torch import Tensor, nn
 
-from dohyo.agents.learning.collector import Collector
 from dohyo.agents.learning.config import Positive, Share
 from dohyo.agents.learning.distributions import squashed_gaussian
-from dohyo.agents.learning.networks import Critics, GaussianHead, ObservationEncoder, frozen, soft_update
+from dohyo.agents.learning.networks import Critics, GaussianHead, frozen, soft_update
 from dohyo.agents.learning.off_policy import OffPolicy, OffPolicyConfig, weighted
-from dohyo.agents.learning.replay import Replay
-from dohyo.agents.learning.task import Task, named
 from dohyo.agents.learning.vectors import ActionVector
 from dohyo.agents.perception.encoders.local_mixing import parameter_groups
 
@@ -63,40 +60,18 @@ class SacPolicy(nn.Module):
         return {"policy": "sac"}
 
 
-class Sac(OffPolicy):
+class Sac(OffPolicy[SacConfig]):
     """SAC on a collector's rows; see `OffPolicy`."""
 
     losses = ("loss_critic", "loss_actor", "loss_alpha", "alpha", "entropy")
 
-    def __init__(
-        self,
-        task: Task,
-        collector: Collector,
-        replay: Replay,
-        config: SacConfig,
-        device: torch.device,
-        encoder: nn.Module | None = None,
-        **options: Any,
-    ) -> None:
-        """Draws weights from torch's generator.
-
-        Args:
-            task: What is learned; its actions are a vector.
-            collector: Of the task.
-            replay: See `make_replay`.
-            config: Settings.
-            device: Of networks and batches.
-            encoder: Named observations -> (B, `features`); None: vectors are joined.
-            options: See `OffPolicy`.
-        """
-        super().__init__(task, collector, replay, config, device, **options)
-        self._config = config
-        self.encoder = (encoder or ObservationEncoder(named(task.observation_space))).to(device)
-        features, actions = int(self.encoder.features), self._unit.size  # type: ignore[arg-type]
-        self.actor = GaussianHead(features, actions, config.hidden).to(device)
-        self.critics = Critics(features, actions, config.hidden, count=2).to(device)
+    def build(self, features: int) -> None:
+        """See `OffPolicy`."""
+        config, actions = self._config, self._unit.size
+        self.actor = GaussianHead(features, actions, config.hidden).to(self._device)
+        self.critics = Critics(features, actions, config.hidden, count=2).to(self._device)
         self.target = deepcopy(self.critics).requires_grad_(False)
-        self.log_alpha = nn.Parameter(torch.tensor(config.initial_alpha, device=device).log())
+        self.log_alpha = nn.Parameter(torch.tensor(config.initial_alpha, device=self._device).log())
         self.policy = SacPolicy(self.encoder, self.actor, self._unit)
         learned = parameter_groups(self.encoder, self.actor, self.critics, nn.ParameterList([self.log_alpha]))
         self._optimizer = torch.optim.Adam(learned, lr=config.learning_rate, fused=True)

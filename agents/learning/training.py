@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
 from typing import Any, Protocol
 
 import torch
@@ -10,13 +12,15 @@ from tensordict import TensorDict
 
 from dohyo.agents.learning.checkpoint import random_state, restore_random_state
 from dohyo.agents.learning.collector import Collector
+from dohyo.agents.learning.config import RunConfig
 from dohyo.agents.learning.environments import check_environments
 from dohyo.agents.learning.evaluation import COLUMNS, evaluate
 from dohyo.agents.learning.export import Exportable, export
 from dohyo.agents.learning.metrics import Number
 from dohyo.agents.learning.report import Report, Reporter, no_report
-from dohyo.agents.learning.run import RunStoppedError, Stop, TaskRun
+from dohyo.agents.learning.run import Run, RunStoppedError, Stop, TaskRun
 from dohyo.agents.learning.task import Array, Environments, Task, check_task, named
+from dohyo.agents.learning.trainer import TrainRequest
 
 
 class Learner(Protocol):
@@ -50,7 +54,33 @@ class Learner(Protocol):
         """Restores a state."""
 
 
-MakeLearner = Callable[[Collector, torch.device], Learner]
+MakeLearner = Callable[[Collector, TaskRun], Learner]
+"""Makes the learner of a run, on its device and in its folder."""
+
+
+def train_task(make_learner: MakeLearner, task: Task, settings: RunConfig, request: TrainRequest) -> Path:
+    """Trains in the folder that a request names; what a trainer of `dohyo train` does.
+
+    Args:
+        make_learner: See `MakeLearner`.
+        task: What is learned.
+        settings: Of the run.
+        request: Names folder and report.
+
+    Returns:
+        The best policy's weights.
+
+    Raises:
+        InvalidInputError: The folder holds another run, or the task cannot be used.
+        RunStoppedError: See `train`.
+        SimulationError: See `train`.
+    """
+    run = Run(request.name, request.out, settings, request.resume)
+    try:
+        train(make_learner, task, run, request.report)
+    finally:
+        run.close()
+    return run.folder / "best.safetensors"
 
 
 def train(make_learner: MakeLearner, task: Task, run: TaskRun, report: Reporter = no_report) -> dict[str, Number]:
@@ -60,7 +90,7 @@ def train(make_learner: MakeLearner, task: Task, run: TaskRun, report: Reporter 
     checkpoint falls on a number of steps, and all running episodes are cut there.
 
     Args:
-        make_learner: Makes the learner from the collector and torch's device.
+        make_learner: See `MakeLearner`.
         task: What is learned.
         run: Its folder and configuration.
         report: Called after every round.
@@ -76,18 +106,17 @@ def train(make_learner: MakeLearner, task: Task, run: TaskRun, report: Reporter 
     check_task(task)
     torch.set_num_threads(1)
     torch.manual_seed(run.config.seed)
-    config = run.config
-    environments = task.make_environments(config.processes or config.environments, processes=config.processes > 0)
-    held_out = task.make_environments(task.judged_at_once, processes=config.processes > 0 or task.alone)
-    try:
+    config, apart = run.config, run.config.processes > 0
+    with ExitStack() as open_:
+        environments = task.make_environments(config.processes or config.environments, processes=apart)
+        open_.callback(environments.close)
+        held_out = task.make_environments(task.judged_at_once, processes=apart or task.alone)
+        open_.callback(held_out.close)
         check_environments(environments)
         collector = Collector(environments, task, config.seed)
-        session = _Session(run, task, make_learner(collector, run.device), collector, held_out)
+        session = _Session(run, task, make_learner(collector, run), collector, held_out)
         with Stop().listening() as stop:
             return session.train(stop, report)
-    finally:
-        environments.close()
-        held_out.close()
 
 
 class _Session:

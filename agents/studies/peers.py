@@ -118,6 +118,11 @@ CARTPOLE = Match("CartPole-v1", "iqn", "DQN", 50_000, _IQN, _DQN)
 MATCHES = (CARTPOLE, *_continuous("Pendulum-v1", 10_000, 100_000), *_continuous("Hopper-v5", 100_000, 100_000))
 
 
+def _match(env: str, algorithm: str) -> Match:
+    (match,) = [one for one in MATCHES if (one.env, one.algorithm) == (env, algorithm)]
+    return match
+
+
 def train_ours(match: Match, seed: int) -> tuple[Callable[[TensorDict], Array], int]:
     """A policy that our algorithm learned, and its gradient steps."""
     torch.manual_seed(seed)
@@ -198,7 +203,7 @@ def work(options: Options, job: Job) -> Iterator[Row]:
     torch.set_num_threads(1)
     for cell in job:
         algorithm, library = cell.arm.split(", ")
-        (match,) = [one for one in MATCHES if (one.env, one.algorithm) == (cell.benchmark, algorithm)]
+        match = _match(cell.benchmark, algorithm)
         began = time.process_time()
         act, updates = LIBRARIES[library](match, cell.training_seed or 0)
         core_s = time.process_time() - began
@@ -218,7 +223,9 @@ def table(results: Results) -> str:
         mine = [row for row in rows if (row["benchmark"], row["arm"]) == (env, arm)]
         value = mean_estimate([float(row["return"]) for row in mine])
         rate = sum(row["updates"] for row in mine) / sum(row["core_s"] for row in mine)
-        lines.append([env, *arm.split(", "), f"{mine[0]['steps']:,}", str(len(mine)), fixed(value), f"{rate:.0f}"])
+        algorithm, library = arm.split(", ")
+        name = algorithm.upper() if library == "dohyo" else _match(env, algorithm).peer
+        lines.append([env, name, library, f"{mine[0]['steps']:,}", str(len(mine)), fixed(value), f"{rate:.0f}"])
     heads = ["environment", "algorithm", "library", "steps", "trainings", "return", "updates/s"]
     return markdown(heads, lines) if lines else ""
 

@@ -23,10 +23,10 @@ from dohyo.agents.learning.export import Exportable
 from dohyo.agents.learning.imitation.behaviour_cloning import ImitatingPolicy, Labels, PolicyConfig, cloning_loss
 from dohyo.agents.learning.metrics import Number
 from dohyo.agents.learning.policy import Actor
-from dohyo.agents.learning.run import Run
+from dohyo.agents.learning.run import TaskRun
 from dohyo.agents.learning.task import Array, Task
 from dohyo.agents.learning.trainer import Trainer, TrainRequest
-from dohyo.agents.learning.training import train
+from dohyo.agents.learning.training import train_task
 from dohyo.sumo_networks.arrays import BoolArray, IntArray
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -171,17 +171,13 @@ def dagger_trainer(summary: str, config: type[C], task_of: Callable[[C], Task]) 
         task_of: The task of some settings.
     """
 
-    def train_dagger(settings: C, order: TrainRequest) -> Path:
-        task, run = task_of(settings), Run(order.name, order.out, settings, order.resume)
+    def train_dagger(settings: C, request: TrainRequest) -> Path:
+        task = task_of(settings)
 
-        def learner(collector: Collector, device: torch.device) -> Dagger:
-            return Dagger(task, collector, settings.dagger, device, settings.seed)
+        def learner(collector: Collector, run: TaskRun) -> Dagger:
+            return Dagger(task, collector, settings.dagger, run.device, settings.seed)
 
-        try:
-            train(learner, task, run, order.report)
-        finally:
-            run.close()
-        return run.folder / "best.safetensors"
+        return train_task(learner, task, settings, request)
 
     return Trainer(summary, config, train_dagger)
 

@@ -24,5 +24,5 @@ def test_both_libraries_train_and_are_judged_alike(tmp_path: Path, monkeypatch: 
     assert all(row["steps"] == 400 and -2500.0 < row["return"] < 0.0 for row in rows)
     assert all(abs(row["updates"] - 300) <= 1 for row in rows)
     table = peers.table(read_results(tmp_path))
-    assert "Pendulum-v1 | sac | dohyo | 400 | 1" in table
+    assert "Pendulum-v1 | SAC | dohyo | 400 | 1" in table
     assert "stable-baselines3" in table
