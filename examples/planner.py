@@ -12,7 +12,7 @@ import sys
 
 import numpy as np
 
-from dohyo.service.worker_session import WorkerSession
+from dohyo.service.client.worker_session import WorkerSession
 
 AHEAD = 10
 """Number of cells of 100 m that are averaged."""

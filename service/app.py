@@ -12,34 +12,39 @@ from anyio import to_thread
 from fastapi import FastAPI
 from fastapi.middleware.cors import CORSMiddleware
 
-from dohyo.service import errors, limits
-from dohyo.service.api import (
-    agents,
-    benchmarks,
-    comparison,
-    episodes,
-    evaluations,
-    freeway,
-    health,
-    leaderboard,
-    metrics,
-    networks,
-    observations,
-    rescoring,
-    submissions,
-    tokens,
-    webhooks,
-    workers,
-)
-from dohyo.service.api.documents import SUMMARY, TAGS, describe, problems
+from dohyo.service import errors
+from dohyo.service.accounts import routes as tokens
+from dohyo.service.benchmarks import routes as benchmarks
+from dohyo.service.boards import comparison_routes as comparison
+from dohyo.service.boards import routes as leaderboard
 from dohyo.service.dashboard import pages
 from dohyo.service.dashboard.session import SessionCookie, show_errors_as_pages
 from dohyo.service.data_folder import held, told
 from dohyo.service.database.engine import Database
-from dohyo.service.delivery import Deliverer
-from dohyo.service.episodes.scheduler import Scheduler
+from dohyo.service.episodes import routes as episodes
+from dohyo.service.evaluations import rescoring_routes as rescoring
+from dohyo.service.evaluations import routes as evaluations
+from dohyo.service.freeway import routes as freeway
+from dohyo.service.monitoring import health_routes as health
+from dohyo.service.monitoring import routes as metrics
+from dohyo.service.networks import routes as networks
+from dohyo.service.scheduling.scheduler import Scheduler
 from dohyo.service.settings import Settings
 from dohyo.service.state import Broadcast, Services
+from dohyo.service.submissions import (
+    agent_routes as agents,
+)
+from dohyo.service.submissions import (
+    observation_routes as observations,
+)
+from dohyo.service.submissions import (
+    routes as submissions,
+)
+from dohyo.service.web import limits
+from dohyo.service.web.documents import SUMMARY, TAGS, describe, problems
+from dohyo.service.webhooks import routes as webhooks
+from dohyo.service.webhooks.delivery import Deliverer
+from dohyo.service.workers import routes as workers
 
 ROUTERS = tuple(
     module.router

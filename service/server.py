@@ -13,10 +13,10 @@ import uvicorn
 from fastapi import FastAPI
 
 from dohyo.service import logs
+from dohyo.service.accounts.queries import first_admin_token
 from dohyo.service.app import create_app
 from dohyo.service.data_folder import held
 from dohyo.service.database.engine import Database
-from dohyo.service.database.tokens import first_admin_token
 from dohyo.service.settings import Settings
 from dohyo.service.state import Services
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -40,7 +40,7 @@ def run(settings: Settings, listening: Callable[[str, str | None], None]) -> boo
     """
     check_exposure(settings)
     if settings.executor == "ray":
-        from dohyo.service.episodes.cluster import check_cluster  # the extra `cluster`
+        from dohyo.service.running.cluster import check_cluster  # the extra `cluster`
 
         check_cluster(settings.ray_address)
     logs.configure()

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from fastapi import Depends, Request
 
+from dohyo.service.database.base import now
 from dohyo.service.database.engine import Database
-from dohyo.service.database.models import now
-from dohyo.service.episodes.freeway import FreewayMornings
+from dohyo.service.freeway.mornings import FreewayMornings
 from dohyo.service.settings import Settings
 
 if TYPE_CHECKING:
-    from dohyo.service.episodes.scheduler import Scheduler
+    from dohyo.service.scheduling.scheduler import Scheduler
 
 BACKLOG = 256
 

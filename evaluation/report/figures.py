@@ -11,15 +11,7 @@ from plotly.subplots import make_subplots
 
 from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord, Infraction
 from dohyo.evaluation.records.specifications import InfractionKind, Status
-from dohyo.evaluation.report.style import (
-    PALETTES,
-    agent_colours,
-    ending,
-    interval,
-    label,
-    number,
-    template,
-)
+from dohyo.evaluation.report.style import PALETTES, agent_colours, ending, interval, label, number, template
 from dohyo.evaluation.scores.driving import Rules, driving_score
 from dohyo.evaluation.statistics import Estimate, mean_estimate
 from dohyo.sumo_networks.arrays import FloatArray

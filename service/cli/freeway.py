@@ -10,11 +10,7 @@ from typing import Any
 
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from dohyo.evaluation.freeway.benchmark import (
-    ForecastBenchmark,
-    days_folder,
-    load_freeway_benchmark,
-)
+from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, days_folder, load_freeway_benchmark
 from dohyo.evaluation.freeway.page import finding, unit_word, write_page
 from dohyo.evaluation.freeway.result import FreewayResult, rows
 from dohyo.service.cli.output import DASH, console, interval, number, print_json, print_rows

@@ -6,7 +6,13 @@ from typing import Any
 
 from dohyo.service.cli.output import Json, print_listing
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.networks.entries import NetworkSize, builtin_names, network_entry, network_names, network_path
+from dohyo.sumo_networks.networks.entries import (
+    NetworkSize,
+    builtin_names,
+    network_entry,
+    network_names,
+    network_path,
+)
 
 
 def list_networks(json: Json = False) -> None:

@@ -14,10 +14,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.running.run import MANIFEST, RECORDS
 from dohyo.evaluation.statistics import Estimate
-from dohyo.service.calls import Document
 from dohyo.service.cli.evaluate import parse_seeds, parse_settings
 from dohyo.service.cli.output import DASH, SCORES, Json, console, interval, number, print_json, print_rows
-from dohyo.service.client import ENDED, POLL_S, Client
+from dohyo.service.client.calls import Document
+from dohyo.service.client.client import ENDED, POLL_S, Client
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 

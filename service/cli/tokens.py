@@ -11,12 +11,12 @@ from typing import Annotated
 import typer
 from sqlalchemy.orm import Session
 
+from dohyo.service.accounts.model import Role
+from dohyo.service.accounts.queries import create_token, list_tokens, revoke_token
+from dohyo.service.accounts.views import view_token
 from dohyo.service.cli.output import DASH, Json, console, print_json, print_rows
 from dohyo.service.cli.serve import make_settings
 from dohyo.service.database.engine import Database
-from dohyo.service.database.models import Role
-from dohyo.service.database.tokens import create_token, list_tokens, revoke_token
-from dohyo.service.views import view_token
 from dohyo.sumo_networks.errors import InvalidInputError
 
 Data = Annotated[Path | None, typer.Option(help="Folder of the service's data.")]

@@ -11,9 +11,9 @@ from dohyo.agents.registry import resolve_with
 from dohyo.evaluation.agent import agent_info, make_agent
 from dohyo.service.cli.evaluate import parse_settings
 from dohyo.service.cli.own_modules import find_own_modules
-from dohyo.service.client import Client
-from dohyo.service.worker import Driver, keep_working, work
-from dohyo.service.worker_session import WorkerSession
+from dohyo.service.client.client import Client
+from dohyo.service.client.worker import Driver, keep_working, work
+from dohyo.service.client.worker_session import WorkerSession
 
 TOKEN = "DOHYO_TOKEN"
 

@@ -24,8 +24,8 @@ from starlette.types import Scope
 
 from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.report.style import agent_colours
+from dohyo.service.accounts.queries import find_token
 from dohyo.service.dashboard.session import COOKIE, same_origin
-from dohyo.service.database.tokens import find_token
 from dohyo.service.state import ServicesOf
 
 _HERE: Final = Path(__file__).parent

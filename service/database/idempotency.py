@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
-from datetime import timedelta
+from datetime import datetime, timedelta
 
-from sqlalchemy import delete
-from sqlalchemy.orm import Session
+from sqlalchemy import String, delete
+from sqlalchemy.orm import Mapped, Session, mapped_column
 
+from dohyo.service.database.base import Base, now
 from dohyo.service.database.engine import serialise
-from dohyo.service.database.models import Idempotency, now
 from dohyo.sumo_networks.errors import InvalidInputError
+
+
+class Idempotency(Base):
+    """Result of a request with an `Idempotency-Key`, so that its repetition creates nothing new."""
+
+    __tablename__ = "idempotency"
+
+    owner: Mapped[str] = mapped_column(String(100), primary_key=True)
+    key: Mapped[str] = mapped_column(String(200), primary_key=True)
+    request_sha256: Mapped[str] = mapped_column(String(64))
+    made: Mapped[str] = mapped_column(String(32))
+    created: Mapped[datetime] = mapped_column(default=now, index=True)
+
 
 KEPT = timedelta(days=7)
 

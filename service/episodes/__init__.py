@@ -1,1 +1,1 @@
-"""Live episodes: one process each, leases of policy workers, the scheduler."""
+"""Episodes: records, replays, explanations, drives again."""

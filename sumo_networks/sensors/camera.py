@@ -26,7 +26,14 @@ from dohyo.sumo_networks.rendering.fixtures import fixtures_of
 from dohyo.sumo_networks.rendering.ground import ground_colours, ground_labels
 from dohyo.sumo_networks.rendering.labels import OF_KIND, OF_SURFACE, Label
 from dohyo.sumo_networks.rendering.perspective import Canvas
-from dohyo.sumo_networks.rendering.scene import Bodies, Models, draw_bodies, draw_buildings, draw_fixtures, draw_shadows
+from dohyo.sumo_networks.rendering.scene import (
+    Bodies,
+    Models,
+    draw_bodies,
+    draw_buildings,
+    draw_fixtures,
+    draw_shadows,
+)
 from dohyo.sumo_networks.rendering.tiles import Tiles, TileWindow, colour_tiles
 from dohyo.sumo_networks.rendering.view import CameraView, Optics, view_of
 from dohyo.sumo_networks.sensors.base import Sensor, SensorConfig, Track

@@ -22,21 +22,13 @@ from fastapi import FastAPI
 from sqlalchemy.orm import Session
 
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
-from dohyo.service.api import leaderboard
+from dohyo.service.boards import routes as leaderboard
+from dohyo.service.database.base import Base
 from dohyo.service.database.engine import Database
-from dohyo.service.database.models import (
-    Agent,
-    AgentKind,
-    Base,
-    BenchmarkVersion,
-    Episode,
-    EpisodeStatus,
-    Evaluation,
-    EvaluationStatus,
-    Submission,
-)
+from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.settings import Settings
 from dohyo.service.state import Broadcast, Services
+from dohyo.service.submissions.model import Agent, AgentKind, Submission
 
 SUBMISSIONS, EPISODES, WARM = 50, 300, 200
 SHA256 = "b" * 64

@@ -16,7 +16,7 @@ from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.records.record import AgentInfo, EgoRecord, EpisodeRecord, Versions
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.trajectory import Trajectory
-from dohyo.service.replay import encode, replay_of
+from dohyo.service.episodes.replay import encode, replay_of
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.world import ActorKind

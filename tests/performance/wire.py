@@ -32,7 +32,7 @@ from dohyo.evaluation.benchmarks.benchmark import load_benchmark  # noqa: E402
 from dohyo.evaluation.episode.runner import run_episode  # noqa: E402
 from dohyo.evaluation.records.record import AgentInfo  # noqa: E402
 from dohyo.service.settings import Settings  # noqa: E402
-from dohyo.service.wire import Format, decode, encode, encode_observations, pack  # noqa: E402
+from dohyo.service.wire.messages import Format, decode, encode, encode_observations, pack  # noqa: E402
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario  # noqa: E402
 
 BODY = {"vector": np.zeros(3000, np.float32)}  # 12 kB
@@ -42,8 +42,8 @@ READERS, READ_EVERY_S = 200, 5.0
 
 def null_episode() -> None:
     """The program of a process that answers every action with 12 kB, and never ends."""
-    from dohyo.service.episodes.channel import Channel, Kind
-    from dohyo.service.episodes.remote import SEEN
+    from dohyo.service.running.channel import Channel, Kind
+    from dohyo.service.running.remote import SEEN
 
     channel = Channel(socket.socket(fileno=int(sys.argv[1])))
     seen, tick = encode_observations({"ego": BODY}), 0
@@ -57,13 +57,15 @@ def null_episode() -> None:
 def serve_null(data: str, port: int, episodes: int) -> None:
     """A service whose every episode is a null episode."""
     from dohyo.service import server
+    from dohyo.service.accounts.model import Role
+    from dohyo.service.accounts.queries import create_token
     from dohyo.service.app import create_app
-    from dohyo.service.database.models import Agent, Role, new_id
-    from dohyo.service.database.tokens import create_token
-    from dohyo.service.episodes.lease import RemoteEpisode
-    from dohyo.service.episodes.order import EpisodeOrder
-    from dohyo.service.episodes.process import EpisodeProcess
-    from dohyo.service.episodes.scheduler import Scheduler
+    from dohyo.service.database.base import new_id
+    from dohyo.service.running.order import EpisodeOrder
+    from dohyo.service.running.process import EpisodeProcess
+    from dohyo.service.scheduling.scheduler import Scheduler
+    from dohyo.service.submissions.model import Agent
+    from dohyo.service.workers.lease import RemoteEpisode
 
     class NullScheduler(Scheduler):
         async def start(self) -> None:
@@ -185,7 +187,7 @@ def measure_null(workers: int, steps: int) -> dict[str, float]:
 
 def measure_real(quick: bool) -> dict[str, Any]:
     """A real episode here and through the service, and what readers do to its steps."""
-    from tests.service.episodes.served import STEADY, Service, info_of
+    from tests.service.served import STEADY, Service, info_of
 
     benchmark = load_benchmark("quickstart")
     one = benchmark.model_copy(update={"missions": {"all": benchmark.missions["all"][2:3]}})
@@ -226,7 +228,7 @@ def measure_real(quick: bool) -> dict[str, Any]:
 
 
 def _builtin() -> Any:
-    from dohyo.service.database.models import AgentKind
+    from dohyo.service.submissions.model import AgentKind
 
     return AgentKind.BUILTIN
 

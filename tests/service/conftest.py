@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -11,7 +11,10 @@ from pydantic import SecretStr
 from dohyo.service.database.engine import Database
 from tests.service import browsing, postgres
 from tests.service.harness import Harness, running
+from tests.service.served import Service
 from tests.service.shop import Shop
+
+MakeService = Callable[..., Service]
 
 
 @pytest.fixture(scope="session")
@@ -80,3 +83,26 @@ def private_shop(tmp_path: Path) -> Iterator[Shop]:
     made = Shop(tmp_path / "data", public=False)
     yield made
     made.services.database.close()
+
+
+@pytest.fixture
+def make_service(tmp_path: Path) -> Iterator[MakeService]:
+    """Makes a service on data of its own, not started yet."""
+    made: list[Service] = []
+
+    def make(**settings: object) -> Service:
+        made.append(Service(tmp_path / f"data-{len(made)}", **settings))
+        return made[-1]
+
+    yield make
+    for service in made:
+        service.close()
+
+
+@pytest.fixture(scope="module")
+def running_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    """A running service that the tests of a file share, each with agents of its own."""
+    shared = Service(tmp_path_factory.mktemp("data"), processes=2, remote_episodes=4)
+    shared.start()
+    yield shared
+    shared.close()

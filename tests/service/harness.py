@@ -11,13 +11,15 @@ from typing import Any
 from fastapi.testclient import TestClient
 from sqlalchemy import update
 
+from dohyo.service.accounts.model import Role
+from dohyo.service.accounts.queries import create_token
 from dohyo.service.app import create_app
+from dohyo.service.database.base import now
 from dohyo.service.database.engine import Database
-from dohyo.service.database.models import Episode, EpisodeStatus, Evaluation, EvaluationStatus, Role, now
-from dohyo.service.database.tokens import create_token
-from dohyo.service.episodes.leases import LeaseBook
+from dohyo.service.evaluations.model import Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.settings import Settings
 from dohyo.service.state import Broadcast, Services
+from dohyo.service.workers.leases import LeaseBook
 
 PASSWORD_OF_NOBODY = "dohyo_" + "A" * 43
 

@@ -15,26 +15,21 @@ from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.store import seal, write_record
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.service import errors
-from dohyo.service.api import comparison, episodes, leaderboard, metrics, rescoring
+from dohyo.service.accounts.model import Role
+from dohyo.service.accounts.queries import create_token
+from dohyo.service.boards import comparison_routes as comparison
+from dohyo.service.boards import routes as leaderboard
+from dohyo.service.database.base import Base, new_id
 from dohyo.service.database.engine import Database
-from dohyo.service.database.models import (
-    Agent,
-    AgentKind,
-    Base,
-    BenchmarkVersion,
-    Episode,
-    EpisodeStatus,
-    Evaluation,
-    EvaluationStatus,
-    Role,
-    Submission,
-    new_id,
-)
-from dohyo.service.database.tokens import create_token
+from dohyo.service.episodes import routes as episodes
 from dohyo.service.episodes.archive import archived_path
-from dohyo.service.scoring import summary_of
+from dohyo.service.evaluations import rescoring_routes as rescoring
+from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation, EvaluationStatus
+from dohyo.service.evaluations.scoring import summary_of
+from dohyo.service.monitoring import routes as metrics
 from dohyo.service.settings import Settings
 from dohyo.service.state import Broadcast, Services
+from dohyo.service.submissions.model import Agent, AgentKind, Submission
 from tests.evaluation.builders import AGENT, drive
 
 BENCHMARK = {

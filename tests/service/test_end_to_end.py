@@ -22,7 +22,7 @@ from dohyo.evaluation.episode.runner import run_episode
 from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.running.run import read_result
 from dohyo.evaluation.scores.driving import driving_score
-from dohyo.service.client import Client
+from dohyo.service.client.client import Client
 from dohyo.service.policies.agent import ENTRY, OnnxPolicy
 from examples.onnx_policy import SENSORS, export
 from tests.service.browsing import READY, visiting

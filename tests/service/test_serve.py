@@ -13,8 +13,8 @@ import httpx
 import pytest
 
 from dohyo.service.database.engine import Database
-from dohyo.service.database.evaluations import list_episodes, list_evaluations
-from dohyo.service.database.models import EpisodeStatus, Evaluation
+from dohyo.service.evaluations.model import EpisodeStatus, Evaluation
+from dohyo.service.evaluations.queries import list_episodes, list_evaluations
 from dohyo.service.server import check_exposure
 from dohyo.service.settings import Settings
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -89,7 +89,7 @@ def test_sigterm_under_load_ends_streams_and_queues_again_what_was_unfinished(tm
 
 SLOW_TO_QUEUE = """
 import dohyo.service.server, time
-from dohyo.service.api import evaluations
+from dohyo.service.evaluations import routes as evaluations
 dohyo.service.server.CLOSE_S = 0.5
 find = evaluations.find_benchmark
 evaluations.find_benchmark = lambda name: (time.sleep(3.0), find(name))[1]

@@ -13,14 +13,14 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
-from dohyo.service import delivery
-from dohyo.service.client import Client, ServiceError
-from dohyo.service.database import webhooks
-from dohyo.service.database.models import EpisodeStatus, EvaluationStatus
-from dohyo.service.worker_session import WorkerSession
+from dohyo.service.client.client import Client, ServiceError
+from dohyo.service.client.worker_session import WorkerSession
+from dohyo.service.evaluations.model import EpisodeStatus, EvaluationStatus
+from dohyo.service.webhooks import delivery
+from dohyo.service.webhooks import queries as webhooks
 from tests.service.harness import finish, running
-from tests.service.receiver import Receiver, settled
 from tests.service.serving import DOHYO, serving
+from tests.service.webhooks.receiver import Receiver, settled
 
 
 @pytest.fixture(scope="module")

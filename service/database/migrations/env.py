@@ -6,7 +6,7 @@ from alembic import context
 from sqlalchemy import Connection
 
 from dohyo.service.database.engine import Database
-from dohyo.service.database.models import Base
+from dohyo.service.database.tables import METADATA
 from dohyo.service.settings import Settings
 
 
@@ -15,7 +15,7 @@ def run(connection: Connection) -> None:
     # SQLite alters tables by making them anew.
     context.configure(
         connection=connection,
-        target_metadata=Base.metadata,
+        target_metadata=METADATA,
         render_as_batch=connection.dialect.name == "sqlite",
         compare_type=True,
         transactional_ddl=True,

@@ -13,13 +13,7 @@ import torch
 from gymnasium.spaces import Box, Dict
 from tensordict import TensorDict
 
-from dohyo.agents.learning.behaviour import (
-    DEMONSTRATOR,
-    POLICY,
-    EpisodeMixture,
-    PolicyBehaviour,
-    UncertaintyGate,
-)
+from dohyo.agents.learning.behaviour import DEMONSTRATOR, POLICY, EpisodeMixture, PolicyBehaviour, UncertaintyGate
 from dohyo.agents.learning.collector import MAX_LOST, Collector
 from dohyo.agents.learning.config import PpoConfig
 from dohyo.agents.learning.curriculum import Curriculum

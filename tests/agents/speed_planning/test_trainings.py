@@ -17,7 +17,13 @@ from dohyo.agents.learning.settings import read_settings
 from dohyo.agents.learning.trainer import TrainRequest
 from dohyo.agents.speed_planning import buffer, held_out
 from dohyo.agents.speed_planning.acc import SetPointPolicy
-from dohyo.agents.speed_planning.buffer import LearnedBuffer, RuleBuffer, Squeeze, action_of_density, density_of_action
+from dohyo.agents.speed_planning.buffer import (
+    LearnedBuffer,
+    RuleBuffer,
+    Squeeze,
+    action_of_density,
+    density_of_action,
+)
 from dohyo.agents.speed_planning.fundamental_diagram import FREEWAY
 from dohyo.agents.speed_planning.macroscopic import CellRoad
 from dohyo.agents.trainers import trainer_named

@@ -21,15 +21,22 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.records.record import EpisodeRecord
-from dohyo.service.comparison import compare_entries
+from dohyo.service.accounts.views import MeView
+from dohyo.service.benchmarks.views import BenchmarkView
+from dohyo.service.boards.comparison import compare_entries
+from dohyo.service.boards.leaderboard import Entry, rank
+from dohyo.service.boards.leaderboard import as_document as row_document
+from dohyo.service.boards.views import ComparedView, LeaderboardView
 from dohyo.service.dashboard import pages
 from dohyo.service.dashboard.session import SessionCookie, show_errors_as_pages
-from dohyo.service.leaderboard import Entry, rank
-from dohyo.service.leaderboard import as_document as row_document
-from dohyo.service.metrics import as_document as metrics_document
-from dohyo.service.reading_views import ComparedView, EpisodeDetail, InfractionsView, LeaderboardView, MetricsView
-from dohyo.service.scoring import Drive, summary_of
-from dohyo.service.views import AgentView, BenchmarkView, EpisodeView, EvaluationView, MeView, Page, SubmissionView
+from dohyo.service.episodes.reading_views import EpisodeDetail, InfractionsView
+from dohyo.service.episodes.views import EpisodeView
+from dohyo.service.evaluations.metrics import as_document as metrics_document
+from dohyo.service.evaluations.metrics_views import MetricsView
+from dohyo.service.evaluations.scoring import Drive, summary_of
+from dohyo.service.evaluations.views import EvaluationView
+from dohyo.service.submissions.views import AgentView, SubmissionView
+from dohyo.service.web.views import Page
 
 DATA = Path(__file__).parent / "data"
 CSP = (

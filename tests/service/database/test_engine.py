@@ -13,9 +13,11 @@ from alembic.migration import MigrationContext
 from sqlalchemy import inspect, select, text
 from sqlalchemy.exc import IntegrityError, OperationalError
 
+from dohyo.service.accounts.model import Role, Token
+from dohyo.service.accounts.queries import create_token
+from dohyo.service.database.base import Base
 from dohyo.service.database.engine import MIGRATIONS, Database
-from dohyo.service.database.models import Agent, Base, Role, Submission, Token
-from dohyo.service.database.tokens import create_token
+from dohyo.service.submissions.model import Agent, Submission
 from dohyo.sumo_networks.errors import InvalidInputError
 
 

@@ -6,15 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dohyo.sumo_networks.actors.names import (
-    Role,
-    ego_proxy,
-    event_actor,
-    event_vehicle,
-    numbered,
-    predicted,
-    role_of,
-)
+from dohyo.sumo_networks.actors.names import Role, ego_proxy, event_actor, event_vehicle, numbered, predicted, role_of
 
 GIVEN = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,20}", fullmatch=True)
 

@@ -15,15 +15,7 @@ from dohyo.agents.learning.imitation.bco import Bco, BcoConfig, InverseDynamics,
 from dohyo.agents.learning.ppo import Ppo
 from dohyo.agents.learning.task import named
 from tests.agents.learning.problems import STEP, Point
-from tests.agents.learning.transitions import (
-    ACTIONS,
-    CPU,
-    MOVES,
-    OBSERVATIONS,
-    experience,
-    homeward,
-    transitions,
-)
+from tests.agents.learning.transitions import ACTIONS, CPU, MOVES, OBSERVATIONS, experience, homeward, transitions
 
 
 def test_it_finds_the_actions_of_demonstrations_that_hide_them():

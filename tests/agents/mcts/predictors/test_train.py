@@ -13,14 +13,7 @@ from dohyo.agents.learning.report import Report, Reporter, no_report
 from dohyo.agents.learning.trainer import TrainRequest
 from dohyo.agents.mcts.predictors.dataset import FUTURE_STEPS, Shard
 from dohyo.agents.mcts.predictors.features import SHAPES
-from dohyo.agents.mcts.predictors.train import (
-    Batch,
-    TrainConfig,
-    displacement,
-    load_split,
-    loss_of,
-    train,
-)
+from dohyo.agents.mcts.predictors.train import Batch, TrainConfig, displacement, load_split, loss_of, train
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.mcts.predictors.scenes import busy, sampled
 

@@ -1,0 +1,1 @@
+"""Accounts: tokens, their roles, and who may see and change what."""

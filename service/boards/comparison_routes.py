@@ -1,0 +1,40 @@
+"""Comparison of chosen evaluations."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+from fastapi import APIRouter, Query, Response
+from pydantic import StringConstraints
+
+from dohyo.service.accounts.access import Reader
+from dohyo.service.boards import queries as reading
+from dohyo.service.boards.comparison import MOST, compare_entries
+from dohyo.service.boards.views import ComparedView
+from dohyo.service.episodes.readers import ReadersOf, evaluation_for
+from dohyo.service.errors import NotFoundError
+from dohyo.service.state import ServicesOf
+from dohyo.service.web.caching import ID
+from dohyo.service.web.documents import problems
+
+router = APIRouter(prefix="/v1", tags=["comparison"], responses=problems(404))
+
+Chosen = Annotated[
+    list[Annotated[str, StringConstraints(min_length=1, max_length=40, pattern=ID)]],
+    Query(min_length=2, max_length=MOST, description="Two to eight, of one benchmark version."),
+]
+
+
+@router.get("/comparison", response_model=ComparedView)
+def compare(caller: Reader, services: ServicesOf, readers: ReadersOf, evaluation: Chosen) -> Response:
+    """Compares evaluations drive by drive: paired difference of every score, and the scenarios that differ most."""
+    seen = [evaluation_for(services, caller, one) for one in evaluation]
+    with services.database.reading() as session:
+        found = reading.entries(session, evaluation)
+    missing = [one for one in evaluation if one not in found]
+    if missing:
+        raise NotFoundError(f"no evaluation '{missing[0]}'")
+    headline = readers.benchmark(seen[0][1]).headline
+    document = compare_entries([found[one] for one in evaluation], headline)
+    return Response(msgspec.json.encode(document), media_type="application/json")

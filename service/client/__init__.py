@@ -1,0 +1,1 @@
+"""The service's clients: REST for people and programs, the wire for policy workers."""

@@ -1,0 +1,262 @@
+"""The worker loop: drives any local agent's episodes for a service until a signal stops it.
+
+The same agent gets the same missions, seeds and observations as in a local evaluation, so the records are the same, to
+the hash. A failure of the agent is reported to the service with the text of a local evaluation.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from types import FrameType
+from typing import Any
+
+from dohyo.evaluation.agent import Agent, agent_info, make_agent
+from dohyo.evaluation.episode.deadline import deadline
+from dohyo.evaluation.episode.guarded_agent import describe
+from dohyo.service.client.worker_session import (
+    Drive,
+    LeaseLostError,
+    Pauses,
+    UnknownWorkerError,
+    UnreachableError,
+    WireError,
+    WorkerSession,
+)
+from dohyo.sumo_networks.ego.control import InvalidActionError, make_control
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
+from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, DohyoError, InvalidInputError
+from dohyo.sumo_networks.units import TICK_S
+
+GRACE_S = 1.0  # the service's own deadline comes first
+REFUSED = 2  # exit code for bad input
+HANG_S = 10.0  # past a lost lease, before a process whose agent never returns ends itself
+INVALID_ACTION = "invalid_action"
+PASSING = (409, 429, 503)
+
+logger = logging.getLogger("dohyo.worker")
+
+
+class _Stop(BaseException):
+    """Raised in the main thread by a stop signal."""
+
+
+@dataclass(frozen=True, slots=True)
+class Driver:
+    """Agent of a worker.
+
+    Attributes:
+        entry: "module:Class" of the agent.
+        settings: Arguments of its constructor.
+    """
+
+    entry: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def warm_up(self) -> None:
+        """Lets an agent compile what decisions call, for all later agents of this process.
+
+        Raises:
+            InvalidInputError: The agent cannot be built, or fails.
+        """
+        agent = make_agent(self.entry, self.settings)
+        try:
+            if hasattr(agent, "warm_up"):
+                agent.warm_up()
+        except Exception as error:  # an agent may raise anything
+            raise InvalidInputError(f"agent '{self.entry}' fails in warm_up: {describe(error)}") from error
+        finally:
+            agent.close()
+
+    def agents(self, drive: Drive) -> dict[str, Agent]:
+        """A fresh agent for each ego of an episode.
+
+        Raises:
+            InvalidInputError: The agent cannot be built, or differs from the submitted one.
+        """
+        made = {ego: make_agent(self.entry, self.settings) for ego in drive.missions}
+        for agent in made.values():
+            info = agent_info(agent, self.entry, self.settings)
+            wanted = drive.spec
+            if [*info.sensors] != [*wanted["sensors"]] or info.control != wanted["control"]:
+                raise InvalidInputError(
+                    f"agent '{wanted['name']}' was submitted with sensors {wanted['sensors']} and control "
+                    f"'{wanted['control']}'; '{self.entry}' here has {[*info.sensors]} and '{info.control}'"
+                )
+        return made
+
+
+def work(session: WorkerSession, driver: Driver, episodes: int | None = None) -> None:
+    """Drives episode after episode until SIGINT, SIGTERM, or a number of episodes.
+
+    Raises:
+        WireError: The service refuses this worker for good.
+        InvalidInputError: The agent differs from the submitted one.
+    """
+    pauses, driven = Pauses(), 0
+    with suppress(_Stop), _stopping():
+        driver.warm_up()  # before a lease, since the service waits a limited time for the first decision
+    with suppress(_Stop), _stopping(), session:
+        while episodes is None or driven < episodes:
+            try:
+                drive = session.acquire()
+                pauses.reset()
+            except (UnreachableError, WireError) as error:
+                passing = isinstance(error, UnreachableError | UnknownWorkerError) or error.status in PASSING
+                if not passing:
+                    raise
+                logger.warning("%s", error)
+                time.sleep(pauses.next(error))
+                continue
+            if drive is not None:
+                drive_episode(session, driver, drive)
+                driven += 1
+
+
+def drive_episode(session: WorkerSession, driver: Driver, drive: Drive) -> None:
+    """Drives one episode to its end or until the lease is lost.
+
+    Raises:
+        InvalidInputError: The agent differs from the submitted one; the episode was returned.
+    """
+    logger.info("episode on lease %s, attempt %d", drive.lease, drive.attempt)
+    try:
+        agents = driver.agents(drive)
+    except InvalidInputError as error:
+        _give_back(session, drive, str(error))
+        raise
+    try:
+        with _heartbeats(session, drive):
+            _decide_all(session, agents, drive)
+    except LeaseLostError as error:
+        logger.warning("%s", error)
+    except (UnreachableError, WireError) as error:
+        logger.warning("episode given up: %s", error)
+    except _Stop:
+        _give_back(session, drive, "the worker was told to stop")
+        raise
+    finally:
+        for agent in agents.values():
+            agent.close()
+
+
+def _decide_all(session: WorkerSession, agents: Mapping[str, Agent], drive: Drive) -> None:
+    """Decides tick after tick; a fault of the agent ends the episode with the text of a local evaluation."""
+    control = make_control(drive.spec["control"], VehicleParameters(), TICK_S)
+    seconds, started = drive.first_deadline_s, False
+    while not drive.done:
+        try:
+            with deadline(seconds + GRACE_S, "deciding"):
+                if not started:
+                    for ego, agent in agents.items():
+                        agent.reset(drive.missions[ego], drive.seed)
+                actions = {ego: agents[ego].act(seen) for ego, seen in drive.observations.items()}
+            for action in actions.values():
+                control.checked(action)
+        except Exception as error:  # an agent may raise anything
+            _report(session, drive, error)
+            return
+        session.step(drive, actions)
+        seconds, started = drive.deadline_s, True
+
+
+def _report(session: WorkerSession, drive: Drive, error: Exception) -> None:
+    """Reports the agent's failure to the service."""
+    if isinstance(error, AgentTimeoutError):
+        session.heartbeat(drive)  # past the deadline the lease has ended already, since the agent was too slow
+    if isinstance(error, InvalidActionError):
+        session.release(drive, INVALID_ACTION, str(error))
+    else:
+        session.release(drive, "the agent failed", str(error) if isinstance(error, AgentError) else describe(error))
+
+
+def _give_back(session: WorkerSession, drive: Drive, reason: str) -> None:
+    with suppress(DohyoError):
+        session.release(drive, reason)
+
+
+@contextmanager
+def _heartbeats(session: WorkerSession, drive: Drive) -> Iterator[None]:
+    """Heartbeats during long decisions; ends the process if the agent never returns."""
+    over = threading.Event()
+    every = session.lease_ttl_s / 3
+
+    def beat() -> None:
+        while not over.wait(every / 4):
+            if time.monotonic() - session.heard < every:
+                continue
+            try:
+                session.heartbeat(drive)
+            except LeaseLostError:
+                if not over.wait(HANG_S):
+                    logger.error("the agent does not return; this process ends")
+                    os._exit(1)
+                return
+            except DohyoError as error:
+                logger.warning("%s", error)
+
+    thread = threading.Thread(target=beat, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+
+
+@contextmanager
+def _stopping() -> Iterator[None]:
+    """SIGINT and SIGTERM raise `_Stop`, in the main thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        for one in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(one, signal.SIG_IGN)  # an episode is released only once
+        raise _Stop
+
+    before = {one: signal.signal(one, stop) for one in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for one, handler in before.items():
+            signal.signal(one, handler)
+
+
+def keep_working(command: Sequence[str], count: int, environment: Mapping[str, str]) -> None:
+    """Runs worker processes in parallel, restarts those that die, and ends them at a stop signal.
+
+    Args:
+        command: Arguments of the Python command.
+        count: Number of processes.
+        environment: Variables added to the environment of each process.
+    """
+    crew: list[subprocess.Popen[bytes]] = []
+    pauses = Pauses()
+    try:
+        with suppress(_Stop), _stopping():
+            crew += [_start(command, environment) for _ in range(count)]
+            while crew:
+                time.sleep(0.5)
+                for process in [one for one in crew if one.poll() is not None]:
+                    crew.remove(process)
+                    if process.returncode not in (0, REFUSED):
+                        time.sleep(pauses.next())
+                        crew.append(_start(command, environment))
+    finally:
+        for process in crew:
+            process.terminate()
+        for process in crew:
+            process.wait()
+
+
+def _start(command: Sequence[str], environment: Mapping[str, str]) -> subprocess.Popen[bytes]:
+    return subprocess.Popen([sys.executable, *command], start_new_session=True, env=os.environ | dict(environment))

@@ -1,0 +1,341 @@
+"""WorkerSession: a policy worker's side of the wire, over one kept connection, in msgpack.
+
+A worker is a loop::
+
+    with WorkerSession("http://127.0.0.1:8000", token, "my-agent") as session:
+        while True:
+            drive = session.acquire()
+            while drive is not None and not drive.done:
+                session.step(drive, {ego: decide(seen) for ego, seen in drive.observations.items()})
+
+A step may be sent again after any failure of the network; the server answers the same tick with the same reply.
+"""
+
+from __future__ import annotations
+
+import ssl
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from http.client import HTTPConnection, HTTPException, HTTPSConnection
+from types import TracebackType
+from typing import Any, Literal, Self
+from urllib.parse import urlsplit
+
+import msgspec
+import numpy as np
+
+from dohyo.service.wire.messages import Format, arrays, decode, encode, pack
+from dohyo.sumo_networks.envs.driving_env import Observation
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.sumo_networks.scenario import Mission
+
+ACQUIRE_S = 20.0
+REPLY_S = 150.0  # a tick of a large network may be slow
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.2, 5.0
+LONGEST_TEXT = 500
+
+
+class WireError(DohyoError):
+    """A refusal of the service.
+
+    Attributes:
+        status: HTTP status.
+        retry_s: Seconds to wait before a retry, where the service gave them.
+    """
+
+    def __init__(self, status: int, detail: str, retry_s: float | None = None) -> None:
+        super().__init__(f"{detail} (HTTP {status})")
+        self.status, self.detail, self.retry_s = status, detail, retry_s
+
+
+class LeaseLostError(WireError):
+    """410: the lease is lost."""
+
+
+class BadActionError(WireError):
+    """422: the action is invalid; another one may be sent before the deadline."""
+
+
+class UnknownWorkerError(WireError):
+    """401: the service does not know this worker, for example after a restart: register again."""
+
+
+class UnreachableError(DohyoError):
+    """No service answers at the address."""
+
+
+_ERRORS = {401: UnknownWorkerError, 410: LeaseLostError, 422: BadActionError}
+
+
+@dataclass(slots=True)
+class Drive:
+    """A leased episode from the worker's point of view.
+
+    Attributes:
+        lease: Identifier.
+        attempt: Number of the attempt, from 1.
+        deadline_s: Time for one decision.
+        first_deadline_s: Time for the first decision.
+        slow_policy: Whether the simulation waits.
+        spec: name, version, track, sensors, control and settings, as submitted.
+        missions: Missions by ego.
+        seed: Seed for `Agent.reset`.
+        tick: Tick that awaits a decision.
+        observations: Observations at that tick, by ego and sensor.
+        time_s: Simulated time of the tick.
+        done: Whether the episode is over.
+        missed: Number of ticks without a decision.
+        directive: "run", or "drain": the service ends soon, or "abort": the evaluation was ended.
+    """
+
+    lease: str
+    attempt: int
+    deadline_s: float
+    first_deadline_s: float
+    slow_policy: Literal["wait", "realtime"]
+    spec: dict[str, Any]
+    missions: dict[str, Mission]
+    seed: int
+    tick: int
+    observations: dict[str, Observation]
+    time_s: float = 0.0
+    done: bool = False
+    missed: int = 0
+    directive: str = "run"
+
+    @classmethod
+    def given(cls, answer: Mapping[str, Any]) -> Self:
+        """Drive from the answer to an acquire request."""
+        return cls(
+            lease=answer["lease"],
+            attempt=answer["attempt"],
+            deadline_s=answer["deadline_ms"] / 1000,
+            first_deadline_s=answer["first_deadline_ms"] / 1000,
+            slow_policy=answer["slow_policy"],
+            spec=answer["spec"],
+            missions={one["name"]: Mission.model_validate(one) for one in answer["missions"]},
+            seed=answer["seed"],
+            tick=answer["tick"],
+            observations=arrays(answer["observations"]),
+        )
+
+    def take(self, answer: Mapping[str, Any]) -> None:
+        """Updates the drive with the answer to a step."""
+        self.tick, self.time_s = answer["tick"], answer["time_s"]
+        self.observations = arrays(answer["observations"])
+        self.done, self.missed, self.directive = answer["done"], answer["missed"], answer["directive"]
+
+
+class Connection:
+    """A persistent HTTP connection with msgpack bodies; reopened after a failure."""
+
+    def __init__(self, url: str, timeout_s: float = REPLY_S) -> None:
+        """Connects at the first request.
+
+        Args:
+            url: Address of the service, http or https.
+            timeout_s: Time limit of an answer.
+
+        Raises:
+            InvalidInputError: The address is invalid.
+        """
+        parts = urlsplit(url)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            raise InvalidInputError(f"expected the service's address, such as http://127.0.0.1:8000, got '{url}'")
+        self._secure, self._host, self._port = parts.scheme == "https", parts.hostname, parts.port
+        self._prefix, self._timeout_s = parts.path.rstrip("/"), timeout_s
+        self._connection: HTTPConnection | None = None
+
+    def post(self, path: str, document: Any, token: str) -> Any:
+        """Sends a document and returns the answer; None for an empty one.
+
+        Raises:
+            WireError: The service refuses.
+            UnreachableError: The connection failed, before or after the service had read the request.
+        """
+        headers = {"authorization": f"Bearer {token}", "content-type": Format.MSGPACK.value}
+        try:
+            if self._connection is None:
+                self._connection = self._open()
+            self._connection.request("POST", self._prefix + path, encode(document, Format.MSGPACK), headers)
+            response = self._connection.getresponse()
+            body = response.read()
+        except (OSError, HTTPException) as error:
+            self.close()
+            raise UnreachableError(f"no answer from {self._host}: {type(error).__name__}: {error}") from error
+        except BaseException:  # the next answer on this connection would belong to another request
+            self.close()
+            raise
+        if response.status >= 400:
+            raise _refusal(response.status, body, response.getheader("retry-after"))
+        return decode(body, Format.MSGPACK) if body else None
+
+    def close(self) -> None:
+        """Closes the connection."""
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+
+    def _open(self) -> HTTPConnection:
+        if not self._secure:
+            return HTTPConnection(self._host, self._port, timeout=self._timeout_s)
+        context = ssl.create_default_context()
+        return HTTPSConnection(self._host, self._port, timeout=self._timeout_s, context=context)
+
+
+class WorkerSession:
+    """A registered worker; not thread-safe, except `heartbeat`.
+
+    Attributes:
+        lease_ttl_s: Silence after which it loses its lease, s.
+        heard: Monotonic time of the last request that the service received.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        token: str,
+        agent: str,
+        *,
+        version: int | None = None,
+        capacity: int = 1,
+        patience_s: float = 120.0,
+    ) -> None:
+        """Registers at the first `acquire`.
+
+        Args:
+            url: Address of the service.
+            token: Token with the role worker or submitter.
+            agent: Name of the agent.
+            version: Version of the agent; None: any.
+            capacity: Most episodes at once.
+            patience_s: Time during which a step is repeated while the service cannot be reached.
+        """
+        self._connection, self._pulse = Connection(url), Connection(url, timeout_s=10.0)
+        self._api_token, self._agent, self._version, self._capacity = token, agent, version, capacity
+        self._patience_s = patience_s
+        self._worker = self._token = ""
+        self._pulse_lock = threading.Lock()
+        self.lease_ttl_s = 30.0
+        self.heard = time.monotonic()
+
+    def register(self) -> None:
+        """Registers the worker, again if it was registered before.
+
+        Raises:
+            WireError: The token does not permit this agent.
+            UnreachableError: No service answers.
+        """
+        order = {"agent": self._agent, "capacity": self._capacity, "version": self._version}
+        try:
+            answer = self._connection.post("/v1/workers", order, self._api_token)
+        except UnknownWorkerError as error:
+            raise WireError(error.status, error.detail) from error  # the token itself is refused
+        self._worker, self._token, self.lease_ttl_s = answer["worker"], answer["token"], answer["lease_ttl_s"]
+
+    def acquire(self, wait_s: float = ACQUIRE_S) -> Drive | None:
+        """Waits for an episode; None after the time-out.
+
+        Raises:
+            UnknownWorkerError: The service no longer knows this worker; the next call registers it again.
+            WireError: The service refuses.
+            UnreachableError: No service answers.
+        """
+        if not self._worker:
+            self.register()
+        try:
+            answer = self._connection.post(f"/v1/workers/{self._worker}/acquire?wait={wait_s:g}", {}, self._token)
+        except UnknownWorkerError:
+            self._worker = ""
+            raise
+        self.heard = time.monotonic()
+        return Drive.given(answer) if answer is not None else None
+
+    def step(self, drive: Drive, actions: Mapping[str, Any]) -> None:
+        """Sends the decisions of all egos and updates the drive with the answer.
+
+        Raises:
+            BadActionError: An action is invalid; others may be sent.
+            LeaseLostError: The lease is lost.
+            UnreachableError: No service answers within `patience_s`.
+        """
+        packed = {ego: pack(np.asarray(action)) for ego, action in actions.items()}
+        answer = self._insist(f"/v1/leases/{drive.lease}/step", {"tick": drive.tick, "actions": packed})
+        self.heard = time.monotonic()
+        drive.take(answer)
+
+    def heartbeat(self, drive: Drive) -> None:
+        """Renews the lease during a long decision; callable from any thread.
+
+        Raises:
+            LeaseLostError: The lease is lost.
+            UnreachableError: No service answers.
+        """
+        with self._pulse_lock:
+            self._pulse.post(f"/v1/leases/{drive.lease}/heartbeat", {}, self._token)
+        self.heard = time.monotonic()
+
+    def release(self, drive: Drive, reason: str = "", error: str | None = None) -> None:
+        """Releases an episode: with an `error` as the agent's fault, otherwise it is driven again.
+
+        Raises:
+            WireError: The lease is lost.
+            UnreachableError: No service answers.
+        """
+        document = {"reason": reason[:LONGEST_TEXT], "error": error[:LONGEST_TEXT] if error is not None else None}
+        self._connection.post(f"/v1/leases/{drive.lease}/release", document, self._token)
+
+    def close(self) -> None:
+        """Closes the connections; a lease that is still held expires."""
+        self._connection.close()
+        self._pulse.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+        self.close()
+
+    def _insist(self, path: str, document: Any) -> Any:
+        """Sends an idempotent request until it is answered."""
+        ends, pauses = time.monotonic() + self._patience_s, Pauses()
+        while True:
+            try:
+                return self._connection.post(path, document, self._token)
+            except UnknownWorkerError as error:
+                self._worker = ""  # the service was restarted, and the episode with it
+                raise LeaseLostError(410, error.detail) from error
+            except (UnreachableError, WireError) as error:
+                temporary = isinstance(error, UnreachableError) or error.status in (429, 503)
+                if not temporary or time.monotonic() > ends:
+                    raise
+                time.sleep(pauses.next(error))
+
+
+@dataclass(slots=True)
+class Pauses:
+    """Growing pauses between attempts, or those that the service asks for."""
+
+    _seconds: float = field(default=FIRST_PAUSE_S)
+
+    def next(self, error: Exception | None = None) -> float:
+        """Seconds to wait now."""
+        told = error.retry_s if isinstance(error, WireError) else None
+        pause, self._seconds = self._seconds, min(self._seconds * 2, LONGEST_PAUSE_S)
+        return told if told is not None else pause
+
+    def reset(self) -> None:
+        """Resets the pause after a success."""
+        self._seconds = FIRST_PAUSE_S
+
+
+def _refusal(status: int, body: bytes, retry_after: str | None) -> WireError:
+    try:
+        document = msgspec.json.decode(body)
+        detail = str(document["detail"])
+    except (msgspec.DecodeError, KeyError, TypeError):
+        detail = body[:200].decode(errors="replace") or "no reason given"
+    retry_s = float(retry_after) if retry_after is not None and retry_after.isdigit() else None
+    return _ERRORS.get(status, WireError)(status, detail, retry_s)

@@ -1,0 +1,13 @@
+"""All tables, imported where a database is made or changed as a whole."""
+
+from __future__ import annotations
+
+from dohyo.service.accounts import model as accounts
+from dohyo.service.database import idempotency
+from dohyo.service.database.base import Base
+from dohyo.service.evaluations import model as evaluations
+from dohyo.service.submissions import model as submissions
+from dohyo.service.webhooks import model as webhooks
+
+MODELS = (accounts, submissions, evaluations, webhooks, idempotency)
+METADATA = Base.metadata

@@ -1,0 +1,191 @@
+"""Readers: shared state of the reading routes, and access to records and files derived from them."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Final
+
+from fastapi import Depends, Request
+
+from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.store import read_record, read_trajectory
+from dohyo.evaluation.records.trajectory import Trajectory
+from dohyo.service.accounts.access import Caller
+from dohyo.service.boards import queries as reading
+from dohyo.service.boards.standings import Recent, Standings
+from dohyo.service.episodes.archive import archived_path
+from dohyo.service.episodes.redrives import Redrives
+from dohyo.service.errors import ConflictError, GoneError, NotFoundError
+from dohyo.service.evaluations.model import BenchmarkVersion, Episode, Evaluation
+from dohyo.service.settings import Settings
+from dohyo.service.state import Services, ServicesOf
+from dohyo.service.submissions.model import AgentKind
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
+
+STRIPES: Final = 64
+COUNTS_S: Final = 5.0
+
+logger = logging.getLogger("dohyo.service")
+
+
+@dataclass(slots=True)
+class Readers:
+    """Shared state of the reading routes of one app.
+
+    Attributes:
+        standings: Cached leaderboards.
+        redrives: Running redrives.
+        benchmarks: Parsed documents by content hash.
+    """
+
+    standings: Standings
+    redrives: Redrives
+    benchmarks: Recent[str, Benchmark] = field(default_factory=lambda: Recent(50))
+    _counts: tuple[float, tuple[Mapping[str, int], Mapping[str, int]]] | None = None
+    _stripes: list[threading.Lock] = field(default_factory=lambda: [threading.Lock() for _ in range(STRIPES)])
+
+    def benchmark(self, version: BenchmarkVersion) -> Benchmark:
+        """A benchmark as it was when it was evaluated."""
+        benchmark = self.benchmarks.get(version.sha256)
+        if benchmark is None:
+            benchmark = Benchmark.model_validate(version.document)
+            self.benchmarks.put(version.sha256, benchmark)
+        return benchmark
+
+    def network_of(self, version: BenchmarkVersion, cell: str) -> str:
+        """Network of a benchmark's cell; empty for an unknown cell."""
+        return next((one.network for one in self.benchmark(version).cells if one.name == cell), "")
+
+    def counts(self, services: Services) -> tuple[Mapping[str, int], Mapping[str, int]]:
+        """Counts of episodes and evaluations by status, at most a few seconds old."""
+        now, known = time.monotonic(), self._counts
+        if known is None or now - known[0] > COUNTS_S:
+            with services.database.reading() as session:
+                known = self._counts = now, reading.count_by_status(session)
+        return known[1]
+
+    def derived(self, path: Path, make: Callable[[], bytes]) -> bytes:
+        """A derived file: read from the cache, or built and stored there. Built every time where the disk is full."""
+        with self._stripes[hash(path) % STRIPES]:
+            if path.exists():
+                return path.read_bytes()
+            content = make()
+            try:
+                write_atomically(path, content)
+            except OSError as error:
+                logger.warning("%s cannot be kept: %s", path.name, error.strerror)
+            return content
+
+
+async def readers_of(request: Request, services: ServicesOf) -> Readers:
+    """The app's readers, created at the first request on the event loop, so that there is only one."""
+    state = request.app.state
+    if not hasattr(state, "readers"):
+        state.readers = Readers(Standings(), Redrives(services.settings.policies))
+    readers: Readers = state.readers
+    return readers
+
+
+ReadersOf = Annotated[Readers, Depends(readers_of)]
+
+
+def owner_filter(caller: Caller) -> str | None:
+    """Owner whose evaluations a caller sees; None: all owners."""
+    return None if caller.sees_all else caller.owner
+
+
+def evaluation_for(services: Services, caller: Caller, evaluation_id: str) -> tuple[Evaluation, BenchmarkVersion]:
+    """An evaluation that the caller may see, with its benchmark.
+
+    Raises:
+        NotFoundError: It does not exist or is not visible to this caller.
+    """
+    with services.database.reading() as session:
+        evaluation = reading.find_evaluation(session, evaluation_id, owner_filter(caller))
+        if evaluation is None:
+            raise NotFoundError(f"no evaluation '{evaluation_id}'")
+        return evaluation, evaluation.benchmark
+
+
+def episode_for(services: Services, caller: Caller, episode_id: str) -> tuple[Episode, Evaluation, BenchmarkVersion]:
+    """An episode that the caller may see, with its evaluation and benchmark.
+
+    Raises:
+        NotFoundError: It does not exist or is not visible to this caller.
+    """
+    with services.database.reading() as session:
+        found = reading.find_episode(session, episode_id, owner_filter(caller))
+        if found is None:
+            raise NotFoundError(f"no episode '{episode_id}'")
+        episode, evaluation = found
+        return episode, evaluation, evaluation.benchmark
+
+
+def record_path(settings: Settings, episode: Episode) -> Path:
+    """Path of an episode's record.
+
+    Raises:
+        ConflictError: The episode has no record yet.
+        GoneError: The record's file is missing.
+    """
+    if episode.record_hash is None:
+        raise ConflictError(f"episode '{episode.id}' is {episode.status}: it has no record")
+    path = archived_path(settings, episode.record_hash)
+    if not path.exists():
+        raise unreadable(episode)
+    return path
+
+
+def record_of(settings: Settings, episode: Episode) -> EpisodeRecord:
+    """An episode's record, after a check of its hash.
+
+    Raises:
+        ConflictError: The episode has no record yet.
+        GoneError: The record can no longer be read.
+    """
+    path = record_path(settings, episode)
+    try:
+        record = read_record(path)
+    except InvalidInputError as error:
+        raise unreadable(episode, error) from error
+    if record.record_hash != episode.record_hash:
+        raise unreadable(episode)
+    return record
+
+
+def trajectory_of(settings: Settings, episode: Episode) -> Trajectory:
+    """An episode's trajectories, after a check of their hash.
+
+    Raises:
+        ConflictError: The episode has no record yet.
+        GoneError: The record can no longer be read.
+    """
+    try:
+        return read_trajectory(record_path(settings, episode))
+    except InvalidInputError as error:
+        raise unreadable(episode, error) from error
+
+
+def unreadable(episode: Episode, error: Exception | None = None) -> GoneError:
+    """Error for a damaged record; its path appears only in the log."""
+    logger.error("record %s of episode %s cannot be read: %s", episode.record_hash, episode.id, error or "missing")
+    return GoneError(f"the record of episode '{episode.id}' is missing or damaged on the server")
+
+
+def refuse_unrepeatable(evaluation: Evaluation) -> None:
+    """Refuses to drive again where decisions depended on a remote worker or the clock.
+
+    Raises:
+        ConflictError: The episode cannot be driven again here.
+    """
+    if evaluation.submission.kind is AgentKind.REMOTE:
+        raise ConflictError("a remote agent drove this episode: it cannot be driven again here")
+    if evaluation.slow_policy != "wait":
+        raise ConflictError("this episode was driven in real time: no replay gives the same")

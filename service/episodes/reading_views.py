@@ -1,0 +1,71 @@
+"""Answers about one episode. They describe plain JSON built elsewhere."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from dohyo.service.episodes.views import EpisodeView
+from dohyo.service.web.views import Version, View
+
+
+class InfractionView(View):
+    """One infraction of an evaluation, with its place on the network, m."""
+
+    kind: str
+    time_s: float
+    x_m: float
+    y_m: float
+    route_m: float
+    network: str
+    episode: str
+    scenario: str
+    cell: str
+    seed: int
+    ego: str
+
+
+class InfractionsView(View):
+    """All infractions of an evaluation."""
+
+    evaluation: str
+    networks: list[str]
+    infractions: list[InfractionView]
+
+
+class EpisodeDetail(EpisodeView):
+    """An episode with its agent and owner."""
+
+    agent: str
+    agent_version: int
+    benchmark: str
+    benchmark_version: Version
+    rules: Annotated[str, Field(description="Of the driving score.")]
+    network: str
+
+
+class EventsView(View):
+    """The infractions of an episode."""
+
+    episode: str
+    rules: str
+    egos: Annotated[list[dict[str, Any]], Field(description="Name, status, failure, infractions of each.")]
+
+
+class VerificationView(View):
+    """A recorded episode driven again."""
+
+    episode: str
+    expected: Annotated[str, Field(description="Hash of the record.")]
+    replayed: Annotated[str, Field(description="Hash of the new one.")]
+    same: bool
+
+
+class ExplanationView(View):
+    """Explanations of the agent's decisions at one tick, by ego; null without an explanation."""
+
+    episode: str
+    tick: int
+    ticks: int
+    explanations: dict[str, Any]

@@ -1,0 +1,175 @@
+"""Episodes: record, trajectory, events, replay, explanation; and driving one again."""
+
+from __future__ import annotations
+
+import asyncio
+import gzip
+from pathlib import Path
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.responses import FileResponse, JSONResponse
+
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.service.accounts.access import Holder, Reader
+from dohyo.service.episodes.readers import (
+    Readers,
+    ReadersOf,
+    episode_for,
+    record_of,
+    record_path,
+    refuse_unrepeatable,
+    trajectory_of,
+    unreadable,
+)
+from dohyo.service.episodes.reading_views import EpisodeDetail, EventsView, ExplanationView, VerificationView
+from dohyo.service.episodes.redrive import explanation_at
+from dohyo.service.episodes.replay import FORMAT, encode, infraction_document, replay_of
+from dohyo.service.episodes.views import view_episode
+from dohyo.service.errors import ConflictError
+from dohyo.service.evaluations.model import BenchmarkVersion, Episode, Evaluation
+from dohyo.service.state import Services, ServicesOf
+from dohyo.service.web.caching import Cached, Identified, already_has, immutable
+from dohyo.service.web.documents import problems
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.catalog import load_network
+
+RETRY_S = 2
+
+router = APIRouter(prefix="/v1/episodes/{identifier}", tags=["episodes"], responses=problems(404))
+
+
+@router.get("")
+def show(identifier: Identified, caller: Reader, services: ServicesOf, readers: ReadersOf) -> EpisodeDetail:
+    """Status and scores of an episode."""
+    episode, evaluation, version = episode_for(services, caller, identifier)
+    benchmark = readers.benchmark(version)
+    return EpisodeDetail(
+        **view_episode(episode).model_dump(),
+        agent=evaluation.submission.agent.name,
+        agent_version=evaluation.submission.version,
+        benchmark=version.name,
+        benchmark_version=version.sha256,
+        rules=benchmark.rules,
+        network=readers.network_of(version, episode.cell),
+    )
+
+
+@router.get("/record", responses=problems(404, 409, 410) | Cached.json(EpisodeRecord))
+def record(identifier: Identified, request: Request, caller: Reader, services: ServicesOf) -> Response:
+    """The record of an episode, as `dohyo verify` and `dohyo score` read it; it never changes."""
+    episode, _, _ = episode_for(services, caller, identifier)
+    path = record_path(services.settings, episode)
+    headers = immutable(f"{episode.record_hash}", services)
+    if already_has(request, headers):
+        return Response(status_code=304, headers=headers)
+    record_of(services.settings, episode)
+    return Response(_read(path, episode), media_type="application/json", headers=headers)
+
+
+@router.get("/trajectory", responses=problems(404, 409, 410) | Cached.file("application/vnd.apache.parquet"))
+def trajectory(identifier: Identified, request: Request, caller: Reader, services: ServicesOf) -> Response:
+    """Trajectories of an episode as Parquet, one row per object and tick; byte ranges are supported."""
+    episode, _, _ = episode_for(services, caller, identifier)
+    path = record_path(services.settings, episode).with_suffix(".parquet")
+    headers = immutable(f"{episode.record_hash}-trajectory", services)
+    if already_has(request, headers):
+        return Response(status_code=304, headers=headers)
+    trajectory_of(services.settings, episode)
+    name = f"{episode.scenario}-s{episode.seed}.parquet"
+    return FileResponse(path, headers=headers, media_type="application/vnd.apache.parquet", filename=name)
+
+
+@router.get("/events", responses=problems(404, 409, 410))
+def events(identifier: Identified, caller: Reader, services: ServicesOf, readers: ReadersOf) -> EventsView:
+    """The infractions in the order of time, each with its own cost."""
+    episode, _, version = episode_for(services, caller, identifier)
+    rules = readers.benchmark(version).rules
+    egos: list[dict[str, Any]] = [
+        {
+            "name": ego.name,
+            "status": ego.status.value,
+            "failure": ego.failure,
+            "contacts": ego.contacts,
+            "infractions": [infraction_document(one, rules) for one in ego.infractions],
+        }
+        for ego in record_of(services.settings, episode).egos
+    ]
+    return EventsView(episode=episode.id, rules=rules, egos=egos)
+
+
+@router.get("/replay", responses=problems(404, 409, 410) | Cached.json())
+def replay(
+    identifier: Identified, request: Request, caller: Reader, services: ServicesOf, readers: ReadersOf
+) -> Response:
+    """Data of a replay except the roads (`/v1/networks/{name}/map`): poses, lights, infractions, series."""
+    episode, _, version = episode_for(services, caller, identifier)
+    path = record_path(services.settings, episode)
+    headers = immutable(f"{episode.record_hash}-{episode.id}-replay{FORMAT}", services)
+    headers |= {"vary": "Accept-Encoding", "content-encoding": "gzip"}
+    if already_has(request, headers):
+        return Response(status_code=304, headers=headers)
+    kept = path.with_name(f"{path.stem}.replay-{FORMAT}-{episode.id}.json.gz")
+    content = readers.derived(kept, lambda: _replay(services, readers, episode, version))
+    if "gzip" not in request.headers.get("accept-encoding", ""):
+        content = gzip.decompress(content)
+        del headers["content-encoding"]
+    return Response(content, media_type="application/json", headers=headers)
+
+
+@router.get(
+    "/explanation",
+    response_model=ExplanationView,
+    responses=problems(404, 409, 410) | {202: {"description": "Being found out; ask again after Retry-After seconds."}},
+)
+async def explanation(
+    identifier: Identified,
+    caller: Reader,
+    services: ServicesOf,
+    readers: ReadersOf,
+    tick: Annotated[int, Query(ge=0, le=10_000_000, description="The decision taken when the world was at this tick.")],
+) -> Any:
+    """Explanations of the agent's decisions. The first request drives the episode again and answers 202."""
+    episode, evaluation, _ = await asyncio.to_thread(episode_for, services, caller, identifier)
+    facts = await asyncio.to_thread(_repeatable, services, episode, evaluation)
+    trace = await readers.redrives.explain(record_path(services.settings, episode))
+    if trace is None:
+        waiting = {"episode": episode.id, "tick": tick, "status": "being found out"}
+        return JSONResponse(waiting, 202, {"retry-after": str(RETRY_S)})
+    try:
+        found = await asyncio.to_thread(explanation_at, trace, tick)
+    except InvalidInputError as error:
+        trace.unlink(missing_ok=True)
+        raise unreadable(episode, error) from error
+    return ExplanationView(episode=episode.id, tick=tick, ticks=facts.ticks, explanations=found)
+
+
+@router.post("/verify", responses=problems(404, 409, 410, 413))
+async def verify(identifier: Identified, caller: Holder, services: ServicesOf, readers: ReadersOf) -> VerificationView:
+    """Drives the episode again and compares the hashes; needs a token and takes as long as the episode did."""
+    episode, evaluation, _ = await asyncio.to_thread(episode_for, services, caller, identifier)
+    await asyncio.to_thread(_repeatable, services, episode, evaluation)
+    answer = await readers.redrives.verify(record_path(services.settings, episode))
+    return VerificationView(episode=episode.id, **answer)
+
+
+def _repeatable(services: Services, episode: Episode, evaluation: Evaluation) -> EpisodeRecord:
+    refuse_unrepeatable(evaluation)
+    return record_of(services.settings, episode)
+
+
+def _replay(services: Services, readers: Readers, episode: Episode, version: BenchmarkVersion) -> bytes:
+    facts, moves = record_of(services.settings, episode), trajectory_of(services.settings, episode)
+    try:
+        network = load_network(facts.scenario.network)
+        document = replay_of(facts, moves, network, episode=episode.id, rules=readers.benchmark(version).rules)
+    except InvalidInputError as error:
+        raise ConflictError(f"episode '{episode.id}' cannot be drawn: {error}") from error
+    return encode(document)
+
+
+def _read(path: Path, episode: Episode) -> bytes:
+    try:
+        return path.read_bytes()
+    except FileNotFoundError as error:
+        raise unreadable(episode, error) from error

@@ -1,0 +1,1 @@
+"""Evaluations: ordered, listed, cancelled, summarised and rescored."""

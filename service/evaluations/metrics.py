@@ -1,0 +1,71 @@
+"""Metrics of one evaluation: over all drives, per cell and per drive; JSON and CSV."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+from dohyo.evaluation.records.specifications import InfractionKind
+from dohyo.evaluation.report.spreadsheet import csv_text
+from dohyo.service.boards.leaderboard import Entry
+from dohyo.service.evaluations.scoring import Drive, estimate, scores_of, summarise_drives
+
+_LENGTHS: Final = ("km", "route_m", "driven_m", "duration_s")
+
+
+def as_document(entry: Entry) -> dict[str, Any]:
+    """Summary of all drives and of each cell, then the drives themselves. Plain JSON."""
+    return {
+        "evaluation": entry.evaluation,
+        "agent": entry.agent,
+        "version": entry.version,
+        "benchmark": entry.benchmark,
+        "benchmark_sha256": entry.benchmark_sha256,
+        "seeds": list(entry.seeds),
+        "all": summarise_drives(entry.drives, sum(entry.lost.values())),
+        "cells": {cell: summarise_drives(drives, entry.lost.get(cell, 0)) for cell, drives in cells_of(entry).items()},
+        "drives": [_drive(drive) for drive in entry.drives],
+    }
+
+
+def as_csv(entry: Entry) -> str:
+    """A row per drive, one per cell, and one for all; the column `row` says which. A cell's scores have intervals."""
+    kinds = [kind.value for kind in InfractionKind]
+    names = scores_of(entry.drives)
+    scores = [f"{name}{end}" for name in names for end in ("", "_low", "_high")]
+    header = ["row", "cell", "scenario", "seed", "ego", "episode", "status", "drives", *_LENGTHS, *scores, *kinds]
+    return csv_text(header, _rows(entry, names, kinds))
+
+
+def cells_of(entry: Entry) -> dict[str, list[Drive]]:
+    """Drives by the benchmark's cell, in the order of their first drive; a cell that lost all of them has none."""
+    cells: dict[str, list[Drive]] = {}
+    for drive in entry.drives:
+        cells.setdefault(drive.cell, []).append(drive)
+    return cells | {cell: [] for cell in entry.lost if cell not in cells}
+
+
+def _rows(entry: Entry, names: Sequence[str], kinds: Sequence[str]) -> Iterator[list[object]]:
+    for drive in entry.drives:
+        who = ["drive", drive.cell, drive.scenario, drive.seed, drive.facts["name"], drive.episode, drive.status.value]
+        scores = [value for name in names for value in (drive.score(name), None, None)]
+        counts = [drive.facts["infractions"].get(kind, 0) for kind in kinds]
+        yield [*who, 1, *(drive.facts[name] for name in _LENGTHS), *scores, *counts]
+    for cell, drives in cells_of(entry).items():
+        yield _group("cell", cell, drives, names, kinds)
+    yield _group("all", None, entry.drives, names, kinds)
+
+
+def _group(
+    row: str, cell: str | None, drives: Sequence[Drive], names: Sequence[str], kinds: Sequence[str]
+) -> list[object]:
+    estimates = [estimate(name, drives) for name in names]
+    scores = [value for one in estimates for value in (one.mean, one.low, one.high)]
+    sums = [sum(drive.facts[name] for drive in drives) for name in _LENGTHS]
+    counts = [sum(drive.facts["infractions"].get(kind, 0) for drive in drives) for kind in kinds]
+    return [row, cell, None, None, None, None, None, len(drives), *sums, *scores, *counts]
+
+
+def _drive(drive: Drive) -> dict[str, Any]:
+    place = {"episode": drive.episode, "scenario": drive.scenario, "cell": drive.cell, "seed": drive.seed}
+    return {**place, **drive.facts}

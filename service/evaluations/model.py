@@ -1,0 +1,97 @@
+"""Evaluations and their episodes. Facts are in records on disk; the tables hold owners, times and summaries."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from enum import StrEnum
+from typing import Any
+
+from sqlalchemy import ForeignKey, Index, String, UniqueConstraint
+from sqlalchemy.orm import Mapped, mapped_column, relationship
+
+from dohyo.service.database.base import Base, now
+from dohyo.service.submissions.model import Submission
+
+
+class EvaluationStatus(StrEnum):
+    """Status of an evaluation. DONE: every episode has a record that counts."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+    @property
+    def finished(self) -> bool:
+        """Whether the status is final unless the evaluation is resumed."""
+        return self in (EvaluationStatus.DONE, EvaluationStatus.FAILED, EvaluationStatus.CANCELLED)
+
+
+class EpisodeStatus(StrEnum):
+    """Status of an episode. LOST: two infrastructure faults, which say nothing about the agent."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    DONE = "done"
+    LOST = "lost"
+    CANCELLED = "cancelled"
+
+
+class BenchmarkVersion(Base):
+    """A benchmark as it was when it was first evaluated; the version is its content hash."""
+
+    __tablename__ = "benchmarks"
+
+    sha256: Mapped[str] = mapped_column(String(64), primary_key=True)
+    name: Mapped[str] = mapped_column(String(100), index=True)
+    document: Mapped[dict[str, Any]]
+    created: Mapped[datetime] = mapped_column(default=now)
+
+
+class Evaluation(Base):
+    """One submission on one benchmark version. `announced` is the end that was announced to webhooks."""
+
+    __tablename__ = "evaluations"
+
+    id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    owner: Mapped[str] = mapped_column(String(100), index=True)
+    submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"), index=True)
+    benchmark_sha256: Mapped[str] = mapped_column(ForeignKey("benchmarks.sha256"), index=True)
+    seeds: Mapped[list[int]]
+    status: Mapped[EvaluationStatus] = mapped_column(default=EvaluationStatus.QUEUED, index=True)
+    slow_policy: Mapped[str] = mapped_column(String(10), default="wait")
+    act_deadline_s: Mapped[float]
+    failure: Mapped[str | None] = mapped_column(String(2000))
+    created: Mapped[datetime] = mapped_column(default=now)
+    started: Mapped[datetime | None]
+    finished: Mapped[datetime | None]
+    announced: Mapped[datetime | None]
+    submission: Mapped[Submission] = relationship(lazy="joined")
+    benchmark: Mapped[BenchmarkVersion] = relationship()
+
+
+class Episode(Base):
+    """One scenario of an evaluation.
+
+    `summary` holds the numbers that pages sort and count by (`dohyo.service.evaluations.scoring.summary_of`),
+    recomputable from the record.
+    """
+
+    __tablename__ = "episodes"
+    __table_args__ = (UniqueConstraint("evaluation_id", "position"), Index("by_status", "evaluation_id", "status"))
+
+    id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    evaluation_id: Mapped[str] = mapped_column(ForeignKey("evaluations.id"), index=True)
+    position: Mapped[int]
+    scenario: Mapped[str] = mapped_column(String(220))
+    cell: Mapped[str] = mapped_column(String(100))
+    seed: Mapped[int]
+    status: Mapped[EpisodeStatus] = mapped_column(default=EpisodeStatus.QUEUED)
+    attempts: Mapped[int] = mapped_column(default=0)
+    record_hash: Mapped[str | None] = mapped_column(String(64), index=True)
+    summary: Mapped[dict[str, Any] | None]
+    failure: Mapped[str | None] = mapped_column(String(2000))
+    started: Mapped[datetime | None]
+    finished: Mapped[datetime | None]
+    evaluation: Mapped[Evaluation] = relationship()

@@ -1,0 +1,219 @@
+"""Evaluations and their episodes: queued, listed, counted, resumed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import func, select, tuple_, update
+from sqlalchemy.orm import Session
+
+from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.service.database.base import new_id, now
+from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation, EvaluationStatus
+from dohyo.service.submissions.model import Agent, Submission
+from dohyo.sumo_networks.scenario import Scenario
+
+UNFINISHED = (EvaluationStatus.QUEUED, EvaluationStatus.RUNNING)
+AGAIN = (EpisodeStatus.LOST, EpisodeStatus.CANCELLED)
+
+Counts = dict[EpisodeStatus, int]
+
+
+def save_benchmark(session: Session, benchmark: Benchmark) -> BenchmarkVersion:
+    """The stored form of a benchmark as it is now."""
+    version = session.get(BenchmarkVersion, benchmark.sha256)
+    if version is None:
+        document = benchmark.model_dump(mode="json")
+        version = BenchmarkVersion(sha256=benchmark.sha256, name=benchmark.name, document=document)
+        session.add(version)
+        session.flush()
+    return version
+
+
+def add_evaluation(
+    session: Session,
+    owner: str,
+    submission: Submission,
+    benchmark: Benchmark,
+    seeds: Sequence[int],
+    scenarios: Sequence[Scenario],
+    *,
+    slow_policy: str,
+    act_deadline_s: float,
+) -> Evaluation:
+    """Queues an evaluation with all its episodes.
+
+    Args:
+        session: To write in.
+        owner: Owner of the evaluation.
+        submission: Submission that drives.
+        benchmark: Benchmark to drive.
+        seeds: Of the benchmark's scenarios.
+        scenarios: `benchmark.scenarios(seeds)`: an episode's position is its place in there.
+        slow_policy: "wait" or "realtime".
+        act_deadline_s: Wall-clock time for one decision.
+    """
+    evaluation = Evaluation(
+        id=new_id("ev"),
+        owner=owner,
+        submission_id=submission.id,
+        benchmark_sha256=save_benchmark(session, benchmark).sha256,
+        seeds=list(seeds),
+        status=EvaluationStatus.QUEUED,
+        slow_policy=slow_policy,
+        act_deadline_s=act_deadline_s,
+    )
+    session.add(evaluation)
+    session.flush()
+    session.add_all(
+        Episode(
+            id=new_id("ep"),
+            evaluation_id=evaluation.id,
+            position=position,
+            scenario=scenario.name,
+            cell=scenario.cell,
+            seed=scenario.seed,
+        )
+        for position, scenario in enumerate(scenarios)
+    )
+    session.flush()
+    return evaluation
+
+
+def count_unfinished(session: Session, owner: str) -> int:
+    """Number of an owner's unfinished evaluations."""
+    query = select(func.count()).select_from(Evaluation)
+    return session.scalar(query.where(Evaluation.owner == owner, Evaluation.status.in_(UNFINISHED))) or 0
+
+
+def count_waiting(session: Session) -> int:
+    """Number of queued episodes over all owners."""
+    query = select(func.count()).select_from(Episode).join(Evaluation, Evaluation.id == Episode.evaluation_id)
+    waiting = query.where(Episode.status == EpisodeStatus.QUEUED, Evaluation.status.in_(UNFINISHED))
+    return session.scalar(waiting) or 0
+
+
+def find_evaluation(session: Session, evaluation_id: str) -> Evaluation | None:
+    """An evaluation by its identifier."""
+    return session.get(Evaluation, evaluation_id)
+
+
+def list_evaluations(
+    session: Session,
+    *,
+    owner: str | None = None,
+    agent: str | None = None,
+    benchmark: str | None = None,
+    status: EvaluationStatus | None = None,
+    limit: int | None = None,
+    after: str | None = None,
+) -> Sequence[Evaluation]:
+    """Evaluations, the newest first, those older than `after`.
+
+    Args:
+        session: To read in.
+        owner: Only evaluations of this owner.
+        agent: Only evaluations of the agent of this name.
+        benchmark: Only evaluations on versions of the benchmark of this name.
+        status: Only evaluations of this status.
+        limit: Largest number of results.
+        after: Identifier of an evaluation; an unknown one gives none.
+    """
+    query = select(Evaluation).join(Submission, Submission.id == Evaluation.submission_id)
+    query = query.order_by(Evaluation.created.desc(), Evaluation.id.desc()).limit(limit)
+    if owner is not None:
+        query = query.where(Evaluation.owner == owner)
+    if agent is not None:
+        query = query.join(Agent, Agent.id == Submission.agent_id).where(Agent.name == agent)
+    if benchmark is not None:
+        query = query.join(BenchmarkVersion, BenchmarkVersion.sha256 == Evaluation.benchmark_sha256)
+        query = query.where(BenchmarkVersion.name == benchmark)
+    if status is not None:
+        query = query.where(Evaluation.status == status)
+    if after is not None:
+        last = session.get(Evaluation, after)
+        if last is None:
+            return []
+        query = query.where(tuple_(Evaluation.created, Evaluation.id) < tuple_(last.created, last.id))
+    return session.scalars(query).unique().all()
+
+
+def count_episodes(session: Session, evaluation_ids: Iterable[str]) -> Mapping[str, Counts]:
+    """Episodes by status, for each evaluation."""
+    ids = list(evaluation_ids)
+    counts: dict[str, Counts] = {one: {} for one in ids}
+    query = select(Episode.evaluation_id, Episode.status, func.count()).where(Episode.evaluation_id.in_(ids))
+    for evaluation_id, status, count in session.execute(query.group_by(Episode.evaluation_id, Episode.status)):
+        counts[evaluation_id][status] = count
+    return counts
+
+
+def names_of(session: Session, evaluations: Sequence[Evaluation]) -> Mapping[str, tuple[str, str]]:
+    """Names of the agent and the benchmark, for each evaluation."""
+    query = (
+        select(Evaluation.id, Agent.name, BenchmarkVersion.name)
+        .join(Submission, Submission.id == Evaluation.submission_id)
+        .join(Agent, Agent.id == Submission.agent_id)
+        .join(BenchmarkVersion, BenchmarkVersion.sha256 == Evaluation.benchmark_sha256)
+        .where(Evaluation.id.in_([one.id for one in evaluations]))
+    )
+    return {evaluation_id: (agent, benchmark) for evaluation_id, agent, benchmark in session.execute(query)}
+
+
+def count_by_version(session: Session, benchmark: str) -> Sequence[tuple[str, datetime, int]]:
+    """Versions of a benchmark that were evaluated, the newest first: hash, when first, how often."""
+    query = (
+        select(BenchmarkVersion.sha256, BenchmarkVersion.created, func.count(Evaluation.id))
+        .outerjoin(Evaluation, Evaluation.benchmark_sha256 == BenchmarkVersion.sha256)
+        .where(BenchmarkVersion.name == benchmark)
+        .group_by(BenchmarkVersion.sha256, BenchmarkVersion.created)
+        .order_by(BenchmarkVersion.created.desc())
+    )
+    return [(sha256, created, count) for sha256, created, count in session.execute(query)]
+
+
+def list_episodes(
+    session: Session,
+    evaluation_id: str,
+    *,
+    status: EpisodeStatus | None = None,
+    limit: int | None = None,
+    after: int | None = None,
+) -> Sequence[Episode]:
+    """Episodes of an evaluation in the benchmark's order, those past position `after`."""
+    query = select(Episode).where(Episode.evaluation_id == evaluation_id).order_by(Episode.position).limit(limit)
+    if status is not None:
+        query = query.where(Episode.status == status)
+    if after is not None:
+        query = query.where(Episode.position > after)
+    return session.scalars(query).all()
+
+
+def resume(session: Session, evaluation: Evaluation) -> int:
+    """Queues lost and cancelled episodes again; finished ones are kept.
+
+    Returns:
+        How many episodes were queued.
+    """
+    fresh: dict[str, Any] = {
+        "status": EpisodeStatus.QUEUED,
+        "attempts": 0,
+        "failure": None,
+        "record_hash": None,
+        "summary": None,
+        "started": None,
+        "finished": None,
+    }
+    again = (Episode.evaluation_id == evaluation.id, Episode.status.in_(AGAIN))
+    lost = session.scalars(select(Episode.id).where(*again)).all()
+    session.execute(update(Episode).where(*again).values(fresh))
+    evaluation.status, evaluation.failure, evaluation.finished = EvaluationStatus.QUEUED, None, None
+    session.flush()
+    return len(lost)
+
+
+def mark_announced(session: Session, evaluation: Evaluation) -> None:
+    """Marks the end of an evaluation as announced to webhooks."""
+    evaluation.announced = evaluation.finished or now()

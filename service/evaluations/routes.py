@@ -1,0 +1,277 @@
+"""Evaluations: created, listed, watched, cancelled, resumed."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Sequence
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Header, Query, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import StreamingResponse
+from pydantic import BaseModel, ConfigDict, Field
+from sqlalchemy.orm import Session
+
+from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.records.record import AgentInfo
+from dohyo.evaluation.running.run import Manifest
+from dohyo.service.accounts.access import Caller, Reader, Submitter
+from dohyo.service.benchmarks.routes import find_benchmark
+from dohyo.service.database.engine import serialise
+from dohyo.service.database.idempotency import made_before, remember
+from dohyo.service.episodes.views import EpisodeView, view_episode
+from dohyo.service.errors import BusyError, ConflictError, ForbiddenError, NotFoundError, TooManyRequestsError
+from dohyo.service.evaluations import queries as evaluations
+from dohyo.service.evaluations.model import EpisodeStatus, Evaluation, EvaluationStatus
+from dohyo.service.evaluations.progress import MEDIA_TYPE, stream_progress
+from dohyo.service.evaluations.views import EvaluationView, view_evaluation
+from dohyo.service.state import Services, ServicesOf
+from dohyo.service.submissions.agent_routes import IdempotencyKey, owned_agent
+from dohyo.service.submissions.model import Submission
+from dohyo.service.submissions.queries import find_submission
+from dohyo.service.web.documents import After, Identifier, Limit, problems
+from dohyo.service.web.views import Page
+from dohyo.sumo_networks.scenario import content_hash
+
+router = APIRouter(prefix="/v1/evaluations", tags=["evaluations"])
+
+MOST_SEEDS = 100
+
+Seed = Annotated[int, Field(ge=0, le=2**31 - 1)]
+
+
+class EvaluationOrder(BaseModel):
+    """The order of an evaluation: an agent, a benchmark, seeds and conditions of the run."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={"examples": [{"agent": "team-blue-mpc", "benchmark": "quickstart", "seeds": [0, 1, 2]}]},
+    )
+
+    agent: Annotated[str, Field(min_length=1, max_length=100)]
+    version: Annotated[int | None, Field(ge=1, le=2**31 - 1, description="Of the agent; default: the latest.")] = None
+    benchmark: Annotated[str, Field(min_length=1, max_length=100)]
+    seeds: Annotated[
+        list[Seed] | None, Field(min_length=1, max_length=MOST_SEEDS, description="Default: the benchmark's.")
+    ] = None
+    slow_policy: Annotated[
+        Literal["wait", "realtime"],
+        Field(description="Whether the simulation waits for a remote agent; only evaluations that wait are ranked."),
+    ] = "wait"
+    act_deadline_s: Annotated[
+        float | None, Field(gt=0, le=600, description="Wall-clock time for one decision; default: the service's.")
+    ] = None
+
+
+@router.post("", status_code=201, responses=problems(403, 404, 409, 413, 507))
+async def create(
+    order: EvaluationOrder, caller: Submitter, services: ServicesOf, idempotency_key: IdempotencyKey = None
+) -> EvaluationView:
+    """Queues one agent on one benchmark; 429 past the caller's quota, 503 where the queue is full."""
+    _refuse_while_ending(services)
+    view = await run_in_threadpool(_create, order, caller, services, idempotency_key)
+    services.scheduler.wake()
+    services.events.publish("evaluations", {"evaluation": view.id, "status": view.status})
+    return view
+
+
+@router.get("", responses=problems())
+def show_all(
+    caller: Reader,
+    services: ServicesOf,
+    agent: Annotated[str | None, Query(max_length=100)] = None,
+    benchmark: Annotated[str | None, Query(max_length=100)] = None,
+    status: EvaluationStatus | None = None,
+    limit: Limit = 50,
+    after: After = None,
+) -> Page[EvaluationView]:
+    """Lists evaluations, the newest first."""
+    with services.database.reading() as session:
+        rows = evaluations.list_evaluations(
+            session,
+            owner=None if caller.sees_all else caller.owner,
+            agent=agent,
+            benchmark=benchmark,
+            status=status,
+            limit=limit + 1,
+            after=after,
+        )
+        items = _views(session, rows[:limit])
+    return Page(items=items, next=items[-1].id if len(rows) > limit else None)
+
+
+@router.get("/{identifier}", responses=problems(404))
+def show(identifier: Identifier, caller: Reader, services: ServicesOf) -> EvaluationView:
+    """Status of an evaluation."""
+    return _state(services, caller, identifier)
+
+
+@router.get(
+    "/{identifier}/progress",
+    response_class=Response,
+    responses=problems(404)
+    | {
+        200: {"description": "Events `state`, `episode`, `end`.", "content": {MEDIA_TYPE: {}}},
+        204: {"description": "There is nothing more to tell."},
+    },
+)
+async def progress(
+    identifier: Identifier,
+    caller: Reader,
+    services: ServicesOf,
+    last_event_id: Annotated[str, Header(include_in_schema=False)] = "",
+) -> Response:
+    """Streams the progress of an evaluation as server-sent events.
+
+    The first event is always `state`, the whole evaluation, so that a client that reconnects misses nothing; then one
+    `episode` event for each episode that starts or ends, and finally `end`, the whole evaluation again.
+    """
+    state = await run_in_threadpool(_state, services, caller, identifier)
+    if last_event_id == "end" and state.status.finished:
+        return Response(status_code=204)
+
+    async def read() -> EvaluationView:
+        return await run_in_threadpool(_state, services, caller, identifier)
+
+    events: AsyncIterator[str] = stream_progress(services.events, identifier, read)
+    return StreamingResponse(events, media_type=MEDIA_TYPE, headers={"cache-control": "no-store"})
+
+
+@router.get("/{identifier}/manifest", responses=problems(404))
+def manifest(identifier: Identifier, caller: Reader, services: ServicesOf) -> Manifest:
+    """Manifest of an evaluation with the whole benchmark; with the records it makes a result folder."""
+    with services.database.reading() as session:
+        evaluation = _visible(session, caller, identifier)
+        return Manifest(
+            agent=AgentInfo.model_validate(evaluation.submission.info),
+            benchmark=Benchmark.model_validate(evaluation.benchmark.document),
+            benchmark_sha256=evaluation.benchmark_sha256,
+        )
+
+
+@router.get("/{identifier}/episodes", responses=problems(404))
+def episodes(
+    identifier: Identifier,
+    caller: Reader,
+    services: ServicesOf,
+    status: EpisodeStatus | None = None,
+    limit: Limit = 100,
+    after: Annotated[int | None, Query(ge=0, le=2**31 - 1, description="The `next` of the page before.")] = None,
+) -> Page[EpisodeView]:
+    """Lists an evaluation's episodes in the benchmark's order."""
+    with services.database.reading() as session:
+        evaluation = _visible(session, caller, identifier)
+        rows = evaluations.list_episodes(session, evaluation.id, status=status, limit=limit + 1, after=after)
+    items = [view_episode(episode) for episode in rows[:limit]]
+    return Page(items=items, next=str(items[-1].position) if len(rows) > limit else None)
+
+
+@router.post("/{identifier}/cancel", responses=problems(403, 404, 409, 507))
+async def cancel(identifier: Identifier, caller: Submitter, services: ServicesOf) -> EvaluationView:
+    """Cancels an evaluation at once; finished episodes are kept. Has no effect on a cancelled evaluation."""
+
+    def check() -> EvaluationStatus:
+        with services.database.reading() as session:
+            return _owned(session, caller, identifier).status
+
+    status = await run_in_threadpool(check)
+    if status in (EvaluationStatus.DONE, EvaluationStatus.FAILED):
+        raise ConflictError(f"evaluation '{identifier}' has ended: {status}")
+    if status is not EvaluationStatus.CANCELLED:
+        await services.scheduler.cancel(identifier)
+    return await run_in_threadpool(_state, services, caller, identifier)
+
+
+@router.post("/{identifier}/resume", responses=problems(403, 404, 409, 507))
+async def resume(identifier: Identifier, caller: Submitter, services: ServicesOf) -> EvaluationView:
+    """Queues lost and cancelled episodes again; finished ones are kept. Has no effect where none is missing."""
+    _refuse_while_ending(services)
+
+    def again() -> None:
+        with services.database.session() as session:
+            evaluation = _owned(session, caller, identifier)
+            if not evaluation.status.finished or evaluation.status is EvaluationStatus.DONE:
+                return
+            _check_room(session, services, evaluation.owner, 0)
+            if not evaluations.resume(session, evaluation):
+                raise ConflictError(f"evaluation '{identifier}' has no episode that was lost or cancelled")
+
+    await run_in_threadpool(again)
+    services.scheduler.wake()
+    return await run_in_threadpool(_state, services, caller, identifier)
+
+
+def _create(order: EvaluationOrder, caller: Caller, services: Services, key: str | None) -> EvaluationView:
+    benchmark = find_benchmark(order.benchmark)
+    with services.database.reading() as session:
+        submission = _submission(session, caller, order)
+    seeds = list(dict.fromkeys(order.seeds or benchmark.seeds))
+    # Planning routes is slow the first time, so it happens outside of any transaction.
+    scenarios = benchmark.scenarios(seeds)
+    request = content_hash({"evaluation": order.model_dump(mode="json")})
+    _refuse_while_ending(services)  # the client may have disconnected
+    with services.database.session() as session:
+        if before := made_before(session, caller.owner, key, request):
+            return _views(session, [session.get_one(Evaluation, before)])[0]
+        serialise(session)
+        _check_room(session, services, caller.owner, len(scenarios))
+        evaluation = evaluations.add_evaluation(
+            session,
+            caller.owner,
+            submission,
+            benchmark,
+            seeds,
+            scenarios,
+            slow_policy=order.slow_policy,
+            act_deadline_s=order.act_deadline_s or services.settings.act_deadline_s,
+        )
+        remember(session, caller.owner, key, request, evaluation.id)
+        return _views(session, [evaluation])[0]
+
+
+def _refuse_while_ending(services: Services) -> None:
+    if services.draining:
+        raise BusyError("the service is shutting down", retry_s=30)
+
+
+def _submission(session: Session, caller: Caller, order: EvaluationOrder) -> Submission:
+    agent = owned_agent(session, caller, order.agent)
+    submission = find_submission(session, agent, order.version)
+    if submission is None:
+        wanted = "submission" if order.version is None else f"version {order.version}"
+        raise NotFoundError(f"agent '{order.agent}' has no {wanted}")
+    return submission
+
+
+def _check_room(session: Session, services: Services, owner: str, episodes_more: int) -> None:
+    """Refuses an order beyond the owner's quota or the limit of the queue."""
+    settings = services.settings
+    if evaluations.count_unfinished(session, owner) >= settings.evaluations_per_owner:
+        raise TooManyRequestsError(
+            f"you have {settings.evaluations_per_owner} unfinished evaluations, the most there may be", retry_s=60
+        )
+    if evaluations.count_waiting(session) + episodes_more > settings.queue_limit:
+        raise BusyError(f"the queue holds at most {settings.queue_limit} episodes, and has no room", retry_s=60)
+
+
+def _visible(session: Session, caller: Caller, identifier: str) -> Evaluation:
+    evaluation = evaluations.find_evaluation(session, identifier)
+    if evaluation is None or not caller.may_see(evaluation.owner):
+        raise NotFoundError(f"no evaluation '{identifier}'")
+    return evaluation
+
+
+def _owned(session: Session, caller: Caller, identifier: str) -> Evaluation:
+    evaluation = _visible(session, caller, identifier)
+    if not caller.owns(evaluation.owner):
+        raise ForbiddenError(f"evaluation '{identifier}' is another owner's")
+    return evaluation
+
+
+def _state(services: Services, caller: Caller, identifier: str) -> EvaluationView:
+    with services.database.reading() as session:
+        return _views(session, [_visible(session, caller, identifier)])[0]
+
+
+def _views(session: Session, rows: Sequence[Evaluation]) -> list[EvaluationView]:
+    names, counts = evaluations.names_of(session, rows), evaluations.count_episodes(session, (one.id for one in rows))
+    return [view_evaluation(one, *names[one.id], counts[one.id]) for one in rows]

@@ -1,0 +1,1 @@
+"""Freeway mornings with a policy worker as planner."""

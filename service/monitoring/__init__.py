@@ -1,0 +1,1 @@
+"""Health and metrics of the service, for those who run it."""

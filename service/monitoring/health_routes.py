@@ -1,0 +1,34 @@
+"""Health checks for supervisors and load balancers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import JSONResponse
+from sqlalchemy.exc import SQLAlchemyError
+
+from dohyo.service.errors import problem
+from dohyo.service.state import ServicesOf
+from dohyo.service.web.documents import problems
+
+router = APIRouter(prefix="/health", tags=["health"], responses=problems())
+
+
+@router.get("/live")
+async def live() -> dict[str, str]:
+    """Liveness: the process answers."""
+    return {"status": "alive"}
+
+
+@router.get("/ready", response_model=None, responses={200: {"content": {"application/json": {}}}})
+async def ready(services: ServicesOf) -> dict[str, Any] | JSONResponse:
+    """Readiness: the database answers and the service is not shutting down."""
+    if services.draining:
+        return problem(503, "the service is shutting down", {"retry-after": "30"})
+    try:
+        await run_in_threadpool(services.database.check)
+    except SQLAlchemyError:
+        return problem(503, "the database does not answer", {"retry-after": "5"})
+    return {"status": "ready", "started": services.started.isoformat(), "episodes": services.scheduler.snapshot()}

@@ -1,0 +1,1 @@
+"""Networks: imported, listed, drawn."""

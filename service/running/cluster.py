@@ -1,0 +1,109 @@
+"""Cluster: connection of an episode process to a Ray cluster. Ray is the extra `cluster`.
+
+The episode process only waits for a Ray actor whose worker process drives, as in
+`dohyo.evaluation.running.ray_executor`. Machines need not share a disk: an uploaded policy is sent as bytes, record and
+trajectory are sent back. The episode process holds the connection, so that a fault of Ray cannot end the server.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.running.ray_executor import THREADS, Station, connect, first_line, require_ray, write_here
+from dohyo.service.policies.agent import ENTRY, FOLDER_VARIABLE
+from dohyo.service.running.order import EpisodeOrder, checked_job
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+
+
+def check_cluster(address: str) -> None:
+    """Refuses a cluster that cannot be reached.
+
+    Raises:
+        InvalidInputError: Ray is not installed, or no cluster answers at that address.
+    """
+    ray = require_ray()
+    try:
+        connect(ray, address)
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{error} (ray start --head begins a cluster, --ray-address names one)") from error
+    ray.shutdown()
+
+
+class Cluster:
+    """A cluster worker for one episode at a time; its Ray actor is reused."""
+
+    def __init__(self, address: str) -> None:
+        """Connects.
+
+        Raises:
+            SimulationError: The cluster cannot be reached.
+        """
+        self._ray = require_ray()
+        try:
+            connect(self._ray, address)
+        except InvalidInputError as error:  # it answered when the service started, so this is an infrastructure fault
+            raise SimulationError(str(error)) from error
+        self._station: Any = None
+
+    def drive(self, order: EpisodeOrder) -> None:
+        """Drives an order on the cluster and writes its record on this machine.
+
+        Raises:
+            InvalidInputError: The order cannot be driven, or the machines have different versions.
+            SimulationError: Ray lost the actor or its machine.
+        """
+        if self._station is None:
+            remote = self._ray.remote(num_cpus=1, max_restarts=0)(PolicyStation)
+            self._station = remote.remote(tuple(sys.path), os.environ.get(THREADS))
+        try:
+            record, columns = self._ray.get(self._station.drive_order.remote(order, _policy_of(order)))
+        except self._ray.exceptions.RayError as error:
+            cause = getattr(error, "cause", None)
+            if isinstance(cause, InvalidInputError):
+                raise InvalidInputError(str(cause)) from None
+            self._ray.kill(self._station)
+            self._station = None
+            raise SimulationError(f"Ray lost its worker: {first_line(error)}") from error
+        write_here(order.job, record, columns)
+
+
+class PolicyStation(Station):
+    """A station that receives uploaded policies and drives only submitted code."""
+
+    def __init__(self, search_path: Sequence[str], threads: str | None) -> None:
+        """See `Station`; its worker process looks for policies in a folder of its own."""
+        self._policies = tempfile.TemporaryDirectory(prefix="dohyo-policies-")
+        os.environ[FOLDER_VARIABLE] = self._policies.name
+        super().__init__(search_path, threads)
+
+    def drive_order(
+        self, order: EpisodeOrder, policy: tuple[str, bytes] | None
+    ) -> tuple[EpisodeRecord, dict[str, Any]]:
+        """Drives one order; see `Station.drive`.
+
+        Args:
+            order: Order to drive.
+            policy: File name and content of the uploaded policy, if one drives.
+
+        Raises:
+            InvalidInputError: The agent's code on this machine differs from the submitted one.
+        """
+        if policy is not None:
+            Path(self._policies.name, policy[0]).write_bytes(policy[1])
+        return self.drive(checked_job(order))
+
+
+def _policy_of(order: EpisodeOrder) -> tuple[str, bytes] | None:
+    if order.info.entry != ENTRY:
+        return None
+    path = Path(os.environ[FOLDER_VARIABLE], f"{order.info.settings['sha256']}.onnx")
+    try:
+        return path.name, path.read_bytes()
+    except OSError as error:
+        raise InvalidInputError(f"policy '{path.name}' cannot be read: {error.strerror}") from error

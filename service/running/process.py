@@ -1,0 +1,171 @@
+"""EpisodeProcess: the server's handle of one process that drives episodes.
+
+libsumo lives only there. The process is kept from episode to episode; it dies with the server, and the server notices
+its death, and the hanging of an agent in it, without ever waiting for it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import mmap
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from dohyo.evaluation.running.executors import KILL_GRACE_S, POLL_S
+from dohyo.service.freeway.order import FreewayOrder
+from dohyo.service.running.channel import Frames, Kind
+from dohyo.service.running.order import EpisodeOrder
+
+PROGRAM = "dohyo.service.running.child"
+ALARM_BYTES = 8
+SECRETS = ("DOHYO_DATABASE",)  # agents have no use for it
+
+
+class End(StrEnum):
+    """End of an order."""
+
+    FINISHED = "finished"
+    IMPOSSIBLE = "impossible"
+    HUNG = "hung"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Result of an order.
+
+    Attributes:
+        end: FINISHED: the record is on disk. HUNG: the agent never returned. FAILED: the infrastructure's fault.
+        text: Reason, where it did not finish.
+        last: Of a remote episode that finished: its last tick, as `remote.SEEN`, and further bytes of its program.
+    """
+
+    end: End
+    text: str = ""
+    last: bytes = b""
+
+
+class EpisodeProcess:
+    """A process for one order at a time.
+
+    Attributes:
+        alive: Whether it can take an order.
+        seen: Called with every frame of a remote episode: observations for the worker, and refused actions.
+    """
+
+    def __init__(self, policies: Path, program: str = PROGRAM, cluster: str | None = None) -> None:
+        """Creates the handle; `start` starts the process.
+
+        Args:
+            policies: Folder of uploaded policies.
+            program: Module that runs in it.
+            cluster: Address of the Ray cluster that drives for it; None: it drives itself.
+        """
+        self._policies, self._program = policies, program
+        self._options = () if cluster is None else (cluster,)
+        self.alive = False
+        self.seen: Callable[[Kind, bytes], None] = lambda kind, payload: None
+        self._frames = Frames(self._received, self._gone)
+        self._process: subprocess.Popen[bytes] | None = None
+        self._ending: asyncio.Future[Outcome] | None = None
+        self._alarm = memoryview(bytearray(ALARM_BYTES)).cast("d")
+
+    async def start(self) -> None:
+        """Starts the process.
+
+        Raises:
+            OSError: The process cannot be started.
+        """
+        ours, theirs = socket.socketpair()
+        with theirs, tempfile.TemporaryFile() as shared:
+            shared.truncate(ALARM_BYTES)
+            self._alarm = memoryview(mmap.mmap(shared.fileno(), ALARM_BYTES)).cast("d")
+            await asyncio.get_running_loop().create_unix_connection(lambda: self._frames, sock=ours)
+            self._process = await asyncio.to_thread(self._spawn, theirs.fileno(), shared.fileno())
+        self.alive = True
+
+    def _spawn(self, channel: int, alarm: int) -> subprocess.Popen[bytes]:
+        environment = {key: value for key, value in os.environ.items() if key not in SECRETS}
+        return subprocess.Popen(
+            [sys.executable, "-m", self._program, str(channel), str(alarm), *self._options],
+            pass_fds=(channel, alarm),
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,  # Ctrl-C goes to the server, which ends its processes itself
+            env=environment | {"DOHYO_POLICIES": str(self._policies.resolve())},
+        )
+
+    async def drive(self, order: EpisodeOrder | FreewayOrder) -> Outcome:
+        """Drives one order to its end; a cancellation ends the process."""
+        self._ending = asyncio.get_running_loop().create_future()
+        self._alarm[0] = 0.0
+        self._frames.send(Kind.ORDER, order.model_dump_json().encode())
+        try:
+            while not self._ending.done():
+                await asyncio.wait({self._ending}, timeout=POLL_S)
+                if not self._ending.done():
+                    self._check()
+            return self._ending.result()
+        except asyncio.CancelledError:
+            self.kill()
+            raise
+        finally:
+            self._ending = None
+            self.seen = lambda kind, payload: None
+
+    def send(self, kind: Kind, payload: bytes = b"") -> None:
+        """Sends a frame to a remote episode."""
+        self._frames.send(kind, payload)
+
+    def kill(self, why: Outcome | None = None) -> None:
+        """Ends the process at once; its order ends as given."""
+        if why is not None:
+            self._end(why)
+        self.alive = False
+        if self._process is not None:
+            self._process.kill()
+        self._frames.close()
+
+    async def close(self) -> None:
+        """Ends the process and waits until it is gone."""
+        self.kill()
+        if self._process is not None:
+            await asyncio.to_thread(self._process.wait)
+
+    def _check(self) -> None:
+        """Checks whether the agent hangs or the process has died."""
+        if self._alarm[0] > 0.0 and time.monotonic() > self._alarm[0] + KILL_GRACE_S:
+            self.kill(Outcome(End.HUNG, "agent never returned; its process was ended"))
+        elif self._process is None or self._process.poll() is not None:
+            self._gone()
+
+    def _received(self, kind: Kind, payload: bytes) -> None:
+        if kind in (Kind.SEEN, Kind.REFUSED):
+            self.seen(kind, payload)
+        elif kind is Kind.FINISHED:
+            self._end(Outcome(End.FINISHED, last=payload))
+        elif kind is Kind.IMPOSSIBLE:
+            self._end(Outcome(End.IMPOSSIBLE, payload.decode()))
+        else:
+            self._end(Outcome(End.FAILED, payload.decode()))
+
+    def _gone(self) -> None:
+        self.alive = False
+        code: int | None = None
+        if self._process is not None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                code = self._process.wait(0.05)  # the channel closes shortly before the process ends
+        self._end(Outcome(End.FAILED, f"episode process ended with code {code}"))
+        self.kill()
+
+    def _end(self, outcome: Outcome) -> None:
+        if self._ending is not None and not self._ending.done():
+            self._ending.set_result(outcome)

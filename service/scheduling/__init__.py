@@ -1,0 +1,1 @@
+"""Scheduling: which episode drives next, and what becomes of it."""

@@ -1,0 +1,261 @@
+"""The queue of episodes in the database. Each function is one small transaction.
+
+A change of an episode names the status that it must have. A late change, such as the record of an episode that was
+cancelled or given to another process meanwhile, therefore has no effect, and no episode is counted twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import exists, func, select, update
+from sqlalchemy.orm import Session
+
+from dohyo.service.database.base import now
+from dohyo.service.evaluations.model import Episode, EpisodeStatus, Evaluation, EvaluationStatus
+from dohyo.service.submissions.model import AgentKind, Submission
+
+UNFINISHED = (EvaluationStatus.QUEUED, EvaluationStatus.RUNNING)
+LONGEST_FAILURE = 2000
+
+
+@dataclass(frozen=True, slots=True)
+class Waiting:
+    """An evaluation with queued episodes, oldest first.
+
+    Attributes:
+        evaluation_id: Identifier of the evaluation.
+        owner: Owner of the evaluation.
+        kind: Kind of the submission.
+        agent: Name of the agent.
+        version: Version of the submission.
+    """
+
+    evaluation_id: str
+    owner: str
+    kind: AgentKind
+    agent: str
+    version: int
+
+
+@dataclass(frozen=True, slots=True)
+class Ticket:
+    """An episode taken from the queue.
+
+    Attributes:
+        episode_id: Identifier of the episode.
+        waiting: Evaluation of the episode.
+        position: Position in the benchmark's scenarios.
+        stem: File name of its record, without suffix.
+        attempt: Number of the attempt, from 1.
+        info: AgentInfo of the submission, as a document.
+        benchmark: Name and content hash of the benchmark.
+        document: Document of the benchmark.
+        seeds: Seeds of the evaluation.
+        slow_policy: See `EpisodeOrder`.
+        act_deadline_s: See `EpisodeOrder`.
+    """
+
+    episode_id: str
+    waiting: Waiting
+    position: int
+    stem: str
+    attempt: int
+    info: dict[str, Any]
+    benchmark: tuple[str, str]
+    document: dict[str, Any]
+    seeds: tuple[int, ...]
+    slow_policy: str
+    act_deadline_s: float
+
+    @property
+    def evaluation_id(self) -> str:
+        """Identifier of the evaluation."""
+        return self.waiting.evaluation_id
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Progress of an evaluation.
+
+    Attributes:
+        evaluation_id: Identifier of the evaluation.
+        status: Current status.
+        done: Number of episodes with a record that counts.
+        total: Number of all episodes.
+        ended: Whether this change ended it.
+    """
+
+    evaluation_id: str
+    status: EvaluationStatus
+    done: int
+    total: int
+    ended: bool = False
+
+
+def waiting(session: Session) -> list[Waiting]:
+    """All evaluations with queued episodes, oldest first."""
+    queued = exists().where(Episode.evaluation_id == Evaluation.id, Episode.status == EpisodeStatus.QUEUED)
+    found = session.scalars(
+        select(Evaluation).where(Evaluation.status.in_(UNFINISHED), queued).order_by(Evaluation.created, Evaluation.id)
+    )
+    return [
+        Waiting(one.id, one.owner, one.submission.kind, one.submission.agent.name, one.submission.version)
+        for one in found
+    ]
+
+
+def queued_count(session: Session) -> int:
+    """Number of queued episodes of unfinished evaluations."""
+    query = select(func.count()).select_from(Episode).join(Evaluation)
+    return session.scalar(query.where(Episode.status == EpisodeStatus.QUEUED, Evaluation.status.in_(UNFINISHED))) or 0
+
+
+def take(session: Session, chosen: Waiting) -> Ticket | None:
+    """Takes the next episode of an evaluation, which then runs and counts an attempt; None: the queue is empty."""
+    evaluation = session.get(Evaluation, chosen.evaluation_id, with_for_update={"of": Evaluation})
+    if evaluation is None or evaluation.status not in UNFINISHED:
+        return None
+    query = select(Episode).where(Episode.evaluation_id == evaluation.id, Episode.status == EpisodeStatus.QUEUED)
+    episode = session.scalars(query.order_by(Episode.position).limit(1)).first()
+    if episode is None:
+        return None
+    episode.status, episode.attempts, episode.started = EpisodeStatus.RUNNING, episode.attempts + 1, now()
+    if evaluation.status is EvaluationStatus.QUEUED:
+        evaluation.status, evaluation.started = EvaluationStatus.RUNNING, evaluation.started or now()
+    return _ticket(evaluation, episode, chosen)
+
+
+def running(session: Session) -> list[Ticket]:
+    """Episodes that were running when the service stopped."""
+    found = session.scalars(select(Episode).where(Episode.status == EpisodeStatus.RUNNING))
+    tickets = []
+    for episode in found:
+        one = episode.evaluation
+        submission = one.submission
+        chosen = Waiting(one.id, one.owner, submission.kind, submission.agent.name, submission.version)
+        tickets.append(_ticket(one, episode, chosen))
+    return tickets
+
+
+def unfinished(session: Session) -> list[str]:
+    """Identifiers of unfinished evaluations."""
+    return list(session.scalars(select(Evaluation.id).where(Evaluation.status.in_(UNFINISHED))))
+
+
+def finish(session: Session, ticket: Ticket, record_hash: str, summary: dict[str, Any]) -> Progress | None:
+    """Stores an episode's record; None: the episode no longer runs."""
+    changed = _change(
+        session,
+        ticket.episode_id,
+        status=EpisodeStatus.DONE,
+        record_hash=record_hash,
+        summary=summary,
+        failure=None,
+        finished=now(),
+    )
+    return _settle(session, ticket.evaluation_id) if changed else None
+
+
+def lose(session: Session, ticket: Ticket, why: str) -> Progress | None:
+    """Marks an episode as lost; None: it no longer runs."""
+    changed = _change(
+        session, ticket.episode_id, status=EpisodeStatus.LOST, failure=why[:LONGEST_FAILURE], finished=now()
+    )
+    return _settle(session, ticket.evaluation_id) if changed else None
+
+
+def requeue(session: Session, episode_id: str, why: str | None, counted: bool) -> None:
+    """Returns a running episode to the queue; it is driven again from its seed.
+
+    Args:
+        session: Session to write in.
+        episode_id: Identifier of the episode.
+        why: Reason for the end of the attempt.
+        counted: Whether the attempt counts.
+    """
+    attempts = Episode.attempts if counted else Episode.attempts - 1
+    failure = why[:LONGEST_FAILURE] if why else None
+    _change(session, episode_id, status=EpisodeStatus.QUEUED, attempts=attempts, failure=failure, started=None)
+
+
+def fail(session: Session, ticket: Ticket, why: str) -> Progress | None:
+    """Fails an evaluation that can never be driven; None: it has ended already."""
+    _change(session, ticket.episode_id, status=EpisodeStatus.CANCELLED, failure=why[:LONGEST_FAILURE], finished=now())
+    return _stop(session, ticket.evaluation_id, EvaluationStatus.FAILED, why)
+
+
+def cancel(session: Session, evaluation_id: str) -> Progress | None:
+    """Cancels an evaluation; None: it has ended already."""
+    return _stop(session, evaluation_id, EvaluationStatus.CANCELLED, None)
+
+
+def settle(session: Session, evaluation_id: str) -> Progress | None:
+    """Ends an evaluation whose episodes have all ended; None: it does not exist."""
+    return _settle(session, evaluation_id)
+
+
+def _ticket(evaluation: Evaluation, episode: Episode, chosen: Waiting) -> Ticket:
+    submission: Submission = evaluation.submission
+    return Ticket(
+        episode_id=episode.id,
+        waiting=chosen,
+        position=episode.position,
+        stem=f"{episode.scenario}-s{episode.seed}",
+        attempt=episode.attempts,
+        info=submission.info,
+        benchmark=(evaluation.benchmark.name, evaluation.benchmark_sha256),
+        document=evaluation.benchmark.document,
+        seeds=tuple(evaluation.seeds),
+        slow_policy=evaluation.slow_policy,
+        act_deadline_s=evaluation.act_deadline_s,
+    )
+
+
+def _change(session: Session, episode_id: str, **values: Any) -> bool:
+    """Changes a running episode; False: it is not running."""
+    wanted = update(Episode).where(Episode.id == episode_id, Episode.status == EpisodeStatus.RUNNING)
+    result: Any = session.execute(wanted.values(**values).execution_options(synchronize_session=False))
+    return bool(result.rowcount)
+
+
+def _counts(session: Session, evaluation_id: str) -> Callable[[EpisodeStatus], int]:
+    query = select(Episode.status, func.count()).where(Episode.evaluation_id == evaluation_id).group_by(Episode.status)
+    found: dict[EpisodeStatus, int] = {row[0]: row[1] for row in session.execute(query)}
+    return lambda status: found.get(status, 0)
+
+
+def _settle(session: Session, evaluation_id: str) -> Progress | None:
+    evaluation = session.get(Evaluation, evaluation_id, with_for_update={"of": Evaluation})
+    if evaluation is None:
+        return None
+    count = _counts(session, evaluation_id)
+    done, total = count(EpisodeStatus.DONE), sum(map(count, EpisodeStatus))
+    open_ones = count(EpisodeStatus.QUEUED) + count(EpisodeStatus.RUNNING)
+    ends = evaluation.status in UNFINISHED and not open_ones
+    if ends:
+        evaluation.finished = now()
+        evaluation.status = EvaluationStatus.DONE if done == total else EvaluationStatus.FAILED
+        evaluation.failure = None if done == total else _why_not(session, evaluation_id, total - done, total)
+    return Progress(evaluation_id, evaluation.status, done, total, ends)
+
+
+def _why_not(session: Session, evaluation_id: str, missing: int, total: int) -> str:
+    query = select(Episode.failure).where(Episode.evaluation_id == evaluation_id, Episode.status == EpisodeStatus.LOST)
+    first = session.scalars(query.order_by(Episode.position).limit(1)).first()
+    return f"{missing} of {total} episodes were lost to the infrastructure, such as: {first}"[:LONGEST_FAILURE]
+
+
+def _stop(session: Session, evaluation_id: str, status: EvaluationStatus, why: str | None) -> Progress | None:
+    evaluation = session.get(Evaluation, evaluation_id, with_for_update={"of": Evaluation})
+    if evaluation is None or evaluation.status not in UNFINISHED:
+        return None
+    unended = (EpisodeStatus.QUEUED, EpisodeStatus.RUNNING)
+    wanted = update(Episode).where(Episode.evaluation_id == evaluation_id, Episode.status.in_(unended))
+    values = {"status": EpisodeStatus.CANCELLED, "finished": now()}
+    session.execute(wanted.values(values).execution_options(synchronize_session=False))
+    evaluation.status, evaluation.finished, evaluation.failure = status, now(), why[:LONGEST_FAILURE] if why else None
+    count = _counts(session, evaluation_id)
+    return Progress(evaluation_id, status, count(EpisodeStatus.DONE), sum(map(count, EpisodeStatus)), True)

@@ -1,0 +1,394 @@
+"""Scheduler: takes queued episodes in fair turns between owners, drives them, and stores their results.
+
+One task per live episode. The database and the disk are touched in threads only, so that no worker's step waits for
+them. After an interruption, even by kill -9, the next start keeps complete records in staging and drives all other
+episodes again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain, repeat
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
+
+from sqlalchemy.exc import OperationalError, SQLAlchemyError
+from sqlalchemy.orm import Session
+
+from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
+from dohyo.evaluation.records.specifications import Status
+from dohyo.evaluation.running.executors import MAX_ATTEMPTS
+from dohyo.service.episodes.archive import archived_path, discard, lost_because, shelve, staged_folder
+from dohyo.service.running.order import EpisodeOrder
+from dohyo.service.running.process import End, EpisodeProcess, Outcome
+from dohyo.service.scheduling import queue
+from dohyo.service.scheduling.queue import Progress, Ticket, Waiting
+from dohyo.service.scheduling.turns import Turns
+from dohyo.service.settings import Settings
+from dohyo.service.submissions.model import AgentKind
+from dohyo.service.workers.lease import RemoteEpisode
+from dohyo.service.workers.leases import SWEEP_S, LeaseBook
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.sumo_networks.scenario import Scenario
+
+if TYPE_CHECKING:
+    from dohyo.service.database.engine import Database
+    from dohyo.service.state import Broadcast
+
+LOOK_S = 2.0  # longest time between two looks at the queue
+RETRY_S = (0.5, 1.0, 2.0, 5.0, 10.0)
+T = TypeVar("T")
+
+logger = logging.getLogger("dohyo.scheduler")
+
+
+@dataclass(eq=False, slots=True)
+class Live:
+    """A running episode.
+
+    Attributes:
+        ticket: Ticket of the episode.
+        task: Task that drives it.
+        remote: The remote episode, where a worker drives.
+    """
+
+    ticket: Ticket
+    task: asyncio.Task[None] | None = None
+    remote: RemoteEpisode | None = None
+
+    @property
+    def unclaimed(self) -> bool:
+        """Whether it waits for a worker."""
+        return self.ticket.waiting.kind is AgentKind.REMOTE and (self.remote is None or not self.remote.held)
+
+
+class Scheduler:
+    """Drives queued episodes.
+
+    Attributes:
+        leases: Lease book of the policy workers.
+    """
+
+    def __init__(self, settings: Settings, database: Database, events: Broadcast) -> None:
+        """Creates the scheduler; `start` starts it."""
+        self.leases = LeaseBook(settings.lease_ttl_s)
+        self.leases.fresh = self.wake
+        self._settings, self._database, self._events = settings, database, events
+        self._cluster = settings.ray_address if settings.executor == "ray" else None
+        self._live: dict[str, Live] = {}
+        self._idle: list[EpisodeProcess] = []
+        self._turns = Turns()
+        self._scenarios: dict[str, list[Scenario]] = {}
+        self._woken = asyncio.Event()
+        self._tasks: list[asyncio.Task[None]] = []
+        self._draining = self._stopped = False
+        self._queued = 0
+
+    # Life
+
+    async def start(self) -> None:
+        """Recovers what an earlier service left unfinished, then starts."""
+        await self._recover()
+        self._tasks = [asyncio.create_task(self._serve()), asyncio.create_task(self._sweep())]
+
+    def wake(self) -> None:
+        """Schedules a look at the queue: an evaluation was created or resumed, or a worker waits."""
+        self._woken.set()
+
+    def begin_drain(self) -> None:
+        """Starts no more episodes; workers learn of it with their next step."""
+        self._draining = True
+        self.leases.drain()
+
+    async def drain(self) -> None:
+        """Waits until running episodes have ended, for `drain_s` at most."""
+        self.begin_drain()
+        for live in [one for one in self._live.values() if one.unclaimed and one.task is not None]:
+            live.task.cancel()  # type: ignore[union-attr]
+        tasks = {live.task for live in self._live.values() if live.task is not None}
+        if tasks:
+            await asyncio.wait(tasks, timeout=self._settings.drain_s)
+
+    async def stop(self) -> None:
+        """Drains and ends all processes; unfinished episodes return to the queue without counting an attempt."""
+        if self._stopped:
+            return
+        await self.drain()
+        self._stopped = True
+        for task in [*self._tasks, *(live.task for live in self._live.values() if live.task is not None)]:
+            task.cancel()
+        tasks = [live.task for live in self._live.values() if live.task is not None]
+        await asyncio.gather(*self._tasks, *tasks, return_exceptions=True)
+        await asyncio.gather(*(process.close() for process in self._idle))
+        self._idle.clear()
+
+    async def cancel(self, evaluation_id: str) -> None:
+        """Cancels an evaluation: running episodes stop at once, finished ones are kept."""
+        progress = await self._transaction(lambda session: queue.cancel(session, evaluation_id), patient=False)
+        self._abort(evaluation_id)
+        if progress is not None:
+            await self._tell(progress)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Counts of running and waiting episodes, workers and leases."""
+        remote = sum(one.ticket.waiting.kind is AgentKind.REMOTE for one in self._live.values())
+        return {
+            "running": len(self._live),
+            "running_remote": remote,
+            "queued": self._queued,
+            "processes": len(self._live) + len(self._idle),
+            **self.leases.counts(),
+            "draining": self._draining,
+        }
+
+    # The queue
+
+    async def _serve(self) -> None:
+        while not self._draining:
+            self._woken.clear()
+            try:
+                while not self._draining and (ticket := await self._take()) is not None:
+                    live = self._live[ticket.episode_id] = Live(ticket)
+                    live.task = asyncio.create_task(self._drive(live))
+            except (SQLAlchemyError, OSError) as error:
+                logger.warning("the queue cannot be read: %s", error)
+                await asyncio.sleep(RETRY_S[1])
+            try:
+                await asyncio.wait_for(self._woken.wait(), LOOK_S)
+            except TimeoutError:
+                continue
+
+    async def _take(self) -> Ticket | None:
+        """The next episode for a free process or worker."""
+        local, remote = self._room()
+        candidates, self._queued = await asyncio.to_thread(self._look)
+        can_start = [
+            one
+            for one in candidates
+            if (local > 0 if one.kind is not AgentKind.REMOTE else remote > 0 and self._wanted(one))
+        ]
+        if not can_start:
+            return None
+        chosen = self._turns.next(can_start)
+        return await self._transaction(lambda session: queue.take(session, chosen))
+
+    def _look(self) -> tuple[list[Waiting], int]:
+        with self._database.reading() as session:
+            return queue.waiting(session), queue.queued_count(session)
+
+    def _room(self) -> tuple[int, int]:
+        """Numbers of local and remote episodes that may still start."""
+        remote = sum(one.ticket.waiting.kind is AgentKind.REMOTE for one in self._live.values())
+        return self._settings.processes - (len(self._live) - remote), self._settings.remote_episodes - remote
+
+    def _wanted(self, one: Waiting) -> bool:
+        """Whether more workers wait for a submission's episodes than episodes are on offer."""
+        coming = sum(
+            live.unclaimed and (live.ticket.waiting.agent, live.ticket.waiting.version) == (one.agent, one.version)
+            for live in self._live.values()
+        )
+        return self.leases.demand(one.agent, one.version) > coming
+
+    # One episode
+
+    async def _drive(self, live: Live) -> None:
+        ticket = live.ticket
+        try:
+            await self._drive_to_an_end(live)
+        except asyncio.CancelledError:
+            # Cancelled with its evaluation or by our shutdown; only in the second case does it still count as running.
+            await self._requeue(ticket, None, counted=False)
+        except Exception:  # an internal error must not leave the episode running for ever
+            logger.exception("episode %s", ticket.episode_id)
+            await self._give_up(live, "an error of the service; its log tells more")
+        finally:
+            del self._live[ticket.episode_id]
+            self.wake()
+
+    async def _drive_to_an_end(self, live: Live) -> None:
+        ticket = live.ticket
+        self._publish(ticket, "running")
+        try:
+            order = await asyncio.to_thread(self._order, ticket)
+        except DohyoError as error:
+            await self._fail(ticket, str(error))
+            return
+        outcome = await self._in_process(order, live if order.remote else None)
+        if outcome.end is End.HUNG:
+            verdict = (Status.AGENT_DEADLINE, outcome.text)
+            outcome = await self._in_process(order.model_copy(update={"verdict": verdict, "remote": False}))
+        if outcome.end is End.FINISHED:
+            outcome = await self._keep(ticket, order)
+        if outcome.end is End.IMPOSSIBLE:
+            await self._fail(ticket, outcome.text)
+        elif outcome.end is not End.FINISHED:
+            await self._give_up(live, outcome.text)
+
+    def _order(self, ticket: Ticket) -> EpisodeOrder:
+        scenarios = self._scenarios.get(ticket.evaluation_id)
+        if scenarios is None:
+            scenarios = Benchmark.model_validate(ticket.document).scenarios(ticket.seeds)
+            self._scenarios[ticket.evaluation_id] = scenarios
+        return EpisodeOrder(
+            scenario=scenarios[ticket.position],
+            info=AgentInfo.model_validate(ticket.info),
+            benchmark=ticket.benchmark,
+            directory=staged_folder(self._settings, ticket.evaluation_id).resolve(),
+            stem=ticket.stem,
+            act_deadline_s=ticket.act_deadline_s,
+            remote=ticket.waiting.kind is AgentKind.REMOTE,
+            slow_policy=cast(Literal["wait", "realtime"], ticket.slow_policy),
+        )
+
+    async def _in_process(self, order: EpisodeOrder, live: Live | None = None) -> Outcome:
+        """Drives an order in a process, which is then kept for the next one."""
+        try:
+            process = await self._process()
+        except OSError as error:
+            return Outcome(End.FAILED, f"no process could be started: {error}")
+        outcome = aborted = Outcome(End.FAILED, "its evaluation has ended, or the service")
+        try:
+            if live is not None:
+                waiting, attempt = live.ticket.waiting, live.ticket.attempt
+                live.remote = RemoteEpisode(waiting.agent, waiting.version, attempt, order, process)
+                self.leases.expect(live.remote)
+            outcome = await process.drive(order)
+        finally:
+            if live is not None and live.remote is not None:
+                self.leases.ended(live.remote, outcome, "run" if outcome is not aborted else "abort")
+            if process.alive and not self._stopped and len(self._idle) < self._settings.processes:
+                self._idle.append(process)
+            else:
+                process.kill()
+                await asyncio.shield(process.close())
+        return outcome
+
+    async def _process(self) -> EpisodeProcess:
+        while self._idle:
+            process = self._idle.pop()
+            if process.alive:
+                return process
+        process = EpisodeProcess(self._settings.policies, cluster=self._cluster)
+        await process.start()
+        return process
+
+    # Results
+
+    async def _keep(self, ticket: Ticket, order: EpisodeOrder) -> Outcome:
+        """Archives a finished record; an infrastructure fault is not a result."""
+        staged = order.directory / f"{order.stem}.json"
+        try:
+            record = await asyncio.to_thread(shelve, self._settings, staged, order.scenario)
+        except InvalidInputError as error:
+            return Outcome(End.FAILED, str(error))
+        except OSError as error:
+            return Outcome(End.FAILED, f"the record cannot be kept: {error}")
+        lost = lost_because(record)
+        if lost is None:
+            await self._remember(ticket, record)
+        await asyncio.to_thread(discard, self._settings, ticket.evaluation_id, ticket.stem)
+        return Outcome(End.FINISHED) if lost is None else Outcome(End.FAILED, lost)
+
+    async def _remember(self, ticket: Ticket, record: EpisodeRecord) -> None:
+        from dohyo.service.evaluations.scoring import summary_at
+
+        path, rules = archived_path(self._settings, record.record_hash), ticket.document.get("rules", "2.0")
+        summary = await asyncio.to_thread(summary_at, path, record, rules)
+        progress = await self._transaction(lambda session: queue.finish(session, ticket, record.record_hash, summary))
+        await self._tell(progress, ticket, "done")
+
+    async def _give_up(self, live: Live, why: str) -> None:
+        """Handles an infrastructure fault: queues the episode again, or marks it as lost after its last attempt."""
+        ticket, remote = live.ticket, live.remote
+        counted = remote is None or not remote.blameless
+        if not counted or ticket.attempt < MAX_ATTEMPTS:
+            logger.warning("episode %s, attempt %d: %s", ticket.episode_id, ticket.attempt, why)
+            await self._requeue(ticket, why, counted)
+            self._publish(ticket, "queued")
+            return
+        logger.error("episode %s is lost: %s", ticket.episode_id, why)
+        progress = await self._transaction(lambda session: queue.lose(session, ticket, why))
+        await self._tell(progress, ticket, "lost")
+
+    async def _requeue(self, ticket: Ticket, why: str | None, counted: bool) -> None:
+        await self._transaction(lambda session: queue.requeue(session, ticket.episode_id, why, counted))
+
+    async def _fail(self, ticket: Ticket, why: str) -> None:
+        """Fails an evaluation that can never be driven."""
+        logger.warning("evaluation %s cannot be driven: %s", ticket.evaluation_id, why)
+        progress = await self._transaction(lambda session: queue.fail(session, ticket, why))
+        self._abort(ticket.evaluation_id, but=ticket.episode_id)
+        await self._tell(progress, ticket, "cancelled")
+
+    def _abort(self, evaluation_id: str, but: str = "") -> None:
+        for live in self._live.values():
+            if live.ticket.evaluation_id == evaluation_id and live.ticket.episode_id != but and live.task is not None:
+                live.task.cancel()
+
+    def _publish(self, ticket: Ticket, status: str, progress: Progress | None = None) -> None:
+        data: dict[str, Any] = {"episode": ticket.episode_id, "status": status}
+        if progress is not None:
+            data |= {"done": progress.done, "total": progress.total}
+        self._events.publish(f"evaluation:{ticket.evaluation_id}", data)
+
+    async def _tell(self, progress: Progress | None, ticket: Ticket | None = None, status: str = "") -> None:
+        """Publishes the progress; removes the staging of an ended evaluation."""
+        if progress is None:
+            return
+        if ticket is not None:
+            self._publish(ticket, status, progress)
+        if not progress.ended:
+            return
+        data = {"evaluation": progress.evaluation_id, "status": progress.status.value}
+        counts = {"done": progress.done, "total": progress.total}
+        self._events.publish(f"evaluation:{progress.evaluation_id}", data | counts)
+        self._events.publish("evaluations", data)
+        self._scenarios.pop(progress.evaluation_id, None)
+        await asyncio.to_thread(discard, self._settings, progress.evaluation_id)
+
+    async def _transaction(self, change: Callable[[Session], T], patient: bool = True) -> T:
+        """Changes the database; repeats while it is locked, full, or unreachable, until the service stops."""
+
+        def once() -> T:
+            with self._database.session() as session:
+                return change(session)
+
+        for pause in chain(RETRY_S, repeat(RETRY_S[-1])):
+            try:
+                return await asyncio.to_thread(once)
+            except (OperationalError, OSError) as error:
+                if self._stopped or not patient:
+                    raise
+                logger.warning("the database refuses, trying again: %s", error)
+                await asyncio.sleep(pause)
+        raise AssertionError("unreachable: the pauses never end")
+
+    async def _recover(self) -> None:
+        """Archives complete records that an earlier service left in staging; queues other running episodes again."""
+        for ticket in await asyncio.to_thread(self._left):
+            try:
+                order = await asyncio.to_thread(self._order, ticket)
+                kept = await self._keep(ticket, order)
+            except DohyoError as error:
+                kept = Outcome(End.FAILED, str(error))
+            if kept.end is not End.FINISHED:
+                await self._requeue(ticket, None, counted=False)
+        for evaluation_id in await asyncio.to_thread(self._unfinished):
+            await self._tell(await self._transaction(partial(queue.settle, evaluation_id=evaluation_id)))
+
+    def _left(self) -> list[Ticket]:
+        with self._database.reading() as session:
+            return queue.running(session)
+
+    def _unfinished(self) -> list[str]:
+        with self._database.reading() as session:
+            return queue.unfinished(session)
+
+    async def _sweep(self) -> None:
+        while True:
+            await asyncio.sleep(SWEEP_S)
+            self.leases.sweep()

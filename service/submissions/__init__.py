@@ -1,0 +1,1 @@
+"""Agents and their submissions, and what they may observe."""

@@ -1,0 +1,1 @@
+"""What all routes share: limits, uploads, caching, description."""

@@ -1,0 +1,1 @@
+"""Webhooks: registered, and told of the ends of evaluations."""

@@ -1,0 +1,175 @@
+"""Delivery: signed messages to webhooks about ended evaluations, repeated until they are accepted.
+
+A message is stored in the database before it is sent, so that a service that dies meanwhile sends it after its restart.
+A message may arrive twice; its `Dohyo-Delivery` header is then the same.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hashlib
+import hmac
+import ipaddress
+import json
+import logging
+import socket
+import time
+from collections.abc import Sequence
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+import httpx
+from sqlalchemy.exc import SQLAlchemyError
+
+from dohyo.service.state import Services
+from dohyo.service.webhooks import queries as webhooks
+from dohyo.service.webhooks.model import Delivery, Webhook
+from dohyo.sumo_networks.errors import InvalidInputError
+
+POLL_S: Final = 2.0
+TIMEOUT_S: Final = 10.0
+AT_ONCE: Final = 8
+
+logger = logging.getLogger("dohyo.webhooks")
+
+
+def check_url(url: str, *, private_allowed: bool) -> None:
+    """Refuses an impossible URL by its text alone; the address behind its name is checked at every delivery.
+
+    Raises:
+        InvalidInputError: Another scheme than https (or http), credentials in it, or an address that is not public.
+    """
+    try:
+        parts = urlsplit(url)
+        host, _ = parts.hostname, parts.port
+    except ValueError as error:
+        raise InvalidInputError(f"webhook: {error}") from error
+    if parts.scheme not in ("https", "http") or not host or not url.isprintable():
+        raise InvalidInputError("webhook: expected a URL such as https://example.org/hook")
+    if parts.username is not None or parts.password is not None:
+        raise InvalidInputError("webhook: expected a URL without user and password")
+    if private_allowed:
+        return
+    if host == "localhost" or host.endswith((".localhost", ".local", ".internal")) or _is_private(host):
+        raise InvalidInputError(f"webhook: '{host}' is not a public address")
+
+
+def signature(secret: str, timestamp: int, body: bytes) -> str:
+    """The `Dohyo-Signature` header: HMAC-SHA256 over "TIMESTAMP.BODY" under the webhook's secret."""
+    signed = hmac.new(secret.encode(), f"{timestamp}.".encode() + body, hashlib.sha256).hexdigest()
+    return f"t={timestamp},v1={signed}"
+
+
+async def public_address(host: str, port: int, *, private_allowed: bool) -> str:
+    """One of a name's addresses, all of which must be public.
+
+    Raises:
+        InvalidInputError: An address is not public, or the name has none.
+    """
+    loop = asyncio.get_running_loop()
+    try:
+        found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    except OSError as error:
+        raise InvalidInputError(f"'{host}' has no address") from error
+    addresses = [str(entry[4][0]) for entry in found]
+    if not private_allowed and any(_is_private(address) for address in addresses):
+        raise InvalidInputError(f"'{host}' leads to an address that is not public")
+    return addresses[0]
+
+
+class Deliverer:
+    """Sends messages in the background during the app's lifespan."""
+
+    def __init__(self, services: Services) -> None:
+        self.services = services
+        self._task: asyncio.Task[None] | None = None
+        self._client: httpx.AsyncClient | None = None
+
+    async def start(self) -> None:
+        """Starts the background task."""
+        # The environment of this machine is ignored: no proxy, no stored credentials.
+        context = httpx.create_ssl_context(trust_env=False)
+        if (own := self.services.settings.webhook_authorities) is not None:
+            context.load_verify_locations(own)
+        self._client = httpx.AsyncClient(verify=context, trust_env=False, follow_redirects=False, timeout=TIMEOUT_S)
+        self._task = asyncio.create_task(self._run(), name="webhooks")
+
+    async def stop(self) -> None:
+        """Stops the task; unsent messages are sent after the next start."""
+        if self._task is not None:
+            self._task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._task
+        if self._client is not None:
+            await self._client.aclose()
+
+    async def _run(self) -> None:
+        while True:
+            try:
+                due = await asyncio.to_thread(self._due)
+                await asyncio.gather(*(self._deliver(delivery, webhook) for delivery, webhook in due))
+            except SQLAlchemyError as error:
+                logger.warning("the database refused: %s", type(error).__name__)
+                due = []
+            if len(due) < AT_ONCE:
+                await asyncio.sleep(POLL_S)
+
+    def _due(self) -> Sequence[tuple[Delivery, Webhook]]:
+        database = self.services.database
+        with database.reading() as session:
+            news = bool(webhooks.unannounced(session))
+        if news:
+            with database.session() as session:
+                webhooks.announce(session)
+        with database.reading() as session:
+            return webhooks.due_deliveries(session, AT_ONCE)
+
+    async def _deliver(self, delivery: Delivery, webhook: Webhook) -> None:
+        try:
+            status = await self._post(delivery, webhook)
+        except (InvalidInputError, httpx.HTTPError, ValueError, OSError) as error:
+            failure: str | None = str(error) if isinstance(error, InvalidInputError) else type(error).__name__
+            status = 0
+        else:
+            failure = None if 200 <= status < 300 else f"it answered {status}"
+        logger.info("webhook", extra={"facts": {"delivery": delivery.id, "webhook": webhook.id, "failure": failure}})
+
+        def settle() -> None:
+            with self.services.database.session() as session:
+                webhooks.settle(session, delivery.id, failure, final=status == 410)
+
+        await asyncio.to_thread(settle)
+
+    async def _post(self, delivery: Delivery, webhook: Webhook) -> int:
+        """Sends once to the checked address: the name is not resolved a second time."""
+        url = httpx.URL(webhook.url)
+        port = url.port or (443 if url.scheme == "https" else 80)
+        allowed = self.services.settings.webhook_private_addresses
+        address = await public_address(url.host, port, private_allowed=allowed)
+        body = json.dumps(delivery.body, separators=(",", ":")).encode()
+        headers = {
+            "host": url.netloc.decode("ascii"),
+            "content-type": "application/json",
+            "user-agent": "dohyo",
+            "dohyo-delivery": delivery.id,
+            "dohyo-signature": signature(webhook.secret, int(time.time()), body),
+        }
+        extensions: dict[str, Any] = {"sni_hostname": url.host}
+        client = self._client
+        if client is None:
+            raise InvalidInputError("the service is ending")
+        target = url.copy_with(host=address)
+        # The answer's body is never read, since it may be endless.
+        async with client.stream("POST", target, content=body, headers=headers, extensions=extensions) as answer:
+            return answer.status_code
+
+
+def _is_private(host: str) -> bool:
+    """Whether a host is an address that is not public; a name is not an address."""
+    try:
+        address = ipaddress.ip_address(host.partition("%")[0])
+    except ValueError:
+        return False
+    mapped = getattr(address, "ipv4_mapped", None)
+    return not (mapped or address).is_global or address.is_multicast

@@ -1,0 +1,110 @@
+"""Webhooks: their URLs and the messages that are not yet delivered."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from typing import Any
+
+from sqlalchemy import func, or_, select
+from sqlalchemy.orm import Session
+
+from dohyo.service.database.base import new_id, now
+from dohyo.service.evaluations.model import Evaluation, EvaluationStatus
+from dohyo.service.evaluations.queries import mark_announced, names_of
+from dohyo.service.webhooks.model import Delivery, Webhook
+
+ATTEMPTS = 8
+FIRST_WAIT = timedelta(seconds=10)
+FINISHED = tuple(status for status in EvaluationStatus if status.finished)
+
+
+def add_webhook(session: Session, owner: str, url: str) -> Webhook:
+    """Registers a webhook with a new secret."""
+    webhook = Webhook(id=new_id("wh"), owner=owner, url=url, secret=secrets.token_urlsafe(32))
+    session.add(webhook)
+    session.flush()
+    return webhook
+
+
+def count_webhooks(session: Session, owner: str) -> int:
+    """Number of an owner's webhooks."""
+    return session.scalar(select(func.count()).select_from(Webhook).where(Webhook.owner == owner)) or 0
+
+
+def list_webhooks(
+    session: Session, owner: str | None, limit: int | None = None, after: str | None = None
+) -> Sequence[Webhook]:
+    """Webhooks of an owner (None: of all) by identifier, those past `after`."""
+    query = select(Webhook).order_by(Webhook.id).limit(limit)
+    if owner is not None:
+        query = query.where(Webhook.owner == owner)
+    return session.scalars(query.where(Webhook.id > after) if after else query).all()
+
+
+def unannounced(session: Session) -> Sequence[Evaluation]:
+    """Ended evaluations that have no deliveries yet."""
+    news = or_(Evaluation.announced.is_(None), Evaluation.announced < Evaluation.finished)
+    return session.scalars(select(Evaluation).where(Evaluation.status.in_(FINISHED), news)).unique().all()
+
+
+def announce(session: Session) -> int:
+    """Stores one delivery per ended evaluation and webhook of its owner, once; returns their number."""
+    ended = unannounced(session)
+    names = names_of(session, ended)
+    deliveries = 0
+    for evaluation in ended:
+        body = _body(evaluation, *names[evaluation.id])
+        for webhook in session.scalars(select(Webhook).where(Webhook.owner == evaluation.owner)):
+            session.add(Delivery(id=new_id("dl"), webhook_id=webhook.id, body=body))
+            deliveries += 1
+        mark_announced(session, evaluation)
+    return deliveries
+
+
+def due_deliveries(session: Session, limit: int, at: datetime | None = None) -> Sequence[tuple[Delivery, Webhook]]:
+    """Deliveries that are due now, with their webhooks."""
+    query = (
+        select(Delivery, Webhook)
+        .join(Webhook, Webhook.id == Delivery.webhook_id)
+        .where(Delivery.delivered.is_(None), Delivery.attempts < ATTEMPTS, Delivery.due <= (at or now()))
+        .order_by(Delivery.due)
+        .limit(limit)
+    )
+    return [(delivery, webhook) for delivery, webhook in session.execute(query)]
+
+
+def settle(session: Session, delivery_id: str, failure: str | None, *, final: bool = False) -> None:
+    """Stores the result of a delivery; after a failure it is due again with a doubled delay.
+
+    Args:
+        session: To write in.
+        delivery_id: Identifier of the delivery.
+        failure: Reason of a failure; None after a success.
+        final: Whether to give up after a failure.
+    """
+    delivery = session.get(Delivery, delivery_id)
+    if delivery is None:
+        return  # the webhook was deleted in the meantime
+    delivery.attempts = ATTEMPTS if final else delivery.attempts + 1
+    delivery.failure = failure[:500] if failure else None
+    if failure is None:
+        delivery.delivered = now()
+    else:
+        delivery.due = now() + FIRST_WAIT * 2 ** (delivery.attempts - 1)
+
+
+def _body(evaluation: Evaluation, agent: str, benchmark: str) -> dict[str, Any]:
+    finished = evaluation.finished
+    return {
+        "event": "evaluation.finished",
+        "evaluation": evaluation.id,
+        "agent": agent,
+        "version": evaluation.submission.version,
+        "benchmark": benchmark,
+        "benchmark_version": evaluation.benchmark_sha256,
+        "status": evaluation.status.value,
+        "failure": evaluation.failure,
+        "finished": finished.isoformat() if finished else None,
+    }

@@ -1,0 +1,1 @@
+"""The wire of policy workers: its messages and their description."""

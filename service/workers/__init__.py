@@ -1,0 +1,1 @@
+"""Policy workers: registered, leased episodes, stepped in lockstep."""

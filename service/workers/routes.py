@@ -1,0 +1,310 @@
+"""The wire of policy workers: register, acquire an episode, step it, and release it.
+
+Bodies are msgpack or JSON (see `dohyo.service.wire.messages`), decoded by hand: a step has neither models nor
+dependencies of the web framework on its way, and touches no database.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Annotated, Any
+
+import msgspec
+from fastapi import APIRouter, Path, Query, Request, Response
+from sqlalchemy import select
+from starlette.routing import Route
+from starlette.types import Receive, Scope, Send
+
+from dohyo.evaluation.episode.guarded_agent import RESET_DEADLINE_S
+from dohyo.service.accounts.access import WorkerCaller
+from dohyo.service.accounts.model import Token
+from dohyo.service.database.base import now
+from dohyo.service.database.engine import Database
+from dohyo.service.errors import BusyError, NotFoundError, ServiceError, TooLargeError, UnauthorisedError, problem
+from dohyo.service.running.remote import SEEN, Fault
+from dohyo.service.state import Services, ServicesOf
+from dohyo.service.submissions.model import Agent
+from dohyo.service.web.documents import problems
+from dohyo.service.wire import openapi as schema
+from dohyo.service.wire.messages import Format, decode, decode_step, encode, format_of
+from dohyo.service.workers.lease import Lease, Worker
+from dohyo.service.workers.leases import LONGEST_CAPACITY, LeaseBook, StaleTickError
+from dohyo.sumo_networks.errors import InvalidInputError
+
+BODY_LIMIT = 64 * 1024
+LONGEST_WAIT_S = 60.0
+LONGEST_TEXT = 500
+
+router = APIRouter(prefix="/v1", tags=["workers"])
+
+LeaseId = Annotated[str, Path(max_length=40, examples=["l-3f9a1c0b7d2e4f5a6b7c8d9e"])]
+WorkerId = Annotated[str, Path(max_length=40, examples=["w-9f86d081884c7d65"])]
+
+
+class Steps:
+    """POST /v1/leases/{lease}/step as a bare ASGI application: it is called ten times a simulated second."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answers one step."""
+        leases: LeaseBook = scope["app"].state.services.scheduler.leases
+        headers = _headers(scope)
+        try:
+            worker = leases.worker_of(_bearer(headers))
+            body = await _body(headers, receive)
+            taken, answered = _formats(headers)
+            lease = leases.lease_of(worker, scope["path_params"]["lease"])
+            reply = await leases.step(lease, decode_step(body, taken), taken)
+        except (ServiceError, InvalidInputError) as error:
+            await _problem(error)(scope, receive, send)
+            return
+        content = encode(reply, answered)
+        length = str(len(content)).encode()
+        about = [(b"content-type", answered.encode()), (b"content-length", length)]
+        await send({"type": "http.response.start", "status": 200, "headers": about})
+        await send({"type": "http.response.body", "body": content})
+
+
+@router.post(
+    "/workers",
+    status_code=201,
+    summary="Register a policy worker",
+    openapi_extra=schema.REGISTER,
+    responses={**problems(403, 404, 413), 201: schema.REGISTERED},
+    response_class=Response,
+)
+async def register(request: Request, caller: WorkerCaller, services: ServicesOf) -> Response:
+    """Registers a worker for an agent of the token's owner; later requests need the token from this answer."""
+    headers = _headers(request.scope)
+    try:
+        taken, answered = _formats(headers)
+        order = _registration(decode(await _body(headers, request.receive), taken))
+        owner = await asyncio.to_thread(_owner_of, services.database, order.agent)
+        if owner is None or not caller.owns(owner):
+            raise NotFoundError(f"no agent named '{order.agent}' of yours")
+        leases = services.scheduler.leases
+        worker = leases.register(order.agent, owner, caller.token_id or "", order.capacity, order.version)
+    except (ServiceError, InvalidInputError) as error:
+        return _problem(error)
+    answer = {"worker": worker.id, "token": worker.token, "lease_ttl_s": leases.lease_ttl_s}
+    return Response(encode(answer, answered), 201, media_type=answered)
+
+
+@router.post(
+    "/workers/{worker_id}/acquire",
+    summary="Wait for an episode to drive",
+    openapi_extra=schema.WORKER_TOKEN,
+    responses={**problems(404, 409, 413), 200: schema.ACQUIRED, 204: {"description": "None came in time; ask again."}},
+    response_class=Response,
+)
+async def acquire(
+    worker_id: WorkerId,
+    request: Request,
+    services: ServicesOf,
+    wait: Annotated[float, Query(ge=0.0, le=LONGEST_WAIT_S, description="Seconds to wait for one.")] = 20.0,
+) -> Response:
+    """Waits for an episode and leases it, with the first observations; 204 where none is available in time."""
+    headers, leases = _headers(request.scope), services.scheduler.leases
+    try:
+        worker = leases.worker_of(_bearer(headers))
+        if worker.id != worker_id:
+            raise NotFoundError(f"no worker '{worker_id}' of this token")
+        await _body(headers, request.receive)
+        if not await asyncio.to_thread(_is_good, services.database, worker.token_id):
+            leases.dismiss(worker.token_id)
+            raise UnauthorisedError("the token that this worker was registered with is no longer good")
+        async with _departure(request.receive) as left:
+            lease = await leases.acquire(worker, wait, left)
+        if lease is None and leases.draining:
+            raise BusyError("the service is ending", retry_s=5)
+    except (ServiceError, InvalidInputError) as error:
+        return _problem(error)
+    if lease is None:
+        return Response(status_code=204)
+    answered = _formats(headers)[1]
+    return Response(encode(_given(lease), answered), media_type=answered)
+
+
+step_route = Route("/v1/leases/{lease}/step", Steps(), methods=["POST"], include_in_schema=False)
+"""Puts the route of a step before all others, since the search through them costs as much as a step."""
+
+
+@router.post(
+    "/leases/{lease}/step",
+    summary="Send actions, get the next observations",
+    openapi_extra=schema.STEP,
+    responses={**problems(409, 410, 413), 200: schema.STEPPED},
+    response_class=Response,
+)
+async def documented_step(lease: LeaseId) -> Response:
+    """Drives all egos of the lease for one tick of 0.1 s. A repeated tick gets the same answer, so retries are safe."""
+    raise AssertionError("unreachable: `step_route` is asked before this one, which is only read as a document")
+
+
+@router.post(
+    "/leases/{lease}/heartbeat",
+    status_code=204,
+    summary="Keep a lease while deciding for long",
+    openapi_extra=schema.WORKER_TOKEN,
+    responses={**problems(410, 413), 204: {"description": "Renewed."}},
+    response_class=Response,
+)
+async def heartbeat(lease: LeaseId, request: Request, services: ServicesOf) -> Response:
+    """Renews a lease, as every step does; for workers that load a model or decide for longer than the lease lasts."""
+    try:
+        worker, leases = await _caller(request, services)
+        leases.heartbeat(leases.lease_of(worker, lease))
+    except (ServiceError, InvalidInputError) as error:
+        return _problem(error)
+    return Response(status_code=204)
+
+
+@router.post(
+    "/leases/{lease}/release",
+    status_code=204,
+    summary="Give an episode back",
+    openapi_extra=schema.RELEASE,
+    responses={**problems(410, 413), 204: {"description": "Released."}},
+    response_class=Response,
+)
+async def release(lease: LeaseId, request: Request, services: ServicesOf) -> Response:
+    """Ends a lease: with an `error` by the agent's fault, otherwise another worker drives the episode again."""
+    headers = _headers(request.scope)
+    try:
+        leases = services.scheduler.leases
+        worker = leases.worker_of(_bearer(headers))
+        body = await _body(headers, request.receive)
+        fault, text = _reason(decode(body, _formats(headers)[0]) if body else {})
+        leases.release(leases.lease_of(worker, lease), fault, text)
+    except (ServiceError, InvalidInputError) as error:
+        return _problem(error)
+    return Response(status_code=204)
+
+
+class _Registration(msgspec.Struct):
+    agent: Annotated[str, msgspec.Meta(min_length=1, max_length=100)]
+    capacity: Annotated[int, msgspec.Meta(ge=1, le=LONGEST_CAPACITY)] = 1
+    version: Annotated[int, msgspec.Meta(ge=1, le=1_000_000)] | None = None
+
+
+class _Release(msgspec.Struct):
+    reason: Annotated[str, msgspec.Meta(max_length=LONGEST_TEXT)] = ""
+    error: Annotated[str, msgspec.Meta(max_length=10_000)] | None = None
+
+
+def _registration(document: Any) -> _Registration:
+    try:
+        return msgspec.convert(document, _Registration)
+    except msgspec.ValidationError as error:
+        raise InvalidInputError(f"expected {{agent, capacity, version}}: {error}") from None
+
+
+def _reason(document: Any) -> tuple[Fault | None, str]:
+    """Fault of a release, and its text for the record."""
+    try:
+        given = msgspec.convert(document, _Release)
+    except msgspec.ValidationError as error:
+        raise InvalidInputError(f"expected {{reason, error}}: {error}") from None
+    if given.error is None:
+        return None, given.reason or "no reason given"
+    fault = Fault.INVALID_ACTION if given.reason == Fault.INVALID_ACTION else Fault.RAISED
+    return fault, given.error[:LONGEST_TEXT]
+
+
+def _given(lease: Lease) -> dict[str, Any]:
+    """Content of the answer that grants a lease."""
+    order, episode = lease.episode.order, lease.episode
+    return order.told(episode.version) | {
+        "lease": lease.id,
+        "attempt": episode.attempt,
+        "deadline_ms": round(order.act_deadline_s * 1000),
+        "first_deadline_ms": round(RESET_DEADLINE_S * 1000),
+        "slow_policy": order.slow_policy,
+        "tick": lease.tick,
+        "observations": msgspec.Raw(memoryview(episode.frame)[SEEN.size :]),
+    }
+
+
+async def _caller(request: Request, services: Services) -> tuple[Worker, LeaseBook]:
+    headers, leases = _headers(request.scope), services.scheduler.leases
+    worker = leases.worker_of(_bearer(headers))
+    await _body(headers, request.receive)
+    return worker, leases
+
+
+def _headers(scope: Scope) -> dict[bytes, bytes]:
+    return dict(scope["headers"])
+
+
+def _bearer(headers: dict[bytes, bytes]) -> str:
+    scheme, _, token = headers.get(b"authorization", b"").decode("latin-1").partition(" ")
+    return token.strip() if scheme.lower() == "bearer" else ""
+
+
+def _formats(headers: dict[bytes, bytes]) -> tuple[Format, Format]:
+    """Formats of the body and of the answer; the answer has the body's unless another is requested."""
+    taken = format_of(headers.get(b"content-type", b"").decode("latin-1"))
+    answered = format_of(headers.get(b"accept", b"").decode("latin-1"), None)
+    if b"content-type" not in headers and answered is not None:
+        taken = answered
+    assert taken is not None
+    return taken, answered or taken
+
+
+async def _body(headers: dict[bytes, bytes], receive: Receive) -> bytes:
+    """The whole body; a body that is too large is refused before it is read.
+
+    Raises:
+        TooLargeError: The body is too large.
+    """
+    told = headers.get(b"content-length", b"0")
+    if told.isdigit() and int(told) > BODY_LIMIT:
+        raise TooLargeError(BODY_LIMIT)
+    body = b""
+    while True:
+        message = await receive()
+        body += message.get("body", b"")
+        if len(body) > BODY_LIMIT:
+            raise TooLargeError(BODY_LIMIT)
+        if not message.get("more_body", False):
+            return bytes(body)
+
+
+@asynccontextmanager
+async def _departure(receive: Receive) -> AsyncIterator[asyncio.Future[None]]:
+    """Returns once the client has closed its connection."""
+
+    async def wait() -> None:
+        while (await receive())["type"] != "http.disconnect":
+            pass
+
+    task = asyncio.ensure_future(wait())
+    try:
+        yield task
+    finally:
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
+
+
+def _owner_of(database: Database, agent: str) -> str | None:
+    with database.reading() as session:
+        return session.scalar(select(Agent.owner).where(Agent.name == agent))
+
+
+def _is_good(database: Database, token_id: str) -> bool:
+    """Whether an API token is neither revoked nor expired."""
+    with database.reading() as session:
+        token = session.get(Token, token_id)
+        return token is not None and token.revoked is None and (token.expires is None or now() < token.expires)
+
+
+def _problem(error: ServiceError | InvalidInputError) -> Response:
+    """An error of the wire as a problem document, always in JSON."""
+    if isinstance(error, StaleTickError):
+        return problem(error.status, str(error), expected_tick=error.expected)
+    if isinstance(error, ServiceError):
+        return problem(error.status, str(error), error.headers)
+    return problem(422, str(error))

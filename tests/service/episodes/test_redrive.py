@@ -1,0 +1,177 @@
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dohyo.agents.experts.autopilot import Autopilot
+from dohyo.evaluation.agent import Observation, agent_info
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.episode.runner import drive_episode
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.store import seal, write_record
+from dohyo.evaluation.records.trajectory import Trajectory
+from dohyo.service.episodes.redrive import Trace, explanation_at
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Mission, Traffic
+from tests.service.shop import Shop
+
+Driven = tuple[EpisodeRecord, Trajectory, list[dict[str, Any]]]
+
+
+class Recorded(Autopilot):
+    """An autopilot that keeps what it explained."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.said: list[dict[str, Any]] = []
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        super().reset(mission, seed)
+        self.said.clear()  # decisions of the warm-up
+
+    def act(self, observation: Observation) -> np.ndarray:
+        action = super().act(observation)
+        self.said.append(told(self.explain()))
+        return action
+
+
+def told(value: Any) -> Any:
+    """As JSON can tell it: what is infinite becomes null."""
+    if isinstance(value, dict):
+        return {key: told(one) for key, one in value.items()}
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+@pytest.fixture(scope="module")
+def driven() -> Driven:
+    """Six seconds of the autopilot on an empty road, and what it said."""
+    scenario = load_benchmark("quickstart").scenarios([0])[0]
+    scenario = scenario.model_copy(update={"traffic": Traffic(vehicles=0, pedestrians=0), "time_limit_s": 6.0})
+    agent = Recorded()
+    info = agent_info(Autopilot(), "dohyo.agents.experts.autopilot:Autopilot")
+    record, trajectory = drive_episode(scenario, {"ego": agent}, infos={"ego": info}, benchmark=("made", "0" * 64))
+    return record, trajectory, agent.said
+
+
+def explained(shop: Shop, episode: str, tick: int, seconds: float = 60.0) -> Any:
+    """Asks until there is an answer."""
+    until = time.monotonic() + seconds
+    while True:
+        answer = shop.client.get(f"/v1/episodes/{episode}/explanation", params={"tick": tick})
+        if answer.status_code != 202 or time.monotonic() > until:
+            return answer
+        assert int(answer.headers["retry-after"]) >= 1
+        time.sleep(0.2)
+
+
+def test_a_drive_is_the_same_again_and_explains_itself(shop: Shop, driven: Driven) -> None:
+    record, trajectory, said = driven
+    _, (one,) = shop.evaluation(shop.submission("autopilot"), [record], trajectory=trajectory)
+    with shop.client:
+        verified = shop.client.post(f"/v1/episodes/{one}/verify", headers=shop.token("ann"))
+        assert verified.json() == {
+            "episode": one,
+            "expected": record.record_hash,
+            "replayed": record.record_hash,
+            "same": True,
+        }
+        for tick in (0, 17, record.ticks - 1):
+            answer = explained(shop, one, tick).json()
+            assert answer["explanations"] == {"ego": said[tick]}
+            assert answer["ticks"] == record.ticks
+        assert explained(shop, one, record.ticks).json()["explanations"] == {}
+
+
+def test_the_first_question_sets_off_the_drive(shop: Shop, driven: Driven) -> None:
+    record, trajectory, said = driven
+    _, (one,) = shop.evaluation(shop.submission("autopilot"), [record], trajectory=trajectory)
+    with shop.client:
+        first = shop.client.get(f"/v1/episodes/{one}/explanation", params={"tick": 3})
+        assert (first.status_code, first.json()["status"]) == (202, "being found out")
+        assert explained(shop, one, 3).json()["explanations"] == {"ego": said[3]}
+    (kept,) = shop.path(one).parent.glob("*.explanations-*")
+    kept.write_bytes(b"damaged")
+    with shop.client:
+        assert shop.client.get(f"/v1/episodes/{one}/explanation", params={"tick": 3}).status_code == 410
+        assert not kept.exists()  # so that the next question makes it again
+
+
+def test_a_record_that_does_not_come_out_again_is_told(shop: Shop, driven: Driven) -> None:
+    record, trajectory, _ = driven
+    ego = record.egos[0].model_copy(update={"contacts": 3})
+    _, (one,) = shop.evaluation(
+        shop.submission("liar"), [record.model_copy(update={"egos": (ego,)})], trajectory=trajectory
+    )
+    with shop.client:
+        answer = shop.client.post(f"/v1/episodes/{one}/verify", headers=shop.token("ann")).json()
+        assert (answer["same"], answer["replayed"]) == (False, record.record_hash)
+        explanation = explained(shop, one, 0)
+        assert explanation.status_code == 409
+        assert "a different record" in explanation.json()["detail"]
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"entry": "no.such.module:Agent"}, "agent 'no.such.module:Agent' cannot be made"),
+        ({"source_sha256": "0" * 64}, "agent 'autopilot' has changed since"),
+    ],
+)
+def test_an_agent_that_is_gone_or_changed_proves_nothing(
+    shop: Shop, driven: Driven, change: dict[str, str], why: str
+) -> None:
+    record, trajectory, _ = driven
+    ego = record.egos[0]
+    ego = ego.model_copy(update={"agent": ego.agent.model_copy(update=change)})
+    _, (one,) = shop.evaluation(
+        shop.submission("gone"), [record.model_copy(update={"egos": (ego,)})], trajectory=trajectory
+    )
+    with shop.client:
+        for answer in (
+            shop.client.post(f"/v1/episodes/{one}/verify", headers=shop.token("ann")),
+            explained(shop, one, 0),
+        ):
+            assert answer.status_code == 409
+            assert why in answer.json()["detail"]
+
+
+def test_a_redrive_ends_with_its_parent(tmp_path: Path, driven: Driven) -> None:
+    record, trajectory, _ = driven
+    long = record.model_copy(update={"scenario": load_benchmark("quickstart").scenarios([0])[0]})
+    path = write_record(tmp_path, "long", seal(long), trajectory)
+    command = [sys.executable, "-m", "dohyo.service.episodes.redrive", str(path), str(tmp_path / "trace.gz")]
+    child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert child.stdin is not None
+    child.stdin.close()
+    assert child.wait(timeout=30) == 1
+    assert not (tmp_path / "trace.gz").exists()
+    assert child.stdout is not None
+    child.stdout.close()
+
+
+def test_explanations_that_are_no_json_are_told_as_text(tmp_path: Path) -> None:
+    trace = Trace()
+    note = trace.noter("ego")
+    note({"array": np.array([1.5, 2.0]), "number": np.float32(0.5), "object": Path("x")})
+    note({"nan": float("nan"), "near": 1.0})
+    endless: dict[str, Any] = {}
+    endless["itself"] = endless
+    note(endless)
+    note(None)
+    trace.noter("other")(None)
+    trace.write(tmp_path / "trace.gz")
+    first = explanation_at(tmp_path / "trace.gz", 0)
+    assert first == {"ego": {"array": [1.5, 2.0], "number": 0.5, "object": "x"}, "other": None}
+    assert explanation_at(tmp_path / "trace.gz", 1) == {"ego": {"nan": None, "near": 1.0}}
+    assert "unreadable" in explanation_at(tmp_path / "trace.gz", 2)["ego"]
+    assert explanation_at(tmp_path / "trace.gz", 3) == {"ego": None}
+    assert explanation_at(tmp_path / "trace.gz", 4) == {}
+    with pytest.raises(InvalidInputError, match="expected explanations"):
+        explanation_at(tmp_path / "missing.gz", 0)

@@ -1,0 +1,113 @@
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import AsyncIterator
+from typing import Any
+
+from dohyo.service.database.base import now
+from dohyo.service.evaluations import progress
+from dohyo.service.evaluations.model import EvaluationStatus
+from dohyo.service.evaluations.views import EvaluationView, Progress
+from dohyo.service.state import BACKLOG, Broadcast
+from dohyo.service.submissions.model import AgentKind
+
+
+def state(done: int, status: EvaluationStatus = EvaluationStatus.RUNNING) -> EvaluationView:
+    return EvaluationView(
+        id="ev-1",
+        owner="team",
+        agent="a",
+        version=1,
+        kind=AgentKind.REMOTE,
+        track="map",
+        benchmark="b",
+        benchmark_version="0" * 64,
+        seeds=[0],
+        slow_policy="wait",
+        act_deadline_s=10.0,
+        status=status,
+        failure=None,
+        progress=Progress(total=9, done=done),
+        created=now().replace(microsecond=0),
+        started=None,
+        finished=None,
+    )
+
+
+async def _collect(events: Broadcast, states: list[EvaluationView], act: Any) -> list[str]:
+    async def read() -> EvaluationView:
+        return states.pop(0) if len(states) > 1 else states[0]
+
+    stream: AsyncIterator[str] = progress.stream_progress(events, "ev-1", read)
+    out = [await anext(stream)]
+    await act()
+    out += [text async for text in stream]
+    return out
+
+
+def test_a_listener_that_is_too_slow_reads_the_state_again_and_loses_nothing() -> None:
+    events = Broadcast()
+
+    async def flood() -> None:
+        for number in range(3 * BACKLOG):
+            events.publish("evaluation:ev-1", {"episode": f"ep-{number}", "status": "done"})
+        events.close()
+
+    ended = state(9, EvaluationStatus.DONE)
+    out = asyncio.run(_collect(events, [state(0), ended], flood))
+    assert "event: state" in out[0]
+    assert "event: end" in out[-1]
+    assert '"done":9' in out[-1]
+
+
+def test_silence_is_filled_with_comments_and_ends_are_noticed_without_a_message(monkeypatch: Any) -> None:
+    monkeypatch.setattr(progress, "HEARTBEAT_S", 0.01)
+
+    async def nothing() -> None:
+        return
+
+    same = state(0)
+    out = asyncio.run(_collect(Broadcast(), [same, same, same, state(9, EvaluationStatus.FAILED)], nothing))
+    assert [text.split("\n")[0] for text in out] == ["retry: 3000", ": still here", ": still here", "event: end"]
+
+
+def test_the_end_of_the_service_ends_all_streams_also_later_ones() -> None:
+    events = Broadcast()
+
+    async def close() -> None:
+        events.close()
+
+    assert len(asyncio.run(_collect(events, [state(0)], close))) == 1
+    assert len(asyncio.run(_collect(events, [state(0)], close))) == 1
+
+
+def test_messages_from_other_threads_arrive_in_order() -> None:
+    events = Broadcast()
+
+    async def listen() -> list[int]:
+        with events.subscribe("numbers") as subscription:
+            thread = threading.Thread(target=lambda: [events.publish("numbers", {"n": n}) for n in range(100)])
+            thread.start()
+            got = [(await subscription.get(5.0) or {})["n"] for _ in range(100)]
+            thread.join()
+            assert await subscription.get(0.01) is None
+            return got
+
+    assert asyncio.run(listen()) == list(range(100))
+
+
+def test_nobody_listening_is_no_trouble() -> None:
+    Broadcast().publish("nothing", {})
+
+
+def test_a_subscription_ends_its_iteration_when_it_is_closed() -> None:
+    events = Broadcast()
+
+    async def listen() -> list[dict[str, Any]]:
+        subscription = events.subscribe("t")
+        events.publish("t", {"n": 1})
+        subscription.close()
+        return [message async for message in subscription]
+
+    assert asyncio.run(listen()) == [{"n": 1}]

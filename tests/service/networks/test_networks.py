@@ -1,0 +1,144 @@
+from __future__ import annotations
+
+import gzip
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dohyo.service.networks.map import map_document
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.entries import network_path
+from tests.service.harness import Caller, Harness, assert_problem
+
+PLAIN = b"""<net version="1.20" junctionCornerDetail="5" limitTurnSpeed="5.50">
+    <location netOffset="0.00,0.00" convBoundary="0.00,0.00,200.00,0.00" origBoundary="0,0,200,0" projParameter="!"/>
+    <edge id="a" from="n0" to="n1" priority="1">
+        <lane id="a_0" index="0" speed="13.89" length="100.00" shape="0.00,-1.60 100.00,-1.60"/>
+    </edge>
+    <edge id="b" from="n1" to="n2" priority="1">
+        <lane id="b_0" index="0" speed="13.89" length="100.00" shape="100.00,-1.60 200.00,-1.60"/>
+    </edge>
+    <junction id="n0" type="dead_end" x="0.00" y="0.00" incLanes="" intLanes="" shape="0.00,0.00 0.00,-3.20"/>
+    <junction id="n1" type="priority" x="100.00" y="0.00" incLanes="a_0" intLanes=""
+        shape="100.00,0.00 100.00,-3.20 100.00,0.00"><request index="0" response="0" foes="0" cont="0"/></junction>
+    <junction id="n2" type="dead_end" x="200.00" y="0.00" incLanes="b_0" intLanes="" shape="200.00,-3.20 200.00,0.00"/>
+    <connection from="a" to="b" fromLane="0" toLane="0" dir="s" state="M"/>
+</net>"""
+
+
+def upload(caller: Caller, content: bytes, file: str = "town.net.xml", **fields: str) -> Any:
+    form = {"name": "my-town", **fields}
+    files = {"file": (file, content)}
+    return caller.client.post("/v1/networks", data=form, files=files, headers=caller.headers)
+
+
+def test_networks_are_listed_with_what_they_hold(service: Harness) -> None:
+    listed = {one["name"]: one for one in service.client.get("/v1/networks").json()}
+    one = service.client.get("/v1/networks/ingolstadt").json()
+    assert one == listed["ingolstadt"]
+    network = load_network("ingolstadt")
+    assert one["sha256"] == network.sha256
+    assert one["crossings"] == int(network.lanes.crossing.sum())
+    assert one["origin"] == "dohyo"
+
+
+def test_a_path_is_no_name(service: Harness) -> None:
+    inside = str(network_path("ingolstadt")).replace("/", "%2F")
+    for name in (inside, "..%2Fingolstadt", "ingolstadt.net.xml", "%00"):
+        assert service.client.get(f"/v1/networks/{name}").status_code in (404, 422)
+        assert service.client.get(f"/v1/networks/{name}/map").status_code in (404, 422)
+
+
+def test_the_map_of_a_box_holds_what_reaches_into_it(service: Harness) -> None:
+    network = load_network("ingolstadt")
+    x, y, _ = network.lane_point(int(np.flatnonzero(network.lanes.drivable)[0]), 1.0)
+    part = service.client.get(
+        "/v1/networks/ingolstadt/map", params={"x0": x - 50, "y0": y - 50, "x1": x + 50, "y1": y + 50}
+    ).json()
+    whole = map_document(network)
+    assert 0 < len(part["lanes"]) < len(whole["lanes"])
+    assert all(lane in whole["lanes"] for lane in part["lanes"])
+    expected = [
+        lane
+        for lane in whole["lanes"]
+        if min(p[0] for p in lane["points"]) <= x + 50
+        and max(p[0] for p in lane["points"]) >= x - 50
+        and min(p[1] for p in lane["points"]) <= y + 50
+        and max(p[1] for p in lane["points"]) >= y - 50
+    ]
+    assert len(part["lanes"]) == len(expected)
+    assert {lane["kind"] for lane in whole["lanes"]} <= {"drive", "bicycle", "walk", "crossing", "internal"}
+    assert len(whole["stop_lines"]) == len(network.stop_lines.lane)
+    assert all(math.isfinite(value) for line in whole["stop_lines"] for value in line)
+
+
+def test_a_map_is_packed_and_is_not_sent_twice(service: Harness) -> None:
+    path = "/v1/networks/ingolstadt/map?x0=0&y0=0&x1=9000&y1=9000"
+    plain = service.client.get(path, headers={"accept-encoding": "identity"})
+    packed = service.client.get(path, headers={"accept-encoding": "gzip"})
+    assert "content-encoding" not in plain.headers
+    assert packed.headers["content-encoding"] == "gzip"
+    assert packed.json() == plain.json()
+    assert packed.num_bytes_downloaded < len(plain.content) / 3
+    again = service.client.get(path, headers={"if-none-match": packed.headers["etag"]})
+    assert (again.status_code, again.content) == (304, b"")
+
+
+@pytest.mark.parametrize(
+    "query", ["x0=1", "x0=1&y0=1&x1=0&y1=2", "x0=nan&y0=0&x1=1&y1=1", "x0=-inf&y0=0&x1=1&y1=1", "x0=a&y0=0&x1=1&y1=1"]
+)
+def test_boxes_that_are_none(service: Harness, query: str) -> None:
+    assert_problem(service.client.get(f"/v1/networks/ingolstadt/map?{query}"), 422)
+
+
+@pytest.mark.slow
+def test_an_uploaded_network_lives_in_the_data_folder_and_never_changes(service: Harness) -> None:
+    team = service.caller("team")
+    made = upload(team, gzip.compress(PLAIN), "town.net.xml.gz", licence="CC0")
+    assert made.status_code == 201, made.text
+    body = made.json()
+    assert (body["name"], body["origin"], body["licence"], body["lanes"]) == ("my-town", "upload", "CC0", 2)
+    data = service.services.settings.data
+    assert (data / "networks" / "my-town" / "network.toml").is_file()
+    assert "my-town" in [one["name"] for one in service.client.get("/v1/networks").json()]
+    assert service.client.get("/v1/networks/my-town/map").json()["lanes"]
+    assert_problem(upload(team, PLAIN), 409, "never change")
+
+
+@pytest.mark.parametrize(
+    ("content", "file", "fields", "status", "says"),
+    [
+        (PLAIN, "town.net.xml", {"name": "../../etc"}, 422, "network name"),
+        (PLAIN, "town.net.xml", {"name": ""}, 422, "network name"),
+        (PLAIN, "town.net.xml", {"name": "ingolstadt"}, 409, "ingolstadt"),
+        (PLAIN, "town.zip", {}, 422, ".net.xml"),
+        (PLAIN, "town.net.xml", {"lights": "maybe"}, 422, "lights"),
+        (PLAIN, "town.net.xml", {"licence": "a\nb"}, 422, "licence"),
+        (b"<net></nonsense>", "town.net.xml", {}, 422, "XML"),
+        (b'<!DOCTYPE net [<!ENTITY a SYSTEM "file:///etc/passwd">]><net>&a;</net>', "t.net.xml", {}, 422, "DOCTYPE"),
+        (b"\x1f\x8b\x08garbage", "town.net.xml.gz", {}, 422, "gzip"),
+        (b"<net/>", "../../../../tmp/evil.net.xml", {}, 422, "lane"),
+    ],
+)
+def test_what_is_no_network_is_refused_and_leaves_nothing(
+    service: Harness, content: bytes, file: str, fields: dict[str, str], status: int, says: str
+) -> None:
+    answer = upload(service.caller("team"), content, file, **fields)
+    assert_problem(answer, status, says)
+    assert "/tmp/" not in answer.text
+    folder = service.services.settings.data / "networks"
+    assert not folder.exists() or list(folder.iterdir()) == []
+
+
+def test_a_full_disk_during_an_import_is_told_as_such(service: Harness, monkeypatch: pytest.MonkeyPatch) -> None:
+    from dohyo.service.errors import StorageFullError
+
+    def full(*_: object) -> None:
+        raise StorageFullError()
+
+    monkeypatch.setattr("dohyo.service.networks.routes.run_isolated", full)
+    assert_problem(upload(service.caller("team"), PLAIN), 507)
+    assert not Path(service.services.settings.data / "networks").exists()

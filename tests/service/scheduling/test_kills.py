@@ -1,0 +1,244 @@
+"""kill -9 and SIGTERM at bad moments: nothing finished is lost, nothing is counted twice, every end is honest."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from dohyo.evaluation.agent import make_agent
+from dohyo.evaluation.episode.runner import drive_episode, run_episode
+from dohyo.evaluation.records.specifications import Status
+from dohyo.evaluation.records.store import write_record
+from dohyo.service.episodes.archive import archived_path, staged_folder
+from dohyo.service.evaluations.model import EpisodeStatus, EvaluationStatus
+from dohyo.service.submissions.model import AgentKind
+from tests.service.conftest import MakeService
+from tests.service.served import ROOT, STEADY, Service, info_of, short, wait_until
+from tests.service.workers.wire_worker import hire
+
+AGENTS = "tests.evaluation.agents"
+Undisturbed = Callable[[int], list[str | None]]
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    """A running service for whatever does not kill it; it soon takes a worker for dead."""
+    shared = Service(tmp_path_factory.mktemp("data"), processes=2, lease_ttl_s=1.5)
+    shared.start()
+    yield shared
+    shared.close()
+
+
+@pytest.fixture(scope="module")
+def undisturbed() -> Undisturbed:
+    """Hashes of the records of an evaluation to which nothing happens, driven here, by number of missions."""
+
+    @cache
+    def hashes(missions: int) -> list[str | None]:
+        benchmark = short(missions)
+        source = (benchmark.name, benchmark.sha256)
+        infos = {"ego": info_of(STEADY)}
+        return [
+            run_episode(one, {"ego": make_agent(STEADY)}, infos=infos, benchmark=source).record_hash
+            for one in benchmark.scenarios([0])
+        ]
+
+    return hashes
+
+
+def spawn_worker(service: Service, pause_s: float = 60.0) -> subprocess.Popen[str]:
+    """A worker in a process of its own that stops after ten steps; it has driven those when this returns."""
+    arguments = [str(service.port), service.token, "steady", str(pause_s)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tests.service.workers.wire_worker", *arguments],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "driving\n"
+    return process
+
+
+def test_kill_nine_of_a_worker_lets_another_drive_the_episode_again(service: Service, undisturbed: Undisturbed) -> None:
+    evaluation = service.submit(info_of(STEADY), short())
+    killed = spawn_worker(service)
+    killed.kill()
+    killed.wait()
+    worker = hire(service)
+    episode = worker.acquire()
+    assert (episode["attempt"], episode["tick"]) == (2, 0)
+    worker.drive(episode)
+    assert service.hashes(evaluation) == undisturbed(1)
+    assert service.episodes(evaluation)[0].attempts == 2
+
+
+def test_workers_that_vanish_twice_end_the_evaluation_honestly(service: Service) -> None:
+    evaluation = service.submit(info_of(STEADY), short(missions=2))
+    worker = hire(service)
+    worker.drive(worker.acquire())
+    for _ in range(2):
+        hire(service).acquire()  # and not a word more
+        wait_until(lambda: all(one.status is not EpisodeStatus.RUNNING for one in service.episodes(evaluation)), "held")
+    ended = service.wait(evaluation)
+    assert ended.status is EvaluationStatus.FAILED
+    assert "1 of 2 episodes were lost" in (ended.failure or "")
+    assert "not heard of" in (ended.failure or "")
+    # Whichever was ready first was handed out first: a worker of the test before may be taken for waiting too.
+    done, lost = sorted(service.episodes(evaluation), key=lambda one: one.status)
+    assert (done.status, lost.status, lost.attempts) == (EpisodeStatus.DONE, EpisodeStatus.LOST, 2)
+    assert lost.record_hash is None
+
+
+def test_kill_nine_of_an_episode_process_costs_its_worker_the_lease_only(
+    service: Service, undisturbed: Undisturbed
+) -> None:
+    evaluation = service.submit(info_of(STEADY), short())
+    worker = hire(service)
+    episode = worker.acquire()
+    reply = worker.drive(episode, steps=5)
+    for process in service.episode_processes():
+        os.kill(process, signal.SIGKILL)
+    status, problem = worker.step(episode["lease"], reply["tick"], {"ego": [6.0, 0.0]})
+    assert (status, "-9" in problem["detail"]) == (410, True), problem
+    again = worker.acquire()
+    assert again["attempt"] == 2
+    worker.drive(again)
+    assert service.hashes(evaluation) == undisturbed(1)
+
+
+def test_a_built_in_agent_whose_process_dies_is_tried_once_more_and_then_lost(service: Service, tmp_path: Path) -> None:
+    once = info_of(f"{AGENTS}:DiesOnce", marker=str(tmp_path / "marker")).model_copy(update={"name": "once"})
+    always = info_of(f"{AGENTS}:DiesAlways").model_copy(update={"name": "always"})
+    survives = service.submit(once, short(), kind=AgentKind.BUILTIN)
+    dies = service.submit(always, short(), kind=AgentKind.BUILTIN)
+    assert service.record(survives).egos[0].status.completed
+    assert service.episodes(survives)[0].attempts == 2
+    ended = service.wait(dies)
+    assert (ended.status, "code -9" in (ended.failure or "")) == (EvaluationStatus.FAILED, True)
+
+
+def test_a_built_in_agent_that_never_returns_is_at_fault(service: Service) -> None:
+    hangs = info_of(f"{AGENTS}:HangsOutsidePython", after=2)
+    evaluation = service.submit(hangs, short(), kind=AgentKind.BUILTIN, act_deadline_s=0.3)
+    (ego,) = service.record(evaluation).egos
+    assert ego.status is Status.AGENT_DEADLINE
+    assert service.episodes(evaluation)[0].attempts == 1
+
+
+def test_code_that_changed_since_it_was_submitted_is_not_driven(service: Service) -> None:
+    old = info_of(STEADY).model_copy(update={"source_sha256": "0" * 64})
+    ended = service.wait(service.submit(old, short(), kind=AgentKind.BUILTIN))
+    assert (ended.status, "has changed" in (ended.failure or "")) == (EvaluationStatus.FAILED, True)
+
+
+def test_kill_nine_of_the_server_loses_nothing_and_counts_nothing_twice(
+    make_service: MakeService, undisturbed: Undisturbed
+) -> None:
+    service = make_service(processes=1)
+    evaluation = service.submit(info_of(STEADY), short(missions=4), kind=AgentKind.BUILTIN)
+    service.start()
+    service.wait_done(evaluation, 1)
+    orphans = service.episode_processes()
+    service.kill()
+    before = {one.position: (one.record_hash, one.finished) for one in service.episodes(evaluation) if one.record_hash}
+    assert len(before) < 4, "it finished before the kill; the test shows nothing"
+    wait_until(
+        lambda: not any(Path(f"/proc/{pid}").exists() for pid in orphans), "episode processes outlive the server"
+    )
+    service.start()
+    hashes = service.hashes(evaluation)
+    after = {one.position: (one.record_hash, one.finished) for one in service.episodes(evaluation)}
+    assert {position: after[position] for position in before} == before
+    assert all(one.attempts == 1 for one in service.episodes(evaluation))
+    assert not staged_folder(service.settings, evaluation).exists()
+    assert hashes == undisturbed(4)
+
+
+def test_a_record_that_a_dead_server_left_in_staging_is_kept_and_not_driven_again(make_service: MakeService) -> None:
+    service, benchmark, info = make_service(processes=1), short(), info_of(STEADY)
+    evaluation = service.submit(info, benchmark, kind=AgentKind.BUILTIN)
+    # As if it had died between the record and the database's commit.
+    folder = staged_folder(service.settings, evaluation)
+    folder.mkdir(parents=True)
+    (episode,) = service.episodes(evaluation)
+    source = (benchmark.name, benchmark.sha256)
+    (scenario,) = benchmark.scenarios([0])
+    record, trajectory = drive_episode(scenario, {"ego": make_agent(STEADY)}, infos={"ego": info}, benchmark=source)
+    write_record(folder, f"{episode.scenario}-s0", record, trajectory)
+    inode = (folder / f"{episode.scenario}-s0.json").stat().st_ino
+    with service.database.session() as session:
+        there = session.merge(episode)
+        there.status, there.attempts = EpisodeStatus.RUNNING, 1
+        session.merge(service.evaluation(evaluation)).status = EvaluationStatus.RUNNING
+    service.start()
+    (record_hash,) = service.hashes(evaluation)
+    assert record_hash is not None
+    assert archived_path(service.settings, record_hash).stat().st_ino == inode
+    assert service.episodes(evaluation)[0].attempts == 1
+
+
+def test_a_remote_worker_survives_kill_nine_of_the_server(make_service: MakeService, undisturbed: Undisturbed) -> None:
+    service = make_service()
+    evaluation = service.submit(info_of(STEADY), short())
+    service.start()
+    worker = hire(service)
+    worker.drive(worker.acquire(), steps=5)
+    service.kill()
+    service.start()
+    assert hire(service).post(f"/v1/workers/{worker.worker}/acquire?wait=0")[0] == 404
+    again = hire(service)
+    episode = again.acquire()
+    assert (episode["attempt"], episode["tick"]) == (1, 0)
+    again.drive(episode)
+    assert service.hashes(evaluation) == undisturbed(1)
+
+
+def test_sigterm_under_load_lets_episodes_end_and_leaves_nothing_running(make_service: MakeService) -> None:
+    service = make_service(processes=1, drain_s=20.0)
+    infos = [info_of(STEADY).model_copy(update={"name": f"queued-{i}"}) for i in range(4)]
+    queued = [service.submit(info, short(missions=6), kind=AgentKind.BUILTIN) for info in infos]
+    remote = service.submit(info_of(STEADY).model_copy(update={"name": "remote"}), short())
+    service.start()
+    worker = hire(service, "remote")
+    episode = worker.acquire()
+    reply = worker.drive(episode, steps=5)
+    service.wait_done(queued[0], 1)
+    assert service.process is not None
+    service.process.send_signal(signal.SIGTERM)
+    directives = set()
+    while not reply.get("done"):
+        _, reply = worker.step(episode["lease"], reply["tick"], {"ego": [6.0, 0.0]})
+        directives.add(reply["directive"])
+    assert "drain" in directives
+    status, _ = worker.post(f"/v1/workers/{worker.worker}/acquire?wait=5")
+    assert status == 503
+    assert service.process.wait(30) == 0
+    assert service.evaluation(remote).status is EvaluationStatus.DONE
+    statuses = [one.status for evaluation in queued for one in service.episodes(evaluation)]
+    assert EpisodeStatus.RUNNING not in statuses
+    assert EpisodeStatus.QUEUED in statuses, "it had nothing left to do; the test shows nothing"
+    service.start()
+    for evaluation in queued:
+        assert len(set(service.hashes(evaluation))) == 6
+        assert all(one.attempts == 1 for one in service.episodes(evaluation))
+
+
+def test_an_episode_that_outlasts_the_drain_is_queued_again_and_counts_as_no_attempt(make_service: MakeService) -> None:
+    service = make_service(drain_s=0.3)
+    evaluation = service.submit(info_of(STEADY), short())
+    service.start()
+    worker = hire(service)
+    worker.drive(worker.acquire(), steps=3)
+    assert service.terminate() == 0
+    (episode,) = service.episodes(evaluation)
+    assert (episode.status, episode.attempts) == (EpisodeStatus.QUEUED, 0)
+    assert service.evaluation(evaluation).status is EvaluationStatus.RUNNING

@@ -1,0 +1,195 @@
+"""The machine fails under the scheduler: a full disk, a locked database, one that drops its connections, a drain that
+ends too early. Nothing finished is lost, nothing is counted twice, every evaluation ends with an honest status.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import SecretStr
+from sqlalchemy import create_engine, text
+
+from dohyo.service.database.engine import Database
+from dohyo.service.evaluations.model import EpisodeStatus, EvaluationStatus
+from dohyo.service.scheduling import scheduler as scheduling
+from dohyo.service.scheduling.scheduler import Scheduler
+from dohyo.service.state import Broadcast
+from dohyo.service.submissions.model import AgentKind
+from tests.service.conftest import MakeService
+from tests.service.served import STEADY, Service, info_of, short
+from tests.service.workers.wire_worker import hire
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def shop(tmp_path: Path, database_url: str) -> Iterator[Service]:
+    """What a scheduler in this process works on, on SQLite and on PostgreSQL."""
+    kept = Service(tmp_path / "data", database=SecretStr(database_url), processes=1)
+    yield kept
+    kept.close()
+
+
+@asynccontextmanager
+async def scheduled(shop: Service) -> AsyncIterator[Scheduler]:
+    """A scheduler that loses its patience with the database soon."""
+    database = Database(shop.settings.database_url, busy_s=0.3)
+    scheduler = Scheduler(shop.settings, database, Broadcast())
+    await scheduler.start()
+    try:
+        yield scheduler
+    finally:
+        await scheduler.stop()
+        database.close()
+
+
+async def until(true: Callable[[], bool], patience_s: float = 60.0) -> None:
+    """Waits until something holds, on the event loop."""
+    ends = time.monotonic() + patience_s
+    while not await asyncio.to_thread(true):
+        assert time.monotonic() < ends, "it does not happen"
+        await asyncio.sleep(0.05)
+
+
+@contextlib.contextmanager
+def locked(shop: Service) -> Iterator[None]:
+    """Somebody else writes, and does not end."""
+    engine = create_engine(shop.database.engine.url)
+    sqlite = engine.dialect.name == "sqlite"
+    with engine.connect() as connection:
+        if sqlite:
+            connection.connection.isolation_level = None  # type: ignore[attr-defined]
+        connection.execute(text("BEGIN IMMEDIATE" if sqlite else "LOCK TABLE episodes IN ACCESS EXCLUSIVE MODE"))
+        yield
+        connection.execute(text("ROLLBACK")) if sqlite else connection.rollback()
+    engine.dispose()
+
+
+def submit(shop: Service, name: str, missions: int = 1, owner: str = "owner") -> str:
+    info = info_of(STEADY).model_copy(update={"name": name})
+    return shop.submit(info, short(missions), kind=AgentKind.BUILTIN, owner=owner)
+
+
+def test_a_locked_database_delays_a_result_and_loses_none(
+    shop: Service, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(scheduling, "RETRY_S", (0.1,))
+    evaluation = submit(shop, "steady")
+
+    def refused() -> int:
+        return sum("the database refuses" in record.getMessage() for record in caplog.records)
+
+    async def main() -> None:
+        async with scheduled(shop):
+            await until(lambda: shop.episodes(evaluation)[0].status is EpisodeStatus.RUNNING)
+            with locked(shop):
+                await until(lambda: refused() >= 2)
+            await until(lambda: shop.evaluation(evaluation).status.finished)
+
+    asyncio.run(main())
+    (episode,) = shop.episodes(evaluation)
+    assert (episode.status, episode.attempts) == (EpisodeStatus.DONE, 1)
+    assert shop.record(evaluation).egos[0].status.completed
+
+
+def test_owners_take_turns_and_dropped_connections_cost_nothing(shop: Service) -> None:
+    first = submit(shop, "first", missions=3, owner="early")
+    second = submit(shop, "second", missions=2, owner="late")
+
+    async def main() -> None:
+        async with scheduled(shop):
+            await until(lambda: shop.episodes(first)[0].status is EpisodeStatus.DONE)
+            if shop.database.engine.dialect.name == "postgresql":
+                with shop.database.session() as session:
+                    others = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid()"
+                    session.execute(text(f"{others} AND datname = current_database()"))
+            await until(lambda: all(shop.evaluation(one).status.finished for one in (first, second)))
+
+    asyncio.run(main())
+    episodes = sorted([*shop.episodes(first), *shop.episodes(second)], key=lambda one: one.started or one.id)  # type: ignore[arg-type, return-value]
+    owners = ["early" if one.evaluation_id == first else "late" for one in episodes]
+    assert owners == ["early", "late", "early", "late", "early"]
+    assert {(one.status, one.attempts) for one in episodes} == {(EpisodeStatus.DONE, 1)}
+    assert shop.hashes(first)[0] is not None
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 4 MB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(folder)]
+    if subprocess.run(command, capture_output=True, check=False).returncode:
+        pytest.skip("no file system can be mounted here: a full disk needs root")
+    yield folder
+    subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+def fill(folder: Path) -> Path:
+    """Takes every byte that is left."""
+    ballast = folder / "ballast"
+    with ballast.open("ab", buffering=0) as file, contextlib.suppress(OSError):
+        while True:
+            file.write(b"x" * 4096)
+    return ballast
+
+
+def test_a_full_disk_costs_an_attempt_and_nothing_that_was_done(small_disk: Path) -> None:
+    service = Service(small_disk / "data", processes=1)
+    try:
+        done = service.submit(info_of(STEADY), short(), kind=AgentKind.BUILTIN)
+        service.start()
+        hashes = service.hashes(done)
+        evaluation = service.submit(info_of(STEADY), short())
+        worker = hire(service)
+        episode = worker.acquire()
+        reply, status = worker.drive(episode, steps=3), 200
+        ballast = fill(small_disk)
+        while status == 200:
+            assert not reply["done"], "the record cannot be on the disk"
+            status, reply = worker.step(episode["lease"], reply["tick"], {"ego": [6.0, 0.0]})
+        assert (status, "No space left" in reply["detail"]) == (410, True), reply
+        assert service.evaluation(evaluation).status is EvaluationStatus.RUNNING
+        assert service.hashes(done) == hashes
+        ballast.unlink()
+        again = worker.acquire()
+        assert (again["attempt"], again["tick"]) == (2, 0)
+        worker.drive(again)
+        assert service.hashes(evaluation) == hashes
+    finally:
+        service.close()
+
+
+def test_a_drain_that_ends_too_early_is_told_as_abort(make_service: MakeService) -> None:
+    service = make_service(drain_s=0.5)
+    evaluation = service.submit(info_of(STEADY), short())
+    service.start()
+    worker = hire(service)
+    episode = worker.acquire()
+    reply = worker.drive(episode, steps=3)
+    (process,) = service.episode_processes()
+    os.kill(process, signal.SIGSTOP)  # the simulation stands still: the step is under way when the drain ends
+    answers: list[Any] = []
+    stepping = threading.Thread(
+        target=lambda: answers.append(worker.step(episode["lease"], reply["tick"], {"ego": [6.0, 0.0]}))
+    )
+    stepping.start()
+    time.sleep(0.2)
+    assert service.terminate() == 0
+    stepping.join(20)
+    ((status, last),) = answers
+    assert (status, last["directive"], last["done"], last["observations"]) == (200, "abort", True, {})
+    (left,) = service.episodes(evaluation)
+    assert (left.status, left.attempts) == (EpisodeStatus.QUEUED, 0)
+    assert not Path(f"/proc/{process}").exists()

@@ -1,0 +1,183 @@
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import hmac
+import json
+import time
+from collections.abc import Iterator
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sqlalchemy import select
+
+from dohyo.service.database.base import now
+from dohyo.service.database.engine import Database
+from dohyo.service.evaluations.model import EpisodeStatus, EvaluationStatus
+from dohyo.service.webhooks import delivery
+from dohyo.service.webhooks import queries as webhooks
+from dohyo.service.webhooks.model import Delivery
+from dohyo.sumo_networks.errors import InvalidInputError
+from tests.service.harness import Harness, assert_problem, finish, running
+from tests.service.webhooks.receiver import Receiver, settled
+
+
+@pytest.fixture
+def receiver() -> Iterator[Receiver]:
+    made = Receiver()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def telling(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Harness]:
+    monkeypatch.setattr(delivery, "POLL_S", 0.02)
+    monkeypatch.setattr(webhooks, "FIRST_WAIT", timedelta(seconds=0.02))
+    with running(tmp_path / "data", webhook_private_addresses=True) as harness:
+        yield harness
+
+
+def test_the_end_of_an_evaluation_is_told_signed_and_once(telling: Harness, receiver: Receiver) -> None:
+    team, other = telling.caller("team"), telling.caller("other")
+    url = f"http://127.0.0.1:{receiver.port}/hook"
+    secret = team.post("/v1/webhooks", {"url": url}).json()["secret"]
+    other.post("/v1/webhooks", {"url": url})
+    team.agent("a")
+    evaluation = team.evaluation("a")
+    time.sleep(0.2)
+    assert receiver.got == []
+    finish(telling.services.database, evaluation, EvaluationStatus.DONE, EpisodeStatus.DONE)
+    receiver.wait(1)
+    settled(telling)
+    time.sleep(0.2)
+    ((headers, body),) = receiver.got
+    told = json.loads(body)
+    assert (told["event"], told["evaluation"], told["status"]) == ("evaluation.finished", evaluation, "done")
+    assert (told["agent"], told["benchmark"]) == ("a", "quickstart")
+    timestamp, given = (part.split("=", 1)[1] for part in headers["dohyo-signature"].split(","))
+    assert given == hmac.new(secret.encode(), f"{timestamp}.".encode() + body, hashlib.sha256).hexdigest()
+    assert abs(int(timestamp) - time.time()) < 30
+    assert headers["dohyo-delivery"] == settled(telling)[0].id
+
+
+def test_a_resumed_evaluation_is_told_again_when_it_ends_again(telling: Harness, receiver: Receiver) -> None:
+    team = telling.caller("team")
+    team.post("/v1/webhooks", {"url": f"http://127.0.0.1:{receiver.port}"})
+    team.agent("a")
+    evaluation = team.evaluation("a")
+    team.post(f"/v1/evaluations/{evaluation}/cancel")
+    receiver.wait(1)
+    team.post(f"/v1/evaluations/{evaluation}/resume")
+    finish(telling.services.database, evaluation, EvaluationStatus.DONE, EpisodeStatus.DONE)
+    receiver.wait(2)
+    assert [json.loads(body)["status"] for _, body in receiver.got] == ["cancelled", "done"]
+
+
+def test_it_is_tried_again_until_it_is_taken(telling: Harness, receiver: Receiver) -> None:
+    receiver.answers = [500, 503, 204]
+    team = telling.caller("team")
+    team.post("/v1/webhooks", {"url": f"http://127.0.0.1:{receiver.port}"})
+    team.agent("a")
+    team.post(f"/v1/evaluations/{team.evaluation('a')}/cancel")
+    receiver.wait(3)
+    (one,) = settled(telling)
+    assert (one.attempts, one.failure) == (3, None)
+    assert len({headers["dohyo-delivery"] for headers, _ in receiver.got}) == 1
+
+
+def test_it_is_given_up_after_a_while_or_when_the_receiver_says_gone(telling: Harness, receiver: Receiver) -> None:
+    team = telling.caller("team")
+    team.post("/v1/webhooks", {"url": f"http://127.0.0.1:{receiver.port}"})
+    team.agent("a")
+    receiver.answers = [410]
+    team.post(f"/v1/evaluations/{team.evaluation('a')}/cancel")
+    (one,) = settled(telling)
+    assert len(receiver.got) == 1
+    assert one.failure == "it answered 410"
+
+
+def test_redirects_are_not_followed(telling: Harness, receiver: Receiver, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(webhooks, "ATTEMPTS", 1)
+    receiver.answers = [302]
+    team = telling.caller("team")
+    team.post("/v1/webhooks", {"url": f"http://127.0.0.1:{receiver.port}"})
+    team.agent("a")
+    team.post(f"/v1/evaluations/{team.evaluation('a')}/cancel")
+    (one,) = settled(telling)
+    assert len(receiver.got) == 1
+    assert one.failure == "it answered 302"
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "http://127.0.0.1/x",
+        "http://localhost:8000/",
+        "https://sub.localhost/",
+        "http://10.1.2.3/",
+        "http://192.168.0.1/",
+        "http://169.254.169.254/latest/meta-data",
+        "http://[::1]/",
+        "http://[::ffff:127.0.0.1]/",
+        "http://[fe80::1%25eth0]/",
+        "http://0.0.0.0/",
+        "http://100.64.0.1/",
+        "https://user:secret@example.org/",
+        "ftp://example.org/",
+        "file:///etc/passwd",
+        "https://",
+        "no address",
+        "https://example.org:99999/",
+        "https://example.org/\n",
+    ],
+)
+def test_addresses_that_no_webhook_may_have(service: Harness, url: str) -> None:
+    team = service.caller("team")
+    answer = team.post("/v1/webhooks", {"url": url})
+    assert_problem(answer, 422, "webhook")
+    assert "secret" not in answer.text
+    assert team.get("/v1/webhooks").json()["items"] == []
+
+
+def test_a_public_name_that_leads_inside_is_refused_when_it_is_called(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def address_of(answers: list[str]) -> str:
+        async def getaddrinfo(*_: Any, **__: Any) -> list[Any]:
+            return [(2, 1, 6, "", (answer, 443)) for answer in answers]
+
+        monkeypatch.setattr(asyncio.get_running_loop(), "getaddrinfo", getaddrinfo)
+        return await delivery.public_address("example.org", 443, private_allowed=False)
+
+    assert asyncio.run(address_of(["93.184.215.14"])) == "93.184.215.14"
+    for inside in ("127.0.0.1", "10.0.0.1", "::1", "169.254.169.254", "::ffff:192.168.1.1", "224.0.0.1"):
+        with pytest.raises(InvalidInputError, match="not public"):
+            asyncio.run(address_of(["93.184.215.14", inside]))
+
+
+def test_each_owner_has_a_few(service: Harness) -> None:
+    team = service.caller("team")
+    for number in range(10):
+        assert team.post("/v1/webhooks", {"url": f"https://example.org/{number}"}).status_code == 201
+    assert_problem(team.post("/v1/webhooks", {"url": "https://example.org/11"}), 429, "at most 10")
+
+
+def test_each_failure_doubles_the_wait(database: Database) -> None:
+    with database.session() as session:
+        hook = webhooks.add_webhook(session, "team", "https://example.org")
+        session.add(Delivery(id="dl-1", webhook_id=hook.id, body={}))
+    waits = []
+    for _ in range(3):
+        with database.session() as session:
+            webhooks.settle(session, "dl-1", "it answered 500")
+            session.flush()
+            waits.append((session.get_one(Delivery, "dl-1").due - now()).total_seconds())
+    assert waits == pytest.approx([10, 20, 40], abs=1)
+    with database.reading() as session:
+        assert webhooks.due_deliveries(session, 10) == []
+        assert len(webhooks.due_deliveries(session, 10, at=now() + timedelta(minutes=1))) == 1
+    with database.session() as session:
+        session.delete(session.get_one(type(hook), hook.id))
+    with database.session() as session:
+        assert session.scalars(select(Delivery)).all() == []  # gone with its webhook
+        webhooks.settle(session, "dl-1", None)
