@@ -33,7 +33,7 @@ def create(
 ) -> None:
     """Creates a token and prints it. It cannot be shown again."""
     if not owner.isprintable() or not 0 < len(owner.strip()) <= 100:
-        raise InvalidInputError("owner: expected 1 to 100 printable characters, got {owner!r}")
+        raise InvalidInputError(f"owner: expected 1 to 100 printable characters, got {owner!r}")
     with _session(data, database) as session:
         token, secret = create_token(session, owner, role, timedelta(days=days) if days is not None else None)
     if json:

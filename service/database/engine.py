@@ -11,6 +11,8 @@ from pathlib import Path
 
 from alembic import command
 from alembic.config import Config as AlembicConfig
+from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, Engine, create_engine, event, make_url, text
 from sqlalchemy.exc import ArgumentError
 from sqlalchemy.orm import Session
@@ -63,12 +65,17 @@ class Database:
             yield session
 
     def migrate(self) -> None:
-        """Migrates the tables to the current models; services that start at the same time wait for each other."""
+        """Migrates the tables to the current models; services that start at the same time wait for each other.
+
+        Raises:
+            InvalidInputError: Another version of dohyo made the tables, and no migration leads from them.
+        """
         config = AlembicConfig()
         config.set_main_option("script_location", str(MIGRATIONS))
         with self._writing.begin() as connection:
             if not self.is_sqlite:
                 connection.execute(text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _LOCK})
+            _check_revision(connection, ScriptDirectory.from_config(config))
             config.attributes["connection"] = connection
             command.upgrade(config, "head")
 
@@ -86,6 +93,16 @@ def serialise(session: Session) -> None:
     """Locks until the end of the transaction, so that a count stays valid."""
     if session.get_bind().dialect.name == "postgresql":
         session.execute(text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _ENQUEUE_LOCK})
+
+
+def _check_revision(connection: Connection, scripts: ScriptDirectory) -> None:
+    known = {script.revision for script in scripts.walk_revisions()}
+    for found in MigrationContext.configure(connection).get_current_heads():
+        if found not in known:
+            raise InvalidInputError(
+                f"database: its tables have revision '{found}', expected {' or '.join(sorted(known))}: another version"
+                " of dohyo made them; serve them with that version, or choose a new --data folder or --database"
+            )
 
 
 def _make_engine(url: str, busy_s: float, pool: int) -> Engine:

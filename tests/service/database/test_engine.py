@@ -44,6 +44,15 @@ def test_migrating_again_changes_nothing(database: Database) -> None:
         assert session.scalars(select(Token.owner)).all() == ["team"]
 
 
+def test_tables_of_another_version_are_refused_and_stay_as_they_are(database: Database) -> None:
+    with database.engine.begin() as connection:
+        connection.execute(text("UPDATE alembic_version SET version_num = '0001'"))
+        connection.execute(text("ALTER TABLE agents DROP COLUMN description"))
+    with pytest.raises(InvalidInputError, match=r"revision '0001', expected 2026_11: .* choose a new --data folder"):
+        database.migrate()
+    assert "description" not in [one["name"] for one in inspect(database.engine).get_columns("agents")]
+
+
 def test_migrations_can_be_taken_back(database: Database) -> None:
     config = Config()
     config.set_main_option("script_location", str(MIGRATIONS))
@@ -71,7 +80,7 @@ def test_services_that_start_at_once_do_not_race(database_url: str) -> None:
     assert [child.exitcode for child in children] == [0, 0, 0]
     database = Database(database_url)
     with database.reading() as session:
-        assert session.scalars(text("SELECT version_num FROM alembic_version")).all() == ["0001"]  # type: ignore[call-overload]
+        assert session.scalars(text("SELECT version_num FROM alembic_version")).all() == ["2026_11"]  # type: ignore[call-overload]
     database.close()
 
 
