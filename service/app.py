@@ -8,7 +8,6 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from importlib.metadata import version
 from typing import Any
 
-from anyio import to_thread
 from fastapi import FastAPI
 from fastapi.middleware.cors import CORSMiddleware
 
@@ -21,6 +20,7 @@ from dohyo.service.dashboard import pages
 from dohyo.service.dashboard.session import SessionCookie, show_errors_as_pages
 from dohyo.service.data_folder import held, told
 from dohyo.service.database.engine import Database
+from dohyo.service.database.server_lock import server_lock
 from dohyo.service.episodes import routes as episodes
 from dohyo.service.evaluations import rescoring_routes as rescoring
 from dohyo.service.evaluations import routes as evaluations
@@ -115,7 +115,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         stack.enter_context(held(services.settings))
         stack.enter_context(told(services.settings))
         stack.callback(services.database.close)
-        await to_thread.run_sync(services.database.migrate)
+        stack.enter_context(server_lock(services.database, lambda: services.lost())).watch()
         deliverer = Deliverer(services)
         await deliverer.start()
         stack.push_async_callback(deliverer.stop)

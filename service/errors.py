@@ -15,6 +15,7 @@ from sqlalchemy.exc import DataError, DBAPIError, IntegrityError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from starlette.exceptions import HTTPException
 
+from dohyo.service.database.engine import FencedError
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, SimulationError, UnknownNameError
 
 PROBLEM = "application/problem+json"
@@ -133,6 +134,8 @@ def as_service_error(error: Exception) -> DohyoError | None:
         return ConflictError("it conflicts with stored data, perhaps of a simultaneous request")
     if isinstance(error, DataError):
         return InvalidInputError("the request holds a value that cannot be stored, such as a NUL character")
+    if isinstance(error, FencedError):
+        return BusyError("this server has lost its lock on the database and takes no work until it has it again")
     if not isinstance(error, DBAPIError):
         return None
     told = str(error.orig).lower()

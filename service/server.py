@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import ipaddress
+import os
 import socket
 from collections.abc import Callable
 from types import FrameType
@@ -17,12 +18,14 @@ from dohyo.service.accounts.queries import first_admin_token
 from dohyo.service.app import create_app
 from dohyo.service.data_folder import held
 from dohyo.service.database.engine import Database
+from dohyo.service.database.server_lock import server_lock
 from dohyo.service.settings import Settings
 from dohyo.service.state import Services
 from dohyo.sumo_networks.errors import InvalidInputError
 
 KEEP_ALIVE_S = 120
 CLOSE_S = 5
+LOST = 3  # exit code
 
 
 def run(settings: Settings, listening: Callable[[str, str | None], None]) -> bool:
@@ -49,6 +52,7 @@ def run(settings: Settings, listening: Callable[[str, str | None], None]) -> boo
         scheme = "https" if settings.tls_certificate else "http"
         listening(f"{scheme}://{_shown(settings.host)}:{own.getsockname()[1]}", token)
         app = create_app(settings)
+        app.state.services.lost = _end_at_once
         server = DrainingServer(configuration(settings, app), app.state.services)
         server.run(sockets=[own])
     return server.started
@@ -144,11 +148,15 @@ def _prepare(settings: Settings) -> str | None:
     with held(settings):
         database = Database(settings.database_url)
         try:
-            database.migrate()
-            with database.session() as session:
+            with server_lock(database), database.session() as session:
                 return first_admin_token(session)
         finally:
             database.close()
+
+
+def _end_at_once() -> None:
+    # As kill -9, after which nothing is lost or doubled: a drain would go on with what another server drives.
+    os._exit(LOST)
 
 
 def _is_loopback(host: str) -> bool:

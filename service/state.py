@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -138,6 +138,7 @@ class Services:
         events: Broadcast of events.
         started: Start time.
         draining: Whether the service is shutting down and accepts no new work.
+        lost: Called, in a thread, once another server has this one's database.
         freeway: Freeway mornings with a policy worker as planner.
     """
 
@@ -147,6 +148,7 @@ class Services:
     events: Broadcast
     started: datetime = field(default_factory=now)
     draining: bool = False
+    lost: Callable[[], None] = lambda: None
     freeway: FreewayMornings = field(init=False)
 
     def __post_init__(self) -> None:

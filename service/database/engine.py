@@ -14,7 +14,7 @@ from alembic.config import Config as AlembicConfig
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, Engine, create_engine, event, make_url, text
-from sqlalchemy.exc import ArgumentError
+from sqlalchemy.exc import ArgumentError, OperationalError
 from sqlalchemy.orm import Session
 
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -26,11 +26,19 @@ _LOCK = 0x0D0E_0400  # key of PostgreSQL's advisory lock during migrations
 _ENQUEUE_LOCK = _LOCK + 1
 
 
+class FencedError(OperationalError):
+    """This server's lock on the database is away, so that it may not write; it is repeated as any other refusal."""
+
+    def __init__(self) -> None:
+        super().__init__("BEGIN", {}, RuntimeError("this server has lost its lock on the database"))
+
+
 class Database:
     """One database and its pool of connections; safe to use from any thread.
 
     Attributes:
         engine: Engine of SQLAlchemy.
+        fenced: Whether nothing may be written, since this server's lock is away (`server_lock`).
     """
 
     def __init__(self, url: str, *, busy_s: float = BUSY_S, pool: int = 20) -> None:
@@ -45,6 +53,7 @@ class Database:
             InvalidInputError: The URL is of another kind of database.
         """
         self.engine = _make_engine(url, busy_s, pool)
+        self.fenced = False
         self.is_sqlite = self.engine.dialect.name == "sqlite"
         self._writing = self.engine.execution_options(dohyo_write=True)
 
@@ -54,9 +63,14 @@ class Database:
 
         On SQLite its first statement takes the write lock: one that reads first and writes later could never be
         completed if another wrote in between.
+
+        Raises:
+            FencedError: This server's lock is away.
         """
+        self._check_fence()
         with Session(self._writing, expire_on_commit=False) as session, session.begin():
             yield session
+            self._check_fence()
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
@@ -87,6 +101,10 @@ class Database:
     def close(self) -> None:
         """Closes all connections."""
         self.engine.dispose()
+
+    def _check_fence(self) -> None:
+        if self.fenced:
+            raise FencedError()
 
 
 def serialise(session: Session) -> None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dohyo.service.accounts import model as accounts
-from dohyo.service.database import idempotency
+from dohyo.service.database import idempotency, server_lock
 from dohyo.service.database.base import Base
 from dohyo.service.evaluations import model as evaluations
 from dohyo.service.submissions import model as submissions
 from dohyo.service.webhooks import model as webhooks
 
-MODELS = (accounts, submissions, evaluations, webhooks, idempotency)
+MODELS = (accounts, submissions, evaluations, webhooks, idempotency, server_lock)
 METADATA = Base.metadata

@@ -24,9 +24,11 @@ async def live() -> dict[str, str]:
 
 @router.get("/ready", response_model=None, responses={200: {"content": {"application/json": {}}}})
 async def ready(services: ServicesOf) -> dict[str, Any] | JSONResponse:
-    """Readiness: the database answers and the service is not shutting down."""
+    """Readiness: the database answers, is locked by this server, and the service is not shutting down."""
     if services.draining:
         return problem(503, "the service is shutting down", {"retry-after": "30"})
+    if services.database.fenced:
+        return problem(503, "this server has lost its lock on the database", {"retry-after": "5"})
     try:
         await run_in_threadpool(services.database.check)
     except SQLAlchemyError:

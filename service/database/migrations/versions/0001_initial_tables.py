@@ -177,10 +177,20 @@ def upgrade() -> None:
     op.create_index("ix_episodes_evaluation_id", "episodes", ["evaluation_id"])
     op.create_index("ix_episodes_record_hash", "episodes", ["record_hash"])
 
+    op.create_table(
+        "servers",
+        sa.Column("id", sa.Integer(), nullable=False),
+        sa.Column("host", sa.String(length=255), nullable=False),
+        sa.Column("process", sa.Integer(), nullable=False),
+        sa.Column("started", MOMENT, nullable=False),
+        sa.PrimaryKeyConstraint("id"),
+    )
+
 
 def downgrade() -> None:
     """Takes it back."""
     for table in (
+        "servers",
         "episodes",
         "evaluations",
         "submissions",
