@@ -41,7 +41,7 @@ from dohyo.service.submissions import (
     routes as submissions,
 )
 from dohyo.service.web import limits
-from dohyo.service.web.documents import SUMMARY, TAGS, describe, problems
+from dohyo.service.web.documents import SUMMARY, TAGS, describe, operation_id, problems
 from dohyo.service.webhooks import routes as webhooks
 from dohyo.service.webhooks.delivery import Deliverer
 from dohyo.service.workers import routes as workers
@@ -78,6 +78,7 @@ def create_app(
         redoc_url=None,
         lifespan=_lifespan,
         responses=problems(),
+        generate_unique_id_function=operation_id,
     )
     app.state.services = Services(settings, database, make_scheduler(settings, database, events), events)
     errors.install(app)

@@ -8,9 +8,9 @@ from typing import Annotated
 from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict, Field
 
+from dohyo.service.accounts import queries as tokens
 from dohyo.service.accounts.access import Admin, Holder
 from dohyo.service.accounts.model import Role
-from dohyo.service.accounts.queries import create_token, list_tokens, revoke_token
 from dohyo.service.accounts.views import MeView, NewToken, TokenView, view_token
 from dohyo.service.errors import NotFoundError
 from dohyo.service.state import ServicesOf
@@ -36,32 +36,32 @@ class TokenOrder(BaseModel):
 
 
 @router.post("/tokens", status_code=201, responses=problems(403, 413, 507))
-def create(order: TokenOrder, caller: Admin, services: ServicesOf) -> NewToken:
+def create_token(order: TokenOrder, caller: Admin, services: ServicesOf) -> NewToken:
     """Creates a token; the answer holds its secret, which cannot be read again."""
     lifetime = timedelta(days=order.expires_in_days) if order.expires_in_days is not None else None
     with services.database.session() as session:
-        token, secret = create_token(session, order.owner, order.role, lifetime)
+        token, secret = tokens.create_token(session, order.owner, order.role, lifetime)
     return NewToken(**view_token(token).model_dump(), token=secret)
 
 
 @router.get("/tokens")
-def show_all(caller: Admin, services: ServicesOf, limit: Limit = 100, after: After = None) -> Page[TokenView]:
+def list_tokens(caller: Admin, services: ServicesOf, limit: Limit = 100, after: After = None) -> Page[TokenView]:
     """Lists tokens, without their secrets."""
     with services.database.reading() as session:
-        rows = list_tokens(session, limit + 1, after)
+        rows = tokens.list_tokens(session, limit + 1, after)
     items = [view_token(token) for token in rows[:limit]]
     return Page(items=items, next=items[-1].id if len(rows) > limit else None)
 
 
 @router.delete("/tokens/{identifier}", status_code=204, responses=problems(403, 404))
-def revoke(identifier: Identifier, caller: Admin, services: ServicesOf) -> None:
+def revoke_token(identifier: Identifier, caller: Admin, services: ServicesOf) -> None:
     """Revokes a token at once and for ever."""
     with services.database.session() as session:
-        if revoke_token(session, identifier) is None:
+        if tokens.revoke_token(session, identifier) is None:
             raise NotFoundError(f"no token '{identifier}'")
 
 
 @router.get("/me")
-def me(caller: Holder) -> MeView:
+def get_me(caller: Holder) -> MeView:
     """Owner and role of the caller's token."""
     return MeView(owner=caller.owner, role=caller.role, token=caller.token_id or "")

@@ -17,19 +17,19 @@ router = APIRouter(prefix="/v1/benchmarks", tags=["benchmarks"])
 
 
 @router.get("", responses=problems())
-def show_all(caller: Reader) -> list[BenchmarkView]:
+def list_benchmarks(caller: Reader) -> list[BenchmarkView]:
     """Lists the benchmarks."""
     return [_view(load_benchmark(name)) for name in benchmark_names()]
 
 
 @router.get("/{name}", responses=problems(404))
-def show(name: Name, caller: Reader) -> BenchmarkView:
+def get_benchmark(name: Name, caller: Reader) -> BenchmarkView:
     """One benchmark."""
     return _view(find_benchmark(name))
 
 
 @router.get("/{name}/versions", responses=problems(404))
-def versions(name: Name, caller: Reader, services: ServicesOf) -> list[BenchmarkVersionView]:
+def list_benchmark_versions(name: Name, caller: Reader, services: ServicesOf) -> list[BenchmarkVersionView]:
     """Versions of a benchmark: the current one and those that were evaluated on this server, newest first."""
     current = find_benchmark(name).sha256
     with services.database.reading() as session:

@@ -27,7 +27,7 @@ Chosen = Annotated[
 
 
 @router.get("/comparison", response_model=ComparedView)
-def compare(caller: Reader, services: ServicesOf, readers: ReadersOf, evaluation: Chosen) -> Response:
+def compare_evaluations(caller: Reader, services: ServicesOf, readers: ReadersOf, evaluation: Chosen) -> Response:
     """Compares evaluations drive by drive: paired difference of every score, and the scenarios that differ most."""
     seen = [evaluation_for(services, caller, one) for one in evaluation]
     with services.database.reading() as session:

@@ -45,7 +45,7 @@ class _Board:
 
 
 @router.get("/leaderboard", response_model=LeaderboardView)
-def show(
+def get_leaderboard(
     caller: Reader,
     services: ServicesOf,
     readers: ReadersOf,
@@ -68,7 +68,7 @@ def show(
 
 
 @router.get("/leaderboard.csv", response_class=Response, responses=CSV)
-def show_csv(
+def get_leaderboard_csv(
     caller: Reader,
     services: ServicesOf,
     readers: ReadersOf,

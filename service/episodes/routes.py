@@ -40,7 +40,7 @@ router = APIRouter(prefix="/v1/episodes/{identifier}", tags=["episodes"], respon
 
 
 @router.get("")
-def show(identifier: Identified, caller: Reader, services: ServicesOf, readers: ReadersOf) -> EpisodeDetail:
+def get_episode(identifier: Identified, caller: Reader, services: ServicesOf, readers: ReadersOf) -> EpisodeDetail:
     """Status and scores of an episode."""
     episode, evaluation, version = episode_for(services, caller, identifier)
     benchmark = readers.benchmark(version)
@@ -56,7 +56,7 @@ def show(identifier: Identified, caller: Reader, services: ServicesOf, readers: 
 
 
 @router.get("/record", responses=problems(404, 409, 410) | Cached.json(EpisodeRecord))
-def record(identifier: Identified, request: Request, caller: Reader, services: ServicesOf) -> Response:
+def get_episode_record(identifier: Identified, request: Request, caller: Reader, services: ServicesOf) -> Response:
     """The record of an episode, as `dohyo verify` and `dohyo score` read it; it never changes."""
     episode, _, _ = episode_for(services, caller, identifier)
     path = record_path(services.settings, episode)
@@ -68,7 +68,7 @@ def record(identifier: Identified, request: Request, caller: Reader, services: S
 
 
 @router.get("/trajectory", responses=problems(404, 409, 410) | Cached.file("application/vnd.apache.parquet"))
-def trajectory(identifier: Identified, request: Request, caller: Reader, services: ServicesOf) -> Response:
+def get_episode_trajectory(identifier: Identified, request: Request, caller: Reader, services: ServicesOf) -> Response:
     """Trajectories of an episode as Parquet, one row per object and tick; byte ranges are supported."""
     episode, _, _ = episode_for(services, caller, identifier)
     path = record_path(services.settings, episode).with_suffix(".parquet")
@@ -81,7 +81,7 @@ def trajectory(identifier: Identified, request: Request, caller: Reader, service
 
 
 @router.get("/events", responses=problems(404, 409, 410))
-def events(identifier: Identified, caller: Reader, services: ServicesOf, readers: ReadersOf) -> EventsView:
+def get_episode_events(identifier: Identified, caller: Reader, services: ServicesOf, readers: ReadersOf) -> EventsView:
     """The infractions in the order of time, each with its own cost."""
     episode, _, version = episode_for(services, caller, identifier)
     rules = readers.benchmark(version).rules
@@ -99,7 +99,7 @@ def events(identifier: Identified, caller: Reader, services: ServicesOf, readers
 
 
 @router.get("/replay", responses=problems(404, 409, 410) | Cached.json())
-def replay(
+def get_episode_replay(
     identifier: Identified, request: Request, caller: Reader, services: ServicesOf, readers: ReadersOf
 ) -> Response:
     """Data of a replay except the roads (`/v1/networks/{name}/map`): poses, lights, infractions, series."""
@@ -122,7 +122,7 @@ def replay(
     response_model=ExplanationView,
     responses=problems(404, 409, 410) | {202: {"description": "Being found out; ask again after Retry-After seconds."}},
 )
-async def explanation(
+async def get_episode_explanation(
     identifier: Identified,
     caller: Reader,
     services: ServicesOf,
@@ -145,7 +145,9 @@ async def explanation(
 
 
 @router.post("/verify", responses=problems(404, 409, 410, 413))
-async def verify(identifier: Identified, caller: Holder, services: ServicesOf, readers: ReadersOf) -> VerificationView:
+async def verify_episode(
+    identifier: Identified, caller: Holder, services: ServicesOf, readers: ReadersOf
+) -> VerificationView:
     """Drives the episode again and compares the hashes; needs a token and takes as long as the episode did."""
     episode, evaluation, _ = await asyncio.to_thread(episode_for, services, caller, identifier)
     await asyncio.to_thread(_repeatable, services, episode, evaluation)

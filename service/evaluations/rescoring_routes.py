@@ -38,7 +38,7 @@ class RescoringOrder(BaseModel):
 
 
 @router.post("/rescore", response_model=RescoredView, responses=problems(404, 409, 410, 413))
-def order(order: RescoringOrder, caller: Reader, services: ServicesOf, readers: ReadersOf) -> Response:
+def rescore_evaluations(order: RescoringOrder, caller: Reader, services: ServicesOf, readers: ReadersOf) -> Response:
     """Recomputes every score from the records; stored data does not change."""
     _, version = evaluation_for(services, caller, order.evaluation)
     with services.database.reading() as session:

@@ -63,7 +63,7 @@ class EvaluationOrder(BaseModel):
 
 
 @router.post("", status_code=201, responses=problems(403, 404, 409, 413, 507))
-async def create(
+async def create_evaluation(
     order: EvaluationOrder, caller: Submitter, services: ServicesOf, idempotency_key: IdempotencyKey = None
 ) -> EvaluationView:
     """Queues one agent on one benchmark; 429 past the caller's quota, 503 where the queue is full."""
@@ -75,7 +75,7 @@ async def create(
 
 
 @router.get("", responses=problems())
-def show_all(
+def list_evaluations(
     caller: Reader,
     services: ServicesOf,
     agent: Annotated[str | None, Query(max_length=100)] = None,
@@ -100,7 +100,7 @@ def show_all(
 
 
 @router.get("/{identifier}", responses=problems(404))
-def show(identifier: Identifier, caller: Reader, services: ServicesOf) -> EvaluationView:
+def get_evaluation(identifier: Identifier, caller: Reader, services: ServicesOf) -> EvaluationView:
     """Status of an evaluation."""
     return _state(services, caller, identifier)
 
@@ -114,7 +114,7 @@ def show(identifier: Identifier, caller: Reader, services: ServicesOf) -> Evalua
         204: {"description": "There is nothing more to tell."},
     },
 )
-async def progress(
+async def stream_evaluation_progress(
     identifier: Identifier,
     caller: Reader,
     services: ServicesOf,
@@ -137,7 +137,7 @@ async def progress(
 
 
 @router.get("/{identifier}/manifest", responses=problems(404))
-def manifest(identifier: Identifier, caller: Reader, services: ServicesOf) -> Manifest:
+def get_evaluation_manifest(identifier: Identifier, caller: Reader, services: ServicesOf) -> Manifest:
     """Manifest of an evaluation with the whole benchmark; with the records it makes a result folder."""
     with services.database.reading() as session:
         evaluation = _visible(session, caller, identifier)
@@ -149,7 +149,7 @@ def manifest(identifier: Identifier, caller: Reader, services: ServicesOf) -> Ma
 
 
 @router.get("/{identifier}/episodes", responses=problems(404))
-def episodes(
+def list_episodes(
     identifier: Identifier,
     caller: Reader,
     services: ServicesOf,
@@ -166,7 +166,7 @@ def episodes(
 
 
 @router.post("/{identifier}/cancel", responses=problems(403, 404, 409, 507))
-async def cancel(identifier: Identifier, caller: Submitter, services: ServicesOf) -> EvaluationView:
+async def cancel_evaluation(identifier: Identifier, caller: Submitter, services: ServicesOf) -> EvaluationView:
     """Cancels an evaluation at once; finished episodes are kept. Has no effect on a cancelled evaluation."""
 
     def check() -> EvaluationStatus:
@@ -182,7 +182,7 @@ async def cancel(identifier: Identifier, caller: Submitter, services: ServicesOf
 
 
 @router.post("/{identifier}/resume", responses=problems(403, 404, 409, 507))
-async def resume(identifier: Identifier, caller: Submitter, services: ServicesOf) -> EvaluationView:
+async def resume_evaluation(identifier: Identifier, caller: Submitter, services: ServicesOf) -> EvaluationView:
     """Queues lost and cancelled episodes again; finished ones are kept. Has no effect where none is missing."""
     _refuse_while_ending(services)
 

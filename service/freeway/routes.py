@@ -49,7 +49,7 @@ class MorningView(BaseModel):
 
 
 @router.post("", status_code=201, responses=problems(403, 404, 413))
-async def begin(order: MorningOrder, caller: Submitter, services: ServicesOf) -> MorningView:
+async def start_freeway_morning(order: MorningOrder, caller: Submitter, services: ServicesOf) -> MorningView:
     """Starts a morning with an agent's policy worker as planner, once a worker asks for an episode.
 
     The worker sees `{"planner": {"speeds": (lanes, cells)}}`, m/s, once a simulated minute, and answers target speeds
@@ -67,7 +67,7 @@ async def begin(order: MorningOrder, caller: Submitter, services: ServicesOf) ->
 
 
 @router.get("/{name}", responses=problems(404))
-async def read(name: Identifier, caller: Reader, services: ServicesOf) -> MorningView:
+async def get_freeway_morning(name: Identifier, caller: Reader, services: ServicesOf) -> MorningView:
     """Status and outcome of a morning."""
     document = services.freeway.read(name)
     if not caller.may_see(document["owner"]):

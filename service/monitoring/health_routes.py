@@ -17,13 +17,13 @@ router = APIRouter(prefix="/health", tags=["health"], responses=problems())
 
 
 @router.get("/live")
-async def live() -> dict[str, str]:
+async def get_liveness() -> dict[str, str]:
     """Liveness: the process answers."""
     return {"status": "alive"}
 
 
 @router.get("/ready", response_model=None, responses={200: {"content": {"application/json": {}}}})
-async def ready(services: ServicesOf) -> dict[str, Any] | JSONResponse:
+async def get_readiness(services: ServicesOf) -> dict[str, Any] | JSONResponse:
     """Readiness: the database answers, is locked by this server, and the service is not shutting down."""
     if services.draining:
         return problem(503, "the service is shutting down", {"retry-after": "30"})

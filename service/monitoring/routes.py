@@ -32,20 +32,22 @@ TEXT: dict[int | str, dict[str, Any]] = {
 
 
 @router.get("/v1/evaluations/{identifier}/metrics", response_model=MetricsView, responses=problems(404))
-def metrics(identifier: Identified, caller: Reader, services: ServicesOf) -> Response:
+def get_evaluation_metrics(identifier: Identified, caller: Reader, services: ServicesOf) -> Response:
     """Scores with intervals over all finished episodes, by cell, and for every drive."""
     document = as_document(_entry(services, caller, identifier))
     return Response(msgspec.json.encode(document), media_type="application/json")
 
 
 @router.get("/v1/evaluations/{identifier}/metrics.csv", response_class=Response, responses=problems(404) | CSV)
-def metrics_csv(identifier: Identified, caller: Reader, services: ServicesOf) -> Response:
+def get_evaluation_metrics_csv(identifier: Identified, caller: Reader, services: ServicesOf) -> Response:
     """The metrics as CSV: a row per drive, one per cell, and one for all."""
     return Response(as_csv(_entry(services, caller, identifier)), media_type="text/csv")
 
 
 @router.get("/v1/evaluations/{identifier}/infractions", response_model=InfractionsView, responses=problems(404))
-def infractions(identifier: Identified, caller: Reader, services: ServicesOf, readers: ReadersOf) -> Response:
+def get_evaluation_infractions(
+    identifier: Identified, caller: Reader, services: ServicesOf, readers: ReadersOf
+) -> Response:
     """Infractions of all finished episodes with their positions, for a map."""
     _, benchmark = evaluation_for(services, caller, identifier)
     networks = {cell.name: cell.network for cell in readers.benchmark(benchmark).cells}
@@ -67,7 +69,7 @@ def infractions(identifier: Identified, caller: Reader, services: ServicesOf, re
 
 
 @router.get("/metrics", response_class=Response, responses=TEXT)
-def prometheus(caller: Reader, services: ServicesOf, readers: ReadersOf) -> Response:
+def get_service_metrics(caller: Reader, services: ServicesOf, readers: ReadersOf) -> Response:
     """State of the service for Prometheus; counts from the database are up to five seconds old."""
     return Response(exposition(_families(services, readers)), headers={"content-type": CONTENT_TYPE})
 

@@ -43,7 +43,7 @@ Coordinate = Annotated[float | None, Query(description="Corner of the part to sh
 
 
 @router.get("", responses=problems())
-def show_all(caller: Reader) -> list[NetworkView]:
+def list_networks(caller: Reader) -> list[NetworkView]:
     """Lists the networks; one that became unreadable is left out."""
     views = []
     for name in network_names():
@@ -56,7 +56,7 @@ def show_all(caller: Reader) -> list[NetworkView]:
 
 
 @router.get("/{name}", responses=problems(404))
-def show(name: Name, caller: Reader) -> NetworkView:
+def get_network(name: Name, caller: Reader) -> NetworkView:
     """One network."""
     return _view(find_network(name))
 
@@ -73,7 +73,7 @@ def show(name: Name, caller: Reader) -> NetworkView:
         304: {"description": "As the caller has it."},
     },
 )
-def geometry(
+def get_network_map(
     name: Name,
     caller: Reader,
     x0: Coordinate = None,
@@ -96,7 +96,7 @@ def geometry(
 
 
 @router.post("", status_code=201, responses=problems(403, 409, 413, 507), openapi_extra=FORM)
-async def upload(request: Request, caller: Submitter, services: ServicesOf) -> NetworkView:
+async def create_network(request: Request, caller: Submitter, services: ServicesOf) -> NetworkView:
     """Imports a SUMO net, an OpenStreetMap extract or an OpenDRIVE file; a failed import leaves nothing behind."""
     async with receive_upload(request, services.settings.upload_limit_bytes) as given:
         return await run_in_threadpool(_import, services, given)

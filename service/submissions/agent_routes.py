@@ -12,8 +12,8 @@ from dohyo.service.accounts.access import Caller, Reader, Submitter
 from dohyo.service.database.idempotency import made_before, remember
 from dohyo.service.errors import ConflictError, ForbiddenError, NotFoundError, TooManyRequestsError
 from dohyo.service.state import ServicesOf
+from dohyo.service.submissions import queries as submissions
 from dohyo.service.submissions.model import Agent
-from dohyo.service.submissions.queries import add_agent, count_agents, find_agent, find_submission, list_agents
 from dohyo.service.submissions.views import AgentView, view_agent
 from dohyo.service.web.documents import After, Limit, Name, problems
 from dohyo.service.web.views import Page
@@ -42,7 +42,7 @@ class AgentOrder(BaseModel):
 
 
 @router.post("", status_code=201, responses=problems(403, 409, 413, 507))
-def create(
+def create_agent(
     order: AgentOrder, caller: Submitter, services: ServicesOf, idempotency_key: IdempotencyKey = None
 ) -> AgentView:
     """Registers an agent; no other owner can use the name afterwards."""
@@ -50,30 +50,30 @@ def create(
     with services.database.session() as session:
         if made_before(session, caller.owner, idempotency_key, request):
             return view_agent(owned_agent(session, caller, order.name), None)
-        if find_agent(session, order.name):
+        if submissions.find_agent(session, order.name):
             raise ConflictError(f"agent '{order.name}' exists; choose another name")
-        if count_agents(session, caller.owner) >= PER_OWNER:
+        if submissions.count_agents(session, caller.owner) >= PER_OWNER:
             raise TooManyRequestsError(f"at most {PER_OWNER} agents", retry_s=3600)
-        agent = add_agent(session, order.name, caller.owner, order.description)
+        agent = submissions.add_agent(session, order.name, caller.owner, order.description)
         remember(session, caller.owner, idempotency_key, request, agent.id)
         return view_agent(agent, None)
 
 
 @router.get("", responses=problems())
-def show_all(caller: Reader, services: ServicesOf, limit: Limit = 100, after: After = None) -> Page[AgentView]:
+def list_agents(caller: Reader, services: ServicesOf, limit: Limit = 100, after: After = None) -> Page[AgentView]:
     """Lists agents by name."""
     with services.database.reading() as session:
-        rows = list_agents(session, None if caller.sees_all else caller.owner, limit + 1, after)
+        rows = submissions.list_agents(session, None if caller.sees_all else caller.owner, limit + 1, after)
     items = [view_agent(agent, latest) for agent, latest in rows[:limit]]
     return Page(items=items, next=items[-1].name if len(rows) > limit else None)
 
 
 @router.get("/{name}", responses=problems(404))
-def show(name: Name, caller: Reader, services: ServicesOf) -> AgentView:
+def get_agent(name: Name, caller: Reader, services: ServicesOf) -> AgentView:
     """One agent."""
     with services.database.reading() as session:
         agent = visible_agent(session, caller, name)
-        return view_agent(agent, find_submission(session, agent))
+        return view_agent(agent, submissions.find_submission(session, agent))
 
 
 def visible_agent(session: Session, caller: Caller, name: str) -> Agent:
@@ -82,7 +82,7 @@ def visible_agent(session: Session, caller: Caller, name: str) -> Agent:
     Raises:
         NotFoundError: There is none.
     """
-    agent = find_agent(session, name)
+    agent = submissions.find_agent(session, name)
     if agent is None or not caller.may_see(agent.owner):
         raise NotFoundError(f"no agent named '{name}'")
     return agent

@@ -17,7 +17,7 @@ Track = Literal["sensors", "map", "privileged"]
 
 
 @router.get("/observations")
-def observations(
+def list_observations(
     caller: Reader,
     track: Track | None = None,
     sensors: Annotated[list[str] | None, Query(max_length=50, examples=[["speedometer", "route"]])] = None,

@@ -22,9 +22,9 @@ from dohyo.service.networks.isolated import run_isolated
 from dohyo.service.policies.agent import ENTRY, OnnxPolicy
 from dohyo.service.policies.limits import MEGABYTE, PolicyLimits
 from dohyo.service.state import Services, ServicesOf
+from dohyo.service.submissions import queries
 from dohyo.service.submissions.agent_routes import IdempotencyKey, owned_agent, visible_agent
 from dohyo.service.submissions.model import AgentKind, Submission
-from dohyo.service.submissions.queries import add_submission, count_submissions, list_submissions
 from dohyo.service.submissions.views import SubmissionView, view_submission
 from dohyo.service.web.documents import Limit, Name, problems
 from dohyo.service.web.uploads import Upload, form_body, receive_upload
@@ -115,7 +115,7 @@ SubmissionOrder = Annotated[BuiltinOrder | RemoteOrder, Body(discriminator="kind
 
 
 @router.post("", status_code=201, responses=problems(403, 404, 409, 413, 507))
-def create(
+def create_submission(
     name: Name, order: SubmissionOrder, caller: Submitter, services: ServicesOf, idempotency_key: IdempotencyKey = None
 ) -> SubmissionView:
     """Submits a built-in agent with settings, or declares a remote one."""
@@ -126,7 +126,7 @@ def create(
 
 
 @router.post("/onnx", status_code=201, responses=problems(403, 404, 409, 413, 507), openapi_extra=FORM)
-async def create_onnx(
+async def create_onnx_submission(
     name: Name, request: Request, caller: Submitter, services: ServicesOf, idempotency_key: IdempotencyKey = None
 ) -> SubmissionView:
     """Submits an ONNX policy: checked, tried for two decisions, and later run without network, files or privileges."""
@@ -135,7 +135,7 @@ async def create_onnx(
 
 
 @router.get("", responses=problems(404))
-def show_all(
+def list_submissions(
     name: Name,
     caller: Reader,
     services: ServicesOf,
@@ -144,7 +144,7 @@ def show_all(
 ) -> Page[SubmissionView]:
     """Lists an agent's submissions, the newest first."""
     with services.database.reading() as session:
-        rows = list_submissions(session, visible_agent(session, caller, name), limit + 1, after)
+        rows = queries.list_submissions(session, visible_agent(session, caller, name), limit + 1, after)
     items = [view_submission(submission, name) for submission in rows[:limit]]
     return Page(items=items, next=str(items[-1].version) if len(rows) > limit else None)
 
@@ -214,7 +214,7 @@ def _check_owner(services: Services, caller: Caller, name: str) -> None:
     """Checks the caller's permission before any costly work."""
     with services.database.reading() as session:
         agent = owned_agent(session, caller, name)
-        if count_submissions(session, agent) >= PER_AGENT:
+        if queries.count_submissions(session, agent) >= PER_AGENT:
             raise TooManyRequestsError(f"at most {PER_AGENT} submissions of one agent", retry_s=3600)
 
 
@@ -232,7 +232,7 @@ def _store(
         if before := made_before(session, caller.owner, key, request):
             return view_submission(_made(session, before), name)
         agent = owned_agent(session, caller, name)
-        submission = add_submission(session, agent, kind, info, policy_sha256)
+        submission = queries.add_submission(session, agent, kind, info, policy_sha256)
         remember(session, caller.owner, key, request, submission.id)
         return view_submission(submission, name)
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from fastapi import FastAPI, Path, Query
 from fastapi.openapi.utils import get_openapi
+from fastapi.routing import APIRoute
 
 from dohyo.service.errors import PROBLEM
 from dohyo.service.web.views import Problem
@@ -23,10 +24,6 @@ TAGS = [
     {"name": "leaderboard", "description": "Who drives best, and how sure that is."},
     {"name": "comparison", "description": "Chosen evaluations side by side."},
     {"name": "metrics", "description": "Numbers of evaluations, under any rules, and of the service."},
-    {"name": "episodes", "description": "One scenario, driven once: facts, trajectories, replay."},
-    {"name": "leaderboard", "description": "Who drives best, and how sure that is."},
-    {"name": "comparison", "description": "Chosen agents side by side, on what both drove; and other rules."},
-    {"name": "metrics", "description": "Numbers of an evaluation, and of the service."},
     {"name": "workers", "description": "The wire: agents that drive through workers of their own, over HTTP."},
     {"name": "webhooks", "description": "To be told when an evaluation has ended."},
 ]
@@ -62,6 +59,11 @@ def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
         }
         for status in sorted({*COMMON, *statuses, *([400] if 413 in statuses else [])})
     }
+
+
+def operation_id(route: APIRoute) -> str:
+    """The name of an operation in generated clients: that of the route's function, a verb and a resource."""
+    return route.name
 
 
 def describe(app: FastAPI) -> None:

@@ -12,9 +12,9 @@ from dohyo.service.errors import NotFoundError, TooManyRequestsError
 from dohyo.service.state import ServicesOf
 from dohyo.service.web.documents import After, Identifier, Limit, problems
 from dohyo.service.web.views import Page
+from dohyo.service.webhooks import queries
 from dohyo.service.webhooks.delivery import check_url
 from dohyo.service.webhooks.model import Webhook
-from dohyo.service.webhooks.queries import add_webhook, count_webhooks, list_webhooks
 from dohyo.service.webhooks.views import NewWebhook, WebhookView, view_webhook
 
 router = APIRouter(prefix="/v1/webhooks", tags=["webhooks"], responses=problems(403))
@@ -31,7 +31,7 @@ class WebhookOrder(BaseModel):
 
 
 @router.post("", status_code=201, responses=problems(403, 413, 507))
-def create(order: WebhookOrder, caller: Submitter, services: ServicesOf) -> NewWebhook:
+def create_webhook(order: WebhookOrder, caller: Submitter, services: ServicesOf) -> NewWebhook:
     """Registers a URL; the answer holds the key of its signatures, which cannot be read again.
 
     Each message is a POST with `Dohyo-Signature: t=TIMESTAMP,v1=HEX`, the HMAC-SHA256 of "TIMESTAMP.BODY" under that
@@ -39,23 +39,25 @@ def create(order: WebhookOrder, caller: Submitter, services: ServicesOf) -> NewW
     """
     check_url(order.url, private_allowed=services.settings.webhook_private_addresses)
     with services.database.session() as session:
-        if count_webhooks(session, caller.owner) >= PER_OWNER:
+        if queries.count_webhooks(session, caller.owner) >= PER_OWNER:
             raise TooManyRequestsError(f"at most {PER_OWNER} webhooks; delete one", retry_s=3600)
-        webhook = add_webhook(session, caller.owner, order.url)
+        webhook = queries.add_webhook(session, caller.owner, order.url)
     return NewWebhook(**view_webhook(webhook).model_dump(), secret=webhook.secret)
 
 
 @router.get("")
-def show_all(caller: Submitter, services: ServicesOf, limit: Limit = 100, after: After = None) -> Page[WebhookView]:
+def list_webhooks(
+    caller: Submitter, services: ServicesOf, limit: Limit = 100, after: After = None
+) -> Page[WebhookView]:
     """Lists your webhooks."""
     with services.database.reading() as session:
-        rows = list_webhooks(session, caller.owner, limit + 1, after)
+        rows = queries.list_webhooks(session, caller.owner, limit + 1, after)
     items = [view_webhook(webhook) for webhook in rows[:limit]]
     return Page(items=items, next=items[-1].id if len(rows) > limit else None)
 
 
 @router.delete("/{identifier}", status_code=204, responses=problems(403, 404))
-def delete(identifier: Identifier, caller: Submitter, services: ServicesOf) -> None:
+def delete_webhook(identifier: Identifier, caller: Submitter, services: ServicesOf) -> None:
     """Deletes a webhook and its unsent messages."""
     with services.database.session() as session:
         webhook = session.get(Webhook, identifier)

@@ -75,7 +75,7 @@ class Steps:
     responses={**problems(403, 404, 413), 201: schema.REGISTERED},
     response_class=Response,
 )
-async def register(request: Request, caller: WorkerCaller, services: ServicesOf) -> Response:
+async def register_worker(request: Request, caller: WorkerCaller, services: ServicesOf) -> Response:
     """Registers a worker for an agent of the token's owner; later requests need the token from this answer."""
     headers = _headers(request.scope)
     try:
@@ -99,7 +99,7 @@ async def register(request: Request, caller: WorkerCaller, services: ServicesOf)
     responses={**problems(404, 409, 413), 200: schema.ACQUIRED, 204: {"description": "None came in time; ask again."}},
     response_class=Response,
 )
-async def acquire(
+async def acquire_episode(
     worker_id: WorkerId,
     request: Request,
     services: ServicesOf,
@@ -138,7 +138,7 @@ step_route = Route("/v1/leases/{lease}/step", Steps(), methods=["POST"], include
     responses={**problems(409, 410, 413), 200: schema.STEPPED},
     response_class=Response,
 )
-async def documented_step(lease: LeaseId) -> Response:
+async def step_episode(lease: LeaseId) -> Response:
     """Drives all egos of the lease for one tick of 0.1 s. A repeated tick gets the same answer, so retries are safe."""
     raise AssertionError("unreachable: `step_route` is asked before this one, which is only read as a document")
 
@@ -151,7 +151,7 @@ async def documented_step(lease: LeaseId) -> Response:
     responses={**problems(410, 413), 204: {"description": "Renewed."}},
     response_class=Response,
 )
-async def heartbeat(lease: LeaseId, request: Request, services: ServicesOf) -> Response:
+async def renew_lease(lease: LeaseId, request: Request, services: ServicesOf) -> Response:
     """Renews a lease, as every step does; for workers that load a model or decide for longer than the lease lasts."""
     try:
         worker, leases = await _caller(request, services)
@@ -169,7 +169,7 @@ async def heartbeat(lease: LeaseId, request: Request, services: ServicesOf) -> R
     responses={**problems(410, 413), 204: {"description": "Released."}},
     response_class=Response,
 )
-async def release(lease: LeaseId, request: Request, services: ServicesOf) -> Response:
+async def release_lease(lease: LeaseId, request: Request, services: ServicesOf) -> Response:
     """Ends a lease: with an `error` by the agent's fault, otherwise another worker drives the episode again."""
     headers = _headers(request.scope)
     try:

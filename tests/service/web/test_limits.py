@@ -183,7 +183,7 @@ def test_a_defect_tells_its_name_and_the_log_the_rest(
     def broken(*_: object, **__: object) -> None:
         raise RuntimeError("password=hunter2")
 
-    monkeypatch.setattr("dohyo.service.submissions.agent_routes.list_agents", broken)
+    monkeypatch.setattr("dohyo.service.submissions.queries.list_agents", broken)
     answer = service.client.get("/v1/agents")
     assert_problem(answer, 500)
     assert "hunter2" not in answer.text
