@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dohyo.agents.registry import resolve_with
+from dohyo.agents.registry import kind_of, resolve_with
 from dohyo.evaluation.agent import Agent
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.running.executors import ProcessPool
@@ -54,6 +54,7 @@ def evaluate(
         benchmark,
         entry,
         settings=made_with,
+        kind=kind_of(entry, made_with),
         seeds=seeds,
         only=only,
         sample=sample,

@@ -8,6 +8,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Literal
 
+from dohyo.evaluation.records.record import Kind
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
@@ -15,6 +16,8 @@ GROUP = "dohyo.agents"
 LOCALIZED = "dohyo.agents.localization.localized:Localized"
 DECLARED = Path(__file__).with_name("agents.toml")
 SHIELDED = "dohyo.agents.safety.shield:Shielded"
+WRAPPERS: Mapping[str, tuple[str, ...]] = {SHIELDED: ("shield",), LOCALIZED: ("localization", "gnss")}
+"""Agents that wrap another one, with the names of their own settings."""
 
 
 def agent_entries() -> dict[str, str]:
@@ -97,3 +100,39 @@ def resolve_with(name: str, settings: Mapping[str, Any]) -> tuple[str, dict[str,
     if "localization" in settings and entry not in (LOCALIZED, SHIELDED):
         return LOCALIZED, {"inner": entry, **settings}
     return entry, dict(settings)
+
+
+def wrapped_entries(entry: str, settings: Mapping[str, Any]) -> tuple[list[str], dict[str, Any]]:
+    """Entries of an agent and of those that it wraps, the outermost first, and the settings of the innermost.
+
+    Nothing is imported.
+
+    Raises:
+        UnknownNameError: A wrapped agent has the form of a registered name, and is not registered.
+        InvalidInputError: A wrapped agent's name is no text.
+    """
+    entries, rest = [entry], dict(settings)
+    while (own := WRAPPERS.get(entries[-1])) is not None:
+        inner = rest.pop("inner", "autopilot")
+        if not isinstance(inner, str):
+            raise InvalidInputError(
+                f"agent '{entries[-1]}': expected the name of an agent as 'inner', got {inner!r:.80}"
+            )
+        rest = {name: value for name, value in rest.items() if name not in own}
+        further, rest = resolve_with(inner, rest)
+        entries.append(further)
+    return entries, rest
+
+
+def is_registered(entry: str, settings: Mapping[str, Any]) -> bool:
+    """Whether an installed package offers the agent, and every agent that it wraps."""
+    try:
+        entries, _ = wrapped_entries(entry, settings)
+    except InvalidInputError:
+        return False
+    return set(entries) <= {*agent_entries().values(), *WRAPPERS}
+
+
+def kind_of(entry: str, settings: Mapping[str, Any]) -> Kind:
+    """Kind of an agent that is built here, for its records."""
+    return "builtin" if is_registered(entry, settings) else "local"

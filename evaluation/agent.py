@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from dohyo.evaluation.entry import make_entry
-from dohyo.evaluation.records.record import AgentInfo
+from dohyo.evaluation.records.record import AgentInfo, Kind
 from dohyo.evaluation.sources import source_files
 from dohyo.sumo_networks.ego.control import CONTROLS
 from dohyo.sumo_networks.envs.driving_env import Observation
@@ -19,7 +19,7 @@ from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.scenario import Config, Mission
 from dohyo.sumo_networks.sensors import Track, make_sensors
 
-__all__ = ["Agent", "AgentSpec", "Explanation", "Mission", "Observation", "agent_info", "make_agent"]
+__all__ = ["Agent", "AgentSpec", "Explanation", "Mission", "Observation", "agent_info", "make_agent", "source_digest"]
 
 Explanation = dict[str, Any]
 
@@ -90,26 +90,40 @@ def make_agent(entry: str, settings: Mapping[str, Any] | None = None) -> Agent:
     return agent
 
 
-def agent_info(agent: Agent, entry: str, settings: Mapping[str, Any] | None = None) -> AgentInfo:
+def agent_info(agent: Agent, entry: str, settings: Mapping[str, Any] | None = None, kind: Kind = "local") -> AgentInfo:
     """Description of an agent for records."""
     # The sources of an agent that wraps others include theirs, and all files that any of them names as its own.
     parts = [agent]
     while (inner := getattr(parts[-1], "inner", None)) is not None:
         parts.append(inner)
-    try:
-        files = [file for part in parts for file in (*source_files(type(part)), *getattr(part, "files", ()))]
-        source = b"".join(Path(file).read_bytes() for file in files)
-    except (TypeError, OSError):
-        source = b""
+    files = [Path(file) for part in parts for file in getattr(part, "files", ())]
     return AgentInfo(
         name=agent.spec.name,
+        kind=kind,
         entry=entry,
-        source_sha256=hashlib.sha256(source).hexdigest(),
+        source_sha256=source_digest([type(part) for part in parts]),
+        files_sha256=_digest(files) if files else "",
         track=agent.spec.track,
         sensors=agent.spec.sensors,
         control=agent.spec.control,
         settings=dict(settings or {}),
     )
+
+
+def source_digest(classes: Sequence[type]) -> str:
+    """Hash of the source files of an agent's class and of the classes of the agents that it wraps."""
+    try:
+        return _digest([file for one in classes for file in source_files(one)])
+    except (TypeError, OSError):  # a class without a file, such as one that was defined at a prompt
+        return _digest([])
+
+
+def _digest(files: Sequence[Path]) -> str:
+    try:
+        content = b"".join(file.read_bytes() for file in files)
+    except OSError:
+        content = b""
+    return hashlib.sha256(content).hexdigest()
 
 
 def _check(agent: Agent, entry: str) -> None:

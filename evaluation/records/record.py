@@ -7,12 +7,18 @@ on the wall clock or the machine's load.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+import re
+from typing import Annotated, Any, Final, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from dohyo.evaluation.records.specifications import InfractionKind, Status, Unit
 from dohyo.sumo_networks.scenario import Config, Scenario
+
+_CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")
+
+Line = Annotated[str, AfterValidator(lambda text: _CONTROL.sub(" ", text))]
+"""Text of a stranger that terminals and pages show: control characters, which a terminal obeys, become spaces."""
 
 
 class Infraction(Config):
@@ -36,7 +42,7 @@ class Infraction(Config):
     x_m: float
     y_m: float
     route_m: float
-    actor: str | None = None
+    actor: Line | None = None
     magnitude: float = 0.0
     at_fault: bool | None = None
 
@@ -46,22 +52,31 @@ class Infraction(Config):
         return self.kind.specification.unit
 
 
+Kind = Literal["builtin", "onnx", "remote", "local"]
+
+
 class AgentInfo(Config):
     """Description of an agent, sufficient to drive its episodes again.
 
     Attributes:
         name: Name of the agent, for people.
+        kind: Origin of the agent: registered by an installed package, an ONNX policy of a service, remote (it drove
+            through policy workers), or local (an entry of the user's own). A fact for readers: who builds an agent from
+            a record must not rely on it.
         entry: "module:Class" of the agent.
         source_sha256: Hash of the source files of the agent, so that a changed agent is not mistaken for the old one.
+        files_sha256: Hash of the files that the agent reads, such as weights; "" if it reads none.
         track: Track, which limits the sensors that the agent may use.
         sensors: Names of the sensors that the agent reads.
         control: Name of the control interface of the agent.
         settings: Keyword arguments that the agent was constructed with.
     """
 
-    name: str
-    entry: str
+    name: Line
+    kind: Kind = "local"
+    entry: Line
     source_sha256: str = ""
+    files_sha256: str = ""
     track: Literal["sensors", "map", "privileged"]
     sensors: tuple[str, ...]
     control: str
@@ -88,7 +103,7 @@ class EgoRecord(Config):
     name: str
     agent: AgentInfo
     status: Status
-    failure: str | None = None
+    failure: Line | None = None
     duration_s: Annotated[float, Field(ge=0)]
     route_length_m: Annotated[float, Field(gt=0)]
     progress_m: Annotated[float, Field(ge=0)]
@@ -104,7 +119,7 @@ class Versions(Config):
     dohyo: str
     sumo: str
     network_sha256: str
-    record: Literal[3] = 3
+    record: Literal[4] = 4
 
 
 class Timing(Config):

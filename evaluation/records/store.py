@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import stat
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,6 +21,8 @@ from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.scenario import content_hash
 
 _PARQUET_DIGEST: Final = "parquet_sha256"
+FACTS_LIMIT_BYTES: Final = 50_000_000
+TABLE_LIMIT_BYTES: Final = 1_000_000_000
 _OUTSIDE_THE_HASH: Final = frozenset({"record_hash", "timing", _PARQUET_DIGEST})
 
 
@@ -88,7 +91,20 @@ def read_record(path: Path) -> EpisodeRecord:
     Raises:
         InvalidInputError: If the file is missing, truncated, changed since it was written, or not a record.
     """
-    document = _document(path)
+    return parse_record(_content(path, "an episode record", FACTS_LIMIT_BYTES), str(path))
+
+
+def parse_record(content: bytes, path: str) -> EpisodeRecord:
+    """Parses the content of a record's JSON file and checks its hash.
+
+    Args:
+        content: Content of the file.
+        path: Name of the file in messages.
+
+    Raises:
+        InvalidInputError: As for `read_record`.
+    """
+    document = _document(content, path)
     document.pop(_PARQUET_DIGEST, None)
     try:
         return EpisodeRecord.model_validate(document)
@@ -109,12 +125,9 @@ def read_trajectory(path: Path) -> Trajectory:
     Raises:
         InvalidInputError: If either file is missing or damaged, or the trajectories belong to another record.
     """
-    document = _document(path)
+    document = _document(_content(path, "an episode record", FACTS_LIMIT_BYTES), str(path))
     table = path.with_suffix(".parquet")
-    try:
-        digest = hashlib.sha256(table.read_bytes()).hexdigest()
-    except OSError as error:
-        raise InvalidInputError(f"{table}: expected the trajectories of {path.name}, got {error.strerror}") from error
+    digest = hashlib.sha256(_content(table, f"the trajectories of {path.name}", TABLE_LIMIT_BYTES)).hexdigest()
     # Polars may abort the whole process on a damaged file: the digest of the bytes is checked first.
     if digest != document.get(_PARQUET_DIGEST):
         raise InvalidInputError(f"{table}: changed since it was written, or truncated: {path.name} has another digest")
@@ -135,17 +148,27 @@ def read_records(directory: Path) -> list[EpisodeRecord]:
     return [read_record(path) for path in sorted(directory.glob("*.json")) if not path.name.startswith(".")]
 
 
-def _document(path: Path) -> dict[str, Any]:
+def _content(path: Path, what: str, limit_bytes: int) -> bytes:
+    """Content of a file that is not larger than a limit."""
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):  # a pipe would block, and a device has no end
+            raise InvalidInputError(f"{path}: expected {what}, and it cannot be read: it is no regular file")
+        with path.open("rb") as file:
+            content = file.read(limit_bytes + 1)
+    except FileNotFoundError as error:
+        raise InvalidInputError(f"{path}: expected {what}, and there is no such file") from error
+    except OSError as error:
+        raise InvalidInputError(f"{path}: expected {what}, and it cannot be read: {error.strerror}") from error
+    if len(content) > limit_bytes:
+        raise InvalidInputError(f"{path}: expected {what} of at most {limit_bytes // 1_000_000} MB, and it is larger")
+    return content
+
+
+def _document(content: bytes, path: str) -> dict[str, Any]:
     """The JSON object of a record, after its facts were compared with the hash in it."""
     try:
-        text = path.read_bytes()
-    except FileNotFoundError as error:
-        raise InvalidInputError(f"{path}: expected an episode record, and there is no such file") from error
-    except OSError as error:
-        raise InvalidInputError(f"{path}: expected an episode record, and it cannot be read: {error}") from error
-    try:
-        document = json.loads(text)
-    except ValueError as error:
+        document = json.loads(content)
+    except (ValueError, RecursionError) as error:
         raise InvalidInputError(
             f"{path}: expected the JSON of an episode record, truncated or damaged: {error}"
         ) from error
@@ -153,11 +176,12 @@ def _document(path: Path) -> dict[str, Any]:
         raise InvalidInputError(f"{path}: expected an episode record, got JSON without a record_hash")
     try:
         digest = _facts_hash(document)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InvalidInputError(f"{path}: expected finite numbers and valid text: {error}") from error
     if digest != document["record_hash"]:
         raise InvalidInputError(
-            f"{path}: changed since it was written: expected facts with hash {document['record_hash']}, got {digest}"
+            f"{path}: changed since it was written: expected facts with hash "
+            f"{document['record_hash']!r:.80}, got {digest}"
         )
     return document
 

@@ -39,6 +39,8 @@ _DTYPES: Final[Mapping[str, str]] = MappingProxyType(
     }
 )
 _FIRST_CAPACITY: Final = 4096
+ROWS_LIMIT: Final = 50_000_000
+SIGNALS_LIMIT_BYTES: Final = 50_000_000
 _SIGNALS: Final = "dohyo:signals"
 
 
@@ -129,9 +131,12 @@ class Trajectory:
         """
         expected = "expected a table of trajectories in Parquet"
         try:
+            rows = pl.scan_parquet(path).select(pl.len()).collect().item()
+            if rows > ROWS_LIMIT:  # a few bytes of Parquet may stand for any number of rows
+                raise InvalidInputError(f"{path}: {expected} of at most {ROWS_LIMIT} rows, got {rows}")
             table = pl.read_parquet(path, memory_map=False)
             signals = pl.read_parquet_metadata(path).get(_SIGNALS, "")
-        except (OSError, pl.exceptions.PolarsError) as error:
+        except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
             raise InvalidInputError(f"{path}: {expected}, but it cannot be read: {_first_line(error)}") from error
         columns = {"name", *_DTYPES}
         if set(table.columns) != columns:
@@ -232,8 +237,12 @@ def _frozen(arrays: dict[str, NDArray[Any]], names: dict[int, str], signals: NDA
 
 def _parsed_signals(path: Path, text: str) -> NDArray[np.int32]:
     try:
-        return np.array(json.loads(zlib.decompress(base64.b64decode(text))), dtype=np.int32).reshape(-1, 3)
-    except (ValueError, OverflowError, zlib.error) as error:
+        unpacking = zlib.decompressobj()
+        content = unpacking.decompress(base64.b64decode(text), SIGNALS_LIMIT_BYTES)
+        if not unpacking.eof:
+            raise ValueError(f"more than {SIGNALS_LIMIT_BYTES} bytes, or truncated")
+        return np.array(json.loads(content), dtype=np.int32).reshape(-1, 3)
+    except (ValueError, OverflowError, RecursionError, zlib.error) as error:
         raise InvalidInputError(f"{path}: expected the lights' changes in its metadata, got {text[:60]!r}") from error
 
 

@@ -16,7 +16,7 @@ from dohyo.evaluation.benchmarks.part import select
 from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
 from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
 from dohyo.evaluation.episode.runner import versions
-from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
+from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord, Kind
 from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.running.executors import Executor, Job, ProcessPool
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -73,6 +73,7 @@ def run_benchmark(
     entry: str,
     *,
     settings: Mapping[str, Any] | None = None,
+    kind: Kind = "local",
     seeds: Sequence[int] | None = None,
     only: Sequence[str] = (),
     sample: int | None = None,
@@ -91,6 +92,7 @@ def run_benchmark(
         benchmark: Benchmark, or its name, or the path of a .toml file.
         entry: "module:Class" of the agent.
         settings: Keyword arguments of its constructor.
+        kind: Origin of the agent, for its records.
         seeds: Seeds to drive; by default those of the benchmark.
         only: Names or patterns of the cells and missions to drive, see `part.select`; empty: all.
         sample: Number of missions to draw from those; None: all.
@@ -108,7 +110,7 @@ def run_benchmark(
     if isinstance(benchmark, str):
         benchmark = load_benchmark(benchmark)
     agent = make_agent(entry, settings)
-    info = agent_info(agent, entry, settings)
+    info = agent_info(agent, entry, settings, kind)
     agent.close()
     scenarios = select(benchmark.scenarios(seeds if seeds is not None else benchmark.seeds), only, sample)
     missions = tuple(dict.fromkeys(scenario.name for scenario in scenarios))

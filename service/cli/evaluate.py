@@ -14,7 +14,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Column
 
-from dohyo.agents.registry import resolve_with
+from dohyo.agents.registry import kind_of, resolve_with
 from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
 from dohyo.evaluation.freeway.benchmark import is_freeway_benchmark
 from dohyo.evaluation.records.record import EpisodeRecord
@@ -96,6 +96,7 @@ def evaluate(
             benchmark,
             entry,
             settings=made_with,
+            kind=kind_of(entry, made_with),
             seeds=parse_seeds(seeds) if seeds is not None else None,
             only=parse_names(only) if only is not None else (),
             sample=sample,

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
 
 from dohyo.agents.mcts.figure import draw_search
-from dohyo.evaluation.agent import Agent, Explanation, Observation, agent_info, make_agent
-from dohyo.evaluation.episode.runner import drive_episode, versions
+from dohyo.evaluation.agent import Agent, Explanation, Observation
+from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.records.record import EpisodeRecord
-from dohyo.evaluation.records.store import read_record
+from dohyo.evaluation.records.store import read_record, read_trajectory
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.evaluation.report.road_map import drivable_lanes
 from dohyo.service.cli.output import console
-from dohyo.service.cli.own_modules import find_own_modules
+from dohyo.service.cli.trust import Policy, Trust, trusted_agents
+from dohyo.service.episodes.recorded_agents import close_all
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import AgentError, InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
-from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Mission
 from dohyo.sumo_networks.units import TICK_S
 
@@ -62,12 +63,13 @@ def explain(
     time: Annotated[float, typer.Option(help="Seconds since the egos started.", min=0.0)],
     out: Annotated[Path | None, typer.Option(help="Page with the picture (.html); default: JSON to stdout.")] = None,
     ego: Annotated[str | None, typer.Option(help="Name of the ego, if the record has several.")] = None,
+    policy: Policy = None,
+    trust: Trust = False,
 ) -> None:
     """Explains an agent's decision at one moment of a record, as JSON or as a picture of the search."""
-    find_own_modules()
     old, tick = read_record(record), round(time / TICK_S)
     name = _which(old, ego)
-    why, trajectory = _redriven(old, name, tick, record)
+    why, trajectory = _redriven(old, name, tick, record, trusted_agents(old, record, trust, policy))
     if why is None:
         raise InvalidInputError(f"'{record}': the agent of '{name}' has no explanation at {time:g} s")
     if out is None:
@@ -93,17 +95,15 @@ def _which(record: EpisodeRecord, ego: str | None) -> str:
     return ego
 
 
-def _redriven(old: EpisodeRecord, name: str, tick: int, path: Path) -> tuple[Explanation | None, Trajectory]:
+def _redriven(
+    old: EpisodeRecord, name: str, tick: int, path: Path, agents: Mapping[str, Agent]
+) -> tuple[Explanation | None, Trajectory]:
     """Explanation at a tick, and the trajectories until then, checked against the record."""
-    now = versions(load_network(old.scenario.network))
-    if now != old.versions:
-        raise InvalidInputError(f"'{path}' was made by {old.versions}, here is {now}: it may drive differently")
-    agents: dict[str, Any] = {one.name: make_agent(one.agent.entry, one.agent.settings) for one in old.egos}
-    for one in old.egos:
-        if agent_info(agents[one.name], one.agent.entry, one.agent.settings) != one.agent:
-            raise InvalidInputError(f"'{path}': agent '{one.agent.name}' has changed since; it may drive differently")
     wrapped = {other: _UpTo(agent, tick) for other, agent in agents.items()}
-    _, trajectory = drive_episode(old.scenario, wrapped)
+    try:
+        _, trajectory = drive_episode(old.scenario, wrapped, infos={one.name: one.agent for one in old.egos})
+    finally:
+        close_all(agents.values())
     last = int(trajectory.tick.max())
     if last < tick:
         raise InvalidInputError(f"'{path}' ends at {last * TICK_S:.1f} s, before {tick * TICK_S:g} s")
@@ -112,7 +112,7 @@ def _redriven(old: EpisodeRecord, name: str, tick: int, path: Path) -> tuple[Exp
 
 
 def _must_agree(trajectory: Trajectory, path: Path, tick: int) -> None:
-    recorded = Trajectory.read_parquet(path.with_suffix(".parquet"))
+    recorded = read_trajectory(path)
     here, there = trajectory.tick == tick, recorded.tick == tick
     same = here.sum() == there.sum() and all(
         np.array_equal(getattr(trajectory, column)[here], getattr(recorded, column)[there])

@@ -10,8 +10,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from dohyo.evaluation.agent import agent_info, make_agent
-from dohyo.evaluation.episode.runner import drive_episode, versions
+from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
 from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.report.page import write_report
@@ -40,9 +39,9 @@ from dohyo.service.cli.output import (
     print_part,
     print_rows,
 )
-from dohyo.service.cli.own_modules import find_own_modules
+from dohyo.service.cli.trust import Policy, Trust, trusted_agents
+from dohyo.service.episodes.recorded_agents import close_all
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.networks.catalog import load_network
 
 RulesOption = Annotated[Literal["1.0", "2.0", "2.1"], typer.Option(help="CARLA Leaderboard rules of the score.")]
 IrsOption = Annotated[Literal["driven", "route"], typer.Option(help="Distance by which IRS is divided.")]
@@ -125,20 +124,20 @@ def _names(agents: Sequence[AgentInfo]) -> list[str]:
     ]
 
 
-def verify(record: Annotated[Path, typer.Argument(help="A record, NAME.json.")], json: Json = False) -> None:
+def verify(
+    record: Annotated[Path, typer.Argument(help="A record, NAME.json.")],
+    policy: Policy = None,
+    trust: Trust = False,
+    json: Json = False,
+) -> None:
     """Drives an episode again and compares the hashes. Exit code 1 if they differ."""
-    find_own_modules()
     old = read_record(record)
-    now = versions(load_network(old.scenario.network))
-    if now != old.versions:
-        raise InvalidInputError(f"'{record}' was made by {old.versions}: expected the same versions here, got {now}")
-    agents = {ego.name: make_agent(ego.agent.entry, ego.agent.settings) for ego in old.egos}
-    infos: dict[str, AgentInfo] = {}
-    for ego in old.egos:
-        infos[ego.name] = agent_info(agents[ego.name], ego.agent.entry, ego.agent.settings)
-        if infos[ego.name] != ego.agent:
-            raise InvalidInputError(f"'{record}': agent '{ego.agent.name}' has changed since; no replay")
-    new, _ = drive_episode(old.scenario, agents, infos=infos, benchmark=old.benchmark)
+    agents = trusted_agents(old, record, trust, policy)
+    try:
+        infos = {ego.name: ego.agent for ego in old.egos}
+        new, _ = drive_episode(old.scenario, agents, infos=infos, benchmark=old.benchmark)
+    finally:
+        close_all(agents.values())
     same = new.record_hash == old.record_hash
     part = part_of_record(record)
     if json:

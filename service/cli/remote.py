@@ -60,7 +60,7 @@ def submit(
         elif onnx is not None:
             made = client.submit_onnx(agent, onnx, spec)
         else:
-            made = client.submit_remote(agent, AgentInfo(name=agent, entry="remote", **spec))
+            made = client.submit_remote(agent, AgentInfo(name=agent, kind="remote", entry="remote", **spec))
     if json:
         print_json(made)
         return

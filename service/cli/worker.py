@@ -35,7 +35,7 @@ def worker(
     find_own_modules()
     resolved, given = resolve_with(entry or agent, parse_settings(settings or []))
     probe = make_agent(resolved, given)
-    info = agent_info(probe, resolved, given)
+    info = agent_info(probe, resolved, given, "remote")
     probe.close()
     with Client(server, token) as client:
         version = client.ensure_remote(agent, info)

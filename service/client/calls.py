@@ -61,7 +61,7 @@ class Calls(ABC, Generic[Answer]):
 
     def submit_remote(self, agent: str, info: AgentInfo) -> Answer:
         """Declares an agent that drives through workers; `info` appears in its records."""
-        return self._submit(agent, {"kind": "remote", **info.model_dump(mode="json")})
+        return self._submit(agent, {**info.model_dump(mode="json"), "kind": "remote"})
 
     def submit_onnx(self, agent: str, policy: Path, spec: Mapping[str, Any]) -> Answer:
         """Submits an ONNX file; `spec` gives its track, sensors and control.

@@ -241,7 +241,7 @@ def _unreachable(url: str, error: httpx.HTTPError) -> ServiceError:
 
 def _versions_like(listed: Document, info: AgentInfo) -> list[int]:
     """Versions among an agent's submissions that declare exactly this remote agent."""
-    wanted = {"kind": "remote", **info.model_dump(mode="json")}
+    wanted = {**info.model_dump(mode="json"), "kind": "remote"}
     return [one["version"] for one in listed["items"] if all(one.get(key) == value for key, value in wanted.items())]
 
 

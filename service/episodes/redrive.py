@@ -20,14 +20,14 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
-from dohyo.evaluation.agent import Agent, Explanation, Observation, agent_info, make_agent
+from dohyo.evaluation.agent import Agent, Explanation, Observation
 from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
-from dohyo.evaluation.episode.runner import drive_episode, versions
-from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord
+from dohyo.evaluation.episode.runner import drive_episode
+from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.store import read_record
+from dohyo.service.episodes.recorded_agents import build_agents
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
-from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Mission
 
 EXPLANATIONS_LIMIT_BYTES: Final = 100_000_000
@@ -97,12 +97,9 @@ def redrive(record: EpisodeRecord, trace: Trace) -> EpisodeRecord:
     """Drives a record's scenario again with the agents it names.
 
     Raises:
-        InvalidInputError: The installed versions differ from the record's.
+        InvalidInputError: The versions or an agent differ from the record's, or it names code that is not registered.
     """
-    now = versions(load_network(record.scenario.network))
-    if now != record.versions:
-        raise InvalidInputError(f"the record was made by {record.versions}: expected the same versions here, got {now}")
-    agents = {ego.name: _agent(ego, trace) for ego in record.egos}
+    agents = {name: Explained(agent, trace.noter(name)) for name, agent in build_agents(record).items()}
     try:
         return drive_episode(
             record.scenario,
@@ -128,14 +125,6 @@ def explanation_at(path: Path, tick: int) -> dict[str, Any]:
     except (OSError, EOFError, ValueError) as error:
         raise InvalidInputError(f"{path.name}: expected explanations as JSON lines, gzip'd: {error}") from error
     return found
-
-
-def _agent(ego: EgoRecord, trace: Trace) -> Explained:
-    agent = make_agent(ego.agent.entry, ego.agent.settings)
-    info = agent_info(agent, ego.agent.entry, ego.agent.settings).model_copy(update={"name": ego.agent.name})
-    if info != ego.agent:
-        raise InvalidInputError(f"agent '{ego.agent.name}' has changed since; no replay")
-    return Explained(agent, trace.noter(ego.name))
 
 
 def _encoded(explanation: Explanation | None) -> str:

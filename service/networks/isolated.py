@@ -73,7 +73,7 @@ def describe_agent(arguments: Mapping[str, Any]) -> dict[str, Any]:
     entry, settings = arguments["entry"], arguments["settings"]
     agent = make_agent(entry, settings)
     try:
-        return agent_info(agent, entry, settings).model_dump(mode="json")
+        return agent_info(agent, entry, settings, "builtin").model_dump(mode="json")
     finally:
         if hasattr(agent, "close"):
             agent.close()

@@ -82,7 +82,7 @@ def checked_job(order: EpisodeOrder) -> Job:
             there = agent_info(agent, entry, order.info.settings)
         finally:
             agent.close()
-        if there.source_sha256 != order.info.source_sha256:
+        if (there.source_sha256, there.files_sha256) != (order.info.source_sha256, order.info.files_sha256):
             raise InvalidInputError(
                 f"agent '{order.info.name}': its code has changed since it was submitted; submit it again"
             )

@@ -109,6 +109,9 @@ class RemoteOrder(_Order):
     control: Text = "target_speed_steering"
     entry: Annotated[str | None, Field(min_length=1, max_length=200)] = None
     source_sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$", description="Of the agent's program.")] = ""
+    files_sha256: Annotated[
+        str, Field(pattern=r"^([0-9a-f]{64})?$", description="Of the files that it reads, such as weights.")
+    ] = ""
 
 
 SubmissionOrder = Annotated[BuiltinOrder | RemoteOrder, Body(discriminator="kind")]
@@ -168,8 +171,10 @@ def _remote(order: RemoteOrder, agent: str) -> AgentInfo:
     name = order.name or agent
     return AgentInfo(
         name=name,
+        kind="remote",
         entry=order.entry or f"remote:{name}",
         source_sha256=order.source_sha256,
+        files_sha256=order.files_sha256,
         track=order.track,
         sensors=tuple(order.sensors),
         control=order.control,
@@ -186,7 +191,7 @@ def _submit_onnx(services: Services, caller: Caller, name: str, given: Upload, k
         policy = OnnxPolicy(content=content, **spec.model_dump(), limits=limits)
     except UnknownNameError as error:
         raise InvalidInputError(str(error)) from error
-    info = agent_info(policy, ENTRY, policy.settings)
+    info = agent_info(policy, ENTRY, policy.settings, "onnx")
     request = content_hash({"agent": name, "spec": spec.model_dump(mode="json"), "sha256": policy.sha256})
     _keep(services.settings.policies, content)
     return _store(services, caller, name, AgentKind.ONNX, info, policy.sha256, (key, request))

@@ -35,6 +35,7 @@ class SubmissionView(View):
     control: str
     entry: str
     source_sha256: str
+    files_sha256: str
     settings: dict[str, Any]
     policy_sha256: str | None
     created: Moment
@@ -67,6 +68,7 @@ def view_submission(submission: Submission, agent: str) -> SubmissionView:
         control=info["control"],
         entry=info["entry"],
         source_sha256=info["source_sha256"],
+        files_sha256=info["files_sha256"],
         settings=info["settings"],
         policy_sha256=submission.policy_sha256,
         created=submission.created,

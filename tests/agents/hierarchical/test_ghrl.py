@@ -182,6 +182,6 @@ def test_records_tell_checkpoints_and_rules_apart(runs, tmp_path):
     shutil.copytree(runs, tmp_path / "other")
     write = tmp_path / "other" / "flat" / WEIGHTS
     write.write_bytes((runs / "flat" / WEIGHTS).read_bytes())
-    same = agent_info(Ghrl("flat", tmp_path / "other"), ENTRY).source_sha256
-    assert same == agent_info(Ghrl("flat", runs), ENTRY).source_sha256
-    assert same != agent_info(Ghrl("ghrl", runs), ENTRY).source_sha256
+    same = agent_info(Ghrl("flat", tmp_path / "other"), ENTRY).files_sha256
+    assert same == agent_info(Ghrl("flat", runs), ENTRY).files_sha256
+    assert same != agent_info(Ghrl("ghrl", runs), ENTRY).files_sha256

@@ -98,7 +98,7 @@ def test_another_policy_is_another_agent(pilot: Path, tmp_path: Path) -> None:
     export(Pilot(frames=2), STACKED, tmp_path / "other", {})
     entry = "tests.agents.learning.drivers:Seeing"
     digests = [
-        agent_info(make_agent(entry, {"policy": str(path)}), entry).source_sha256
+        agent_info(make_agent(entry, {"policy": str(path)}), entry).files_sha256
         for path in (pilot, tmp_path / "other.onnx", pilot)
     ]
     assert digests[0] == digests[2] != digests[1]

@@ -172,7 +172,7 @@ def test_another_rulebook_drives_differently_and_is_another_agent(tmp_path: Path
     (tmp_path / "careful.lp").write_text("% Never faster than 30 km/h.\npace(83) :- speed(_).\n")
     careful = RulesOnly(rules=str(tmp_path))
     assert speeds(drive(careful, ego(0.0), 15.0))[-1] == pytest.approx(8.3, abs=0.5)
-    assert agent_info(careful, ENTRY).source_sha256 != agent_info(agent, ENTRY).source_sha256
+    assert agent_info(careful, ENTRY).files_sha256 != agent_info(agent, ENTRY).files_sha256
 
 
 def test_a_broken_rulebook_is_refused_before_any_drive(tmp_path: Path) -> None:

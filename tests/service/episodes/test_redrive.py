@@ -120,7 +120,7 @@ def test_a_record_that_does_not_come_out_again_is_told(shop: Shop, driven: Drive
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        ({"entry": "no.such.module:Agent"}, "agent 'no.such.module:Agent' cannot be made"),
+        ({"entry": "no.such.module:Agent"}, "no installed package registers 'no.such.module:Agent'"),
         ({"source_sha256": "0" * 64}, "agent 'autopilot' has changed since"),
     ],
 )

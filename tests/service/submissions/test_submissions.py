@@ -77,7 +77,7 @@ def test_a_built_in_agent_is_what_a_local_evaluation_would_record(service: Harne
     made = submit(team, {"kind": "builtin", "entry": "random", "settings": {}})
     assert made.status_code == 201, made.text
     entry = agent_entries()["random"]
-    info = agent_info(make_agent(entry), entry).model_dump(mode="json")
+    info = agent_info(make_agent(entry), entry, None, "builtin").model_dump(mode="json")
     with service.services.database.reading() as session:
         from dohyo.service.submissions.model import Submission
 

@@ -1,0 +1,42 @@
+"""Options of the commands that build an agent from a record: which code it may run here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dohyo.evaluation.agent import Agent
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.service.cli.own_modules import find_own_modules
+from dohyo.service.episodes.recorded_agents import UntrustedRecordError, build_agents
+from dohyo.sumo_networks.errors import InvalidInputError
+
+Trust = Annotated[
+    bool,
+    typer.Option(
+        "--trust",
+        help="Build whatever agent, settings and network the record names. This runs its author's choice of code on "
+        "this machine, with your rights: use it only for records that you made, or whose author you trust.",
+    ),
+]
+Policy = Annotated[
+    Path | None, typer.Option(help="ONNX file of the record's policy, if a policy drove.", dir_okay=False, exists=True)
+]
+
+
+def trusted_agents(record: EpisodeRecord, path: Path, trust: bool, policy: Path | None) -> dict[str, Agent]:
+    """The agents of a record, see `build_agents`; with `trust` also those in the current folder.
+
+    Raises:
+        InvalidInputError: As for `build_agents`; the message names the record and the option.
+    """
+    if trust:
+        find_own_modules()
+    try:
+        return build_agents(record, trust=trust, policy=policy)
+    except UntrustedRecordError as error:
+        raise UntrustedRecordError(f"'{path}': {error} (--trust runs whatever the record names)") from error
+    except InvalidInputError as error:
+        raise InvalidInputError(f"'{path}': {error}") from error
