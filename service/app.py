@@ -25,6 +25,8 @@ from dohyo.service.episodes import routes as episodes
 from dohyo.service.evaluations import rescoring_routes as rescoring
 from dohyo.service.evaluations import routes as evaluations
 from dohyo.service.freeway import routes as freeway
+from dohyo.service.jobs import routes as jobs
+from dohyo.service.jobs.kinds import KINDS
 from dohyo.service.monitoring import health_routes as health
 from dohyo.service.monitoring import routes as metrics
 from dohyo.service.networks import routes as networks
@@ -49,7 +51,7 @@ from dohyo.service.workers import routes as workers
 ROUTERS = tuple(
     module.router
     for module in (
-        *(health, tokens, networks, benchmarks, observations, agents, submissions, evaluations, episodes),
+        *(health, tokens, jobs, networks, benchmarks, observations, agents, submissions, evaluations, episodes),
         *(leaderboard, comparison, metrics, rescoring, webhooks, workers, freeway),
     )
 )
@@ -103,7 +105,7 @@ def _add_layers(app: FastAPI, settings: Settings) -> None:
             CORSMiddleware,
             allow_origins=list(settings.cors_origins),
             allow_methods=["GET", "POST", "DELETE"],
-            allow_headers=["authorization", "content-type", "idempotency-key"],
+            allow_headers=["authorization", "content-type", "idempotency-key", "prefer"],
         )
     app.add_middleware(limits.SecurityHeaders, tls=settings.tls_certificate is not None)
     app.add_middleware(limits.AccessLog)
@@ -121,6 +123,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         await deliverer.start()
         stack.push_async_callback(deliverer.stop)
         stack.push_async_callback(services.drain)
+        await services.jobs.start(services, KINDS)
         await services.scheduler.start()
         logger.info("ready")
         yield

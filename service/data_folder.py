@@ -20,7 +20,7 @@ def held(settings: Settings) -> Iterator[None]:
         InvalidInputError: The folder cannot be created, or another service has locked it.
     """
     try:
-        for folder in (settings.data, settings.records, settings.staging, settings.policies):
+        for folder in (settings.data, settings.records, settings.staging, settings.policies, settings.uploads):
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     except OSError as error:
         raise InvalidInputError(f"data folder '{settings.data}' cannot be used: {error.strerror}") from error

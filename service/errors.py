@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import logging
 from collections.abc import Mapping
 from http import HTTPStatus
@@ -152,6 +153,23 @@ _BUSY_SIGNS = (
 )
 
 
+def problem_document(error: Exception, name: str = "unknown") -> dict[str, Any]:
+    """An error of work outside of a request as the problem document that a request would be answered.
+
+    Args:
+        error: Any error; an unexpected one is logged whole.
+        name: What failed, for the log.
+    """
+    known = error if isinstance(error, DohyoError) else as_service_error(error)
+    if known is None:
+        logger.error("%s failed", name, exc_info=error)
+        answer = problem(500, f"an error of the service; its log tells more under {name}")
+    else:
+        answer = _answer(known)
+    document: dict[str, Any] = json.loads(bytes(answer.body))
+    return document
+
+
 def install(app: FastAPI) -> None:
     """Registers the handlers."""
     app.add_exception_handler(DohyoError, _dohyo_error)
@@ -163,6 +181,10 @@ def install(app: FastAPI) -> None:
 
 
 def _dohyo_error(request: Request, error: Exception) -> JSONResponse:
+    return _answer(error)
+
+
+def _answer(error: Exception) -> JSONResponse:
     if isinstance(error, ServiceError):
         return problem(error.status, str(error), error.headers)
     if isinstance(error, UnknownNameError):

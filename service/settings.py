@@ -28,6 +28,10 @@ class Settings(BaseSettings):
         remote_episodes: Most live episodes of remote agents.
         queue_limit: Most waiting episodes over all submitters.
         evaluations_per_owner: Most unfinished evaluations of one owner.
+        jobs: Jobs done at once, such as checks of uploads; each has about one process.
+        jobs_per_owner: Most unfinished jobs of one owner.
+        jobs_limit: Most unfinished jobs of all owners.
+        jobs_kept_days: Days after which finished jobs are deleted; what they made stays.
         requests_per_minute: Limit per token, without the wire of policy workers.
         body_limit_bytes: Largest body of a request that is not an upload.
         upload_limit_bytes: Largest uploaded policy or network.
@@ -55,6 +59,10 @@ class Settings(BaseSettings):
     remote_episodes: Annotated[int, Field(ge=1, le=1024)] = 8
     queue_limit: Annotated[int, Field(ge=1)] = 100_000
     evaluations_per_owner: Annotated[int, Field(ge=1)] = 20
+    jobs: Annotated[int, Field(ge=1, le=64)] = 2
+    jobs_per_owner: Annotated[int, Field(ge=1)] = 20
+    jobs_limit: Annotated[int, Field(ge=1)] = 1000
+    jobs_kept_days: Annotated[float, Field(gt=0)] = 14.0
     requests_per_minute: Annotated[int, Field(ge=1)] = 600
     body_limit_bytes: Annotated[int, Field(ge=1024)] = 4_000_000
     upload_limit_bytes: Annotated[int, Field(ge=1024)] = 50_000_000
@@ -87,3 +95,8 @@ class Settings(BaseSettings):
     def policies(self) -> Path:
         """Folder of uploaded policies by content hash."""
         return self.data / "policies"
+
+    @property
+    def uploads(self) -> Path:
+        """Folder of files that jobs will check, with a folder per job."""
+        return self.data / "uploads"

@@ -14,6 +14,7 @@ from fastapi import Depends, Request
 from dohyo.service.database.base import now
 from dohyo.service.database.engine import Database
 from dohyo.service.freeway.mornings import FreewayMornings
+from dohyo.service.jobs.runner import JobRunner
 from dohyo.service.settings import Settings
 
 if TYPE_CHECKING:
@@ -139,6 +140,7 @@ class Services:
         started: Start time.
         draining: Whether the service is shutting down and accepts no new work.
         lost: Called, in a thread, once another server has this one's database.
+        jobs: Runner of jobs.
         freeway: Freeway mornings with a policy worker as planner.
     """
 
@@ -149,15 +151,18 @@ class Services:
     started: datetime = field(default_factory=now)
     draining: bool = False
     lost: Callable[[], None] = lambda: None
+    jobs: JobRunner = field(init=False)
     freeway: FreewayMornings = field(init=False)
 
     def __post_init__(self) -> None:
+        self.jobs = JobRunner(self.settings, self.database, self.events)
         self.freeway = FreewayMornings(self.settings, self.scheduler)
 
     async def drain(self) -> None:
         """Waits for running episodes while their workers are still served, then ends all open streams."""
         if not self.draining:
             self.draining = True
+            await self.jobs.stop()
             await self.freeway.stop()
             await self.scheduler.stop()
             self.events.close()

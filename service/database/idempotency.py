@@ -49,5 +49,6 @@ def remember(session: Session, owner: str, key: str | None, request_sha256: str,
     if key is None:
         return
     session.execute(delete(Idempotency).where(Idempotency.created < now() - KEPT))
-    session.add(Idempotency(owner=owner, key=key, request_sha256=request_sha256, made=made))
+    # Replaces the key of a resource that was deleted since.
+    session.merge(Idempotency(owner=owner, key=key, request_sha256=request_sha256, made=made, created=now()))
     session.flush()

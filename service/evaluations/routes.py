@@ -22,13 +22,13 @@ from dohyo.service.episodes.views import EpisodeView, view_episode
 from dohyo.service.errors import BusyError, ConflictError, ForbiddenError, NotFoundError, TooManyRequestsError
 from dohyo.service.evaluations import queries as evaluations
 from dohyo.service.evaluations.model import EpisodeStatus, Evaluation, EvaluationStatus
-from dohyo.service.evaluations.progress import MEDIA_TYPE, stream_progress
 from dohyo.service.evaluations.views import EvaluationView, view_evaluation
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.submissions.agent_routes import IdempotencyKey, owned_agent
 from dohyo.service.submissions.model import Submission
 from dohyo.service.submissions.queries import find_submission
 from dohyo.service.web.documents import After, Identifier, Limit, problems
+from dohyo.service.web.events import MEDIA_TYPE, stream
 from dohyo.service.web.views import Page
 from dohyo.sumo_networks.scenario import content_hash
 
@@ -132,7 +132,7 @@ async def stream_evaluation_progress(
     async def read() -> EvaluationView:
         return await run_in_threadpool(_state, services, caller, identifier)
 
-    events: AsyncIterator[str] = stream_progress(services.events, identifier, read)
+    events: AsyncIterator[str] = stream(services.events, f"evaluation:{identifier}", read)
     return StreamingResponse(events, media_type=MEDIA_TYPE, headers={"cache-control": "no-store"})
 
 

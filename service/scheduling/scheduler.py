@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -153,6 +154,7 @@ class Scheduler:
             try:
                 while not self._draining and (ticket := await self._take()) is not None:
                     live = self._live[ticket.episode_id] = Live(ticket)
+                    self._turns.begin(ticket.waiting.owner)
                     live.task = asyncio.create_task(self._drive(live))
             except (SQLAlchemyError, OSError) as error:
                 logger.warning("the queue cannot be read: %s", error)
@@ -196,7 +198,7 @@ class Scheduler:
     # One episode
 
     async def _drive(self, live: Live) -> None:
-        ticket = live.ticket
+        ticket, began = live.ticket, time.monotonic()
         try:
             await self._drive_to_an_end(live)
         except asyncio.CancelledError:
@@ -207,6 +209,7 @@ class Scheduler:
             await self._give_up(live, "an error of the service; its log tells more")
         finally:
             del self._live[ticket.episode_id]
+            self._turns.end(ticket.waiting.owner, time.monotonic() - began)
             self.wake()
 
     async def _drive_to_an_end(self, live: Live) -> None:

@@ -16,6 +16,7 @@ SUMMARY = "Submit driving agents, let them drive in SUMO traffic, read reproduci
 TAGS = [
     {"name": "health", "description": "Whether the service lives, and whether it takes work."},
     {"name": "tokens", "description": "Who may do what."},
+    {"name": "jobs", "description": "Heavy work that was ordered: followed, cancelled."},
     {"name": "networks", "description": "Roads."},
     {"name": "benchmarks", "description": "Versioned lists of scenarios."},
     {"name": "agents", "description": "Who drives: built-in agents, uploaded ONNX policies, remote agents."},

@@ -6,15 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from dohyo.service.database.engine import Database
 from dohyo.service.evaluations.model import EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.queries import resume
 from dohyo.service.scheduling import queue
-from dohyo.service.scheduling.queue import Ticket, Waiting
-from dohyo.service.scheduling.turns import Turns
+from dohyo.service.scheduling.queue import Ticket
 from dohyo.service.submissions.model import AgentKind
 from tests.service.served import STEADY, Service, info_of, short
 
@@ -42,27 +39,6 @@ def taken(shop: Service, evaluation_id: str) -> Ticket:
     ticket = take(shop.database, evaluation_id)
     assert ticket is not None
     return ticket
-
-
-def waiting(owner: str, number: int) -> Waiting:
-    return Waiting(f"ev-{owner}-{number}", owner, AgentKind.BUILTIN, owner, 1)
-
-
-@given(st.dictionaries(st.sampled_from("abcde"), st.integers(1, 4), min_size=1), st.integers(1, 40))
-def test_owners_take_turns_however_much_they_ask_for(asked: dict[str, int], rounds: int) -> None:
-    candidates = [waiting(owner, number) for number in range(4) for owner in asked if number < asked[owner]]
-    turns = Turns()
-    served = [turns.next(candidates) for _ in range(rounds)]
-    counts = [sum(one.owner == owner for one in served) for owner in asked]
-    assert max(counts) - min(counts) <= 1
-    assert all(one.evaluation_id.endswith("-0") for one in served), "an owner's oldest evaluation is driven first"
-
-
-def test_a_newcomer_is_served_next() -> None:
-    turns = Turns()
-    for _ in range(100):
-        turns.next([waiting("busy", 0)])
-    assert turns.next([waiting("busy", 0), waiting("new", 0)]).owner == "new"
 
 
 def test_episodes_are_taken_in_order_each_once(shop: Service) -> None:

@@ -93,6 +93,30 @@ def upgrade() -> None:
     op.create_index("ix_deliveries_webhook_id", "deliveries", ["webhook_id"])
 
     op.create_table(
+        "jobs",
+        sa.Column("id", sa.String(length=32), nullable=False),
+        sa.Column("kind", sa.String(length=40), nullable=False),
+        sa.Column("owner", sa.String(length=100), nullable=False),
+        sa.Column(
+            "status",
+            sa.Enum("queued", "running", "done", "failed", "cancelled", name="jobstatus", native_enum=False, length=20),
+            nullable=False,
+        ),
+        sa.Column("arguments", sa.JSON(), nullable=False),
+        sa.Column("upload_bytes", sa.BigInteger(), nullable=False),
+        sa.Column("starts", sa.Integer(), nullable=False),
+        sa.Column("result", sa.String(length=400), nullable=True),
+        sa.Column("answer", sa.JSON(), nullable=True),
+        sa.Column("problem", sa.JSON(), nullable=True),
+        sa.Column("created", MOMENT, nullable=False),
+        sa.Column("started", MOMENT, nullable=True),
+        sa.Column("finished", MOMENT, nullable=True),
+        sa.PrimaryKeyConstraint("id"),
+    )
+    op.create_index("jobs_by_owner", "jobs", ["owner", "status"])
+    op.create_index("jobs_by_status", "jobs", ["status", "created"])
+
+    op.create_table(
         "submissions",
         sa.Column("id", sa.String(length=32), nullable=False),
         sa.Column("agent_id", sa.String(length=32), nullable=False),
@@ -194,6 +218,7 @@ def downgrade() -> None:
         "episodes",
         "evaluations",
         "submissions",
+        "jobs",
         "deliveries",
         "webhooks",
         "tokens",

@@ -6,11 +6,11 @@ from collections.abc import AsyncIterator
 from typing import Any
 
 from dohyo.service.database.base import now
-from dohyo.service.evaluations import progress
 from dohyo.service.evaluations.model import EvaluationStatus
 from dohyo.service.evaluations.views import EvaluationView, Progress
 from dohyo.service.state import BACKLOG, Broadcast
 from dohyo.service.submissions.model import AgentKind
+from dohyo.service.web import events as web_events
 
 
 def state(done: int, status: EvaluationStatus = EvaluationStatus.RUNNING) -> EvaluationView:
@@ -39,7 +39,7 @@ async def _collect(events: Broadcast, states: list[EvaluationView], act: Any) ->
     async def read() -> EvaluationView:
         return states.pop(0) if len(states) > 1 else states[0]
 
-    stream: AsyncIterator[str] = progress.stream_progress(events, "ev-1", read)
+    stream: AsyncIterator[str] = web_events.stream(events, "evaluation:ev-1", read)
     out = [await anext(stream)]
     await act()
     out += [text async for text in stream]
@@ -62,7 +62,7 @@ def test_a_listener_that_is_too_slow_reads_the_state_again_and_loses_nothing() -
 
 
 def test_silence_is_filled_with_comments_and_ends_are_noticed_without_a_message(monkeypatch: Any) -> None:
-    monkeypatch.setattr(progress, "HEARTBEAT_S", 0.01)
+    monkeypatch.setattr(web_events, "HEARTBEAT_S", 0.01)
 
     async def nothing() -> None:
         return

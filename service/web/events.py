@@ -1,11 +1,11 @@
-"""Progress: an evaluation's events as server-sent events (text/event-stream)."""
+"""Events: the life of an evaluation or a job as server-sent events (text/event-stream)."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Protocol
 
-from dohyo.service.evaluations.views import EvaluationView
 from dohyo.service.state import Broadcast
 
 MEDIA_TYPE = "text/event-stream"
@@ -13,22 +13,36 @@ HEARTBEAT_S = 15.0
 RETRY_MS = 3000
 
 
-async def stream_progress(
-    events: Broadcast, evaluation_id: str, read: Callable[[], Awaitable[EvaluationView]]
-) -> AsyncIterator[str]:
-    """Streams the events of one evaluation until it ends.
+class _Status(Protocol):
+    @property
+    def finished(self) -> bool: ...
+
+
+class State(Protocol):
+    """State of something that ends, as its route answers it."""
+
+    @property
+    def status(self) -> _Status:
+        """Its status."""
+
+    def model_dump_json(self) -> str:
+        """The state as JSON."""
+
+
+async def stream(events: Broadcast, topic: str, read: Callable[[], Awaitable[State]]) -> AsyncIterator[str]:
+    """Streams the events of one topic until what it is about ends.
 
     Args:
         events: Broadcast of the service.
-        evaluation_id: Identifier of the evaluation.
+        topic: Such as "evaluation:ev-9f86d081884c7d65".
         read: Reads the whole state; it is read after listening has begun, so that no event is missed, and again
             whenever this reader was too slow to get all events.
 
     Yields:
-        `state` (the whole evaluation) first, `episode` for each change, `end` (the whole evaluation) last; comments in
-        between, so that a connection that is dead is noticed.
+        `state` (the whole state) first and after each change of it, `episode` for each message about an episode, `end`
+        (the whole state) last; comments in between, so that a connection that is dead is noticed.
     """
-    with events.subscribe(f"evaluation:{evaluation_id}") as subscription:
+    with events.subscribe(topic) as subscription:
         state = await read()
         yield f"retry: {RETRY_MS}\n" + _event("state", state.model_dump_json())
         while not state.status.finished and not subscription.closed:
