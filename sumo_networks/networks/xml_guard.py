@@ -1,7 +1,10 @@
 """XML guard: reads every road file once, as a stream, under a size limit, and refuses harmful files.
 
-Files are untrusted: a file with a DOCTYPE (and so with any entity) is refused before netconvert, sumolib or another
-parser reads it.
+Files are untrusted. Refused before netconvert, sumolib or another parser reads the file:
+* a DOCTYPE, and so any entity;
+* an element `include`, by which all programs of SUMO read another file;
+* in a SUMO net, elements other than roads, such as detectors: SUMO takes them from nets too, and they name files;
+* in a SUMO net, a traffic light's parameter `file`, to which SUMO writes what the light's detectors have seen.
 """
 
 from __future__ import annotations
@@ -20,6 +23,13 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 LIMIT_MB = 200.0
 _CHUNK = 1 << 20
+_NET_ELEMENTS = frozenset(
+    (
+        *("net", "location", "type", "restriction", "stopOffset", "edge", "lane", "neigh", "param", "junction"),
+        *("request", "connection", "prohibition", "roundabout"),
+        *("tlLogic", "phase", "condition", "assignment", "function"),
+    )
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +75,8 @@ def scan(file: Path, root: str, limit_mb: float = LIMIT_MB, copy: Path | None = 
         copy: File to write the plain XML to; None: no copy.
 
     Raises:
-        InvalidInputError: The file is too large, truncated or not well-formed, has another root, or has a DOCTYPE.
+        InvalidInputError: The file is too large, truncated or not well-formed, has another root, has a DOCTYPE, or
+            names another file to read or to write.
     """
     check_size(file, limit_mb)
     limit, scanner, size = limit_mb * 1e6, _Scanner(file, root), 0
@@ -114,9 +125,21 @@ class _Scanner:
     def _element(self, tag: str, attributes: dict[str, str]) -> None:
         if not self.elements and tag != self.root:
             raise InvalidInputError(f"'{self.file}': expected the root element <{self.root}>, got <{tag[:40]}>")
+        self._check_files(tag, attributes)
         self.elements[tag] += 1
         self.sidewalks += tag == "lane" and attributes.get("allow") == "pedestrian"
         self.crossings += tag == "edge" and attributes.get("function") == "crossing"
+
+    def _check_files(self, tag: str, attributes: dict[str, str]) -> None:
+        """Refuses whatever makes SUMO read or write another file."""
+        if tag.rpartition(":")[2].lower() == "include":
+            raise InvalidInputError(f"'{self.file}' has an element <{tag[:40]}>; expected all roads in one file")
+        if self.root != "net":
+            return
+        if tag not in _NET_ELEMENTS:
+            raise InvalidInputError(f"'{self.file}' has an element <{tag[:40]}>; expected only roads and their lights")
+        if tag == "param" and attributes.get("key") == "file" and attributes.get("value") != "NUL":
+            raise InvalidInputError(f"'{self.file}': a light has a parameter 'file', to which SUMO would write")
 
 
 def _open(file: Path) -> BinaryIO:

@@ -45,6 +45,21 @@ HOSTILE = {
     "empty": (b"", "well-formed"),
     "another root": (b"<osm/>", "expected the root element <net>, got <osm>"),
     "net inside another": (b"<a>" + NET[NET.index(b"<net") :] + b"</a>", "expected the root element <net>, got <a>"),
+    "include": (b'<net><include href="/etc/passwd"/></net>', "element <include>"),
+    "include beside the file": (b'<net><edge id="a"><include href="secret.xml"/></edge></net>', "element <include>"),
+    "include in a namespace": (b'<net xmlns:i="urn:i"><i:include href="secret.xml"/></net>', "element <i:include>"),
+    "include in UTF-16": (
+        '<?xml version="1.0" encoding="UTF-16"?><net><include href="a"/></net>'.encode("utf-16"),
+        "element <include>",
+    ),
+    "a light that writes": (
+        b'<net><tlLogic id="a" type="actuated"><param key="file" value="/tmp/written.xml"/></tlLogic></net>',
+        "parameter 'file'",
+    ),
+    "a detector that writes": (
+        b'<net><inductionLoop id="a" lane="w_e_0" pos="1" period="1" file="/tmp/written.xml"/></net>',
+        "element <inductionLoop>",
+    ),
     "no lane": (NO_LANES, "no lane open to passenger cars"),
 }
 
