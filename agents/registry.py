@@ -1,20 +1,27 @@
-"""Agents by name: whatever installed packages offer under the entry point group "dohyo.agents"."""
+"""Agents by name: whatever installed packages offer under the entry point group "dohyo.agents".
+
+Lists import no agent: agents.toml declares what those of dohyo see, and settings.json their settings.
+"""
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Mapping
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Literal
 
+from dohyo.evaluation.entry import load_entry
 from dohyo.evaluation.records.record import Kind
+from dohyo.evaluation.settings import Schema, settings_schema
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 GROUP = "dohyo.agents"
 LOCALIZED = "dohyo.agents.localization.localized:Localized"
 DECLARED = Path(__file__).with_name("agents.toml")
+SETTINGS = Path(__file__).with_name("settings.json")
 SHIELDED = "dohyo.agents.safety.shield:Shielded"
 WRAPPERS: Mapping[str, tuple[str, ...]] = {SHIELDED: ("shield",), LOCALIZED: ("localization", "gnss")}
 """Agents that wrap another one, with the names of their own settings."""
@@ -47,6 +54,28 @@ class AgentView(Config):
     sensors: tuple[str, ...]
     control: str
     entry: str
+
+
+def agent_schema(name: str) -> Schema:
+    """JSON Schema of a registered agent's settings; an agent of another package is imported for it.
+
+    Raises:
+        UnknownNameError: No agent is registered under the name.
+        InvalidInputError: An agent of another package cannot be imported.
+    """
+    entry = resolve(name)
+    if entry.startswith("dohyo."):
+        stored: dict[str, Schema] = json.loads(SETTINGS.read_text(encoding="utf-8"))
+        if name in stored:
+            return stored[name]
+    return settings_schema(load_entry(entry, "agent"))
+
+
+def write_schemas() -> None:
+    """Writes settings.json from the constructors of dohyo's agents."""
+    ours = {name: entry for name, entry in agent_entries().items() if entry.startswith("dohyo.")}
+    schemas = {name: settings_schema(load_entry(entry, "agent")) for name, entry in ours.items()}
+    SETTINGS.write_text(json.dumps(schemas, indent=1) + "\n", encoding="utf-8")
 
 
 def agent_views() -> dict[str, AgentView]:
@@ -136,3 +165,7 @@ def is_registered(entry: str, settings: Mapping[str, Any]) -> bool:
 def kind_of(entry: str, settings: Mapping[str, Any]) -> Kind:
     """Kind of an agent that is built here, for its records."""
     return "builtin" if is_registered(entry, settings) else "local"
+
+
+if __name__ == "__main__":
+    write_schemas()

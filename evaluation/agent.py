@@ -82,8 +82,8 @@ def make_agent(entry: str, settings: Mapping[str, Any] | None = None) -> Agent:
     """Makes an agent from "module:Class" and the keyword arguments of its constructor.
 
     Raises:
-        InvalidInputError: The module or class is missing, a setting is unknown, its constructor fails, or its spec is
-            impossible.
+        InvalidInputError: The module or class is missing, its constructor fails, or its spec is impossible.
+        SettingsError: Settings are unknown, of another type, or out of range.
     """
     agent: Agent = make_entry(entry, "agent", settings or {})
     _check(agent, entry)

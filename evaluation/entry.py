@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
 
-from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, UnknownNameError
+from dohyo.evaluation.settings import check_settings
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 
 
 def load_entry(entry: str, what: str) -> Any:
@@ -38,30 +38,17 @@ def make_entry(entry: str, what: str, settings: Mapping[str, Any]) -> Any:
     """Calls the object that "module:name" names, with the settings as keyword arguments.
 
     Raises:
-        InvalidInputError: As for `load_entry`; or a setting is unknown, or the call fails.
+        InvalidInputError: As for `load_entry`; or the call fails.
+        SettingsError: Settings are unknown, of another type, or out of range.
     """
     maker = load_entry(entry, what)
-    _check_settings(maker, entry, what, settings)
+    check_settings(maker, f"{what} '{entry}'", settings)
     try:
         return maker(**settings)
     except DohyoError as error:
         raise InvalidInputError(f"{what} '{entry}' cannot be made: {error}") from error
     except Exception as error:
         raise InvalidInputError(f"{what} '{entry}' cannot be made: {_cause(error)}") from error
-
-
-def _check_settings(maker: Any, entry: str, what: str, settings: Mapping[str, Any]) -> None:
-    """Raises an error for a setting that the callable does not have; the message lists those it has."""
-    try:
-        parameters = inspect.signature(maker).parameters.values()
-    except (TypeError, ValueError):
-        return  # the signature is unknown; the call decides
-    if any(one.kind is one.VAR_KEYWORD for one in parameters):
-        return
-    known = [one.name for one in parameters if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)]
-    for name in settings:
-        if name not in known:
-            raise UnknownNameError(f"setting of {what} '{entry}'", name, known)
 
 
 def _cause(error: Exception) -> str:

@@ -37,6 +37,9 @@ from dohyo.service.submissions import (
     agent_routes as agents,
 )
 from dohyo.service.submissions import (
+    builtin_routes as builtin_agents,
+)
+from dohyo.service.submissions import (
     observation_routes as observations,
 )
 from dohyo.service.submissions import (
@@ -51,8 +54,8 @@ from dohyo.service.workers import routes as workers
 ROUTERS = tuple(
     module.router
     for module in (
-        *(health, tokens, jobs, networks, benchmarks, observations, agents, submissions, evaluations, episodes),
-        *(leaderboard, comparison, metrics, rescoring, webhooks, workers, freeway),
+        *(health, tokens, jobs, networks, benchmarks, observations, builtin_agents, agents, submissions),
+        *(evaluations, episodes, leaderboard, comparison, metrics, rescoring, webhooks, workers, freeway),
     )
 )
 

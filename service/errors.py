@@ -16,11 +16,13 @@ from sqlalchemy.exc import DataError, DBAPIError, IntegrityError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from starlette.exceptions import HTTPException
 
+from dohyo.evaluation.settings import SettingsError
 from dohyo.service.database.engine import FencedError
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, SimulationError, UnknownNameError
 
 PROBLEM = "application/problem+json"
 RETRY_S = 5
+FAULTS = 20
 DISK_FULL = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
 
 logger = logging.getLogger("dohyo.service")
@@ -187,6 +189,9 @@ def _dohyo_error(request: Request, error: Exception) -> JSONResponse:
 def _answer(error: Exception) -> JSONResponse:
     if isinstance(error, ServiceError):
         return problem(error.status, str(error), error.headers)
+    if isinstance(error, SettingsError):
+        faults = [{"where": f"body.settings.{name}", "expected": fault} for name, fault in error.faults.items()]
+        return problem(422, str(error), errors=faults[:FAULTS])
     if isinstance(error, UnknownNameError):
         return problem(404, str(error))
     if isinstance(error, InvalidInputError):
@@ -202,7 +207,7 @@ def _invalid_request(request: Request, error: Exception) -> JSONResponse:
     given = error.errors() if isinstance(error, RequestValidationError) else []
     faults = [{"where": ".".join(str(part) for part in one["loc"]), "expected": str(one["msg"])} for one in given]
     first = faults[0] if faults else {"where": "request", "expected": "another one"}
-    return problem(422, f"{first['where']}: {first['expected']}", errors=faults[:20])
+    return problem(422, f"{first['where']}: {first['expected']}", errors=faults[:FAULTS])
 
 
 def _http_exception(request: Request, error: Exception) -> JSONResponse:

@@ -9,10 +9,12 @@ join its path and have the right of way, or do not look like yielding. It passes
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numba import njit
+from pydantic import Field
 
 from dohyo.agents.experts import gaps, impact
 from dohyo.agents.experts.courtesy import (
@@ -33,10 +35,10 @@ from dohyo.agents.planning.sidestep import Sidestep
 from dohyo.agents.planning.surroundings import Surroundings, ran_into_from_behind
 from dohyo.agents.planning.warm_up import empty_road
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
+from dohyo.evaluation.settings import FieldsOf
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.ego.control import pure_pursuit, pursuit_distance
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
-from dohyo.sumo_networks.errors import UnknownNameError
 from dohyo.sumo_networks.world import ActorKind, LightState
 
 RED, YELLOW = int(LightState.RED), int(LightState.YELLOW)
@@ -67,17 +69,17 @@ class Style:
         hurry_within: Time from then on until the ego takes the smallest gaps, s.
     """
 
-    max_speed: float = 14.0
-    acceleration: float = 2.0
-    comfortable_braking: float = 2.5
-    lateral_acceleration: float = 2.0
-    headway: float = 1.3
-    gap: float = 2.5
-    line_gap: float = 1.0
-    corridor_margin: float = 0.3
-    patience: float = 12.0
-    hurry_after: float = 8.0
-    hurry_within: float = 30.0
+    max_speed: Annotated[float, Field(gt=0, le=60)] = 14.0
+    acceleration: Annotated[float, Field(gt=0, le=8)] = 2.0
+    comfortable_braking: Annotated[float, Field(gt=0, le=8)] = 2.5
+    lateral_acceleration: Annotated[float, Field(gt=0, le=8)] = 2.0
+    headway: Annotated[float, Field(ge=0, le=10)] = 1.3
+    gap: Annotated[float, Field(ge=0, le=50)] = 2.5
+    line_gap: Annotated[float, Field(ge=0, le=20)] = 1.0
+    corridor_margin: Annotated[float, Field(ge=0, le=5)] = 0.3
+    patience: Annotated[float, Field(ge=0, le=3600)] = 12.0
+    hurry_after: Annotated[float, Field(ge=0, le=3600)] = 8.0
+    hurry_within: Annotated[float, Field(gt=0, le=3600)] = 30.0
 
 
 class Autopilot(Agent):
@@ -93,11 +95,7 @@ class Autopilot(Agent):
         control="acceleration_steering",
     )
 
-    def __init__(self, **style: float) -> None:
-        known = [field.name for field in fields(Style)]
-        for name in style:
-            if name not in known:
-                raise UnknownNameError("setting of agent 'autopilot'", name, known)
+    def __init__(self, **style: Annotated[float, FieldsOf(Style)]) -> None:
         self.style = Style(**style)
         self._vehicle = VehicleParameters()
         self._half_length, self._half_width = self._vehicle.length / 2, self._vehicle.width / 2

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
@@ -17,7 +19,7 @@ class Reckless(Agent):
 
     spec = AgentSpec(name="reckless", track="map", sensors=("route",), control="pedals_steering")
 
-    def __init__(self, throttle: float = 0.5) -> None:
+    def __init__(self, throttle: Annotated[float, Field(ge=0, le=1)] = 0.5) -> None:
         self.throttle = throttle
         self._vehicle = VehicleParameters()
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +26,7 @@ from dohyo.agents.forecasting.windows import HORIZON, Windows, make_windows
 from dohyo.evaluation.entry import load_entry
 from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, days_folder
 from dohyo.evaluation.freeway.result import AgentFacts, FreewayResult, Metric, Units, claim, write_result
+from dohyo.evaluation.settings import check_settings
 from dohyo.evaluation.sources import source_files
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.freeway.dataset import dataset_facts, make_dataset
@@ -89,6 +92,17 @@ def evaluate_forecaster(
     return result
 
 
+@dataclass(frozen=True, slots=True)
+class ShippedSettings:
+    """Settings of a forecaster that ships with dohyo.
+
+    Attributes:
+        exported: Run the ONNX file, as a car would, and not the network in torch.
+    """
+
+    exported: bool = False
+
+
 def benchmark_windows(
     benchmark: ForecastBenchmark, workers: int = 1, progress: Progress = lambda _done, _of, _share: None
 ) -> tuple[Windows, tuple[str, ...]]:
@@ -107,10 +121,8 @@ def forecaster_named(name: str, segments: int, settings: Mapping[str, Any]) -> t
     """
     if ":" in name:
         return _of_class(name, segments, settings)
-    unknown = sorted(settings.keys() - {"exported"})
-    exported = settings.get("exported", False)
-    if unknown or not isinstance(exported, bool):
-        raise InvalidInputError(f"forecaster '{name}': expected no setting but exported=True, got {dict(settings)}")
+    check_settings(ShippedSettings, f"forecaster '{name}'", settings)
+    exported = ShippedSettings(**settings).exported
     if name == Persistence.name:
         return make_forecaster(name, segments), AgentFacts(name, {}, "")
     forecaster = load_forecaster(name, exported=exported)
@@ -119,9 +131,10 @@ def forecaster_named(name: str, segments: int, settings: Mapping[str, Any]) -> t
 
 
 def _of_class(entry: str, segments: int, settings: Mapping[str, Any]) -> tuple[Forecaster, AgentFacts]:
-    maker = load_entry(entry, "forecaster")
+    maker = partial(load_entry(entry, "forecaster"), segments, MINUTE_S)
+    check_settings(maker, f"forecaster '{entry}'", settings)
     try:
-        made = maker(segments, MINUTE_S, **settings)
+        made = maker(**settings)
     except Exception as error:  # a foreign constructor may raise anything
         raise InvalidInputError(f"forecaster '{entry}' cannot be made: {type(error).__name__}: {error}") from error
     if not isinstance(made, Forecaster):

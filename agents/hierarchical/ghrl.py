@@ -11,6 +11,7 @@ Source: Albilani 2023, chapter 6.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -22,6 +23,7 @@ from dohyo.agents.hierarchical.master_observation import OPTIONS, MasterObservat
 from dohyo.agents.hierarchical.option_executor import OptionExecutor, OptionView
 from dohyo.agents.rules.rules_only import RulesOnly
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
+from dohyo.evaluation.settings import OneOf
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
@@ -36,7 +38,7 @@ class Ghrl(Agent):
         files: Files that decide its actions, beside its code.
     """
 
-    def __init__(self, arm: str = "ghrl-r", checkpoint: str | Path | None = None) -> None:
+    def __init__(self, arm: Annotated[str, OneOf(ARMS)] = "ghrl-r", checkpoint: str | Path | None = None) -> None:
         """Reads the networks.
 
         Args:

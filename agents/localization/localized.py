@@ -9,14 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from dohyo.agents.localization.localizer import Localizer
+from dohyo.agents.localization.localizer import FILTERS, Localizer
 from dohyo.agents.localization.view import FROM_POSE, LocalizedView
 from dohyo.agents.registry import resolve
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation, make_agent
+from dohyo.evaluation.settings import OneOf
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 STAND: Mapping[str, np.ndarray] = MappingProxyType(
@@ -39,7 +40,11 @@ class Localized(Agent):
     """
 
     def __init__(
-        self, inner: str = "autopilot", localization: str = "es-ekf", gnss: str = "gnss", **settings: Any
+        self,
+        inner: str = "autopilot",
+        localization: Annotated[str, OneOf(FILTERS)] = "es-ekf",
+        gnss: Literal["gnss", "gnss_rtk"] = "gnss",
+        **settings: Any,
     ) -> None:
         """Wraps an agent.
 

@@ -6,6 +6,8 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
+from dohyo.agents.mcts.predicting import PREDICTORS
+from dohyo.evaluation.settings import OneOf
 from dohyo.sumo_networks.scenario import Config
 
 Prior = Literal["none", "learned", "crafted", "both"]
@@ -53,16 +55,16 @@ class Settings(Config):
         value_depth_s: Depth at which walks then end, s.
     """
 
-    predictor: str = "learned"
+    predictor: Annotated[str, OneOf(PREDICTORS)] = "learned"
     prior: Prior = "both"
     crafted: Crafted = "idm"
     learned_prior_s: Annotated[float, Field(ge=0, le=HORIZON_S)] = 1.0
-    prior_variance: Annotated[float, Field(gt=0)] = 100.0
+    prior_variance: Annotated[float, Field(gt=0, le=1e6)] = 100.0
     constraints: Constraints = "both"
     steering: Steering = "lane"
     hold_s: Annotated[float, Field(ge=0.1, le=2.0, multiple_of=0.1)] = 1.0
     simulations: Annotated[int, Field(ge=1, le=100_000)] = 256
-    budget_ms: Annotated[float, Field(gt=0)] | None = None
+    budget_ms: Annotated[float, Field(gt=0, le=600_000)] | None = None
     first_play: Literal["zero", "parent"] = "parent"
     choice: Choice = "best"
     early_stop: bool = False

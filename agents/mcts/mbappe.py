@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 import time
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from dohyo.agents.mcts.caution import cautious
 from dohyo.agents.mcts.config import (
@@ -42,9 +41,9 @@ from dohyo.agents.planning.scene import SENSORS, Scene, SceneBuilder
 from dohyo.agents.planning.situation import ROAD_BIT, Situation, box_on_grid, situation
 from dohyo.agents.planning.warm_up import empty_road
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
+from dohyo.evaluation.settings import FieldsOf
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
-from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 CRAFTED_IDM = Idm(gap=2.0, headway=1.2, acceleration=1.5, braking=2.0, exponent=4.0, least_gap=0.1, hardest=3.0)
 _CHOICES = {"visits": 0, "q": 1, "best": 2}
@@ -59,15 +58,8 @@ class Mbappe(Agent):
 
     spec = AgentSpec(name="mbappe", track="privileged", sensors=SENSORS, control="acceleration_steering")
 
-    def __init__(self, **settings: Any) -> None:
-        try:
-            self.settings = Settings(**settings)
-        except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(str(part) for part in first["loc"])
-            if first["type"] == "extra_forbidden":
-                raise UnknownNameError(f"setting of agent '{self.spec.name}'", where, Settings.model_fields) from error
-            raise InvalidInputError(f"agent '{self.spec.name}', setting '{where}': {first['msg']}") from error
+    def __init__(self, **settings: Annotated[Any, FieldsOf(Settings)]) -> None:
+        self.settings = Settings(**settings)
         self.rules = rules(self.settings)
         self.predictor = make_predictor(self.settings.predictor)
         self._vehicle = VehicleParameters()

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
-from dohyo.agents.mcts.predicting import make_predictor
+from dohyo.agents.mcts.predicting import PREDICTORS, make_predictor
 from dohyo.agents.planning.scene import SENSORS, SceneBuilder
 from dohyo.agents.planning.warm_up import empty_road
 from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
+from dohyo.evaluation.settings import OneOf
 from dohyo.sumo_networks.ego.control import WAYPOINT_COUNT, WAYPOINT_INTERVAL_S
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -19,7 +22,7 @@ class PredictorOnly(Agent):
 
     spec = AgentSpec(name="predictor-only", track="privileged", sensors=SENSORS, control="waypoints")
 
-    def __init__(self, predictor: str = "learned") -> None:
+    def __init__(self, predictor: Annotated[str, OneOf(PREDICTORS)] = "learned") -> None:
         self.predictor = make_predictor(predictor)
         self._name = predictor
         self._builder = SceneBuilder()

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
+from dohyo.agents.mcts.config import Settings
 from dohyo.agents.mcts.mbappe import Mbappe
 from dohyo.evaluation.agent import AgentSpec, Mission
+from dohyo.evaluation.settings import FieldsOf
 from dohyo.sumo_networks.arrays import FloatArray
-from dohyo.sumo_networks.errors import InvalidInputError
 
 
 class RandomShooting(Mbappe):
@@ -20,11 +21,9 @@ class RandomShooting(Mbappe):
 
     spec = AgentSpec(name="random-shooting", **Mbappe.spec.model_dump(exclude={"name"}))
 
-    def __init__(self, **settings: Any) -> None:
-        if settings.setdefault("choice", "best") != "best":
-            raise InvalidInputError(f"agent '{self.spec.name}': expected choice 'best', got '{settings['choice']}'")
+    def __init__(self, choice: Literal["best"] = "best", **settings: Annotated[Any, FieldsOf(Settings)]) -> None:
         self._rng = np.random.default_rng(0)
-        super().__init__(**settings)
+        super().__init__(choice=choice, **settings)
 
     def reset(self, mission: Mission, seed: int) -> None:
         """Seeds the random generator."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from dohyo.agents.rules.solver import Decision, Solver
 from dohyo.agents.safety.rss import CONSTANTS
 from dohyo.agents.safety.rss_monitor import RssMonitor
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
+from dohyo.evaluation.settings import OneOf
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.ego.control import pure_pursuit, pursuit_distance
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
@@ -51,7 +53,7 @@ class RulesOnly(Agent):
 
     spec = AgentSpec(name="rules", track="privileged", sensors=SENSORS, control="acceleration_steering")
 
-    def __init__(self, rules: str | Path = RULES, rss: str = "rss") -> None:
+    def __init__(self, rules: str | Path = RULES, rss: Annotated[str, OneOf(CONSTANTS)] = "rss") -> None:
         """Reads the rules.
 
         Args:

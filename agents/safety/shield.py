@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from dohyo.agents.registry import resolve_with
 from dohyo.agents.safety.rss import CONSTANTS
 from dohyo.agents.safety.rss_monitor import SENSORS, Danger, RssMonitor
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation, make_agent
+from dohyo.evaluation.settings import OneOf
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.ego.control import WAYPOINT_INTERVAL_S
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
@@ -40,7 +41,9 @@ class Shielded(Agent):
         interventions: Ticks in which the action was changed.
     """
 
-    def __init__(self, inner: str = "autopilot", shield: str = "rss", **settings: Any) -> None:
+    def __init__(
+        self, inner: str = "autopilot", shield: Annotated[str, OneOf(CONSTANTS)] = "rss", **settings: Any
+    ) -> None:
         """Wraps an agent.
 
         Args:

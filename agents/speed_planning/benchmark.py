@@ -10,7 +10,7 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from dohyo.agents.speed_planning.dissipation import Arm, Morning, SetPoints, buffer_policy, segment_speeds
 from dohyo.agents.speed_planning.mornings import ARMS, drive_morning, morning_place
@@ -20,15 +20,14 @@ from dohyo.agents.studies.runner import Work, run
 from dohyo.agents.studies.study import ROWS
 from dohyo.evaluation.freeway.benchmark import TrafficBenchmark
 from dohyo.evaluation.freeway.result import AgentFacts, FreewayResult, Metric, Units, claim, write_result
+from dohyo.evaluation.settings import check_against, check_settings
 from dohyo.evaluation.sources import source_files
-from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
+from dohyo.sumo_networks.errors import SimulationError, UnknownNameError
 from dohyo.sumo_networks.freeway.dataset import DatasetRequest, dataset_facts
 from dohyo.sumo_networks.networks.entries import user_catalog
 from dohyo.sumo_networks.scenario import content_hash
 
 PLANNER, NOBODY = "speed-planner", "none"
-DEFAULTS: Mapping[str, str] = {"design": "limit", "forecast": "sa-lstm", "forecaster": "sa-lstm", "set_points": "none"}
-"""Settings of `speed-planner`: design, forecast, network of the forecast, and source of the set-points."""
 
 METRICS = (
     Metric("speed_std_mps", "standard deviation of all speeds", "m/s", "lower"),
@@ -45,6 +44,23 @@ Progress = Callable[[int, int, float], None]
 """Called with: finished runs, their number, and 0."""
 
 
+@dataclasses.dataclass(frozen=True, slots=True)
+class PlannerSettings:
+    """Settings of `speed-planner`.
+
+    Attributes:
+        design: Design of the buffer before the bottleneck; "none": no control.
+        forecast: Source of the forecast.
+        forecaster: Network of the forecast.
+        set_points: Source of the cruise controls' set-points.
+    """
+
+    design: str = "limit"
+    forecast: str = "sa-lstm"
+    forecaster: str = "sa-lstm"
+    set_points: SetPoints = "none"
+
+
 def evaluate_controller(
     benchmark: TrafficBenchmark,
     name: str,
@@ -59,7 +75,7 @@ def evaluate_controller(
     Args:
         benchmark: Set of mornings.
         name: `speed-planner`, or `none`.
-        settings: Of the planner, see `DEFAULTS`.
+        settings: Of the planner, see `PlannerSettings`.
         seeds: One morning each; None: the benchmark's.
         out: Folder of the result.
         workers: Processes.
@@ -77,7 +93,7 @@ def evaluate_controller(
     order = dataset_facts(DatasetRequest(days=0, network=benchmark.network))
     versions = {key: str(order[key]) for key in ("dohyo", "sumo", "network_sha256")}
     untouched = untouched_folder(benchmark, versions)
-    folders = {untouched: (NOBODY, DEFAULTS["forecaster"])}
+    folders = {untouched: (NOBODY, PlannerSettings().forecaster)}
     if arm != NOBODY:
         folders[out / "runs"] = (arm, forecaster)
     total = len(folders) * len(seeds)
@@ -106,20 +122,18 @@ def controller(benchmark: TrafficBenchmark, name: str, settings: Mapping[str, An
     """
     if name not in (PLANNER, NOBODY):
         raise UnknownNameError("controller of connected cars", name, (PLANNER, NOBODY))
-    allowed: Mapping[str, str] = DEFAULTS if name == PLANNER else {}
-    if unknown := sorted(settings.keys() - allowed.keys()):
-        raise InvalidInputError(f"'{name}' has no setting '{unknown[0]}': expected some of {sorted(allowed)}")
-    given = {**DEFAULTS, **{key: str(value) for key, value in settings.items()}}
-    arm = NOBODY if NOBODY in (name, given["design"]) else f"{given['design']}+{given['forecast']}"
+    if name == PLANNER:
+        check_settings(PlannerSettings, f"controller '{name}'", settings)
+    else:
+        check_against({"properties": {}}, f"controller '{name}'", settings)
+    given = PlannerSettings(**settings)
+    arm = NOBODY if NOBODY in (name, given.design) else f"{given.design}+{given.forecast}"
     if arm not in ARMS:
         raise UnknownNameError("arm", arm, ARMS)
-    set_points: SetPoints | None = next((one for one in get_args(SetPoints) if one == given["set_points"]), None)
-    if set_points is None:
-        raise UnknownNameError("set-points", given["set_points"], get_args(SetPoints))
-    segment_speeds(ARMS[arm].forecast, given["forecaster"])  # these raise before anything is driven
+    segment_speeds(ARMS[arm].forecast, given.forecaster)  # these raise before anything is driven
     buffer_policy(ARMS[arm].design)
-    morning = dataclasses.replace(morning_of(benchmark), set_points=set_points)
-    return arm, morning, given["forecaster"]
+    morning = dataclasses.replace(morning_of(benchmark), set_points=given.set_points)
+    return arm, morning, given.forecaster
 
 
 def morning_of(benchmark: TrafficBenchmark) -> Morning:

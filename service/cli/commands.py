@@ -17,7 +17,13 @@ COMMANDS: dict[str, Command | Group] = {
             ),
         },
     ),
-    "agents": Group("Driving agents.", {"list": Command("agent_list:list_agents", "Lists the registered agents.")}),
+    "agents": Group(
+        "Driving agents.",
+        {
+            "list": Command("agent_list:list_agents", "Lists the registered agents."),
+            "show": Command("agent_list:show", "Shows the settings of an agent: types, ranges and defaults."),
+        },
+    ),
     "benchmarks": Group(
         "Benchmarks.",
         {

@@ -24,6 +24,7 @@ from dohyo.service.policies.limits import MEGABYTE, PolicyLimits
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.submissions import queries
 from dohyo.service.submissions.agent_routes import IdempotencyKey, owned_agent, visible_agent
+from dohyo.service.submissions.builtin_routes import check_builtin
 from dohyo.service.submissions.model import AgentKind, Submission
 from dohyo.service.submissions.views import SubmissionView, view_submission
 from dohyo.service.web.documents import Limit, Name, problems
@@ -153,11 +154,12 @@ def list_submissions(
 
 
 def _builtin(order: BuiltinOrder) -> AgentInfo:
-    """Builds the agent once in a separate process, since its settings come from a stranger."""
-    entries = agent_entries()
-    if order.entry not in entries:
-        raise InvalidInputError(str(UnknownNameError("built-in agent", order.entry, entries)))
-    arguments = {"entry": entries[order.entry], "settings": order.settings}
+    """Describes the agent, in a separate process, since some read their weights for it."""
+    try:
+        check_builtin(order.entry, order.settings)
+    except UnknownNameError as error:
+        raise InvalidInputError(str(error)) from error
+    arguments = {"entry": agent_entries()[order.entry], "settings": order.settings}
     return AgentInfo.model_validate(run_isolated("describe_agent", arguments, TRIAL_S))
 
 

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
+import json
 from importlib.metadata import EntryPoint
 
 import pytest
 
 from dohyo.agents import registry
-from dohyo.agents.registry import GROUP, agent_entries, agent_views, resolve
+from dohyo.agents.registry import GROUP, agent_entries, agent_schema, agent_views, resolve
 from dohyo.evaluation.agent import make_agent
+from dohyo.evaluation.entry import load_entry
+from dohyo.evaluation.settings import check_against, settings_schema
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 
@@ -46,6 +49,13 @@ def test_the_same_agent_offered_twice_is_one(monkeypatch: pytest.MonkeyPatch) ->
 def test_what_is_declared_of_an_agent_is_what_its_class_says(name: str) -> None:
     view, spec = agent_views()[name], make_agent(resolve(name)).spec
     assert (view.track, view.sensors, view.control) == (spec.track, spec.sensors, spec.control)
+
+
+def test_the_stored_settings_are_those_of_the_constructors() -> None:
+    for name, entry in agent_entries().items():
+        derived = json.loads(json.dumps(settings_schema(load_entry(entry, "agent"))))
+        assert agent_schema(name) == derived, "python -m dohyo.agents.registry writes them"
+        check_against(agent_schema(name), name, {})
 
 
 def test_an_agent_of_another_package_is_asked_itself(monkeypatch: pytest.MonkeyPatch) -> None:

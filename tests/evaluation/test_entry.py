@@ -45,6 +45,6 @@ def test_what_is_wrong_is_one_line_with_module_and_cause(
     ],
 )
 def test_an_unknown_setting_names_the_known_ones(entry: str, known: str) -> None:
-    with pytest.raises(InvalidInputError, match=r"no setting of agent .* named 'prior_'") as raised:
+    with pytest.raises(InvalidInputError, match="setting 'prior_': unknown") as raised:
         make_agent(entry, {"prior_": 1})
     assert known in str(raised.value)

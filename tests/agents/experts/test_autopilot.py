@@ -7,7 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from dohyo.sumo_networks.errors import UnknownNameError
+from dohyo.evaluation.agent import make_agent
+from dohyo.evaluation.settings import SettingsError
 from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Traffic
 from dohyo.sumo_networks.world import ActorKind, LightState
 from tests.agents.driving import drive, fronts, made, observed, speeds, touched
@@ -44,12 +45,11 @@ def test_it_slows_down_for_a_bend_and_keeps_to_it() -> None:
 
 
 def test_its_settings_are_those_of_its_style() -> None:
-    from dohyo.agents.experts.autopilot import Autopilot
-
-    worlds = drive(Autopilot(max_speed=7.0), straight_road().with_ego(x=50.0), 15.0)
+    entry = "dohyo.agents.experts.autopilot:Autopilot"
+    worlds = drive(make_agent(entry, {"max_speed": 7.0}), straight_road().with_ego(x=50.0), 15.0)
     assert speeds(worlds)[-1] == pytest.approx(7.0, abs=0.2)
-    with pytest.raises(UnknownNameError, match="did you mean 'max_speed'"):
-        Autopilot(maximum_speed=7.0)
+    with pytest.raises(SettingsError, match="did you mean 'max_speed'"):
+        make_agent(entry, {"maximum_speed": 7.0})
 
 
 # Lights and signs

@@ -90,7 +90,7 @@ def test_the_same_again_gives_the_same(hard: ForecastBenchmark, tmp_path: Path) 
     ("name", "settings", "message"),
     [
         ("sa-lstm-n-stp", {}, "did you mean 'sa-lstm-n-step'"),
-        ("linear", {"depth": 3}, "no setting but exported"),
+        ("linear", {"depth": 3}, "'depth': unknown .its settings are exported"),
         ("nowhere:Late", {}, "module 'nowhere' cannot be imported: ModuleNotFoundError"),
         (f"{NAME}:Path", {}, "expected a forecaster|cannot be made"),
         ("none.onnx", {}, "no forecaster 'none.onnx'"),

@@ -12,8 +12,9 @@ from dohyo.agents.mcts.predictor_only import PredictorOnly
 from dohyo.agents.mcts.random_shooting import RandomShooting
 from dohyo.agents.planning.prediction import STEPS, Forecast
 from dohyo.agents.planning.scene import Scene
-from dohyo.evaluation.agent import Agent, Mission
-from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.agents.registry import resolve
+from dohyo.evaluation.agent import Agent, Mission, make_agent
+from dohyo.evaluation.settings import SettingsError
 from dohyo.sumo_networks.scenario import Place
 from dohyo.sumo_networks.world import LightState
 from tests.agents.driving import drive, fronts, speeds, touched
@@ -159,18 +160,18 @@ def test_a_budget_of_time_ends_the_search() -> None:
 
 @pytest.mark.parametrize("setting", [{"prior": "both!"}, {"simulations": 0}, {"hold_s": 0.25}, {"speed": 3}])
 def test_settings_that_make_no_sense_are_refused(setting: dict[str, object]) -> None:
-    with pytest.raises(InvalidInputError, match=next(iter(setting))):
-        made(**setting)
+    with pytest.raises(SettingsError, match=next(iter(setting))):
+        make_agent(resolve("mbappe"), setting)
 
 
 def test_an_unknown_predictor_is_refused() -> None:
-    with pytest.raises(UnknownNameError, match="constant_velocity"):
-        made(predictor="constant_velocty")
+    with pytest.raises(SettingsError, match="constant_velocity"):
+        make_agent(resolve("mbappe"), {"predictor": "constant_velocty"})
 
 
 def test_random_shooting_begins_the_best_rollout_alone() -> None:
-    with pytest.raises(InvalidInputError, match="best"):
-        made(RandomShooting, choice="visits")
+    with pytest.raises(SettingsError, match="best"):
+        make_agent(resolve("random-shooting"), {"choice": "visits"})
 
 
 def test_a_predictor_alone_drives_what_it_predicts() -> None:

@@ -43,11 +43,11 @@ def test_settings_choose_the_arm(dissipation: TrafficBenchmark, name: str, setti
     ("name", "settings", "message"),
     [
         ("speed-plannr", {}, "did you mean 'speed-planner'"),
-        ("speed-planner", {"designs": "rule"}, "no setting 'designs'"),
+        ("speed-planner", {"designs": "rule"}, "'designs': unknown, did you mean 'design'"),
         ("speed-planner", {"design": "rul"}, "did you mean 'rule"),
-        ("speed-planner", {"set_points": "nobody"}, "set-points"),
+        ("speed-planner", {"set_points": "nobody"}, "expected one of 'none', 'plan', 'learned', got 'nobody'"),
         ("speed-planner", {"forecaster": "none.onnx"}, "no forecaster 'none.onnx'"),
-        ("none", {"design": "rule"}, "no setting 'design'"),
+        ("none", {"design": "rule"}, "'design': unknown"),
     ],
 )
 def test_mistakes_are_told_before_anything_is_driven(

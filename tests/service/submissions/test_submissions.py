@@ -94,7 +94,10 @@ def test_a_built_in_agent_is_what_a_local_evaluation_would_record(service: Harne
         ({"kind": "builtin", "entry": "autopilott"}, "did you mean 'autopilot'"),
         ({"kind": "builtin", "entry": "os:system", "settings": {"command": "touch HERE"}}, "no built-in agent"),
         ({"kind": "builtin", "entry": "dohyo.service.policies.agent:OnnxPolicy"}, "no built-in agent"),
-        ({"kind": "builtin", "entry": "autopilot", "settings": {"nonsense": 1}}, "nonsense"),
+        ({"kind": "builtin", "entry": "autopilot", "settings": {"nonsense": 1}}, "its settings are acceleration, "),
+        ({"kind": "builtin", "entry": "autopilot", "settings": {"max_speed": -3}}, "above 0, at most 60, got -3"),
+        ({"kind": "builtin", "entry": "rules", "settings": {"rules": "/etc"}}, "'rules': unknown"),
+        ({"kind": "builtin", "entry": "mbappe", "settings": {"simulations": 10**8}}, "at most 100000, got 100000000"),
         ({"kind": "remote", "track": "sensors", "sensors": ["route"]}, "'route'"),
         ({"kind": "remote", "track": "map", "sensors": ["speedometer", "objects"]}, "'objects'"),
         ({"kind": "remote", "sensors": ["sonar"]}, "sonar"),
@@ -114,6 +117,26 @@ def test_what_cannot_drive_is_refused_and_leaves_nothing(
     assert_problem(answer, 422, says)
     assert str(tmp_path) not in answer.text
     assert team.get("/v1/agents/mine/submissions").json()["items"] == []
+
+
+def test_settings_are_checked_by_their_schema_before_anything_is_built(
+    team: Caller, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(submissions, "run_isolated", lambda *_: pytest.fail("an agent was built"))
+    answer = submit(team, {"kind": "builtin", "entry": "autopilot", "settings": {"max_speed": "fast", "gap": 51}})
+    assert_problem(answer, 422)
+    assert [one["where"] for one in answer.json()["errors"]] == ["body.settings.max_speed", "body.settings.gap"]
+
+
+def test_built_in_agents_are_listed_with_their_settings(team: Caller) -> None:
+    listed = {one["name"]: one for one in team.get("/v1/builtin-agents").json()}
+    assert listed.keys() == agent_entries().keys()
+    assert listed["reckless"]["settings"]["properties"]["throttle"] == {
+        "type": "number", "default": 0.5, "minimum": 0, "maximum": 1
+    }  # fmt: skip
+    assert "rules" not in listed["rules"]["settings"]["properties"], "a stranger names no folder of the server"
+    assert team.get("/v1/builtin-agents/reckless").json() == listed["reckless"]
+    assert_problem(team.get("/v1/builtin-agents/recless"), 404, "did you mean 'reckless'")
 
 
 def test_a_strangers_module_is_never_imported(team: Caller, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
