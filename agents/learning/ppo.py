@@ -143,7 +143,7 @@ class Ppo:
         self.behaviour = EpisodeMixture(self._explore, seed, config.guided_share)
         learned: Any = parameter_groups(actor, self._value, self.encoder)
         self._parameters: list[nn.Parameter] = learned[0]["params"]  # of which the gradient's norm is bounded
-        self._optimizer = torch.optim.Adam(learned, lr=config.learning_rate)
+        self._optimizer = torch.optim.Adam(learned, lr=config.learning_rate, fused=True)
         self._schedule = torch.optim.lr_scheduler.ExponentialLR(self._optimizer, config.learning_rate_decay)
         self._intrinsic_row: dict[str, Number] = {}
         self.updates, self.rounds = 0, 0
