@@ -37,6 +37,7 @@ class Settings(BaseSettings):
         upload_limit_bytes: Largest uploaded policy or network.
         public: Whether leaderboards, episodes and replays are readable without a token.
         cors_origins: Origins of browsers that may call the API.
+        process_deaths: Deaths of an episode's process after which its evaluation waits for `resume`.
         lease_ttl_s: Silence after which a worker loses its lease, s.
         act_deadline_s: Wall-clock limit of one decision while the simulation waits, s.
         webhook_private_addresses: Whether webhooks may call this machine and its private network.
@@ -68,6 +69,7 @@ class Settings(BaseSettings):
     upload_limit_bytes: Annotated[int, Field(ge=1024)] = 50_000_000
     public: bool = True
     cors_origins: tuple[str, ...] = ()
+    process_deaths: Annotated[int, Field(ge=1)] = 10
     lease_ttl_s: Annotated[float, Field(gt=0)] = 30.0
     act_deadline_s: Annotated[float, Field(gt=0)] = 10.0
     webhook_private_addresses: bool = False

@@ -29,12 +29,32 @@ class EvaluationStatus(StrEnum):
 
 
 class EpisodeStatus(StrEnum):
-    """Status of an episode. LOST: two infrastructure faults, which say nothing about the agent."""
+    """Status of an episode. LOST: the infrastructure failed too often, which says nothing about the agent."""
 
     QUEUED = "queued"
     RUNNING = "running"
     DONE = "done"
     LOST = "lost"
+    CANCELLED = "cancelled"
+
+
+class AttemptOutcome(StrEnum):
+    """End of an attempt.
+
+    DONE: a record that counts. AGENT_FAILED: the same, with a fault of the agent. WORKER_GONE: the policy worker fell
+    silent. GIVEN_BACK: the policy worker released the episode without an error. MACHINE: the episode's process died.
+    SIMULATION: SUMO failed, or the disk. UNCLAIMED: no worker came. DRAINED: the service ended. CANCELLED: the
+    evaluation was cancelled, or cannot be driven.
+    """
+
+    DONE = "done"
+    AGENT_FAILED = "agent_failed"
+    WORKER_GONE = "worker_gone"
+    GIVEN_BACK = "given_back"
+    MACHINE = "machine"
+    SIMULATION = "simulation"
+    UNCLAIMED = "unclaimed"
+    DRAINED = "drained"
     CANCELLED = "cancelled"
 
 
@@ -74,6 +94,7 @@ class Evaluation(Base):
 class Episode(Base):
     """One scenario of an evaluation.
 
+    `attempts` counts the starts, without those that ended as UNCLAIMED or DRAINED; nothing resets it.
     `summary` holds the numbers that pages sort and count by (`dohyo.service.evaluations.scoring.summary_of`),
     recomputable from the record.
     """
@@ -95,3 +116,24 @@ class Episode(Base):
     started: Mapped[datetime | None]
     finished: Mapped[datetime | None]
     evaluation: Mapped[Evaluation] = relationship()
+
+
+class Attempt(Base):
+    """One start of an episode. Rows are never changed after their end, nor deleted while the episode exists.
+
+    `charged` says whether the attempt counts against the submission: its worker left the episode, or its owner
+    cancelled the evaluation while the worker drove.
+    """
+
+    __tablename__ = "attempts"
+    __table_args__ = (UniqueConstraint("episode_id", "number"),)
+
+    id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    episode_id: Mapped[str] = mapped_column(ForeignKey("episodes.id"), index=True)
+    number: Mapped[int]
+    started: Mapped[datetime] = mapped_column(default=now)
+    ended: Mapped[datetime | None]
+    outcome: Mapped[AttemptOutcome | None]
+    why: Mapped[str | None] = mapped_column(String(2000))
+    charged: Mapped[bool] = mapped_column(default=False)
+    processor_s: Mapped[float] = mapped_column(default=0.0)

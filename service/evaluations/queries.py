@@ -192,14 +192,13 @@ def list_episodes(
 
 
 def resume(session: Session, evaluation: Evaluation) -> int:
-    """Queues lost and cancelled episodes again; finished ones are kept.
+    """Queues lost and cancelled episodes again; finished ones are kept, and so are all attempts.
 
     Returns:
         How many episodes were queued.
     """
     fresh: dict[str, Any] = {
         "status": EpisodeStatus.QUEUED,
-        "attempts": 0,
         "failure": None,
         "record_hash": None,
         "summary": None,

@@ -117,7 +117,7 @@ class FreewayMornings:
                 if outcome.end in (End.FINISHED, End.IMPOSSIBLE):
                     break
                 logger.warning("morning %s, attempt %d: %s", name, attempt, outcome.text)
-                attempt += not (live.episode is not None and live.episode.blameless)
+                attempt += outcome.end is not End.UNCLAIMED
                 live.episode = None
             if outcome.end is End.FINISHED:
                 self._write(name, live.order, owner, **json.loads(outcome.last[SEEN.size :]))

@@ -31,12 +31,21 @@ SECRETS = ("DOHYO_DATABASE",)  # agents have no use for it
 
 
 class End(StrEnum):
-    """End of an order."""
+    """End of an order.
+
+    FINISHED: the record is on disk. IMPOSSIBLE: the order can never be driven. HUNG: the agent never returned.
+    FAILED: SUMO failed, or the disk. DIED: the machine ended the process. WORKER_GONE, GIVEN_BACK: the policy worker
+    left the episode. UNCLAIMED: no policy worker came.
+    """
 
     FINISHED = "finished"
     IMPOSSIBLE = "impossible"
     HUNG = "hung"
     FAILED = "failed"
+    DIED = "died"
+    WORKER_GONE = "worker_gone"
+    GIVEN_BACK = "given_back"
+    UNCLAIMED = "unclaimed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +53,7 @@ class Outcome:
     """Result of an order.
 
     Attributes:
-        end: FINISHED: the record is on disk. HUNG: the agent never returned. FAILED: the infrastructure's fault.
+        end: Kind of the end.
         text: Reason, where it did not finish.
         last: Of a remote episode that finished: its last tick, as `remote.SEEN`, and further bytes of its program.
     """
@@ -59,6 +68,7 @@ class EpisodeProcess:
 
     Attributes:
         alive: Whether it can take an order.
+        processor_s: Processor time of the process and of those that it started, since its start, s.
         seen: Called with every frame of a remote episode: observations for the worker, and refused actions.
     """
 
@@ -72,7 +82,7 @@ class EpisodeProcess:
         """
         self._policies, self._program = policies, program
         self._options = () if cluster is None else (cluster,)
-        self.alive = False
+        self.alive, self.processor_s = False, 0.0
         self.seen: Callable[[Kind, bytes], None] = lambda kind, payload: None
         self._frames = Frames(self._received, self._gone)
         self._process: subprocess.Popen[bytes] | None = None
@@ -118,6 +128,7 @@ class EpisodeProcess:
             self.kill()
             raise
         finally:
+            self._measure()
             self._ending = None
             self.seen = lambda kind, payload: None
 
@@ -142,10 +153,17 @@ class EpisodeProcess:
 
     def _check(self) -> None:
         """Checks whether the agent hangs or the process has died."""
+        self._measure()
         if self._alarm[0] > 0.0 and time.monotonic() > self._alarm[0] + KILL_GRACE_S:
             self.kill(Outcome(End.HUNG, "agent never returned; its process was ended"))
         elif self._process is None or self._process.poll() is not None:
             self._gone()
+
+    def _measure(self) -> None:
+        """Reads the processor time; a process that is gone keeps the last reading."""
+        if self._process is not None:
+            with contextlib.suppress(OSError):
+                self.processor_s = processor_time_s(self._process.pid)
 
     def _received(self, kind: Kind, payload: bytes) -> None:
         if kind in (Kind.SEEN, Kind.REFUSED):
@@ -163,9 +181,19 @@ class EpisodeProcess:
         if self._process is not None:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 code = self._process.wait(0.05)  # the channel closes shortly before the process ends
-        self._end(Outcome(End.FAILED, f"episode process ended with code {code}"))
+        self._end(Outcome(End.DIED, f"episode process ended with code {code}"))
         self.kill()
 
     def _end(self, outcome: Outcome) -> None:
         if self._ending is not None and not self._ending.done():
             self._ending.set_result(outcome)
+
+
+def processor_time_s(pid: int) -> float:
+    """Processor time of a process and of its ended children, s.
+
+    Raises:
+        OSError: There is no such process.
+    """
+    after_name = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    return sum(map(int, after_name[11:15])) / os.sysconf("SC_CLK_TCK")  # utime, stime, cutime, cstime; see proc(5)

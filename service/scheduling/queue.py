@@ -6,15 +6,24 @@ cancelled or given to another process meanwhile, therefore has no effect, and no
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any
 
 from sqlalchemy import exists, func, select, update
 from sqlalchemy.orm import Session
 
 from dohyo.service.database.base import now
-from dohyo.service.evaluations.model import Episode, EpisodeStatus, Evaluation, EvaluationStatus
+from dohyo.service.evaluations.model import (
+    AttemptOutcome,
+    Episode,
+    EpisodeStatus,
+    Evaluation,
+    EvaluationStatus,
+)
+from dohyo.service.scheduling import attempts
+from dohyo.service.scheduling.attempts import LEAVING, UNCOUNTED, AttemptEnd
 from dohyo.service.submissions.model import AgentKind, Submission
 
 UNFINISHED = (EvaluationStatus.QUEUED, EvaluationStatus.RUNNING)
@@ -50,6 +59,7 @@ class Ticket:
         position: Position in the benchmark's scenarios.
         stem: File name of its record, without suffix.
         attempt: Number of the attempt, from 1.
+        used_up: Whether earlier attempts have used up those of the submission.
         info: AgentInfo of the submission, as a document.
         benchmark: Name and content hash of the benchmark.
         document: Document of the benchmark.
@@ -63,6 +73,7 @@ class Ticket:
     position: int
     stem: str
     attempt: int
+    used_up: bool
     info: dict[str, Any]
     benchmark: tuple[str, str]
     document: dict[str, Any]
@@ -74,6 +85,15 @@ class Ticket:
     def evaluation_id(self) -> str:
         """Identifier of the evaluation."""
         return self.waiting.evaluation_id
+
+
+class Next(Enum):
+    """What follows on an attempt without a record; NOTHING: the episode no longer runs."""
+
+    AGAIN = "again"
+    LOST = "lost"
+    AGENT_FAULT = "agent_fault"
+    NOTHING = "nothing"
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,18 +134,23 @@ def queued_count(session: Session) -> int:
 
 
 def take(session: Session, chosen: Waiting) -> Ticket | None:
-    """Takes the next episode of an evaluation, which then runs and counts an attempt; None: the queue is empty."""
+    """Takes the next episode of an evaluation and begins an attempt; None: the queue is empty.
+
+    Episodes of a remote agent come in a random order, so that their order tells a worker nothing.
+    """
     evaluation = session.get(Evaluation, chosen.evaluation_id, with_for_update={"of": Evaluation})
     if evaluation is None or evaluation.status not in UNFINISHED:
         return None
     query = select(Episode).where(Episode.evaluation_id == evaluation.id, Episode.status == EpisodeStatus.QUEUED)
-    episode = session.scalars(query.order_by(Episode.position).limit(1)).first()
+    order = func.random() if chosen.kind is AgentKind.REMOTE else Episode.position
+    episode = session.scalars(query.order_by(order).limit(1)).first()
     if episode is None:
         return None
     episode.status, episode.attempts, episode.started = EpisodeStatus.RUNNING, episode.attempts + 1, now()
+    attempts.begin(session, episode)
     if evaluation.status is EvaluationStatus.QUEUED:
         evaluation.status, evaluation.started = EvaluationStatus.RUNNING, evaluation.started or now()
-    return _ticket(evaluation, episode, chosen)
+    return _ticket(evaluation, episode, chosen, attempts.tally(session, episode.id).used_up)
 
 
 def running(session: Session) -> list[Ticket]:
@@ -136,7 +161,7 @@ def running(session: Session) -> list[Ticket]:
         one = episode.evaluation
         submission = one.submission
         chosen = Waiting(one.id, one.owner, submission.kind, submission.agent.name, submission.version)
-        tickets.append(_ticket(one, episode, chosen))
+        tickets.append(_ticket(one, episode, chosen, used_up=False))
     return tickets
 
 
@@ -145,7 +170,9 @@ def unfinished(session: Session) -> list[str]:
     return list(session.scalars(select(Evaluation.id).where(Evaluation.status.in_(UNFINISHED))))
 
 
-def finish(session: Session, ticket: Ticket, record_hash: str, summary: dict[str, Any]) -> Progress | None:
+def finish(
+    session: Session, ticket: Ticket, record_hash: str, summary: dict[str, Any], ended: AttemptEnd
+) -> Progress | None:
     """Stores an episode's record; None: the episode no longer runs."""
     changed = _change(
         session,
@@ -156,29 +183,44 @@ def finish(session: Session, ticket: Ticket, record_hash: str, summary: dict[str
         failure=None,
         finished=now(),
     )
-    return _settle(session, ticket.evaluation_id) if changed else None
+    if not changed:
+        return None
+    attempts.end(session, ticket.episode_id, ended)
+    return _settle(session, ticket.evaluation_id)
 
 
-def lose(session: Session, ticket: Ticket, why: str) -> Progress | None:
-    """Marks an episode as lost; None: it no longer runs."""
-    changed = _change(
-        session, ticket.episode_id, status=EpisodeStatus.LOST, failure=why[:LONGEST_FAILURE], finished=now()
-    )
-    return _settle(session, ticket.evaluation_id) if changed else None
-
-
-def requeue(session: Session, episode_id: str, why: str | None, counted: bool) -> None:
-    """Returns a running episode to the queue; it is driven again from its seed.
+def give_up(session: Session, ticket: Ticket, ended: AttemptEnd, most_deaths: int) -> tuple[Next, Progress | None]:
+    """Ends an attempt without a record: queues the episode again, or marks it as lost.
 
     Args:
         session: Session to write in.
-        episode_id: Identifier of the episode.
-        why: Reason for the end of the attempt.
-        counted: Whether the attempt counts.
+        ticket: Ticket of the episode.
+        ended: End of the attempt.
+        most_deaths: Deaths of its process after which the episode is lost.
+
+    Returns:
+        What follows; the progress, where the episode is lost.
     """
-    attempts = Episode.attempts if counted else Episode.attempts - 1
-    failure = why[:LONGEST_FAILURE] if why else None
-    _change(session, episode_id, status=EpisodeStatus.QUEUED, attempts=attempts, failure=failure, started=None)
+    if not _change(session, ticket.episode_id, status=EpisodeStatus.RUNNING):
+        return Next.NOTHING, None
+    attempts.end(session, ticket.episode_id, ended)
+    so_far = attempts.tally(session, ticket.episode_id)
+    if ended.outcome in LEAVING and so_far.used_up:
+        return Next.AGENT_FAULT, None
+    if so_far.hopeless(most_deaths):
+        why = f"{ended.why} (resume drives it once more)"[:LONGEST_FAILURE]
+        _change(session, ticket.episode_id, status=EpisodeStatus.LOST, failure=why, finished=now())
+        return Next.LOST, _settle(session, ticket.evaluation_id)
+    requeue(session, ticket.episode_id, ended)
+    return Next.AGAIN, None
+
+
+def requeue(session: Session, episode_id: str, ended: AttemptEnd) -> None:
+    """Ends the attempt of a running episode and returns it to the queue; it is driven again from its seed."""
+    count = Episode.attempts - 1 if ended.outcome in UNCOUNTED else Episode.attempts
+    failure = ended.why[:LONGEST_FAILURE] if ended.why else None
+    if _change(session, episode_id, status=EpisodeStatus.QUEUED, attempts=count, failure=failure, started=None):
+        attempts.end(session, episode_id, ended)
 
 
 def fail(session: Session, ticket: Ticket, why: str) -> Progress | None:
@@ -187,9 +229,15 @@ def fail(session: Session, ticket: Ticket, why: str) -> Progress | None:
     return _stop(session, ticket.evaluation_id, EvaluationStatus.FAILED, why)
 
 
-def cancel(session: Session, evaluation_id: str) -> Progress | None:
-    """Cancels an evaluation; None: it has ended already."""
-    return _stop(session, evaluation_id, EvaluationStatus.CANCELLED, None)
+def cancel(session: Session, evaluation_id: str, charged: Collection[str] = ()) -> Progress | None:
+    """Cancels an evaluation; None: it has ended already.
+
+    Args:
+        session: Session to write in.
+        evaluation_id: Identifier of the evaluation.
+        charged: Identifiers of episodes whose attempt counts against the submission, since a worker drove.
+    """
+    return _stop(session, evaluation_id, EvaluationStatus.CANCELLED, None, charged)
 
 
 def settle(session: Session, evaluation_id: str) -> Progress | None:
@@ -197,7 +245,7 @@ def settle(session: Session, evaluation_id: str) -> Progress | None:
     return _settle(session, evaluation_id)
 
 
-def _ticket(evaluation: Evaluation, episode: Episode, chosen: Waiting) -> Ticket:
+def _ticket(evaluation: Evaluation, episode: Episode, chosen: Waiting, used_up: bool) -> Ticket:
     submission: Submission = evaluation.submission
     return Ticket(
         episode_id=episode.id,
@@ -205,6 +253,7 @@ def _ticket(evaluation: Evaluation, episode: Episode, chosen: Waiting) -> Ticket
         position=episode.position,
         stem=f"{episode.scenario}-s{episode.seed}",
         attempt=episode.attempts,
+        used_up=used_up,
         info=submission.info,
         benchmark=(evaluation.benchmark.name, evaluation.benchmark_sha256),
         document=evaluation.benchmark.document,
@@ -248,10 +297,18 @@ def _why_not(session: Session, evaluation_id: str, missing: int, total: int) -> 
     return f"{missing} of {total} episodes were lost to the infrastructure, such as: {first}"[:LONGEST_FAILURE]
 
 
-def _stop(session: Session, evaluation_id: str, status: EvaluationStatus, why: str | None) -> Progress | None:
+def _stop(
+    session: Session,
+    evaluation_id: str,
+    status: EvaluationStatus,
+    why: str | None,
+    charged: Collection[str] = (),
+) -> Progress | None:
     evaluation = session.get(Evaluation, evaluation_id, with_for_update={"of": Evaluation})
     if evaluation is None or evaluation.status not in UNFINISHED:
         return None
+    for episode_id in attempts.running_attempts(session, evaluation_id):
+        attempts.end(session, episode_id, AttemptEnd(AttemptOutcome.CANCELLED, why), episode_id in charged)
     unended = (EpisodeStatus.QUEUED, EpisodeStatus.RUNNING)
     wanted = update(Episode).where(Episode.evaluation_id == evaluation_id, Episode.status.in_(unended))
     values = {"status": EpisodeStatus.CANCELLED, "finished": now()}

@@ -22,12 +22,13 @@ from sqlalchemy.orm import Session
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
 from dohyo.evaluation.records.specifications import Status
-from dohyo.evaluation.running.executors import MAX_ATTEMPTS
 from dohyo.service.episodes.archive import archived_path, discard, lost_because, shelve, staged_folder
+from dohyo.service.evaluations.model import AttemptOutcome
 from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.process import End, EpisodeProcess, Outcome
 from dohyo.service.scheduling import queue
-from dohyo.service.scheduling.queue import Progress, Ticket, Waiting
+from dohyo.service.scheduling.attempts import CHARGED_ATTEMPTS, AttemptEnd
+from dohyo.service.scheduling.queue import Next, Progress, Ticket, Waiting
 from dohyo.service.scheduling.turns import Turns
 from dohyo.service.settings import Settings
 from dohyo.service.submissions.model import AgentKind
@@ -43,6 +44,15 @@ if TYPE_CHECKING:
 LOOK_S = 2.0  # longest time between two looks at the queue
 RETRY_S = (0.5, 1.0, 2.0, 5.0, 10.0)
 T = TypeVar("T")
+OUTCOMES = {
+    End.FAILED: AttemptOutcome.SIMULATION,
+    End.DIED: AttemptOutcome.MACHINE,
+    End.WORKER_GONE: AttemptOutcome.WORKER_GONE,
+    End.GIVEN_BACK: AttemptOutcome.GIVEN_BACK,
+    End.UNCLAIMED: AttemptOutcome.UNCLAIMED,
+}
+DRAINED = AttemptEnd(AttemptOutcome.DRAINED)
+USED_UP = f"the worker left the episode in {CHARGED_ATTEMPTS} attempts"
 
 logger = logging.getLogger("dohyo.scheduler")
 
@@ -55,11 +65,13 @@ class Live:
         ticket: Ticket of the episode.
         task: Task that drives it.
         remote: The remote episode, where a worker drives.
+        processor_s: Processor time of the attempt so far, s.
     """
 
     ticket: Ticket
     task: asyncio.Task[None] | None = None
     remote: RemoteEpisode | None = None
+    processor_s: float = 0.0
 
     @property
     def unclaimed(self) -> bool:
@@ -128,8 +140,12 @@ class Scheduler:
         self._idle.clear()
 
     async def cancel(self, evaluation_id: str) -> None:
-        """Cancels an evaluation: running episodes stop at once, finished ones are kept."""
-        progress = await self._transaction(lambda session: queue.cancel(session, evaluation_id), patient=False)
+        """Cancels an evaluation: running episodes stop at once, finished ones are kept.
+
+        An attempt that a worker drives counts against the submission: a cancelled drive is no free second try.
+        """
+        driven = [one.ticket.episode_id for one in self._live.values() if one.remote is not None and one.remote.stepped]
+        progress = await self._transaction(lambda session: queue.cancel(session, evaluation_id, driven), patient=False)
         self._abort(evaluation_id)
         if progress is not None:
             await self._tell(progress)
@@ -203,10 +219,10 @@ class Scheduler:
             await self._drive_to_an_end(live)
         except asyncio.CancelledError:
             # Cancelled with its evaluation or by our shutdown; only in the second case does it still count as running.
-            await self._requeue(ticket, None, counted=False)
+            await self._requeue(ticket, DRAINED)
         except Exception:  # an internal error must not leave the episode running for ever
             logger.exception("episode %s", ticket.episode_id)
-            await self._give_up(live, "an error of the service; its log tells more")
+            await self._give_up(live, Outcome(End.FAILED, "an error of the service; its log tells more"))
         finally:
             del self._live[ticket.episode_id]
             self._turns.end(ticket.waiting.owner, time.monotonic() - began)
@@ -220,16 +236,20 @@ class Scheduler:
         except DohyoError as error:
             await self._fail(ticket, str(error))
             return
-        outcome = await self._in_process(order, live if order.remote else None)
+        outcome = Outcome(End.HUNG, USED_UP) if ticket.used_up else await self._in_process(order, live)
+        if outcome.end in OUTCOMES:
+            if await self._give_up(live, outcome) is not Next.AGENT_FAULT:
+                return
+            outcome = Outcome(End.HUNG, f"{USED_UP}; the last: {outcome.text}")
         if outcome.end is End.HUNG:
             verdict = (Status.AGENT_DEADLINE, outcome.text)
-            outcome = await self._in_process(order.model_copy(update={"verdict": verdict, "remote": False}))
+            outcome = await self._in_process(order.model_copy(update={"verdict": verdict, "remote": False}), live)
         if outcome.end is End.FINISHED:
-            outcome = await self._keep(ticket, order)
+            outcome = await self._keep(live, order)
         if outcome.end is End.IMPOSSIBLE:
             await self._fail(ticket, outcome.text)
         elif outcome.end is not End.FINISHED:
-            await self._give_up(live, outcome.text)
+            await self._give_up(live, outcome)
 
     def _order(self, ticket: Ticket) -> EpisodeOrder:
         scenarios = self._scenarios.get(ticket.evaluation_id)
@@ -247,21 +267,23 @@ class Scheduler:
             slow_policy=cast(Literal["wait", "realtime"], ticket.slow_policy),
         )
 
-    async def _in_process(self, order: EpisodeOrder, live: Live | None = None) -> Outcome:
+    async def _in_process(self, order: EpisodeOrder, live: Live) -> Outcome:
         """Drives an order in a process, which is then kept for the next one."""
         try:
             process = await self._process()
         except OSError as error:
-            return Outcome(End.FAILED, f"no process could be started: {error}")
+            return Outcome(End.DIED, f"no process could be started: {error}")
+        began_s = process.processor_s
         outcome = aborted = Outcome(End.FAILED, "its evaluation has ended, or the service")
         try:
-            if live is not None:
+            if order.remote:
                 waiting, attempt = live.ticket.waiting, live.ticket.attempt
                 live.remote = RemoteEpisode(waiting.agent, waiting.version, attempt, order, process)
                 self.leases.expect(live.remote)
             outcome = await process.drive(order)
         finally:
-            if live is not None and live.remote is not None:
+            live.processor_s += process.processor_s - began_s
+            if order.remote and live.remote is not None:
                 self.leases.ended(live.remote, outcome, "run" if outcome is not aborted else "abort")
             if process.alive and not self._stopped and len(self._idle) < self._settings.processes:
                 self._idle.append(process)
@@ -281,8 +303,9 @@ class Scheduler:
 
     # Results
 
-    async def _keep(self, ticket: Ticket, order: EpisodeOrder) -> Outcome:
+    async def _keep(self, live: Live, order: EpisodeOrder) -> Outcome:
         """Archives a finished record; an infrastructure fault is not a result."""
+        ticket = live.ticket
         staged = order.directory / f"{order.stem}.json"
         try:
             record = await asyncio.to_thread(shelve, self._settings, staged, order.scenario)
@@ -292,33 +315,38 @@ class Scheduler:
             return Outcome(End.FAILED, f"the record cannot be kept: {error}")
         lost = lost_because(record)
         if lost is None:
-            await self._remember(ticket, record)
+            await self._remember(live, record)
         await asyncio.to_thread(discard, self._settings, ticket.evaluation_id, ticket.stem)
         return Outcome(End.FINISHED) if lost is None else Outcome(End.FAILED, lost)
 
-    async def _remember(self, ticket: Ticket, record: EpisodeRecord) -> None:
+    async def _remember(self, live: Live, record: EpisodeRecord) -> None:
         from dohyo.service.evaluations.scoring import summary_at
 
+        ticket, failed = live.ticket, any(ego.status.agent_fault for ego in record.egos)
+        ended = AttemptEnd(AttemptOutcome.AGENT_FAILED if failed else AttemptOutcome.DONE, processor_s=live.processor_s)
         path, rules = archived_path(self._settings, record.record_hash), ticket.document.get("rules", "2.0")
         summary = await asyncio.to_thread(summary_at, path, record, rules)
-        progress = await self._transaction(lambda session: queue.finish(session, ticket, record.record_hash, summary))
+        progress = await self._transaction(
+            lambda session: queue.finish(session, ticket, record.record_hash, summary, ended)
+        )
         await self._tell(progress, ticket, "done")
 
-    async def _give_up(self, live: Live, why: str) -> None:
-        """Handles an infrastructure fault: queues the episode again, or marks it as lost after its last attempt."""
-        ticket, remote = live.ticket, live.remote
-        counted = remote is None or not remote.blameless
-        if not counted or ticket.attempt < MAX_ATTEMPTS:
-            logger.warning("episode %s, attempt %d: %s", ticket.episode_id, ticket.attempt, why)
-            await self._requeue(ticket, why, counted)
+    async def _give_up(self, live: Live, outcome: Outcome) -> Next:
+        """Ends an attempt without a record, and does what follows from the attempts so far."""
+        ticket, why = live.ticket, outcome.text
+        ended = AttemptEnd(OUTCOMES.get(outcome.end, AttemptOutcome.SIMULATION), why, live.processor_s)
+        logger.warning("episode %s, attempt %d, %s: %s", ticket.episode_id, ticket.attempt, ended.outcome, why)
+        deaths = self._settings.process_deaths
+        what_next, progress = await self._transaction(lambda session: queue.give_up(session, ticket, ended, deaths))
+        if what_next is Next.AGAIN:
             self._publish(ticket, "queued")
-            return
-        logger.error("episode %s is lost: %s", ticket.episode_id, why)
-        progress = await self._transaction(lambda session: queue.lose(session, ticket, why))
-        await self._tell(progress, ticket, "lost")
+        elif what_next is Next.LOST:
+            logger.error("episode %s is lost: %s", ticket.episode_id, why)
+            await self._tell(progress, ticket, "lost")
+        return what_next
 
-    async def _requeue(self, ticket: Ticket, why: str | None, counted: bool) -> None:
-        await self._transaction(lambda session: queue.requeue(session, ticket.episode_id, why, counted))
+    async def _requeue(self, ticket: Ticket, ended: AttemptEnd) -> None:
+        await self._transaction(lambda session: queue.requeue(session, ticket.episode_id, ended))
 
     async def _fail(self, ticket: Ticket, why: str) -> None:
         """Fails an evaluation that can never be driven."""
@@ -375,11 +403,11 @@ class Scheduler:
         for ticket in await asyncio.to_thread(self._left):
             try:
                 order = await asyncio.to_thread(self._order, ticket)
-                kept = await self._keep(ticket, order)
+                kept = await self._keep(Live(ticket), order)
             except DohyoError as error:
                 kept = Outcome(End.FAILED, str(error))
             if kept.end is not End.FINISHED:
-                await self._requeue(ticket, None, counted=False)
+                await self._requeue(ticket, DRAINED)
         for evaluation_id in await asyncio.to_thread(self._unfinished):
             await self._tell(await self._transaction(partial(queue.settle, evaluation_id=evaluation_id)))
 

@@ -59,7 +59,6 @@ class RemoteEpisode:
         held: Whether a worker holds it.
         stepped: Whether a worker has sent a step.
         returned: Number of times that workers returned it without a step.
-        blameless: Whether its end does not count as an attempt, since no worker has seen it.
     """
 
     agent: str
@@ -72,7 +71,6 @@ class RemoteEpisode:
     held: bool = False
     stepped: bool = False
     returned: int = 0
-    blameless: bool = False
 
 
 @dataclass(eq=False, slots=True)

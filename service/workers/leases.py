@@ -2,8 +2,8 @@
 
 All of it lives on the event loop and in memory. A lease is fenced by its identifier: a worker that lost its lease
 cannot reach the episode, which gets a new lease. A worker that sends any request after its decision was due has an
-agent that is too slow: a fault of the agent. A worker that sends none until its lease ends has vanished: a fault of the
-infrastructure.
+agent that is too slow: a fault of the agent. A worker that sends none until its lease ends has vanished: that costs the
+submission an attempt, and so does an episode that is given back after its first step.
 """
 
 from __future__ import annotations
@@ -251,7 +251,7 @@ class LeaseBook:
         if fault is not None:
             self._fail(lease, fault, text)
         elif lease.episode.stepped or lease.episode.returned >= MOST_RETURNS:
-            self._lose(lease, f"the worker gave the episode back: {text}")
+            self._lose(lease, End.GIVEN_BACK, f"the worker gave the episode back: {text}")
         else:
             self._give_back(lease, "given back")
 
@@ -332,10 +332,10 @@ class LeaseBook:
         lease.episode.process.send(Kind.FAULT, json.dumps([fault.value, text]).encode())
         self._end(lease, text)
 
-    def _lose(self, lease: Lease, why: str) -> None:
-        """Ends an episode with an infrastructure fault; it is driven again from its seed."""
+    def _lose(self, lease: Lease, end: End, why: str) -> None:
+        """Ends an attempt at an episode; the scheduler decides whether it is driven again from its seed."""
         self._end(lease, why)
-        lease.episode.process.kill(Outcome(End.FAILED, why))
+        lease.episode.process.kill(Outcome(end, why))
 
     def sweep(self) -> None:
         """Ends leases and workers that have been silent for too long; called every `SWEEP_S`."""
@@ -344,15 +344,14 @@ class LeaseBook:
         for lease in [one for one in self._leases.values() if not one.ended]:
             if lease.moving is not None:
                 if now - lease.moving > LONGEST_TICK_S:
-                    self._lose(lease, f"the simulation took longer than {LONGEST_TICK_S:g} s for one tick")
+                    self._lose(lease, End.FAILED, f"the simulation took longer than {LONGEST_TICK_S:g} s for one tick")
             elif lease.refused and now > lease.due:
                 self._time_out(lease)
             elif now - lease.heard > self.lease_ttl_s:
-                self._lose(lease, f"the worker was not heard of for {self.lease_ttl_s:g} s")
+                self._lose(lease, End.WORKER_GONE, f"the worker was not heard of for {self.lease_ttl_s:g} s")
         for episode in list(self._offers):
             if episode.offered is not None and now - episode.offered > self.lease_ttl_s:
-                episode.blameless = True
-                episode.process.kill(Outcome(End.FAILED, "no worker came for the episode"))
+                episode.process.kill(Outcome(End.UNCLAIMED, "no worker came for the episode"))
 
     def drain(self) -> None:
         """Stops leasing episodes; workers learn of it with their next step."""

@@ -213,7 +213,7 @@ def test_resume_queues_what_was_lost_and_nothing_else(stored: Harness) -> None:
     assert resumed["progress"]["queued"] == resumed["progress"]["total"] - 1
     episodes = team.get(f"/v1/evaluations/{evaluation}/episodes").json()["items"]
     assert episodes[0]["record_hash"] == "ab" * 32
-    assert (episodes[1]["attempts"], episodes[1]["failure"]) == (0, None)
+    assert (episodes[1]["attempts"], episodes[1]["failure"]) == (2, None)
     assert stored.scheduler.calls[-1] == "wake"
 
 

@@ -6,14 +6,22 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from sqlalchemy import select
 
 from dohyo.service.database.engine import Database
-from dohyo.service.evaluations.model import EpisodeStatus, Evaluation, EvaluationStatus
+from dohyo.service.evaluations.model import Attempt, AttemptOutcome, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.queries import resume
 from dohyo.service.scheduling import queue
-from dohyo.service.scheduling.queue import Ticket
+from dohyo.service.scheduling.attempts import AttemptEnd
+from dohyo.service.scheduling.queue import Next, Ticket
 from dohyo.service.submissions.model import AgentKind
 from tests.service.served import STEADY, Service, info_of, short
+
+DONE = AttemptEnd(AttemptOutcome.DONE)
+
+
+def ended(outcome: AttemptOutcome, why: str = "why") -> AttemptEnd:
+    return AttemptEnd(outcome, why)
 
 
 @pytest.fixture
@@ -56,29 +64,32 @@ def test_a_result_counts_once(shop: Service) -> None:
     evaluation = submit(shop)
     ticket = taken(shop, evaluation)
     with shop.database.session() as session:
-        progress = queue.finish(session, ticket, "a" * 64, {})
+        progress = queue.finish(session, ticket, "a" * 64, {}, DONE)
         assert progress is not None
         assert (progress.done, progress.total, progress.ended) == (1, 2, False)
     with shop.database.session() as session:
-        assert queue.finish(session, ticket, "b" * 64, {}) is None
-        assert queue.lose(session, ticket, "late") is None
-        queue.requeue(session, ticket.episode_id, "late", counted=True)
+        assert queue.finish(session, ticket, "b" * 64, {}, DONE) is None
+        assert queue.give_up(session, ticket, ended(AttemptOutcome.MACHINE, "late"), 10) == (Next.NOTHING, None)
+        queue.requeue(session, ticket.episode_id, ended(AttemptOutcome.MACHINE, "late"))
     assert shop.episodes(evaluation)[0].record_hash == "a" * 64
 
 
 def test_an_evaluation_ends_done_only_if_all_are(shop: Service) -> None:
     good, bad = submit(shop, "good", 1), submit(shop, "bad", 2)
     with shop.database.session() as session:
-        queue.finish(session, taken_in(session, good), "a" * 64, {})
-        queue.finish(session, taken_in(session, bad), "b" * 64, {})
-        progress = queue.lose(session, taken_in(session, bad), "SUMO lost the ego")
+        queue.finish(session, taken_in(session, good), "a" * 64, {}, DONE)
+        queue.finish(session, taken_in(session, bad), "b" * 64, {}, DONE)
+        failed = ended(AttemptOutcome.SIMULATION, "SUMO lost the ego")
+        assert queue.give_up(session, taken_in(session, bad), failed, 10) == (Next.AGAIN, None)
+        what_next, progress = queue.give_up(session, taken_in(session, bad), failed, 10)
+        assert what_next is Next.LOST
         assert progress is not None
         assert progress.ended
     assert shop.evaluation(good).status is EvaluationStatus.DONE
-    ended = shop.evaluation(bad)
-    assert ended.status is EvaluationStatus.FAILED
-    assert ended.failure == "1 of 2 episodes were lost to the infrastructure, such as: SUMO lost the ego"
-    assert ended.finished is not None
+    failure = "1 of 2 episodes were lost to the infrastructure, such as: SUMO lost the ego (resume drives it once more)"
+    after = shop.evaluation(bad)
+    assert (after.status, after.failure) == (EvaluationStatus.FAILED, failure)
+    assert after.finished is not None
 
 
 def taken_in(session: object, evaluation_id: str) -> Ticket:
@@ -92,25 +103,82 @@ def test_a_cancelled_evaluation_takes_no_late_result_and_can_be_resumed(shop: Se
     evaluation = submit(shop, missions=3)
     done, running = taken(shop, evaluation), taken(shop, evaluation)
     with shop.database.session() as session:
-        queue.finish(session, done, "a" * 64, {})
+        queue.finish(session, done, "a" * 64, {}, DONE)
         progress = queue.cancel(session, evaluation)
         assert progress is not None
         assert (progress.status, progress.done) == (EvaluationStatus.CANCELLED, 1)
         assert queue.cancel(session, evaluation) is None
-        assert queue.finish(session, running, "b" * 64, {}) is None
+        assert queue.finish(session, running, "b" * 64, {}, DONE) is None
     statuses = [one.status for one in shop.episodes(evaluation)]
     assert statuses == [EpisodeStatus.DONE, EpisodeStatus.CANCELLED, EpisodeStatus.CANCELLED]
     with shop.database.session() as session:
         assert resume(session, session.get_one(Evaluation, evaluation)) == 2
-    assert (taken(shop, evaluation).position, taken(shop, evaluation).attempt) == (1, 1)
+    assert [(one.position, one.attempt) for one in (taken(shop, evaluation), taken(shop, evaluation))] == [
+        (1, 2),
+        (2, 1),
+    ]
 
 
-def test_an_attempt_that_was_none_is_not_counted(shop: Service) -> None:
+def test_an_attempt_that_the_service_cut_off_is_not_counted(shop: Service) -> None:
     evaluation = submit(shop, missions=1)
-    for counted, attempts in ((False, 0), (True, 1)):
+    for outcome, attempts in ((AttemptOutcome.DRAINED, 0), (AttemptOutcome.MACHINE, 1)):
         ticket = taken(shop, evaluation)
         with shop.database.session() as session:
-            queue.requeue(session, ticket.episode_id, "why", counted=counted)
+            queue.requeue(session, ticket.episode_id, ended(outcome, "why"))
         (episode,) = shop.episodes(evaluation)
         assert (episode.status, episode.attempts, episode.failure) == (EpisodeStatus.QUEUED, attempts, "why")
     assert taken(shop, evaluation).attempt == 2
+    assert outcomes(shop) == [(1, "drained", False), (2, "machine", False), (3, None, False)]
+
+
+def outcomes(shop: Service) -> list[tuple[int, str | None, bool]]:
+    """Number, outcome and charge of all attempts."""
+    with shop.database.reading() as session:
+        return [
+            (one.number, one.outcome, one.charged) for one in session.scalars(select(Attempt).order_by(Attempt.number))
+        ]
+
+
+@pytest.mark.parametrize("leaving", [AttemptOutcome.GIVEN_BACK, AttemptOutcome.WORKER_GONE])
+def test_the_second_time_that_a_worker_leaves_is_a_fault_of_the_agent(shop: Service, leaving: AttemptOutcome) -> None:
+    evaluation = submit(shop, missions=1)
+    with shop.database.session() as session:
+        assert queue.give_up(session, taken_in(session, evaluation), ended(leaving), 10)[0] is Next.AGAIN
+        assert queue.give_up(session, taken_in(session, evaluation), ended(leaving), 10)[0] is Next.AGENT_FAULT
+    assert shop.episodes(evaluation)[0].status is EpisodeStatus.RUNNING, "the verdict is written next"
+
+
+def test_resume_erases_no_attempt(shop: Service) -> None:
+    """A worker leaves, its owner cancels and resumes, the worker leaves again: the second attempt is the last."""
+    evaluation = submit(shop, missions=1)
+    with shop.database.session() as session:
+        queue.give_up(session, taken_in(session, evaluation), ended(AttemptOutcome.GIVEN_BACK), 10)
+        queue.cancel(session, evaluation)
+        resume(session, session.get_one(Evaluation, evaluation))
+        again = taken_in(session, evaluation)
+        assert (again.attempt, again.used_up) == (2, False)
+        assert queue.give_up(session, again, ended(AttemptOutcome.GIVEN_BACK), 10)[0] is Next.AGENT_FAULT
+
+
+def test_a_cancelled_drive_is_no_free_second_try(shop: Service) -> None:
+    evaluation = submit(shop, missions=1)
+    for _ in range(2):
+        ticket = taken(shop, evaluation)
+        assert not ticket.used_up
+        with shop.database.session() as session:
+            queue.cancel(session, evaluation, charged=[ticket.episode_id])
+            resume(session, session.get_one(Evaluation, evaluation))
+    assert taken(shop, evaluation).used_up
+    assert outcomes(shop)[:2] == [(1, "cancelled", True), (2, "cancelled", True)]
+
+
+def test_deaths_of_the_process_are_not_the_agents_until_there_are_too_many(shop: Service) -> None:
+    evaluation = submit(shop, missions=1)
+    died = ended(AttemptOutcome.MACHINE, "code -9")
+    with shop.database.session() as session:
+        ends = [queue.give_up(session, taken_in(session, evaluation), died, 4)[0] for _ in range(4)]
+    assert ends == [Next.AGAIN] * 3 + [Next.LOST]
+    assert "code -9 (resume drives it once more)" in (shop.evaluation(evaluation).failure or "")
+    with shop.database.session() as session:
+        resume(session, session.get_one(Evaluation, evaluation))
+        assert queue.give_up(session, taken_in(session, evaluation), died, 4)[0] is Next.LOST

@@ -209,7 +209,7 @@ def test_a_sign_of_life_after_the_deadline_makes_it_the_agents_fault(sign: str) 
     run(test())
 
 
-def test_silence_is_the_infrastructures_fault() -> None:
+def test_silence_is_told_as_a_worker_that_is_gone() -> None:
     async def test() -> None:
         book = LeaseBook(TTL_S)
         lease, process = await leased(book)
@@ -217,7 +217,7 @@ def test_silence_is_the_infrastructures_fault() -> None:
         await asyncio.sleep(TTL_S + 0.05)
         book.sweep()
         assert process.killed is not None
-        assert process.killed.end is End.FAILED
+        assert process.killed.end is End.WORKER_GONE
         assert Kind.FAULT not in process.kinds()
         with pytest.raises(GoneError, match="not heard of"):
             await book.step(lease, answer(1), Format.MSGPACK)
@@ -392,7 +392,7 @@ def test_an_offer_that_nobody_takes_is_withdrawn_and_is_no_attempt(monkeypatch: 
         await asyncio.sleep(0.1)
         book.sweep()
         assert process.killed is not None
-        assert one.blameless
+        assert process.killed.end is End.UNCLAIMED
 
     run(test())
 

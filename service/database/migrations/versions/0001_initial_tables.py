@@ -210,11 +210,46 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("id"),
     )
 
+    op.create_table(
+        "attempts",
+        sa.Column("id", sa.String(length=32), nullable=False),
+        sa.Column("episode_id", sa.String(length=32), nullable=False),
+        sa.Column("number", sa.Integer(), nullable=False),
+        sa.Column("started", MOMENT, nullable=False),
+        sa.Column("ended", MOMENT, nullable=True),
+        sa.Column(
+            "outcome",
+            sa.Enum(
+                "done",
+                "agent_failed",
+                "worker_gone",
+                "given_back",
+                "machine",
+                "simulation",
+                "unclaimed",
+                "drained",
+                "cancelled",
+                name="attemptoutcome",
+                native_enum=False,
+                length=20,
+            ),
+            nullable=True,
+        ),
+        sa.Column("why", sa.String(length=2000), nullable=True),
+        sa.Column("charged", sa.Boolean(), nullable=False),
+        sa.Column("processor_s", sa.Double(), nullable=False),
+        sa.ForeignKeyConstraint(["episode_id"], ["episodes.id"]),
+        sa.PrimaryKeyConstraint("id"),
+        sa.UniqueConstraint("episode_id", "number"),
+    )
+    op.create_index("ix_attempts_episode_id", "attempts", ["episode_id"])
+
 
 def downgrade() -> None:
     """Takes it back."""
     for table in (
         "servers",
+        "attempts",
         "episodes",
         "evaluations",
         "submissions",

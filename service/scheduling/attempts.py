@@ -1,0 +1,101 @@
+"""Attempts: every start of an episode is a row, from which the scheduler reads whether the episode is driven again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import func, select, update
+from sqlalchemy.orm import Session
+
+from dohyo.evaluation.running.executors import MAX_ATTEMPTS
+from dohyo.service.database.base import new_id, now
+from dohyo.service.evaluations.model import Attempt, AttemptOutcome, Episode
+
+CHARGED_ATTEMPTS = 2
+"""Attempts that count against the submission, after which the episode is recorded as a fault of the agent."""
+LONGEST_WHY = 2000
+LEAVING = (AttemptOutcome.WORKER_GONE, AttemptOutcome.GIVEN_BACK)
+UNCOUNTED = (AttemptOutcome.UNCLAIMED, AttemptOutcome.DRAINED)
+
+
+@dataclass(frozen=True, slots=True)
+class AttemptEnd:
+    """End of an attempt that gave no record.
+
+    Attributes:
+        outcome: Kind of the end.
+        why: Reason, for people; None: the service ended.
+        processor_s: Processor time of the episode's process, s.
+    """
+
+    outcome: AttemptOutcome
+    why: str | None = None
+    processor_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """Numbers of an episode's ended attempts.
+
+    Attributes:
+        charged: Attempts that count against the submission.
+        deaths: Attempts whose process died.
+        failures: Attempts in which SUMO or the disk failed.
+    """
+
+    charged: int
+    deaths: int
+    failures: int
+
+    @property
+    def used_up(self) -> bool:
+        """Whether the submission has no attempt left."""
+        return self.charged >= CHARGED_ATTEMPTS
+
+    def hopeless(self, most_deaths: int) -> bool:
+        """Whether the infrastructure failed too often to try again."""
+        return self.deaths >= most_deaths or self.failures >= MAX_ATTEMPTS
+
+
+def begin(session: Session, episode: Episode) -> None:
+    """Adds the row of an attempt that starts now."""
+    last = session.scalar(select(func.max(Attempt.number)).where(Attempt.episode_id == episode.id)) or 0
+    session.add(Attempt(id=new_id("at"), episode_id=episode.id, number=last + 1))
+
+
+def end(session: Session, episode_id: str, ended: AttemptEnd, charged: bool | None = None) -> None:
+    """Ends the running attempt of an episode; without effect where none runs.
+
+    Args:
+        session: Session to write in.
+        episode_id: Identifier of the episode.
+        ended: End of the attempt.
+        charged: Whether it counts against the submission; None: as its outcome says.
+    """
+    values: dict[str, Any] = {
+        "ended": now(),
+        "outcome": ended.outcome,
+        "why": ended.why[:LONGEST_WHY] if ended.why else None,
+        "charged": ended.outcome in LEAVING if charged is None else charged,
+        "processor_s": ended.processor_s,
+    }
+    running = update(Attempt).where(Attempt.episode_id == episode_id, Attempt.ended.is_(None))
+    session.execute(running.values(values).execution_options(synchronize_session=False))
+
+
+def tally(session: Session, episode_id: str) -> Tally:
+    """Numbers of an episode's ended attempts."""
+    query = select(Attempt.outcome, Attempt.charged, func.count()).where(Attempt.episode_id == episode_id)
+    rows = session.execute(query.group_by(Attempt.outcome, Attempt.charged)).all()
+    return Tally(
+        charged=sum(count for _, charged, count in rows if charged),
+        deaths=sum(count for outcome, _, count in rows if outcome is AttemptOutcome.MACHINE),
+        failures=sum(count for outcome, _, count in rows if outcome is AttemptOutcome.SIMULATION),
+    )
+
+
+def running_attempts(session: Session, evaluation_id: str) -> list[str]:
+    """Identifiers of an evaluation's episodes whose attempt runs."""
+    query = select(Attempt.episode_id).join(Episode, Episode.id == Attempt.episode_id)
+    return list(session.scalars(query.where(Episode.evaluation_id == evaluation_id, Attempt.ended.is_(None))))
