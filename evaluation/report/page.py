@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import plotly.graph_objects as go
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -39,8 +40,12 @@ from dohyo.evaluation.scores.nuplan.summary import (
     score_records,
     summarise_closed_loop,
 )
+from dohyo.evaluation.statistics import Estimate
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
+
+SHARED: Final = Path(__file__).parent / "static" / "shared"
+"""Scripts and styles of tables, which the dashboard serves as they are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,18 +177,33 @@ def _environment() -> Environment:
         missing=MISSING,
         styles=Markup(loader.get_source(environment, "styles.css")[0]),
         script=Markup(loader.get_source(environment, "report.js")[0]),
+        table_styles=_shared("interactive.css"),
+        table_script=_shared("interactive.js"),
         plotly=Markup(get_plotlyjs()),
         plotly_templates=_script_json(palettes),
     )
     environment.filters.update(
         number=number,
         share=lambda value, top: f"{100 * min(1.0, max(0.0, value / top)):.2f}%",
+        reach=_reach,
         ending=look.ending,
         probability=look.probability,
         spot_text=_spot_text,
         route_text=_route_text,
     )
     return environment
+
+
+def _shared(name: str) -> Markup:
+    """A file that the dashboard serves and the report contains."""
+    return Markup((SHARED / name).read_text(encoding="utf-8"))
+
+
+def _reach(estimate: Estimate, bottom: float, top: float) -> str:
+    """Mean and ends of an interval as shares of an axis, for the script that zooms the axis."""
+    values = (estimate.mean, estimate.low, estimate.high)
+    shares = (((estimate.mean or 0.0) if value is None else value) - bottom for value in values)
+    return " ".join(f"{min(1.0, max(0.0, share / (top - bottom))):.5g}" for share in shares)
 
 
 def _facts(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLength) -> list[tuple[str, str, str]]:

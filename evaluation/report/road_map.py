@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -21,18 +19,14 @@ LaneShape = tuple[FloatArray, float]
 """A lane to draw: (P, 2) centreline, m, network frame, and its width, m."""
 
 MAP_MARGIN_M = 150.0
-CROWD_M = 4.0
-GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 
 
 @dataclass(frozen=True, slots=True)
 class Spot(Generic[D]):
-    """An infraction on the map; `dx` and `dy` (px, y down) keep crowded marks apart at every zoom."""
+    """An infraction on the map, m, y down."""
 
     x: float
     y: float
-    dx: float
-    dy: float
     drive: D
     infraction: Infraction
 
@@ -120,11 +114,6 @@ def _lane_paths(shapes: Iterable[LaneShape]) -> dict[float, str]:
 
 
 def _spots(marks: Iterable[tuple[D, Infraction]]) -> Iterator[Spot[D]]:
-    """One spot per infraction; infractions closer than CROWD_M are laid out in a sunflower spiral."""
-    crowd: Counter[tuple[int, int]] = Counter()
+    """One spot per infraction, at the place where it happened; the page counts those that overlap."""
     for drive, one in marks:
-        cell = round(one.x_m / CROWD_M), round(one.y_m / CROWD_M)
-        radius, angle = 9.0 * math.sqrt(crowd[cell]), GOLDEN_ANGLE * crowd[cell]
-        crowd[cell] += 1
-        dx, dy = round(radius * math.cos(angle), 1), round(radius * math.sin(angle), 1)
-        yield Spot(round(one.x_m, 1), round(0.0 - one.y_m, 1), dx, dy, drive, one)
+        yield Spot(round(one.x_m, 1), round(0.0 - one.y_m, 1), drive, one)

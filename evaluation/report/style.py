@@ -79,7 +79,6 @@ def template(scheme: Scheme = "light") -> go.layout.Template:
         "linecolor": palette.line,
         "zeroline": False,
         "automargin": True,
-        "fixedrange": True,
         "title": {"font": {"size": 12, "color": palette.quiet}, "standoff": 8},
     }
     layout = {
@@ -104,7 +103,6 @@ def template(scheme: Scheme = "light") -> go.layout.Template:
             "align": "left",
         },
         "margin": {"l": 8, "r": 16, "t": 88, "b": 48},
-        "dragmode": False,
         "bargap": 0.4,
     }
     scatter = {

@@ -56,7 +56,7 @@ def _words() -> Markup:
 
 
 router = APIRouter(include_in_schema=False)
-static = Assets(directory=_HERE / "static")
+static = Assets(directory=_HERE / "static", packages=[("dohyo.evaluation.report", "static")])
 _templates = Environment(
     loader=PackageLoader("dohyo.service.dashboard"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
 )

@@ -20,7 +20,7 @@ from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.world import ActorKind
 
-FORMAT: Final = 1
+FORMAT: Final = 2
 """Version of the format, part of the cache key; increases with every change."""
 DT_S: Final = 0.1
 MARGIN_M: Final = 40.0
@@ -56,7 +56,6 @@ def replay_of(
     bounds = _bounds(trajectory, routes)
     return {
         "episode": episode,
-        "agent": record.egos[0].agent.name,
         "scenario": record.scenario.name,
         "network": record.scenario.network,
         "rules": rules,

@@ -1,5 +1,3 @@
-"use strict";
-
 for (const element of document.querySelectorAll(".copy[hidden], .json[hidden], .tools[hidden], .ruler[hidden]")) {
   element.hidden = false;
 }
@@ -28,15 +26,26 @@ for (const button of document.querySelectorAll(".copy")) {
   });
 }
 
+for (const table of document.querySelectorAll("table[data-name]")) interactive(table, table.dataset.name);
+
 /* Figures, in the colours of the page */
 
 const templates = JSON.parse(document.getElementById("plotly-templates").textContent);
 const dark = matchMedia("(prefers-color-scheme: dark)");
 
+const ZOOMING = {
+  displaylogo: false,
+  displayModeBar: true,
+  doubleClick: "reset",
+  modeBarButtons: [["zoomIn2d", "zoomOut2d", "resetScale2d"]],
+  responsive: true,
+};
+
 function draw(figure) {
   const { data, layout } = JSON.parse(figure.querySelector("script").textContent);
   layout.template = templates[dark.matches ? "dark" : "light"];
-  Plotly.react(figure.querySelector(".plot"), data, layout, { displayModeBar: false, responsive: true });
+  layout.dragmode = matchMedia("(pointer: fine)").matches ? "zoom" : false; // a finger scrolls the page
+  Plotly.react(figure.querySelector(".plot"), data, layout, ZOOMING);
 }
 
 const figures = document.querySelectorAll(".figures figure");
@@ -61,6 +70,17 @@ function readBox(text) {
   return { x, y, width, height };
 }
 
+const CROWD_PX = 20;
+const CLOSEST = 0.03; // m per px; at this zoom, a mark that stands for several leads to its drive
+
+/** The mark nearest to the mean place of all, which itself may lie beside the road. */
+function central(crowd) {
+  const mean = (axis) => crowd.reduce((sum, one) => sum + one[axis], 0) / crowd.length;
+  const [x, y] = [mean("x"), mean("y")];
+  const far = (one) => Math.hypot(one.x - x, one.y - y);
+  return crowd.reduce((best, one) => (far(one) < far(best) ? one : best)).spot;
+}
+
 class RoadMap {
   constructor(figure) {
     this.figure = figure;
@@ -74,6 +94,9 @@ class RoadMap {
       const title = spot.querySelector("title");
       spot.setAttribute("aria-label", title.textContent);
       title.remove();
+      spot.number = spot.querySelector(".pin").appendChild(document.createElementNS(this.svg.namespaceURI, "text"));
+      spot.number.setAttribute("x", 8);
+      spot.number.setAttribute("y", -5);
     }
     this.listen();
     this.show(readBox(figure.dataset.home));
@@ -102,7 +125,41 @@ class RoadMap {
         else this.show(readBox(this.figure.dataset[button.dataset.view]));
       });
     }
+    svg.addEventListener("click", (event) => this.onClick(event));
+    this.figure.addEventListener("change", () => this.count());
     new ResizeObserver(() => this.show(this.box)).observe(svg);
+  }
+
+  /** Of marks of one kind and agent that would overlap, one is drawn, at its true place, with their number. */
+  count() {
+    this.counted = this.scale;
+    const near = CROWD_PX * this.scale;
+    const crowds = [];
+    for (const spot of this.spots) {
+      if (getComputedStyle(spot).display === "none") continue;
+      const { e: x, f: y } = spot.transform.baseVal.consolidate().matrix;
+      const fits = ([one]) => one.spot.dataset.crowd === spot.dataset.crowd && Math.hypot(one.x - x, one.y - y) < near;
+      const crowd = crowds.find(fits);
+      if (crowd) crowd.push({ spot, x, y });
+      else crowds.push([{ spot, x, y }]);
+    }
+    for (const crowd of crowds) {
+      const first = central(crowd);
+      for (const { spot } of crowd) {
+        spot.classList.toggle("behind", spot !== first);
+        spot.crowd = spot === first ? crowd.length : 1;
+        spot.number.textContent = spot.crowd > 1 ? String(spot.crowd) : "";
+      }
+    }
+  }
+
+  /** A mark that stands for several is zoomed in; the link of a single mark leads to its drive. */
+  onClick(event) {
+    const spot = event.target.closest(".spot");
+    if (!spot || !(spot.crowd > 1) || this.scale < CLOSEST || event.detail === 0) return;
+    event.preventDefault();
+    const { e: x, f: y } = spot.transform.baseVal.consolidate().matrix;
+    this.zoom(0.3, { x, y });
   }
 
   /** Metres per pixel. */
@@ -120,6 +177,7 @@ class RoadMap {
     if (!this.svg.clientWidth) return;
     this.svg.setAttribute("viewBox", `${box.x} ${box.y} ${box.width} ${box.height}`);
     this.svg.style.setProperty("--k", this.scale * (this.svg.clientWidth < 600 ? 0.75 : 1));
+    if (this.counted !== this.scale) this.count();
     const longest = 120 * this.scale;
     const power = 10 ** Math.floor(Math.log10(longest));
     const length = power * [5, 2, 1].find((step) => step * power <= longest);
@@ -200,13 +258,15 @@ class RoadMap {
     const { e: x, f: y } = next.transform.baseVal.consolidate().matrix;
     const { width, height } = this.box;
     this.show({ x: x - width / 2, y: y - height / 2, width, height });
+    next.classList.remove("behind");
     next.focus({ preventScroll: true });
   }
 
   name(spot) {
     this.tip.hidden = !spot;
     if (!spot) return;
-    this.tip.textContent = spot.getAttribute("aria-label");
+    const more = spot.crowd > 1 ? `\nand ${spot.crowd - 1} more of this kind: press to zoom in` : "";
+    this.tip.textContent = spot.getAttribute("aria-label") + more;
     const frame = this.svg.getBoundingClientRect();
     const mark = spot.getBoundingClientRect();
     const left = Math.min(mark.right - frame.left + 8, frame.width - this.tip.offsetWidth - 8);

@@ -9,7 +9,9 @@ import { MISSING, interval, number } from "./format.js";
  */
 export function whisker(estimate, top, { bottom = 0, reason = "no drive counts" } = {}) {
   if (!estimate || estimate.mean === null || estimate.mean === undefined) return missing(reason);
-  const at = (value) => `${(100 * Math.min(1, Math.max(0, (value - bottom) / (top - bottom)))).toFixed(2)}%`;
+  const share = (value) => Math.min(1, Math.max(0, (value - bottom) / (top - bottom)));
+  const at = (value) => `${(100 * share(value)).toFixed(2)}%`;
+  const reach = [estimate.mean, estimate.low ?? estimate.mean, estimate.high ?? estimate.mean].map(share);
   const ends = estimate.low !== null && estimate.low !== undefined;
   return h(
     "div",
@@ -22,7 +24,7 @@ export function whisker(estimate, top, { bottom = 0, reason = "no drive counts" 
     ),
     s(
       "svg",
-      { class: "whisker", "aria-hidden": "true", focusable: "false" },
+      { class: "whisker", "aria-hidden": "true", focusable: "false", "data-reach": reach.join(" ") },
       s("line", { class: "axis", x1: "0", x2: "100%", y1: 8, y2: 8 }),
       ["0", "50%", "100%"].map((x) => s("line", { class: "axis", x1: x, x2: x, y1: 4, y2: 12 })),
       bottom < 0 && s("line", { class: "zero", x1: at(0), x2: at(0), y1: 2, y2: 14 }),
@@ -36,7 +38,7 @@ export function whisker(estimate, top, { bottom = 0, reason = "no drive counts" 
 export function scale(bottom, top) {
   return h(
     "span",
-    { class: "scale-ends", "aria-hidden": "true" },
+    { class: "scale-ends", "aria-hidden": "true", "data-ends": `${bottom} ${top}` },
     h("span", {}, number(bottom)),
     h("span", {}, number(top)),
   );

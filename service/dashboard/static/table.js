@@ -1,45 +1,63 @@
-/** Tables made from columns, for wide and narrow screens, with a copy as CSV. */
+/** Tables made from columns, sorted, filtered and searched by the reader, with a copy as CSV. */
 
 import { h } from "./dom.js";
+import { interactive } from "./shared/interactive.js";
 
 /**
- * @typedef {{title: string, unit?: string, key?: string, numeric?: boolean, css?: string,
- *   cell: (row: any) => any, csv?: ((row: any) => any) | null, head?: any}} Column
+ * @typedef {{title: string, unit?: string, key?: string, numeric?: boolean, css?: string, choice?: boolean,
+ *   cell: (row: any) => any, csv?: ((row: any) => any) | null, sort?: (row: any) => any, head?: any}} Column
  */
 
-/** A table of rows. The first column names its row. */
-export function table(columns, rows, { caption, css = "" } = {}) {
-  const head = columns.map((column) =>
-    h(
-      "th",
-      { scope: "col", class: classes(column) },
-      column.title,
-      column.unit && h("span", { class: "unit" }, ` ${column.unit}`),
-      column.head,
-    ),
-  );
-  const body = rows.map((row) =>
-    h(
-      "tr",
-      row.attributes ?? {},
-      columns.map((column, place) =>
-        place === 0
-          ? h("th", { scope: "row", class: classes(column) }, column.cell(row))
-          : h(
-              "td",
-              { class: classes(column), "data-label": [column.title, column.unit].filter(Boolean).join(" ") },
-              whole(column.cell(row)),
-            ),
-      ),
-    ),
-  );
-  return h(
+/**
+ * A table of rows with its tools. The first column names its row.
+ * @param {Column[]} columns `choice` gives a column a filter; `csv: null` is a column of controls, which is not sorted
+ * @param {any[]} rows
+ * @param {{name: string, caption?: string, css?: string}} options `name` is the table's prefix in the address
+ */
+export function table(columns, rows, { name, caption, css = "" }) {
+  const element = h(
     "table",
     { class: css },
     caption && h("caption", { class: "sr" }, caption),
-    h("thead", {}, h("tr", {}, head)),
-    h("tbody", {}, body),
+    h("thead", {}, h("tr", {}, columns.map(header))),
+    body(columns, rows),
   );
+  return interactive(element, name);
+}
+
+/** Replaces the rows of a table that is shown; what the reader has chosen stays. */
+export function refresh(shown, columns, rows) {
+  const element = shown.querySelector("table");
+  element.tBodies[0].replaceWith(body(columns, rows));
+  element.dispatchEvent(new Event("rows"));
+}
+
+function header(column) {
+  const { title, unit, key, csv, choice, head } = column;
+  const marks = { "data-key": key, "data-plain": csv === null, "data-choice": choice };
+  return h("th", { scope: "col", class: classes(column), ...marks }, title, unit && h("span", { class: "unit" }, ` ${unit}`), head);
+}
+
+function body(columns, rows) {
+  return h(
+    "tbody",
+    {},
+    rows.map((row) => h("tr", row.attributes ?? {}, columns.map((column, place) => cell(column, row, place)))),
+  );
+}
+
+function cell(column, row, place) {
+  const attributes = { class: classes(column), "data-value": sortValue(column, row) };
+  if (place === 0) return h("th", { scope: "row", ...attributes }, column.cell(row));
+  const label = [column.title, column.unit].filter(Boolean).join(" ");
+  return h("td", { ...attributes, "data-label": label }, whole(column.cell(row)));
+}
+
+/** What a row is sorted by: what the CSV has, of several values the first. */
+function sortValue({ sort, csv }, row) {
+  const value = sort ? sort(row) : csv?.(row);
+  const one = value !== null && typeof value === "object" ? Object.values(value)[0] : value;
+  return one === undefined && !csv && !sort ? null : (one ?? "");
 }
 
 /** Several nodes in one element, so that a cell on a narrow screen has one label and one value. */

@@ -154,12 +154,6 @@ def test_each_infraction_that_counts_is_on_the_map_once(two: list[Evaluation], t
     assert {spot["href"].removeprefix("#") for spot in spots} <= anchors
 
 
-def test_marks_on_one_spot_are_laid_side_by_side(tmp_path: Path) -> None:
-    _, page = report(tmp_path, evaluation(drives("tester", [red()] * 5, [red()] * 5), tmp_path))
-    pins = [found["style"] for found in page.having("g", "pin")]
-    assert len(pins) == len(set(pins)) == 10
-
-
 def test_lanes_are_drawn_by_width_with_north_up(tmp_path: Path) -> None:
     _, page = report(tmp_path, evaluation(drives("tester", [red()]), tmp_path))
     paths = {

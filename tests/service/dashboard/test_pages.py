@@ -175,7 +175,7 @@ def test_keyboard_alone_reaches_content_navigation_and_choices(visit: Visitor) -
     page.keyboard.press("Tab")
     assert page.evaluate("document.activeElement.textContent") == "Skip to the content"
     seen = []
-    for _ in range(14):
+    for _ in range(24):
         page.keyboard.press("Tab")
         seen.append(
             page.evaluate("document.activeElement.textContent.trim().slice(0, 20) || document.activeElement.name")

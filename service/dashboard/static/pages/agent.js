@@ -98,7 +98,7 @@ function infractionsPart(whole, field) {
     {},
     h("div", { class: "heading sub" }, h("h3", {}, "Infractions per km"), rows.length > 0 && copyButton(columns, rows)),
     rows.length
-      ? h("div", { class: "panel wide" }, table(columns, rows))
+      ? h("div", { class: "panel wide" }, table(columns, rows, { name: "infractions" }))
       : h("p", { class: "note" }, "No infraction in any drive."),
   );
 }
@@ -145,11 +145,12 @@ function history(evaluations) {
   const columns = [
     {
       title: "benchmark",
+      choice: true,
       cell: (row) => h("a", { href: `/evaluations/${encodeURIComponent(row.id)}` }, row.benchmark),
       csv: (row) => row.benchmark,
     },
     { title: "version", numeric: true, cell: (row) => row.version },
-    { title: "status", cell: (row) => standing(row.status), csv: (row) => row.status },
+    { title: "status", choice: true, cell: (row) => standing(row.status), csv: (row) => row.status },
     {
       title: "episodes",
       css: "estimate",
@@ -168,7 +169,7 @@ function history(evaluations) {
     "section",
     {},
     h("div", { class: "heading" }, h("h2", {}, "Evaluations"), copyButton(columns, evaluations)),
-    h("div", { class: "panel wide" }, table(columns, evaluations)),
+    h("div", { class: "panel wide" }, table(columns, evaluations, { name: "evaluations" })),
   );
 }
 
@@ -183,5 +184,5 @@ function versions(submissions) {
     { title: "source", cell: (row) => source(row), csv: (row) => row.policy_sha256 ?? row.source_sha256 },
     { title: "submitted", cell: (row) => h("time", {}, moment(row.created)), csv: (row) => row.created },
   ];
-  return h("section", {}, h("h2", {}, "Versions"), h("div", { class: "panel wide" }, table(columns, submissions)));
+  return h("section", {}, h("h2", {}, "Versions"), h("div", { class: "panel wide" }, table(columns, submissions, { name: "versions" })));
 }

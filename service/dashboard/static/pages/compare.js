@@ -101,7 +101,7 @@ function scores(given, colour) {
     "section",
     {},
     h("div", { class: "heading" }, h("h2", {}, "Scores"), copyButton(columns, given.evaluations)),
-    h("div", { class: "panel wide" }, table(columns, given.evaluations)),
+    h("div", { class: "panel wide" }, table(columns, given.evaluations, { name: "scores" })),
   );
 }
 
@@ -114,7 +114,7 @@ function pairs(given, colour) {
     h(
       "div",
       { class: "columns" },
-      given.pairs.map((pair) => {
+      given.pairs.map((pair, place) => {
         const rows = shown(pair.scores, 6, given.metric)
           .filter(({ key }) => pair.scores[key])
           .map((one) => ({ ...one, ...pair.scores[one.key] }));
@@ -144,7 +144,7 @@ function pairs(given, colour) {
             copyButton(columns, rows),
           ),
           rows.length
-            ? h("div", { class: "panel wide" }, table(columns, rows))
+            ? h("div", { class: "panel wide" }, table(columns, rows, { name: `pair${place + 1}` }))
             : h("p", { class: "note" }, "No drive in common."),
         );
       }),
@@ -204,7 +204,7 @@ function scenarios(given, colour) {
     "section",
     {},
     h("div", { class: "heading" }, h("h2", {}, "Where they differ most"), copyButton(columns, given.scenarios)),
-    h("div", { class: "panel wide" }, table(columns, given.scenarios)),
+    h("div", { class: "panel wide" }, table(columns, given.scenarios, { name: "scenarios" })),
   );
 }
 
@@ -238,7 +238,7 @@ async function watch(given, scenario, colour, move = true) {
   section.lastChild.replaceWith(theatre);
   play(
     theatre,
-    loaded.map((one, i) => ({ ...one, title: title(given, scenario, i, colour) })),
+    loaded.map((one, i) => ({ ...one, agent: given.evaluations[i].agent, title: title(given, scenario, i, colour) })),
   );
   theatre.querySelector("canvas").focus({ preventScroll: true });
 }

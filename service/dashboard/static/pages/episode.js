@@ -27,7 +27,7 @@ page(async () => {
     heading(episode, [agentName(episode.agent, colour[episode.agent])]),
     h("div", { class: "episode" }, theatre, facts),
   );
-  const player = play(theatre, [{ replay, map }]);
+  const player = play(theatre, [{ replay, map, agent: episode.agent }]);
   const reasons = h("section", { class: "reasons", "aria-label": "Why the agent decides so" });
   const show = (ego) =>
     fill(

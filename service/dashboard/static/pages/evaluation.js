@@ -6,7 +6,7 @@ import { agentName, missing } from "../estimate.js";
 import { bar, measures, standing } from "../evaluation.js";
 import { moment, number, seconds, span } from "../format.js";
 import { colours, subject } from "../subject.js";
-import { copyButton, table } from "../table.js";
+import { copyButton, refresh, table } from "../table.js";
 import { SIGNS, ending, label, meaning, words } from "../words.js";
 
 const REFRESH_MS = 1500;
@@ -159,7 +159,7 @@ function showEpisodes() {
       csv: (row) => row.scenario,
     },
     { title: "seed", numeric: true, cell: (row) => row.seed },
-    { title: "ending", cell: (row) => how(row), csv: (row) => row.ego?.status ?? row.status },
+    { title: "ending", choice: true, sort: (row) => (row.ego ? ending(row.ego.status) : row.status), cell: (row) => how(row), csv: (row) => row.ego?.status ?? row.status },
     closed && {
       title: "closed loop",
       unit: "%",
@@ -170,7 +170,7 @@ function showEpisodes() {
     { title: "DS", unit: "%", numeric: true, cell: (row) => score(row, "ds"), csv: (row) => row.ego?.ds },
     { title: "RC", unit: "%", numeric: true, cell: (row) => score(row, "rc"), csv: (row) => row.ego?.rc },
     { title: "IP", numeric: true, cell: (row) => score(row, "ip"), csv: (row) => row.ego?.ip },
-    { title: "along the route", css: "along", cell: route, csv: (row) => ({ infractions: row.marks.length }) },
+    { title: "along the route", css: "along", cell: route, sort: (row) => row.marks.length, csv: (row) => ({ infractions: row.marks.length }) },
     {
       title: "time",
       unit: "s",
@@ -179,11 +179,18 @@ function showEpisodes() {
       csv: (row) => row.ego?.duration_s,
     },
   ].filter(Boolean);
+  const shown = byId("episodes").querySelector(".interactive");
+  if (shown && shown.querySelector("thead tr").cells.length === columns.length) {
+    refresh(shown, columns, rows);
+    byId("episodes").querySelector(".copy").replaceWith(copyButton(columns, rows));
+    byId("episodes").querySelector(".marks-key").replaceChildren(key(rows));
+    return;
+  }
   fill(
     byId("episodes"),
     h("div", { class: "heading" }, h("h2", {}, "Episodes, lowest score first"), copyButton(columns, rows)),
-    h("div", { class: "panel wide" }, table(columns, rows, { caption: "Episodes, lowest score first" })),
-    key(rows),
+    h("div", { class: "panel wide" }, table(columns, rows, { name: "episodes", caption: "Episodes, lowest score first", css: "drives" })),
+    h("div", { class: "marks-key" }, key(rows)),
   );
 }
 
@@ -237,13 +244,11 @@ function key(rows) {
   const kinds = Object.keys(words.marks).filter((kind) =>
     rows.some((row) => row.marks.some((one) => one.kind === kind)),
   );
-  return (
-    kinds.length > 0 &&
-    h(
+  if (!kinds.length) return "";
+  return h(
       "p",
       { class: "note key" },
       kinds.map((kind) => h("span", {}, mark(kind, words.marks[kind].path), label(kind))),
       h("span", {}, "a mark opens the replay at the time of its infraction"),
-    )
   );
 }

@@ -35,6 +35,7 @@ page(async () => {
     { title: "version", numeric: true, cell: (row) => row.version },
     {
       title: "benchmark",
+      choice: true,
       cell: (row) => [
         row.benchmark,
         " ",
@@ -42,10 +43,11 @@ page(async () => {
       ],
       csv: (row) => row.benchmark,
     },
-    { title: "status", cell: (row) => standing(row.status), csv: (row) => row.status },
+    { title: "status", choice: true, cell: (row) => standing(row.status), csv: (row) => row.status },
     {
       title: "episodes",
       css: "estimate",
+      sort: (row) => row.progress.done,
       cell: (row) =>
         h(
           "div",
@@ -76,7 +78,7 @@ page(async () => {
   const form = h(
     "form",
     { method: "get", action: "/compare" },
-    h("div", { class: "panel wide" }, table(columns, rows, { caption: "Evaluations" })),
+    h("div", { class: "panel wide" }, table(columns, rows, { name: "evaluations", caption: "Evaluations" })),
     h(
       "p",
       { class: "links" },

@@ -34,7 +34,7 @@ page(async () => {
     filters(benchmarks, board.versions, name, query, rows.length ? copyButton(columns, rows) : null),
     rows.length
       ? [
-          h("div", { class: "panel wide" }, table(columns, rows, { caption: `Leaderboard of ${name}` })),
+          h("div", { class: "panel wide" }, table(columns, rows, { name: "board", caption: `Leaderboard of ${name}` })),
           notes(board, rows, asked),
         ]
       : empty(name, query.get("track")),
@@ -109,6 +109,7 @@ function columnsOf(rows, headline, colour) {
     {
       title: "agent",
       key: "agent",
+      sort: (row) => row.agent,
       cell: (row) => who(row, colour),
       csv: (row) => ({ rank: row.rank, agent: row.agent, version: row.version, track: row.track }),
     },

@@ -160,6 +160,7 @@ function listing(infractions) {
   const columns = [
     {
       title: "kind",
+      choice: true,
       cell: (row) =>
         h(
           "span",
@@ -179,12 +180,12 @@ function listing(infractions) {
       cell: (row) => number(row.route_m),
       csv: (row) => row.route_m,
     },
-    { title: "cell", cell: (row) => row.cell },
+    { title: "cell", choice: true, cell: (row) => row.cell },
   ];
   return h(
     "section",
     {},
     h("div", { class: "heading" }, h("h2", {}, `${infractions.length} infractions`), copyButton(columns, infractions)),
-    h("div", { class: "panel wide" }, table(columns, infractions)),
+    h("div", { class: "panel wide" }, table(columns, infractions, { name: "infractions" })),
   );
 }

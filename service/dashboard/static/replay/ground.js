@@ -11,6 +11,15 @@ const SIZE = 1.2;
 const CLOSEST = 40; // px per m; at this zoom, a crowd opens the replay of its first infraction
 const DRAG_PX = 5;
 
+/** The place nearest to the mean of all: the mean itself may lie beside the road. */
+function central(places) {
+  const mean = (axis) => places.reduce((sum, place) => sum + place[axis], 0) / places.length;
+  const [mx, my] = [mean(0), mean(1)];
+  const far = ([x, y]) => Math.hypot(x - mx, y - my);
+  const [x, y] = places.reduce((best, place) => (far(place) < far(best) ? place : best));
+  return { x, y };
+}
+
 export class GroundMap {
   /**
    * @param {HTMLCanvasElement} canvas
@@ -98,7 +107,7 @@ export class GroundMap {
     c.fillText(String(n), 11, -8);
   }
 
-  /** Groups of infractions of one kind whose marks would overlap. */
+  /** Groups of infractions of one kind whose marks would overlap; the mark is at the infraction nearest to their mean. */
   _crowds() {
     const { camera } = this;
     const found = new Map();
@@ -106,13 +115,12 @@ export class GroundMap {
       const x = camera.left() / camera.ratio + one.x_m * camera.scale;
       const y = camera.top() / camera.ratio - one.y_m * camera.scale;
       const key = `${one.kind} ${Math.round((one.x_m * camera.scale) / CROWD_PX)} ${Math.round((one.y_m * camera.scale) / CROWD_PX)}`;
-      const crowd = found.get(key) ?? { kind: one.kind, x: 0, y: 0, items: [] };
+      const crowd = found.get(key) ?? { kind: one.kind, places: [], items: [] };
       crowd.items.push(one);
-      crowd.x += (x - crowd.x) / crowd.items.length;
-      crowd.y += (y - crowd.y) / crowd.items.length;
+      crowd.places.push([x, y]);
       found.set(key, crowd);
     }
-    return [...found.values()];
+    return [...found.values()].map((crowd) => ({ ...crowd, ...central(crowd.places) }));
   }
 
   _at(event) {

@@ -31,13 +31,13 @@ export async function roads(network, [x0, y0, x1, y1]) {
 /**
  * Shows one replay in `place`, or several side by side that share clock, keys and zoom.
  * @param {HTMLElement} place
- * @param {{replay: any, map: any, title?: Node}[]} loaded
+ * @param {{replay: any, map: any, agent: string, title?: Node}[]} loaded `agent` is the name that the submission has here
  */
 export function play(place, loaded) {
   const drives = loaded.map(({ replay }) => new Drive(replay));
   const clock = new Clock(Math.max(...drives.map((drive) => drive.duration)), drives[0].dt);
   const given = readAddress();
-  const stages = loaded.map(({ replay, map, title }) => stage(replay, map, title));
+  const stages = loaded.map(stage);
   const timelines = h("div", { class: "timelines" });
   place.replaceChildren(
     h(
@@ -56,7 +56,7 @@ export function play(place, loaded) {
   let shown = [];
   const show = () => {
     shown = views.map((view) => new Timeline(view.ego, clock));
-    const name = (i) => (views.length > 1 ? h("h3", {}, loaded[i].replay.agent) : "");
+    const name = (i) => (views.length > 1 ? h("h3", {}, loaded[i].agent) : "");
     timelines.replaceChildren(...shown.flatMap((one, i) => [name(i), one.element]));
   };
   show();
@@ -109,12 +109,12 @@ function follow(view, given) {
   view.canvas.classList.toggle("free", !view.camera.follow);
 }
 
-function stage(replay, map, title) {
+function stage({ replay, map, agent, title }) {
   const canvas = h("canvas", {
     class: "stage",
     tabindex: 0,
     role: "img",
-    "aria-label": `Replay of ${replay.agent} on ${replay.scenario}, seen from above. Space plays, arrow keys step, i goes to the next infraction.`,
+    "aria-label": `Replay of ${agent} on ${replay.scenario}, seen from above. Space plays, arrow keys step, i goes to the next infraction.`,
   });
   const line = h("span", {});
   const measure = h("div", { class: "ruler", "aria-hidden": "true" }, line);
