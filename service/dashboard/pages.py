@@ -1,8 +1,8 @@
 """Pages: HTML shells that ES modules fill from /v1. Nothing is read from the database here.
 
 The token of a signed-in browser is an HttpOnly, SameSite=Strict cookie (`dohyo_token`): no script can read it, unlike
-sessionStorage, and `SessionCookie` lets it stand for a bearer token in reading requests only, so that no other site can
-make a browser change anything.
+sessionStorage. `SessionCookie` lets it stand for a bearer token, in requests that change something only where this
+service's own page sent them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Session: a cookie that stands for a bearer token, in reading requests only; and errors as pages for browsers."""
+"""Session: a cookie that stands for a bearer token, in requests of this service's own pages; errors as pages."""
 
 from __future__ import annotations
 
@@ -18,10 +18,16 @@ COOKIE: Final = "dohyo_token"
 _MACHINES: Final = ("/v1/", "/health", "/metrics", "/static/", "/openapi.json")
 
 
-class SessionCookie:
-    """ASGI middleware: GET and HEAD under /v1 that carry the cookie and no Authorization get one.
+MARK: Final = "x-dohyo-page"
+"""Header that the dashboard's scripts send with each change; no form and no other site's script can send it."""
 
-    Other methods do not: a page of another site must not be able to change anything, whatever a browser sends along.
+
+class SessionCookie:
+    """ASGI middleware: requests under /v1 that carry the cookie and no Authorization get one.
+
+    GET and HEAD need no more. A method that changes something must prove that a page of this service sent it, against
+    cross-site request forgery: by the header `MARK` and by what the browser says about the sender (`_proved`). The
+    cookie is also SameSite=Strict, so that another site's requests carry none.
     """
 
     def __init__(self, app: ASGIApp) -> None:
@@ -29,10 +35,11 @@ class SessionCookie:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Passes the request on, with the header where it applies."""
-        if scope["type"] == "http" and scope["method"] in ("GET", "HEAD") and scope["path"].startswith("/v1/"):
+        if scope["type"] == "http" and scope["path"].startswith("/v1/"):
             headers = Headers(scope=scope)
             token = _cookie(headers.get("cookie", ""))
-            if token and "authorization" not in headers:
+            allowed = scope["method"] in ("GET", "HEAD") or _proved(headers)
+            if token and allowed and "authorization" not in headers:
                 bearer = (b"authorization", f"Bearer {token}".encode("latin-1", "ignore"))
                 scope = {**scope, "headers": [*scope["headers"], bearer]}
         await self.app(scope, receive, send)
@@ -45,6 +52,17 @@ def same_origin(request: Request) -> bool:
         return site in ("same-origin", "none")
     origin = request.headers.get("origin")
     return origin is None or urlsplit(origin).netloc == request.url.netloc
+
+
+def _proved(headers: Headers) -> bool:
+    """Whether the browser says that a page of this service sent a request; silence proves nothing."""
+    if MARK not in headers:
+        return False
+    site = headers.get("sec-fetch-site")
+    if site is not None:
+        return site == "same-origin"
+    origin = headers.get("origin")
+    return origin is not None and urlsplit(origin).netloc == headers.get("host")
 
 
 def show_errors_as_pages(app: FastAPI, render: Callable[..., Response]) -> None:

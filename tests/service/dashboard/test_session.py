@@ -13,7 +13,7 @@ import pytest
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.service import dashboard
 from tests.service.dashboard import fake as fakes
-from tests.service.dashboard.conftest import Site
+from tests.service.dashboard.conftest import Site, Visitor
 
 HTML = {"accept": "text/html"}
 
@@ -38,12 +38,50 @@ def test_a_token_becomes_a_cookie_that_scripts_and_other_sites_cannot_use(client
     assert client.get("/v1/me").json()["owner"] == "lab"
 
 
-def test_the_cookie_reads_and_never_writes(client: httpx.Client) -> None:
+def test_the_cookie_reads_and_an_authorization_comes_first(client: httpx.Client) -> None:
     sign_in(client)
     assert client.get("/v1/echo").json() == f"Bearer {fakes.TOKEN}"
-    assert client.post("/v1/echo").json() is None
-    assert client.delete("/v1/echo").json() is None
     assert client.get("/v1/echo", headers={"authorization": "Bearer another"}).json() == "Bearer another"
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {},
+        {"sec-fetch-site": "same-origin"},
+        {"x-dohyo-page": "1"},
+        {"x-dohyo-page": "1", "sec-fetch-site": "cross-site"},
+        {"x-dohyo-page": "1", "sec-fetch-site": "same-site"},
+        {"x-dohyo-page": "1", "sec-fetch-site": "none"},
+        {"x-dohyo-page": "1", "origin": "https://evil.example"},
+        {"x-dohyo-page": "1", "origin": "null"},
+    ],
+)
+def test_a_change_that_no_own_page_sent_gets_no_token(client: httpx.Client, headers: dict[str, str]) -> None:
+    sign_in(client)
+    assert client.post("/v1/echo", headers=headers).json() is None
+    assert client.delete("/v1/echo", headers=headers).json() is None
+
+
+def test_a_change_sent_by_an_own_page_gets_the_token(client: httpx.Client, site: Site) -> None:
+    sign_in(client)
+    for proof in ({"sec-fetch-site": "same-origin"}, {"origin": site.origin}):
+        assert client.post("/v1/echo", headers={"x-dohyo-page": "1"} | proof).json() == f"Bearer {fakes.TOKEN}"
+
+
+def test_a_form_of_another_site_changes_nothing_in_a_browser(visit: Visitor, site: Site) -> None:
+    window = visit()
+    page = window.go("/login")
+    page.get_by_label("Token").fill(fakes.TOKEN)
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/")
+    page.goto(site.origin.replace("127.0.0.1", "localhost") + "/login")  # another site with the same server
+    target = f"{site.origin}/v1/echo"
+    page.route(target, lambda route: route.continue_())
+    page.set_content(f"<form method=post action={target}><button>win</button></form>")
+    with page.expect_response(target) as answer:
+        page.get_by_role("button", name="win").click()
+    assert answer.value.json() is None
 
 
 @pytest.mark.parametrize("headers", [{"sec-fetch-site": "cross-site"}, {"origin": "https://evil.example"}])
