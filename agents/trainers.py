@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from dohyo.agents.learning.trainer import Trainer
+from dohyo.agents.learning.runs.trainer import Trainer
 from dohyo.evaluation.entry import load_entry
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
@@ -31,7 +31,7 @@ def _subpolicy(name: str, summary: str) -> Listed:
 
 TRAINERS: dict[str, Listed] = {
     "gymnasium": Listed(
-        "dohyo.agents.learning.gymnasium_task:GYMNASIUM", "any gymnasium environment, by PPO, SAC, DDPG or IQN"
+        "dohyo.agents.learning.gymnasium.task:GYMNASIUM", "any gymnasium environment, by PPO, SAC, DDPG or IQN"
     ),
     "predictor": Listed(
         "dohyo.agents.mcts.predictors.train:PREDICTOR",

@@ -11,10 +11,10 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Dict
 
-from dohyo.agents.learning.config import PpoConfig, PpoRunConfig
-from dohyo.agents.learning.policy_agent import AsControl, PolicyAgent, SensorEncoder
-from dohyo.agents.learning.ppo import ppo_trainer
-from dohyo.agents.learning.task import Task, held_out_seeds
+from dohyo.agents.learning.algorithms.ppo import ppo_trainer
+from dohyo.agents.learning.algorithms.ppo_config import PpoConfig, PpoRunConfig
+from dohyo.agents.learning.policies.policy_agent import AsControl, PolicyAgent, SensorEncoder
+from dohyo.agents.learning.tasks.task import Task, held_out_seeds
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 

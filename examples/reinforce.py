@@ -7,14 +7,14 @@ import torch
 from tensordict import TensorDict
 from torchrl.objectives.value.functional import reward2go
 
-from dohyo.agents.learning.behaviour import PolicyBehaviour
-from dohyo.agents.learning.config import RunConfig
-from dohyo.agents.learning.gymnasium_task import GymnasiumTask
-from dohyo.agents.learning.networks import ObservationEncoder
-from dohyo.agents.learning.policy import actor_for, joined
-from dohyo.agents.learning.task import named
-from dohyo.agents.learning.trainer import Trainer
-from dohyo.agents.learning.training import train_task
+from dohyo.agents.learning.experience.behaviour import PolicyBehaviour
+from dohyo.agents.learning.gymnasium.task import GymnasiumTask
+from dohyo.agents.learning.networks.modules import ObservationEncoder
+from dohyo.agents.learning.networks.policy import actor_for, joined
+from dohyo.agents.learning.runs.config import RunConfig
+from dohyo.agents.learning.runs.trainer import Trainer
+from dohyo.agents.learning.runs.training import train_task
+from dohyo.agents.learning.tasks.task import named
 
 
 class ReinforceConfig(RunConfig):

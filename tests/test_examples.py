@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from dohyo.agents.learning.card import read_card
+from dohyo.agents.learning.files.card import read_card
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("learn_*.py"))

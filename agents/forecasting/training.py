@@ -15,7 +15,7 @@ from dohyo.agents.forecasting.networks.looking_ahead import Phase, SpeedNetwork
 from dohyo.agents.forecasting.pyramid import MAX_DEPTH, LaplacianLoss
 from dohyo.agents.forecasting.scale import Scale
 from dohyo.agents.forecasting.windows import Windows
-from dohyo.agents.learning.supervised import Fit, Rate, fit
+from dohyo.agents.learning.runs.supervised import Fit, Rate, fit
 from dohyo.sumo_networks.errors import InvalidInputError
 
 PATIENCE, DECAY, LAST_RATE = 3, 0.1, 2e-5

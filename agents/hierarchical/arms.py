@@ -9,8 +9,8 @@ from types import MappingProxyType
 from typing import Any
 
 from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
-from dohyo.agents.learning.settings import read_settings
-from dohyo.agents.learning.trainer import Trainer
+from dohyo.agents.learning.files.settings import read_settings
+from dohyo.agents.learning.runs.trainer import Trainer
 from dohyo.agents.studies.training_results import run_folder
 from dohyo.agents.trainers import trainer_named
 from dohyo.sumo_networks.config import Config

@@ -19,8 +19,8 @@ from tensordict import TensorDict
 from dohyo.agents.hierarchical.arms import ARMS, SUB_POLICIES
 from dohyo.agents.hierarchical.hierarchy import read_sub_policies
 from dohyo.agents.hierarchical.tasks import ManoeuvreTask
-from dohyo.agents.learning.evaluation import Acting, evaluate
-from dohyo.agents.learning.task import SINGLE, Array
+from dohyo.agents.learning.runs.evaluation import Acting, evaluate
+from dohyo.agents.learning.tasks.task import SINGLE, Array
 from dohyo.agents.studies.arms import Block, Cell, Place, cells_of
 from dohyo.agents.studies.claims import Claim, Relation, judge
 from dohyo.agents.studies.crossed_bootstrap import by_training, estimate

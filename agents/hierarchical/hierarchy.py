@@ -19,8 +19,8 @@ from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
 from dohyo.agents.hierarchical.state import StateConfig, StateEncoder
 from dohyo.agents.hierarchical.subpolicies import SubPolicyConfig
 from dohyo.agents.hierarchical.views import rows_seen
-from dohyo.agents.learning.policy import Actor
-from dohyo.agents.learning.settings import read_settings
+from dohyo.agents.learning.files.settings import read_settings
+from dohyo.agents.learning.networks.policy import Actor
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import InvalidInputError
 

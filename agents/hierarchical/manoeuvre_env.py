@@ -15,7 +15,7 @@ from dohyo.agents.hierarchical.rewards import Form, reward, terms
 from dohyo.agents.hierarchical.scenarios import draw_scenario
 from dohyo.agents.hierarchical.state import StateEncoder
 from dohyo.agents.hierarchical.views import rows_seen
-from dohyo.agents.learning.task import Array
+from dohyo.agents.learning.tasks.task import Array
 from dohyo.agents.planning.surroundings import Surroundings, warm_up
 from dohyo.agents.rules.facts import SENSORS
 from dohyo.agents.rules.rules_only import RulesOnly

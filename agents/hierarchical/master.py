@@ -17,7 +17,7 @@ from dohyo.agents.hierarchical.master_observation import FLAGS, OPTIONS
 from dohyo.agents.hierarchical.option_executor import OptionLimits
 from dohyo.agents.hierarchical.option_losses import OptionValues
 from dohyo.agents.hierarchical.state import StateConfig, StateEncoder
-from dohyo.agents.learning.policy import Actor, Named, joined
+from dohyo.agents.learning.networks.policy import Actor, Named, joined
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError

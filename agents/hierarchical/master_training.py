@@ -37,16 +37,16 @@ from dohyo.agents.hierarchical.option_losses import (
 )
 from dohyo.agents.hierarchical.option_rollout import OptionRollout
 from dohyo.agents.hierarchical.rewards import Form
-from dohyo.agents.learning.behaviour import PolicyBehaviour
-from dohyo.agents.learning.checkpoint import generator_of, generator_state
-from dohyo.agents.learning.collector import Collector, Finished
-from dohyo.agents.learning.config import Positive, RunConfig, Share
-from dohyo.agents.learning.export import Exportable
-from dohyo.agents.learning.metrics import Number
-from dohyo.agents.learning.run import TaskRun
-from dohyo.agents.learning.task import SINGLE, Array
-from dohyo.agents.learning.trainer import Trainer, TrainRequest
-from dohyo.agents.learning.training import train_task
+from dohyo.agents.learning.experience.behaviour import PolicyBehaviour
+from dohyo.agents.learning.experience.collector import Collector, Finished
+from dohyo.agents.learning.files.checkpoint import generator_of, generator_state
+from dohyo.agents.learning.files.metrics import Number
+from dohyo.agents.learning.policies.export import Exportable
+from dohyo.agents.learning.runs.config import Positive, RunConfig, Share
+from dohyo.agents.learning.runs.run import TaskRun
+from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
+from dohyo.agents.learning.runs.training import train_task
+from dohyo.agents.learning.tasks.task import SINGLE, Array
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array
 from dohyo.sumo_networks.config import Config
 

@@ -20,7 +20,7 @@ from dohyo.agents.hierarchical.manoeuvres import DRIVE
 from dohyo.agents.hierarchical.master_observation import FLAGS, OPTIONS, MasterObservation
 from dohyo.agents.hierarchical.rewards import Form
 from dohyo.agents.hierarchical.state import StateConfig, StateEncoder
-from dohyo.agents.learning.task import Array, Env, Task, held_out_seeds
+from dohyo.agents.learning.tasks.task import Array, Env, Task, held_out_seeds
 from dohyo.agents.rules.rules_only import RulesOnly
 
 HELD_OUT = 10

@@ -17,10 +17,10 @@ from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
 from dohyo.agents.hierarchical.rewards import Form
 from dohyo.agents.hierarchical.state import StateConfig
 from dohyo.agents.hierarchical.tasks import HELD_OUT, ManoeuvreTask
-from dohyo.agents.learning.config import PpoRunConfig
-from dohyo.agents.learning.ppo import ppo_trainer
-from dohyo.agents.learning.task import Task
-from dohyo.agents.learning.trainer import Trainer
+from dohyo.agents.learning.algorithms.ppo import ppo_trainer
+from dohyo.agents.learning.algorithms.ppo_config import PpoRunConfig
+from dohyo.agents.learning.runs.trainer import Trainer
+from dohyo.agents.learning.tasks.task import Task
 
 
 class SubPolicyConfig(PpoRunConfig):

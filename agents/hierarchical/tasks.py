@@ -14,7 +14,7 @@ from dohyo.agents.hierarchical.manoeuvre_env import MEASURES, ManoeuvreEnv
 from dohyo.agents.hierarchical.rewards import Form
 from dohyo.agents.hierarchical.state import StateConfig, StateEncoder
 from dohyo.agents.hierarchical.views import rows_seen
-from dohyo.agents.learning.task import Env, Task, held_out_seeds
+from dohyo.agents.learning.tasks.task import Env, Task, held_out_seeds
 
 HELD_OUT = 20
 

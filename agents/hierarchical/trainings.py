@@ -16,8 +16,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from dohyo.agents.hierarchical.arms import ARMS, FLAT, MASTER, POLICIES, SUB_POLICIES, config_of, trainer_of
-from dohyo.agents.learning.report import no_report
-from dohyo.agents.learning.trainer import TrainRequest
+from dohyo.agents.learning.files.report import no_report
+from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.studies.arms import Block, Cell, Place, cells_of
 from dohyo.agents.studies.curves import draw
 from dohyo.agents.studies.rows import Row

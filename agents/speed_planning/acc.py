@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
-from dohyo.agents.learning.policy import TanhActor
+from dohyo.agents.learning.networks.policy import TanhActor
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 
 MPH = 0.44704

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from dohyo.agents.learning.policy import TanhActor
+from dohyo.agents.learning.networks.policy import TanhActor
 from dohyo.agents.speed_planning.fundamental_diagram import FundamentalDiagram
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError

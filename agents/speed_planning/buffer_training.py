@@ -12,9 +12,10 @@ from typing import Literal
 import numpy as np
 from gymnasium.spaces import Box
 
-from dohyo.agents.learning.config import Positive, PpoConfig, PpoRunConfig
-from dohyo.agents.learning.ppo import ppo_trainer
-from dohyo.agents.learning.task import Environments, Task, held_out_seeds
+from dohyo.agents.learning.algorithms.ppo import ppo_trainer
+from dohyo.agents.learning.algorithms.ppo_config import PpoConfig, PpoRunConfig
+from dohyo.agents.learning.runs.config import Positive
+from dohyo.agents.learning.tasks.task import Environments, Task, held_out_seeds
 from dohyo.agents.speed_planning import buffer
 from dohyo.agents.speed_planning.buffer_env import DECISIONS, MEASURES, BufferEnv
 

@@ -13,9 +13,9 @@ import numpy as np
 import torch
 from tensordict import TensorDict
 
-from dohyo.agents.learning.evaluation import Acting, Evaluation, evaluate
-from dohyo.agents.learning.policy import TanhActor
-from dohyo.agents.learning.task import SINGLE, Array, Task
+from dohyo.agents.learning.networks.policy import TanhActor
+from dohyo.agents.learning.runs.evaluation import Acting, Evaluation, evaluate
+from dohyo.agents.learning.tasks.task import SINGLE, Array, Task
 from dohyo.agents.speed_planning import acc, buffer
 from dohyo.agents.speed_planning.buffer import RuleBuffer, Squeeze
 from dohyo.agents.speed_planning.buffer_training import BufferTask

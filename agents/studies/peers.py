@@ -20,16 +20,16 @@ import numpy as np
 import torch
 from tensordict import TensorDict
 
-from dohyo.agents.learning.collector import Collector
-from dohyo.agents.learning.config import PpoConfig
-from dohyo.agents.learning.ddpg import DdpgConfig
-from dohyo.agents.learning.evaluation import evaluate
-from dohyo.agents.learning.gymnasium_task import OFF_POLICY, GymnasiumTask
-from dohyo.agents.learning.iqn import IqnConfig
-from dohyo.agents.learning.ppo import Ppo
-from dohyo.agents.learning.replay import Replay, ReplayConfig
-from dohyo.agents.learning.sac import SacConfig
-from dohyo.agents.learning.task import Array, named
+from dohyo.agents.learning.algorithms.ddpg import DdpgConfig
+from dohyo.agents.learning.algorithms.iqn import IqnConfig
+from dohyo.agents.learning.algorithms.ppo import Ppo
+from dohyo.agents.learning.algorithms.ppo_config import PpoConfig
+from dohyo.agents.learning.algorithms.sac import SacConfig
+from dohyo.agents.learning.experience.collector import Collector
+from dohyo.agents.learning.experience.replay import Replay, ReplayConfig
+from dohyo.agents.learning.gymnasium.task import OFF_POLICY, GymnasiumTask
+from dohyo.agents.learning.runs.evaluation import evaluate
+from dohyo.agents.learning.tasks.task import Array, named
 from dohyo.agents.studies.arms import Block, Cell, Place, cells_of
 from dohyo.agents.studies.rows import Row, is_lost
 from dohyo.agents.studies.runner import Job

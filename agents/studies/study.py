@@ -10,8 +10,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from dohyo.agents.learning.run import surroundings
-from dohyo.agents.learning.settings import read_settings
+from dohyo.agents.learning.files.settings import read_settings
+from dohyo.agents.learning.runs.run import surroundings
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import Row, read_rows
 from dohyo.agents.studies.runner import Job, Progress, run

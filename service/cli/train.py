@@ -36,9 +36,9 @@ def train(
         return
     if name is None:
         raise InvalidInputError("expected the name of a trainer (dohyo train --list shows them)")
-    from dohyo.agents.learning.run import RunStoppedError, stored_config  # torch takes seconds to import
-    from dohyo.agents.learning.settings import read_settings
-    from dohyo.agents.learning.trainer import TrainRequest
+    from dohyo.agents.learning.files.settings import read_settings
+    from dohyo.agents.learning.runs.run import RunStoppedError, stored_config  # torch takes seconds to import
+    from dohyo.agents.learning.runs.trainer import TrainRequest
     from dohyo.agents.trainers import trainer_named
 
     find_own_modules()

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from dohyo.service.cli.output import console
 
 if TYPE_CHECKING:
-    from dohyo.agents.learning.report import Report
+    from dohyo.agents.learning.files.report import Report
 
 EVERY_S = 30.0
 """Time between two lines where the output is no terminal, s."""

@@ -25,13 +25,13 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.logger import Logger
 from tensordict import TensorDict, TensorDictBase
 
-from dohyo.agents.learning.behaviour import PolicyBehaviour
-from dohyo.agents.learning.collector import Collector
-from dohyo.agents.learning.networks import ObservationEncoder
-from dohyo.agents.learning.off_policy import OffPolicyConfig
-from dohyo.agents.learning.replay import Replay, ReplayConfig
-from dohyo.agents.learning.sac import Sac, SacConfig
-from dohyo.agents.learning.task import Array, Env, Task, held_out_seeds
+from dohyo.agents.learning.algorithms.off_policy import OffPolicyConfig
+from dohyo.agents.learning.algorithms.sac import Sac, SacConfig
+from dohyo.agents.learning.experience.behaviour import PolicyBehaviour
+from dohyo.agents.learning.experience.collector import Collector
+from dohyo.agents.learning.experience.replay import Replay, ReplayConfig
+from dohyo.agents.learning.networks.modules import ObservationEncoder
+from dohyo.agents.learning.tasks.task import Array, Env, Task, held_out_seeds
 from dohyo.agents.perception.augmentation import random_shift
 from dohyo.agents.perception.encoders.rlad import RladEncoder
 from dohyo.sumo_networks.envs.single_env import SingleDrivingEnv

@@ -26,10 +26,10 @@ from dohyo.agents.hierarchical.nearby import EVENT_M, IMPACT_M
 from dohyo.agents.hierarchical.vision.classes import CLASSES, OF_LABEL
 from dohyo.agents.hierarchical.vision.dataset import Pictures, load_split
 from dohyo.agents.hierarchical.vision.network import Autoencoder
-from dohyo.agents.learning.report import Report
-from dohyo.agents.learning.run import Run
-from dohyo.agents.learning.supervised import FREE, Cosine, Fit, SupervisedConfig, fit, shuffled
-from dohyo.agents.learning.trainer import Trainer, TrainRequest
+from dohyo.agents.learning.files.report import Report
+from dohyo.agents.learning.runs.run import Run
+from dohyo.agents.learning.runs.supervised import FREE, Cosine, Fit, SupervisedConfig, fit, shuffled
+from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
 from dohyo.agents.perception.vae import divergence
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically

@@ -18,12 +18,12 @@ from torch import Tensor, nn
 from torch.distributions import Categorical, Distribution, Independent, Normal
 from torchrl.modules import MLP
 
-from dohyo.agents.learning.behaviour import Behaviour
-from dohyo.agents.learning.collector import Collector
+from dohyo.agents.learning.experience.behaviour import Behaviour
+from dohyo.agents.learning.experience.collector import Collector
 from dohyo.agents.learning.imitation.behaviour_cloning import Labels, Loss, cloning_loss
-from dohyo.agents.learning.networks import ObservationEncoder
-from dohyo.agents.learning.policy import PpoActor
-from dohyo.agents.learning.vectors import ActionVector
+from dohyo.agents.learning.networks.modules import ObservationEncoder
+from dohyo.agents.learning.networks.policy import PpoActor
+from dohyo.agents.learning.networks.vectors import ActionVector
 from dohyo.sumo_networks.config import Config
 
 Positive = Annotated[int, Field(gt=0)]

@@ -13,16 +13,16 @@ from pydantic import Field
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 
-from dohyo.agents.learning.demonstrations import Demonstrations
-from dohyo.agents.learning.evaluation import evaluate
-from dohyo.agents.learning.export import export
-from dohyo.agents.learning.networks import ObservationEncoder
-from dohyo.agents.learning.policy import Actor, EncodedPolicy, PpoActor, actor_for, distribution_at
-from dohyo.agents.learning.report import Report
-from dohyo.agents.learning.run import Run
-from dohyo.agents.learning.supervised import FREE, Cosine, Fit, SupervisedConfig, fit, shuffled
-from dohyo.agents.learning.task import Array, Task, check_task, named
-from dohyo.agents.learning.trainer import Trainer, TrainRequest
+from dohyo.agents.learning.experience.demonstrations import Demonstrations
+from dohyo.agents.learning.files.report import Report
+from dohyo.agents.learning.networks.modules import ObservationEncoder
+from dohyo.agents.learning.networks.policy import Actor, EncodedPolicy, PpoActor, actor_for, distribution_at
+from dohyo.agents.learning.policies.export import export
+from dohyo.agents.learning.runs.evaluation import evaluate
+from dohyo.agents.learning.runs.run import Run
+from dohyo.agents.learning.runs.supervised import FREE, Cosine, Fit, SupervisedConfig, fit, shuffled
+from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
+from dohyo.agents.learning.tasks.task import Array, Task, check_task, named
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
 

@@ -16,17 +16,17 @@ from pydantic import Field
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 
-from dohyo.agents.learning.behaviour import DEMONSTRATOR, POLICY, EpisodeMixture
-from dohyo.agents.learning.collector import Collector, outcome
-from dohyo.agents.learning.config import RunConfig
-from dohyo.agents.learning.export import Exportable
+from dohyo.agents.learning.experience.behaviour import DEMONSTRATOR, POLICY, EpisodeMixture
+from dohyo.agents.learning.experience.collector import Collector, outcome
+from dohyo.agents.learning.files.metrics import Number
 from dohyo.agents.learning.imitation.behaviour_cloning import ImitatingPolicy, Labels, PolicyConfig, cloning_loss
-from dohyo.agents.learning.metrics import Number
-from dohyo.agents.learning.policy import Actor
-from dohyo.agents.learning.run import TaskRun
-from dohyo.agents.learning.task import Array, Task
-from dohyo.agents.learning.trainer import Trainer, TrainRequest
-from dohyo.agents.learning.training import train_task
+from dohyo.agents.learning.networks.policy import Actor
+from dohyo.agents.learning.policies.export import Exportable
+from dohyo.agents.learning.runs.config import RunConfig
+from dohyo.agents.learning.runs.run import TaskRun
+from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
+from dohyo.agents.learning.runs.training import train_task
+from dohyo.agents.learning.tasks.task import Array, Task
 from dohyo.sumo_networks.arrays import BoolArray, IntArray
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError

@@ -19,9 +19,9 @@ from torch import Tensor, nn
 from torchrl.modules import MLP
 from torchrl.objectives import GAILLoss
 
-from dohyo.agents.learning.metrics import Number
-from dohyo.agents.learning.networks import ObservationEncoder
-from dohyo.agents.learning.vectors import ActionVector
+from dohyo.agents.learning.files.metrics import Number
+from dohyo.agents.learning.networks.modules import ObservationEncoder
+from dohyo.agents.learning.networks.vectors import ActionVector
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
 

@@ -20,12 +20,12 @@ from safetensors.torch import save
 from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
-from dohyo.agents.learning.checkpoint import newest_step
-from dohyo.agents.learning.report import Report, Reporter
-from dohyo.agents.learning.run import Run, stored_config
-from dohyo.agents.learning.settings import read_settings
-from dohyo.agents.learning.supervised import FREE, Cosine, Fit, SupervisedConfig, fit, shuffled
-from dohyo.agents.learning.trainer import Trainer, TrainRequest
+from dohyo.agents.learning.files.checkpoint import newest_step
+from dohyo.agents.learning.files.report import Report, Reporter
+from dohyo.agents.learning.files.settings import read_settings
+from dohyo.agents.learning.runs.run import Run, stored_config
+from dohyo.agents.learning.runs.supervised import FREE, Cosine, Fit, SupervisedConfig, fit, shuffled
+from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
 from dohyo.agents.mcts.predictors import export
 from dohyo.agents.mcts.predictors.dataset import FUTURE_STEPS, Sample, load_shard, shards_of
 from dohyo.agents.mcts.predictors.features import AGENTS, SHAPES, features

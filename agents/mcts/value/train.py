@@ -18,10 +18,10 @@ from pydantic import Field
 from safetensors.numpy import save
 from torch import Tensor, nn
 
-from dohyo.agents.learning.report import Report
-from dohyo.agents.learning.run import Run
-from dohyo.agents.learning.supervised import FREE, Cosine, Fit, SupervisedConfig, drawn, fit
-from dohyo.agents.learning.trainer import Trainer, TrainRequest
+from dohyo.agents.learning.files.report import Report
+from dohyo.agents.learning.runs.run import Run
+from dohyo.agents.learning.runs.supervised import FREE, Cosine, Fit, SupervisedConfig, drawn, fit
+from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
 from dohyo.agents.mcts.predictors.dataset import load_shard, shards_of
 from dohyo.agents.mcts.value.mlp import FEATURES, WIDTH
 from dohyo.agents.mcts.value.records import Records, records_of

@@ -9,7 +9,7 @@ import pytest
 
 from dohyo.agents.hierarchical.hierarchy import FLAT, MASTER
 from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
-from dohyo.agents.learning.settings import read_settings
+from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.trainers import TRAINERS, trainer_named
 
 CONFIGS = Path(__file__).parents[3] / "agents" / "hierarchical" / "configs"

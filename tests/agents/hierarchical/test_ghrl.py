@@ -20,9 +20,9 @@ from dohyo.agents.hierarchical.master_training import OptionCritic, OptionCritic
 from dohyo.agents.hierarchical.mission_env import MissionEnv, MissionTask
 from dohyo.agents.hierarchical.scenarios import draw_scenario
 from dohyo.agents.hierarchical.subpolicies import SubPolicyConfig
-from dohyo.agents.learning.collector import Collector
-from dohyo.agents.learning.settings import as_toml
-from dohyo.agents.learning.task import SINGLE
+from dohyo.agents.learning.experience.collector import Collector
+from dohyo.agents.learning.files.settings import as_toml
+from dohyo.agents.learning.tasks.task import SINGLE
 from dohyo.agents.rules.rules_only import RulesOnly
 from dohyo.evaluation.agent import agent_info, make_agent
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv

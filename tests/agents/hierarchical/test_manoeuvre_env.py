@@ -19,7 +19,7 @@ from dohyo.agents.hierarchical.master_observation import CRITICAL, FRESH, OPTION
 from dohyo.agents.hierarchical.mission_env import UNDER_RULES, MissionEnv, MissionTask
 from dohyo.agents.hierarchical.rewards import INFRACTION
 from dohyo.agents.hierarchical.tasks import ManoeuvreTask
-from dohyo.agents.learning.task import check_task
+from dohyo.agents.learning.tasks.task import check_task
 from dohyo.agents.planning.surroundings import Surroundings
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM

@@ -18,9 +18,9 @@ from dohyo.agents.hierarchical.master import Master, MasterSpec, MasterView, par
 from dohyo.agents.hierarchical.master_observation import CRITICAL, FLAGS, FRESH, OPTIONS
 from dohyo.agents.hierarchical.master_training import OptionCritic, OptionCriticConfig
 from dohyo.agents.hierarchical.option_executor import OptionLimits
-from dohyo.agents.learning.collector import Collector
-from dohyo.agents.learning.policy import Actor
-from dohyo.agents.learning.task import SINGLE, Task, held_out_seeds
+from dohyo.agents.learning.experience.collector import Collector
+from dohyo.agents.learning.networks.policy import Actor
+from dohyo.agents.learning.tasks.task import SINGLE, Task, held_out_seeds
 
 PLACES, GAMMA = 4, 0.9
 LEFT, RIGHT, LIGHTS = (OPTIONS.index(one) for one in (Manoeuvre.LEFT, Manoeuvre.RIGHT, Manoeuvre.LIGHTS))

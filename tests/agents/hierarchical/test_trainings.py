@@ -14,7 +14,7 @@ import pytest
 
 from dohyo.agents.hierarchical import trainings
 from dohyo.agents.hierarchical.arms import ARMS, MASTER, POLICIES, config_of
-from dohyo.agents.learning.settings import as_toml, flat
+from dohyo.agents.learning.files.settings import as_toml, flat
 from dohyo.agents.studies.rows import cell_of, read_rows
 from dohyo.agents.studies.training_results import find_trainings
 from dohyo.sumo_networks.errors import InvalidInputError

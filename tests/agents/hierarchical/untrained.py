@@ -15,10 +15,10 @@ from dohyo.agents.hierarchical.option_executor import OptionLimits
 from dohyo.agents.hierarchical.state import StateConfig
 from dohyo.agents.hierarchical.subpolicies import SubPolicyConfig
 from dohyo.agents.hierarchical.tasks import ManoeuvreTask
-from dohyo.agents.learning.export import export
-from dohyo.agents.learning.policy import Actor
-from dohyo.agents.learning.settings import as_toml
-from dohyo.agents.learning.task import named
+from dohyo.agents.learning.files.settings import as_toml
+from dohyo.agents.learning.networks.policy import Actor
+from dohyo.agents.learning.policies.export import export
+from dohyo.agents.learning.tasks.task import named
 
 TWIN = StateConfig(vision="none")
 

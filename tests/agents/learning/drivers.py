@@ -10,7 +10,7 @@ import torch
 from gymnasium.spaces import Box, Dict
 from torch import Tensor, nn
 
-from dohyo.agents.learning.policy_agent import ActionDecoder, AsControl, Choices, PolicyAgent, SensorEncoder
+from dohyo.agents.learning.policies.policy_agent import ActionDecoder, AsControl, Choices, PolicyAgent, SensorEncoder
 from dohyo.evaluation.agent import Mission, Observation
 
 SPEEDS = np.array([[0.0, 0.0], [6.0, 0.0], [9.0, 0.0]])

@@ -9,10 +9,10 @@ import torch
 from gymnasium.spaces import Discrete
 from tensordict import TensorDict
 
-from dohyo.agents.learning.collector import Collector
-from dohyo.agents.learning.off_policy import OffPolicyConfig
-from dohyo.agents.learning.replay import Replay
-from dohyo.agents.learning.task import Task, named
+from dohyo.agents.learning.algorithms.off_policy import OffPolicyConfig
+from dohyo.agents.learning.experience.collector import Collector
+from dohyo.agents.learning.experience.replay import Replay
+from dohyo.agents.learning.tasks.task import Task, named
 
 
 def learner(kind: Any, config: OffPolicyConfig, task: Task, folder: Path, **options: Any) -> Any:

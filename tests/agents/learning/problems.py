@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete
 
-from dohyo.agents.learning.task import Array, Env, Task, held_out_seeds
+from dohyo.agents.learning.tasks.task import Array, Env, Task, held_out_seeds
 from dohyo.sumo_networks.errors import SimulationError
 
 Step = tuple[Array, float, bool, bool, dict[str, Any]]

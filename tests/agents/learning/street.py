@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
-from dohyo.agents.learning.task import Array, Env, Task, held_out_seeds
+from dohyo.agents.learning.tasks.task import Array, Env, Task, held_out_seeds
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
 from tests.worlds import straight_road

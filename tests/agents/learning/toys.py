@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dohyo.agents.learning.config import PpoConfig, PpoRunConfig
-from dohyo.agents.learning.ppo import ppo_trainer
+from dohyo.agents.learning.algorithms.ppo import ppo_trainer
+from dohyo.agents.learning.algorithms.ppo_config import PpoConfig, PpoRunConfig
 from tests.agents.learning.problems import Lock, Point
 from tests.agents.learning.street import Street
 

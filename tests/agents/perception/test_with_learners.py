@@ -7,9 +7,9 @@ from pathlib import Path
 
 import torch
 
-from dohyo.agents.learning.iqn import Iqn, IqnConfig
-from dohyo.agents.learning.networks import ObservationEncoder
-from dohyo.agents.learning.replay import ReplayConfig
+from dohyo.agents.learning.algorithms.iqn import Iqn, IqnConfig
+from dohyo.agents.learning.experience.replay import ReplayConfig
+from dohyo.agents.learning.networks.modules import ObservationEncoder
 from dohyo.agents.perception.augmentation import of_transitions, random_shift
 from dohyo.agents.perception.encoders.rlad import RladEncoder
 from tests.agents.learning.learners import learner

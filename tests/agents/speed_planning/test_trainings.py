@@ -10,11 +10,11 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from dohyo.agents.learning.evaluation import Evaluation, Outcome
-from dohyo.agents.learning.policy import TanhActor
-from dohyo.agents.learning.report import no_report
-from dohyo.agents.learning.settings import read_settings
-from dohyo.agents.learning.trainer import TrainRequest
+from dohyo.agents.learning.files.report import no_report
+from dohyo.agents.learning.files.settings import read_settings
+from dohyo.agents.learning.networks.policy import TanhActor
+from dohyo.agents.learning.runs.evaluation import Evaluation, Outcome
+from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.speed_planning import buffer, held_out
 from dohyo.agents.speed_planning.acc import SetPointPolicy
 from dohyo.agents.speed_planning.buffer import (

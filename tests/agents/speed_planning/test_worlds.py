@@ -7,8 +7,8 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from dohyo.agents.learning.environments import check_environments
-from dohyo.agents.learning.task import Array, Environments, Task, check_task
+from dohyo.agents.learning.tasks.environments import check_environments
+from dohyo.agents.learning.tasks.task import Array, Environments, Task, check_task
 from dohyo.agents.speed_planning import buffer_env, platoon
 from dohyo.agents.speed_planning.buffer_env import BufferEnv
 from dohyo.agents.speed_planning.buffer_training import BufferTask

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 
-from dohyo.agents.learning.report import Report
+from dohyo.agents.learning.files.report import Report
 from dohyo.service.cli.train_progress import Lines
 
 

@@ -25,8 +25,8 @@ from dohyo.agents.hierarchical.vision.train import (
     losses_of,
     train,
 )
-from dohyo.agents.learning.report import Report, Reporter, no_report
-from dohyo.agents.learning.trainer import TrainRequest
+from dohyo.agents.learning.files.report import Report, Reporter, no_report
+from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.hierarchical.vision.weights import pictures
 

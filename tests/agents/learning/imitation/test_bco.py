@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from dohyo.agents.learning.collector import Collector
-from dohyo.agents.learning.config import PpoConfig
-from dohyo.agents.learning.demonstrations import record_demonstrations
+from dohyo.agents.learning.algorithms.ppo import Ppo
+from dohyo.agents.learning.algorithms.ppo_config import PpoConfig
+from dohyo.agents.learning.experience.collector import Collector
+from dohyo.agents.learning.experience.demonstrations import record_demonstrations
 from dohyo.agents.learning.imitation.bco import Bco, BcoConfig, InverseDynamics, InverseDynamicsConfig
-from dohyo.agents.learning.ppo import Ppo
-from dohyo.agents.learning.task import named
+from dohyo.agents.learning.tasks.task import named
 from tests.agents.learning.problems import STEP, Point
 from tests.agents.learning.transitions import ACTIONS, CPU, MOVES, OBSERVATIONS, experience, homeward, transitions
 

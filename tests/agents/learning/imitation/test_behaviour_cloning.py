@@ -10,8 +10,9 @@ import pytest
 import torch
 from gymnasium.spaces import Box, Discrete
 
-from dohyo.agents.learning.card import digest, read_card
-from dohyo.agents.learning.demonstrations import record_demonstrations
+from dohyo.agents.learning.experience.demonstrations import record_demonstrations
+from dohyo.agents.learning.files.card import digest, read_card
+from dohyo.agents.learning.files.report import no_report
 from dohyo.agents.learning.imitation.behaviour_cloning import (
     CloningConfig,
     ImitatingPolicy,
@@ -19,9 +20,8 @@ from dohyo.agents.learning.imitation.behaviour_cloning import (
     cloning_loss,
     cloning_trainer,
 )
-from dohyo.agents.learning.policy import Actor, actor_for
-from dohyo.agents.learning.report import no_report
-from dohyo.agents.learning.trainer import TrainRequest
+from dohyo.agents.learning.networks.policy import Actor, actor_for
+from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.problems import BEST_RETURN, Point
 

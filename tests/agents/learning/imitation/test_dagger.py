@@ -11,14 +11,14 @@ import torch
 from safetensors.torch import load_file
 from tensordict import TensorDict
 
-from dohyo.agents.learning.collector import Collector
+from dohyo.agents.learning.experience.collector import Collector
+from dohyo.agents.learning.files.report import Report, Reporter, no_report
 from dohyo.agents.learning.imitation.behaviour_cloning import Labels, PolicyConfig
 from dohyo.agents.learning.imitation.dagger import Dagger, DaggerConfig, DaggerRunConfig, dagger_trainer
-from dohyo.agents.learning.report import Report, Reporter, no_report
-from dohyo.agents.learning.trainer import TrainRequest
+from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.sumo_networks.errors import InvalidInputError
+from tests.agents.learning.algorithms.test_ppo import learner, trained
 from tests.agents.learning.problems import BEST_RETURN, STEP, Point
-from tests.agents.learning.test_ppo import learner, trained
 from tests.agents.learning.toys import POINT, SMALL, PointConfig
 
 torch.set_num_threads(1)  # more are slower wherever the cores are busy

@@ -8,13 +8,13 @@ import math
 import pytest
 import torch
 
-from dohyo.agents.learning.collector import Collector
-from dohyo.agents.learning.config import PpoConfig
-from dohyo.agents.learning.demonstrations import record_demonstrations
-from dohyo.agents.learning.icm import Icm, IcmConfig
+from dohyo.agents.learning.algorithms.icm import Icm, IcmConfig
+from dohyo.agents.learning.algorithms.ppo import Ppo
+from dohyo.agents.learning.algorithms.ppo_config import PpoConfig
+from dohyo.agents.learning.experience.collector import Collector
+from dohyo.agents.learning.experience.demonstrations import record_demonstrations
 from dohyo.agents.learning.imitation.gail import Gail, GailConfig
-from dohyo.agents.learning.ppo import Ppo
-from dohyo.agents.learning.task import named
+from dohyo.agents.learning.tasks.task import named
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.problems import Point
 from tests.agents.learning.transitions import ACTIONS, CPU, OBSERVATIONS, experience, homeward

@@ -9,8 +9,8 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from dohyo.agents.learning.report import Report, Reporter, no_report
-from dohyo.agents.learning.trainer import TrainRequest
+from dohyo.agents.learning.files.report import Report, Reporter, no_report
+from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.mcts.predictors.dataset import FUTURE_STEPS, Shard
 from dohyo.agents.mcts.predictors.features import SHAPES
 from dohyo.agents.mcts.predictors.train import Batch, TrainConfig, displacement, load_split, loss_of, train

@@ -12,8 +12,8 @@ from numba import njit
 from numba.core.runtime import _nrt_python, rtsys
 from safetensors.numpy import load_file, save
 
-from dohyo.agents.learning.report import no_report
-from dohyo.agents.learning.trainer import TrainRequest
+from dohyo.agents.learning.files.report import no_report
+from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.mcts.config import LATERAL_LIMIT, MIDDLE, Rules, Settings, rules
 from dohyo.agents.mcts.mbappe import CRAFTED_IDM, Mbappe
 from dohyo.agents.mcts.predictors.dataset import Shard

@@ -11,7 +11,7 @@ import torch
 from gymnasium.spaces import Box, Dict
 from torch import Tensor
 
-from dohyo.agents.learning.export import export
+from dohyo.agents.learning.policies.export import export
 from dohyo.agents.perception.encoders.base import Encoder
 from dohyo.agents.perception.encoders.impala import ImpalaEncoder
 from dohyo.agents.perception.encoders.registry import make_encoder

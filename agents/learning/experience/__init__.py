@@ -1,0 +1,1 @@
+"""Experience: behaviours, the collector, the replay, demonstrations."""

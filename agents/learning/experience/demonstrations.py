@@ -1,0 +1,262 @@
+"""Demonstrations: an expert's episodes as data.
+
+A folder has episodes/NUMBER.safetensors, and demonstrations.json, which is written last and names every episode with
+its seed, length, return, success and digest. A folder without it is incomplete, and is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import torch
+from pydantic import ValidationError
+from safetensors.numpy import load, save
+from tensordict import TensorDict
+
+from dohyo.agents.learning.experience.behaviour import DEMONSTRATOR, demonstrator
+from dohyo.agents.learning.experience.collector import Collector, Finished
+from dohyo.agents.learning.experience.replay import Replay
+from dohyo.agents.learning.files.card import digest
+from dohyo.agents.learning.tasks.environments import check_environments
+from dohyo.agents.learning.tasks.task import Array, Task, check_task
+from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
+from dohyo.sumo_networks.seeds import training_seed
+
+INDEX = "demonstrations.json"
+OBSERVATION = "observation."
+"""Prefix of an observation's name among an episode's arrays."""
+
+
+class Entry(Config):
+    """An episode of the index.
+
+    Attributes:
+        file: Its name in the folder.
+        sha256: Digest of the file.
+        seed: Of the reset.
+        length: Steps, T.
+        total: Sum of the rewards.
+        success: Whether it succeeded.
+        terminated: Whether it ended by itself; otherwise it was truncated.
+        measures: The task's measures.
+    """
+
+    file: str
+    sha256: str
+    seed: int
+    length: int
+    total: float
+    success: bool
+    terminated: bool
+    measures: dict[str, float]
+
+
+class Index(Config):
+    """What is in a folder.
+
+    Attributes:
+        task: Its name.
+        expert: The expert, in a few words.
+        seed: Of the recording; an episode's number and it give the episode's seed.
+        episodes: In the order of their end.
+    """
+
+    task: str
+    expert: str
+    seed: int
+    episodes: tuple[Entry, ...]
+
+
+def record_demonstrations(
+    task: Task,
+    folder: Path,
+    episodes: int,
+    *,
+    expert: str,
+    seed: int = 0,
+    processes: int = 0,
+    environments: int = 1,
+    successes_only: bool = False,
+) -> Demonstrations:
+    """Records whole episodes that the task's expert drives.
+
+    Args:
+        task: With an expert.
+        folder: Of the demonstrations; it must not hold any yet.
+        episodes: Number to be recorded.
+        expert: The expert, in a few words.
+        seed: Decides the episodes.
+        processes: Environments, one process each; 0: all in this process.
+        environments: Environments without processes.
+        successes_only: Leaves out episodes without success.
+
+    Raises:
+        InvalidInputError: The folder holds demonstrations, the task has no expert, or the expert is silent in ten
+            episodes, or without success, for every one that is recorded.
+        SimulationError: Simulations fail again and again.
+    """
+    check_task(task)
+    if (folder / INDEX).exists():
+        raise InvalidInputError(f"'{folder}' holds demonstrations already; choose another folder")
+    if not task.has_expert:
+        raise InvalidInputError(f"task '{task.name}' has no expert to record")
+    made = task.make_environments(processes or environments, processes=processes > 0)
+    try:
+        check_environments(made)
+        recorder = _Recorder(Collector(made, task, seed), folder, seed)
+        while len(recorder.entries) < episodes:
+            recorder.step(successes_only)
+            if recorder.left_out > 10 * episodes:
+                raise InvalidInputError(
+                    f"task '{task.name}': expected {episodes} episodes of the expert, got {len(recorder.entries)} "
+                    f"where {recorder.left_out} were left out"
+                )
+    finally:
+        made.close()
+    index = Index(task=task.name, expert=expert, seed=seed, episodes=tuple(recorder.entries[:episodes]))
+    write_atomically(folder / INDEX, (index.model_dump_json(indent=1) + "\n").encode())
+    return Demonstrations(folder)
+
+
+class _Recorder:
+    """Writes the episodes of a collector's rows as they end."""
+
+    def __init__(self, collector: Collector, folder: Path, seed: int) -> None:
+        self._collector, self._folder, self._seed = collector, folder, seed
+        space = collector.action_space
+        blank = torch.from_numpy(np.zeros((len(collector), *(space.shape or ())), space.dtype))
+        self._behaviour = demonstrator(lambda seen: TensorDict({"action": blank.clone()}, seen.batch_size))
+        self._steps: list[list[TensorDict]] = [[] for _ in range(len(collector))]
+        self.entries: list[Entry] = []
+        self.left_out = 0
+        (folder / "episodes").mkdir(parents=True, exist_ok=True)
+
+    def step(self, successes_only: bool) -> None:
+        """Takes one step in all rows."""
+        step = self._collector.step(self._behaviour)
+        finished = {episode.row: episode for episode in self._collector.finished()}
+        for row in torch.nonzero(step["active"]).flatten().tolist():
+            self._steps[row].append(step[row])
+        for row in torch.nonzero(step["next", "done"][:, 0]).flatten().tolist():
+            steps, self._steps[row] = self._steps[row], []
+            ended = finished.get(row)  # None: its simulation was lost
+            wanted = ended is not None and ended.demonstrated == 1.0 and (ended.success or not successes_only)
+            if ended is not None and wanted:
+                self.entries.append(self._write(steps, ended))
+            self.left_out += not wanted
+
+    def _write(self, steps: list[TensorDict], ended: Finished) -> Entry:
+        episode = TensorDict.stack(steps)
+        last = episode["next", "observation"][-1:]
+        seen = TensorDict.cat([episode["observation"], last])
+        arrays = {f"{OBSERVATION}{name}": array.numpy() for name, array in seen.items()}
+        arrays |= {"action": episode["action"].numpy(), "reward": episode["next", "reward"][:, 0].numpy()}
+        path = self._folder / "episodes" / f"{len(self.entries):06d}.safetensors"
+        write_atomically(path, save({name: np.ascontiguousarray(array) for name, array in arrays.items()}))
+        return Entry(
+            file=f"episodes/{path.name}",
+            sha256=digest(path),
+            seed=training_seed(self._seed, int(episode["episode"][0])),
+            length=ended.length,
+            total=ended.total,
+            success=ended.success,
+            terminated=bool(episode["next", "terminated"][-1, 0]),
+            measures=dict(ended.measures),
+        )
+
+
+class Demonstrations:
+    """Recorded episodes of an expert.
+
+    Attributes:
+        index: What is in the folder.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Reads the index.
+
+        Raises:
+            InvalidInputError: There are no demonstrations, or the index is damaged.
+        """
+        self._folder = folder
+        try:
+            self.index = Index.model_validate_json((folder / INDEX).read_bytes())
+        except OSError as error:
+            raise InvalidInputError(f"no demonstrations in '{folder}': {error.strerror}") from error
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(map(str, first["loc"]))
+            raise InvalidInputError(f"'{folder / INDEX}': {where}: {first['msg']}") from error
+
+    def __len__(self) -> int:
+        """Number of episodes."""
+        return len(self.index.episodes)
+
+    def episode(self, number: int) -> dict[str, Array]:
+        """Arrays of an episode: "observation.NAME" (T + 1, ...), "action" (T, ...) and "reward" (T,).
+
+        Raises:
+            InvalidInputError: The file is missing, or not that of the index.
+        """
+        entry = self.index.episodes[number]
+        path = self._folder / entry.file
+        if not path.exists() or digest(path) != entry.sha256:
+            raise InvalidInputError(f"'{path}': expected the file that {INDEX} names, got another one, or none")
+        return load(path.read_bytes())
+
+    def transitions(self, numbers: range | None = None) -> TensorDict:
+        """Transitions of some episodes, in memory; by default of all.
+
+        Returns:
+            (B,) in TorchRL's form: "observation", "action", "episode" (its number here), and under "next" the
+            observation, "reward", "terminated", "truncated" and "done" (B, 1).
+        """
+        parts = [self._transitions(number) for number in numbers or range(len(self))]
+        return TensorDict.cat(parts)
+
+    def split(self, share: float) -> tuple[TensorDict, TensorDict]:
+        """Transitions of the first episodes, and those of a share of episodes at the end, at least one.
+
+        Raises:
+            InvalidInputError: There are fewer than two episodes.
+        """
+        if len(self) < 2:
+            raise InvalidInputError(f"'{self._folder}': expected at least 2 episodes to hold one out, got {len(self)}")
+        first = min(max(round(len(self) * (1.0 - share)), 1), len(self) - 1)
+        return self.transitions(range(first)), self.transitions(range(first, len(self)))
+
+    def feed(self, replay: Replay, number: int, reward: float | None = None) -> None:
+        """Adds an episode to a replay, tagged as the demonstrator's.
+
+        Args:
+            replay: Of the same spaces.
+            number: Of the episode.
+            reward: Of every step (GRI's r_demo); None: the recorded rewards.
+        """
+        entry, arrays = self.index.episodes[number], self.episode(number)
+        rewards = arrays["reward"] if reward is None else np.full(entry.length, reward, np.float32)
+        seen = _observations(arrays)
+        replay.add_episode(seen, arrays["action"], rewards, terminated=entry.terminated, source=DEMONSTRATOR)
+
+    def _transitions(self, number: int) -> TensorDict:
+        entry, arrays = self.index.episodes[number], self.episode(number)
+        seen = TensorDict(_observations(arrays), [entry.length + 1])
+        last = (torch.arange(entry.length) == entry.length - 1)[:, None]
+        after = {
+            "observation": seen[1:],
+            "reward": torch.from_numpy(arrays["reward"])[:, None],
+            "terminated": last & entry.terminated,
+            "truncated": last & (not entry.terminated),
+            "done": last,
+        }
+        rows = {"observation": seen[:-1], "action": arrays["action"], "episode": torch.full((entry.length,), number)}
+        return TensorDict({**rows, "next": after}, [entry.length])
+
+
+def _observations(arrays: Mapping[str, Array]) -> dict[str, Array]:
+    """(T + 1, ...) observations by name."""
+    return {name.removeprefix(OBSERVATION): array for name, array in arrays.items() if name.startswith(OBSERVATION)}

@@ -1,0 +1,1 @@
+"""Files of runs: settings, checkpoints, metrics, cards."""

@@ -1,0 +1,139 @@
+"""Any gymnasium environment as a task, for checks of the algorithms and for users' own environments.
+
+dohyo train gymnasium --set env=Pendulum-v1 --set algorithm=sac --set sac.batch=128
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import gymnasium
+from gymnasium.spaces import Box, Dict, Discrete
+
+from dohyo.agents.learning.algorithms.ddpg import Ddpg, DdpgConfig
+from dohyo.agents.learning.algorithms.iqn import Iqn, IqnConfig
+from dohyo.agents.learning.algorithms.off_policy import make_replay
+from dohyo.agents.learning.algorithms.ppo import Ppo, ppo_actor
+from dohyo.agents.learning.algorithms.ppo_config import PpoConfig
+from dohyo.agents.learning.algorithms.sac import Sac, SacConfig
+from dohyo.agents.learning.experience.collector import Collector
+from dohyo.agents.learning.gymnasium.spaces import in_our_form
+from dohyo.agents.learning.networks.modules import ObservationEncoder
+from dohyo.agents.learning.runs.config import Positive, RunConfig
+from dohyo.agents.learning.runs.run import TaskRun
+from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
+from dohyo.agents.learning.runs.training import train_task
+from dohyo.agents.learning.tasks.task import Env, Task, check_task, held_out_seeds, named
+from dohyo.sumo_networks.errors import InvalidInputError
+
+OFF_POLICY: dict[str, type[Sac | Ddpg | Iqn]] = {"sac": Sac, "ddpg": Ddpg, "iqn": Iqn}
+
+
+class GymnasiumConfig(RunConfig):
+    """A run on a gymnasium environment.
+
+    Attributes:
+        env: Name in gymnasium's registry, or "module:NAME" of one that the module registers.
+        algorithm: What learns; its settings are the table of that name.
+        episodes: Held-out episodes.
+        ppo: Settings of PPO.
+        sac: Settings of SAC.
+        ddpg: Settings of DDPG.
+        iqn: Settings of IQN.
+    """
+
+    env: str = "Pendulum-v1"
+    algorithm: Literal["ppo", "sac", "ddpg", "iqn"] = "sac"
+    processes: int = 0
+    episodes: Positive = 20
+    ppo: PpoConfig = PpoConfig()
+    sac: SacConfig = SacConfig()
+    ddpg: DdpgConfig = DdpgConfig()
+    iqn: IqnConfig = IqnConfig()
+
+
+@dataclass(frozen=True)
+class GymnasiumTask(Task):
+    """A gymnasium environment, in the form of `in_our_form`.
+
+    Attributes:
+        env: Name in gymnasium's registry.
+        episodes: Number of held-out episodes.
+    """
+
+    env: str
+    episodes: int = 20
+
+    @property
+    def name(self) -> str:
+        """See `Task`."""
+        return self.env
+
+    @property
+    def held_out(self) -> Sequence[int]:
+        """See `Task`."""
+        return held_out_seeds(self.episodes)
+
+    @cached_property
+    def _spaces(self) -> tuple[Any, Any]:
+        env = self.make_env(0)
+        try:
+            return env.observation_space, env.action_space
+        finally:
+            env.close()
+
+    @property
+    def observation_space(self) -> Dict:
+        """See `Task`."""
+        space: Dict = self._spaces[0]
+        return space
+
+    @property
+    def action_space(self) -> Box | Discrete:
+        """See `Task`."""
+        space: Box | Discrete = self._spaces[1]
+        return space
+
+    def make_env(self, rank: int) -> Env:
+        """See `Task`.
+
+        Raises:
+            InvalidInputError: It cannot be made, or its observations cannot be used; see `in_our_form`.
+        """
+        try:
+            env = gymnasium.make(self.env)
+        except Exception as error:  # of the registry, or of the environment's own code
+            raise InvalidInputError(f"environment '{self.env}': {type(error).__name__}: {error}") from error
+        return in_our_form(env, self.env)
+
+
+def make_learner(task: Task, settings: GymnasiumConfig, run: TaskRun, collector: Collector) -> Any:
+    """Learner of the algorithm that the settings name."""
+    if settings.algorithm == "ppo":
+        return Ppo(task, collector, settings.ppo, run.device, settings.seed)
+    config = getattr(settings, settings.algorithm)
+    replay = make_replay(task, run, config, rows=len(collector))
+    return OFF_POLICY[settings.algorithm](task, collector, replay, config, run.device)
+
+
+def check_fit(task: Task, settings: GymnasiumConfig) -> None:
+    """Raises InvalidInputError if the algorithm cannot learn the task, before a run is begun."""
+    check_task(task)
+    encoder = ObservationEncoder(named(task.observation_space))
+    if settings.algorithm == "ppo":
+        ppo_actor(encoder.features, task.action_space, settings.ppo)
+    else:
+        OFF_POLICY[settings.algorithm].check(task)
+
+
+def _train(settings: GymnasiumConfig, request: TrainRequest) -> Path:
+    task = GymnasiumTask(settings.env, settings.episodes)
+    check_fit(task, settings)
+    return train_task(lambda collector, run: make_learner(task, settings, run, collector), task, settings, request)
+
+
+GYMNASIUM = Trainer("any gymnasium environment, by PPO, SAC, DDPG or IQN", GymnasiumConfig, _train)

@@ -1,0 +1,1 @@
+"""Networks of policies and critics, distributions of actions, moments of observations."""

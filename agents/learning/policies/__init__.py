@@ -1,0 +1,1 @@
+"""Trained policies: exported, loaded again, and as driving agents."""

@@ -1,0 +1,70 @@
+"""An exported policy as a function of one observation, in ONNX Runtime on one thread."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime  # type: ignore[import-untyped]
+from gymnasium.spaces import Dict
+
+from dohyo.agents.learning.policies.export import ACTION
+from dohyo.agents.learning.tasks.task import Array
+from dohyo.sumo_networks.errors import InvalidInputError
+
+TYPES: dict[str, np.dtype[Any]] = {"tensor(float)": np.dtype(np.float32), "tensor(uint8)": np.dtype(np.uint8)}
+
+
+class OnnxPolicy:
+    """What `export` wrote: observations by name -> an action in the action space.
+
+    Attributes:
+        inputs: Shape and type of each observation that it uses, by name.
+        path: Of the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Reads the model.
+
+        Raises:
+            InvalidInputError: The file is missing, or no policy of named observations.
+        """
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 3
+        if not path.is_file():
+            raise InvalidInputError(f"no policy '{path}'")
+        try:
+            self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime's own errors share no base class
+            raise InvalidInputError(f"'{path}' is no ONNX model: {str(error).splitlines()[0]}") from error
+        self.path = path
+        self.inputs: dict[str, tuple[tuple[int, ...], np.dtype[Any]]] = {}
+        for one in self._session.get_inputs():
+            if one.type not in TYPES:
+                raise InvalidInputError(f"policy '{path}': expected float32 or uint8 as '{one.name}', got {one.type}")
+            self.inputs[one.name] = (tuple(one.shape[1:]), TYPES[one.type])
+        outputs = [one.name for one in self._session.get_outputs()]
+        if outputs != [ACTION]:
+            raise InvalidInputError(f"policy '{path}': expected the output '{ACTION}', got {', '.join(outputs)}")
+
+    def check(self, space: Dict) -> None:
+        """Raises InvalidInputError if observations of a space have not all that the policy needs."""
+        for name, (shape, dtype) in self.inputs.items():
+            given = space.spaces.get(name)
+            if given is None:
+                raise InvalidInputError(
+                    f"policy '{self.path}' needs the observation '{name}', there is {', '.join(space.spaces)}"
+                )
+            if (given.shape, given.dtype) != (shape, dtype):
+                raise InvalidInputError(
+                    f"policy '{self.path}': expected observation '{name}' to be {dtype} {shape}, got {given.dtype} "
+                    f"{given.shape}"
+                )
+
+    def __call__(self, observation: Mapping[str, Array]) -> Array:
+        """One observation -> its action, (A,) float32 or () int64; observations that it does not use are ignored."""
+        (action,) = self._session.run([ACTION], {name: observation[name][None] for name in self.inputs})
+        return np.asarray(action[0])

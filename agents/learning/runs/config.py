@@ -1,0 +1,48 @@
+"""Settings that every training run has, with their units."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from dohyo.sumo_networks.config import Config
+
+Positive = Annotated[int, Field(gt=0)]
+
+
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class BaseRunConfig(Config):
+    """Settings of every training run, on a task or a data set.
+
+    Attributes:
+        seed: Of weights, exploration, batches and training episodes.
+        device: Of torch, such as "cpu" or "cuda"; "auto" takes cuda if available.
+        tier: Scale of the result: 1 as large as its source's, 2 reduced, 3 a trial.
+        tensorboard: Write TensorBoard events beside metrics.csv.
+    """
+
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    device: str = "auto"
+    tier: Literal[1, 2, 3] = 3
+    tensorboard: bool = True
+
+
+class RunConfig(BaseRunConfig):
+    """Settings of every training run on a task.
+
+    Attributes:
+        steps: Environment steps; the run ends with the round that reaches them.
+        processes: Environments, one process each; 0: all environments in this process.
+        environments: Environments without processes.
+        evaluate_every: Environment steps between two evaluations on the held-out episodes.
+        checkpoint_every: Environment steps between two checkpoints, which cut the running episodes.
+    """
+
+    steps: Positive = 100_000
+    processes: Annotated[int, Field(ge=0, le=64)] = 1
+    environments: Positive = 1
+    evaluate_every: Positive = 20_000
+    checkpoint_every: Positive = 20_000

@@ -1,0 +1,253 @@
+"""Training loop shared by all learners: rounds, evaluations, checkpoints, and a run's files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Protocol
+
+import torch
+from tensordict import TensorDict
+
+from dohyo.agents.learning.experience.collector import Collector
+from dohyo.agents.learning.files.checkpoint import random_state, restore_random_state
+from dohyo.agents.learning.files.metrics import Number
+from dohyo.agents.learning.files.report import Report, Reporter, no_report
+from dohyo.agents.learning.policies.export import Exportable, export
+from dohyo.agents.learning.runs.config import RunConfig
+from dohyo.agents.learning.runs.evaluation import COLUMNS, evaluate
+from dohyo.agents.learning.runs.run import Run, RunStoppedError, Stop, TaskRun
+from dohyo.agents.learning.runs.trainer import TrainRequest
+from dohyo.agents.learning.tasks.environments import check_environments
+from dohyo.agents.learning.tasks.task import Array, Environments, Task, check_task, named
+
+
+class Learner(Protocol):
+    """Learner. Its randomness comes from torch's global generator, or from generators in its state."""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of metrics.csv, beside "steps"."""
+
+    @property
+    def updates(self) -> int:
+        """Gradient steps so far."""
+
+    @property
+    def policy(self) -> Exportable:
+        """Module that is shipped."""
+
+    def begin(self) -> None:
+        """What comes before the first round of a run, such as the imitation of an expert."""
+
+    def round(self) -> Mapping[str, Number]:
+        """Takes the steps of one `Collector.round`, and learns; row of metrics.csv, with "return" if episodes ended."""
+
+    def act(self, observation: TensorDict) -> Array:
+        """Observations by name (N,) -> (N, ...) actions, without exploration and without any change of its state."""
+
+    def state(self) -> dict[str, Any]:
+        """State for a checkpoint, as tensors and plain values; the collector has its own."""
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Restores a state."""
+
+
+MakeLearner = Callable[[Collector, TaskRun], Learner]
+"""Makes the learner of a run, on its device and in its folder."""
+
+
+def train_task(make_learner: MakeLearner, task: Task, settings: RunConfig, request: TrainRequest) -> Path:
+    """Trains in the folder that a request names; what a trainer of `dohyo train` does.
+
+    Args:
+        make_learner: See `MakeLearner`.
+        task: What is learned.
+        settings: Of the run.
+        request: Names folder and report.
+
+    Returns:
+        The best policy's weights.
+
+    Raises:
+        InvalidInputError: The folder holds another run, or the task cannot be used.
+        RunStoppedError: See `train`.
+        SimulationError: See `train`.
+    """
+    run = Run(request.name, request.out, settings, request.resume)
+    try:
+        train(make_learner, task, run, request.report)
+    finally:
+        run.close()
+    return run.folder / "best.safetensors"
+
+
+def train(make_learner: MakeLearner, task: Task, run: TaskRun, report: Reporter = no_report) -> dict[str, Number]:
+    """Trains until the run's steps are done, from its checkpoint if there is one.
+
+    A run that was killed at any moment, and resumed, equals one that was not, to the bit, on the same machine: a
+    checkpoint falls on a number of steps, and all running episodes are cut there.
+
+    Args:
+        make_learner: See `MakeLearner`.
+        task: What is learned.
+        run: Its folder and configuration.
+        report: Called after every round.
+
+    Returns:
+        The last row of evaluations.csv.
+
+    Raises:
+        InvalidInputError: The task cannot be used.
+        RunStoppedError: After SIGINT or SIGTERM; the last checkpoint is where the run goes on.
+        SimulationError: Simulations fail again and again.
+    """
+    check_task(task)
+    torch.set_num_threads(1)
+    torch.manual_seed(run.config.seed)
+    config, apart = run.config, run.config.processes > 0
+    with ExitStack() as open_:
+        environments = task.make_environments(config.processes or config.environments, processes=apart)
+        open_.callback(environments.close)
+        held_out = task.make_environments(task.judged_at_once, processes=apart or task.alone)
+        open_.callback(held_out.close)
+        check_environments(environments)
+        collector = Collector(environments, task, config.seed)
+        session = _Session(run, task, make_learner(collector, run), collector, held_out)
+        with Stop().listening() as stop:
+            return session.train(stop, report)
+
+
+class _Session:
+    """Training from its present state to its end."""
+
+    def __init__(
+        self, run: TaskRun, task: Task, learner: Learner, collector: Collector, held_out: Environments
+    ) -> None:
+        self._run, self._task, self._learner = run, task, learner
+        self._collector, self._held_out = collector, held_out
+        self._last_return: float | None = None
+        self._saved = run.steps_before
+        # Rows of evaluations.csv with their "steps": the last one, and the one with the highest return.
+        self._last: dict[str, Number] = {}
+        self._best: dict[str, Number] = {}
+
+    def train(self, stop: Stop, report: Reporter) -> dict[str, Number]:
+        """See `train` of the module."""
+        run, total = self._run, self._run.config.steps
+        run.add_table("metrics", self._learner.columns)
+        # An evaluation at the checkpoint's own step may be later than it, and is then repeated.
+        evaluated = int(run.state["last"].get("steps", -1)) if run.state is not None else None
+        run.add_table("evaluations", (*COLUMNS, "length", *self._task.measures), evaluated)
+        run.add_table("timing", ("wall_s", "steps_per_s"))
+        self._start()
+        while True:
+            if self._evaluation_due():
+                self._evaluate(stop)
+            if self._collector.steps >= total:
+                break
+            self._round(report)
+            if self._collector.cut:
+                self._save()
+            if stop.requested:
+                raise self._stopped()
+        self._save()
+        self._write_result(finished=True)
+        return self._last
+
+    def _start(self) -> None:
+        state = self._run.state
+        if state is None:
+            self._learner.begin()
+            return
+        self._collector.restore(state["collector"])
+        self._learner.restore(state["learner"])
+        self._last, self._best = state["last"], state["best"]
+        restore_random_state(state["random"])  # last: the calls above draw from it
+
+    def _round(self, report: Reporter) -> None:
+        run, began, before = self._run, self._run.wall_s, self._collector.steps
+        every = run.config.checkpoint_every
+        self._collector.cut_at = min((before // every + 1) * every, run.config.steps)
+        row = self._learner.round()
+        steps, elapsed = self._collector.steps, max(run.wall_s - began, 1e-9)
+        run.log("metrics", steps, row)
+        run.log("timing", steps, {"wall_s": run.wall_s, "steps_per_s": (steps - before) / elapsed})
+        self._last_return = row["return"] if row.get("return") is not None else self._last_return
+        report(Report(steps, run.config.steps, self._last_return))
+
+    def _evaluation_due(self) -> bool:
+        config, steps = self._run.config, self._collector.steps
+        before = int(self._last.get("steps") or 0) if self._last else -1
+        return steps // config.evaluate_every > before // config.evaluate_every or before < config.steps <= steps
+
+    def _evaluate(self, stop: Stop) -> None:
+        """Drives the held-out episodes without any change of the learner's state."""
+        steps = self._collector.steps
+        try:
+            evaluation = evaluate(self._task, self._held_out, self._learner.act, lambda: stop.requested)
+        except RunStoppedError as error:
+            raise self._stopped() from error
+        row = {"updates": self._learner.updates, **evaluation.values()}
+        self._run.log("evaluations", steps, row)
+        self._last = {"steps": steps, **row}
+        self._ship("policy")
+        if not self._best or evaluation.higher_than(self._best):
+            self._best = self._last
+            self._ship("best")
+        self._write_result(finished=False)
+
+    def _ship(self, model: str) -> None:
+        """Writes the policy of the last evaluation, and its card."""
+        space = named(self._task.observation_space)
+        export(self._learner.policy, space, self._run.folder / model, self._facts(self._last))
+        metrics = {name: value for name, value in self._last.items() if name != "steps"}
+        self._run.write_card(model, self._task.name, self._collector.steps, metrics)
+
+    def _save(self) -> None:
+        self._saved = self._collector.steps
+        self._run.save(
+            self._saved,
+            {
+                "collector": self._collector.state(),
+                "learner": self._learner.state(),
+                "last": self._last,
+                "best": self._best,
+                "random": random_state(),
+            },
+        )
+
+    def _stopped(self) -> RunStoppedError:
+        kept = f"the checkpoint of step {self._saved}" if self._saved else "step 0, since there is no checkpoint yet"
+        return RunStoppedError(f"stopped at step {self._collector.steps}; it will go on from {kept}")
+
+    def _facts(self, evaluation: Mapping[str, Number]) -> dict[str, str]:
+        """Facts about the training that every result holds."""
+        run = self._run
+        names = ("steps", "updates", "return", "return_low", "return_high", "success")
+        numbers = {name: "" if (value := evaluation[name]) is None else f"{value:.6g}" for name in names}
+        numbers |= {name: str(evaluation[name]) for name in ("steps", "updates")}
+        origin = {"trainer": run.trainer, "task": self._task.name, "seed": run.config.seed, "tier": run.config.tier}
+        return numbers | {name: str(value) for name, value in origin.items()} | {"device": str(run.device)}
+
+    def _write_result(self, finished: bool) -> None:
+        run = self._run
+        self._run.write_json(
+            "result.json",
+            {
+                "trainer": run.trainer,
+                "task": self._task.name,
+                "finished": finished,
+                "steps": self._collector.steps,
+                "updates": self._learner.updates,
+                "episodes": self._collector.finished_count,
+                "lost": self._collector.lost_count,
+                "seed": run.config.seed,
+                "device": str(run.device),
+                "tier": run.config.tier,
+                "wall_s": round(run.wall_s, 1),
+                "last": self._last,
+                "best": self._best,
+            },
+        )

@@ -1,0 +1,70 @@
+"""DDPG: its losses against TorchRL's, and a point brought to rest."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+from tensordict.nn import TensorDictModule
+from torch import nn
+from torchrl.modules import ValueOperator
+from torchrl.objectives import DDPGLoss
+
+from dohyo.agents.learning.algorithms.ddpg import Ddpg, DdpgConfig
+from dohyo.agents.learning.experience.replay import ReplayConfig
+from tests.agents.learning.learners import learner, transitions
+from tests.agents.learning.problems import BEST_RETURN, Point
+
+SMALL = DdpgConfig(
+    hidden=(32, 32),
+    batch=64,
+    learning_rate=3e-3,
+    updates_per_step=0.5,
+    round_steps=250,
+    replay=ReplayConfig(capacity=5000),
+)
+
+
+class _Critic(nn.Module):
+    def __init__(self, ddpg: Ddpg) -> None:
+        super().__init__()
+        self.critic = ddpg.critic
+
+    def forward(self, seen: torch.Tensor, action: torch.Tensor) -> torch.Tensor:
+        value: torch.Tensor = self.critic(seen, action)
+        return value[0, :, None]
+
+
+def test_its_losses_are_those_of_torchrl(tmp_path: Path) -> None:
+    ddpg = learner(Ddpg, SMALL, Point(), tmp_path)
+    batch = transitions(Point(), 60)
+    theirs = batch.clone()
+    theirs["observation"] = batch["observation", "observation"]
+    theirs["next", "observation"] = batch["next", "observation", "observation"]
+    theirs["action"] = ddpg._unit(batch["action"])
+    loss = DDPGLoss(
+        TensorDictModule(ddpg.actor, ["observation"], ["action"]),
+        ValueOperator(_Critic(ddpg), in_keys=["observation", "action"]),
+        delay_actor=True,
+    )
+    loss.make_value_estimator(gamma=SMALL.gamma)
+    expected, found = loss(theirs), ddpg.learn(batch)
+    assert found["loss_critic"].item() == pytest.approx(expected["loss_value"].item(), rel=1e-5)
+    assert found["loss_actor"].item() == pytest.approx(expected["loss_actor"].item(), rel=1e-5)
+
+
+def test_its_exploration_stays_in_the_action_space(tmp_path: Path) -> None:
+    ddpg = learner(Ddpg, SMALL.model_copy(update={"noise": 3.0}), Point(), tmp_path)
+    space, seen = Point.action_space, transitions(Point(), 200)["observation"]
+    actions = ddpg.explore(seen).detach().numpy()
+    assert (actions >= space.low).all()
+    assert (actions <= space.high).all()
+    assert actions.std() > 0.1
+
+
+def test_it_brings_a_point_to_rest(tmp_path: Path) -> None:
+    ddpg = learner(Ddpg, SMALL, Point(), tmp_path)
+    rows = [ddpg.round() for _ in range(3)]
+    assert rows[-1]["return"] > 2.0 * BEST_RETURN
+    assert rows[0]["return"] < 4.0 * BEST_RETURN

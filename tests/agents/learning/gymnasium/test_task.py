@@ -1,0 +1,119 @@
+"""The trainer of gymnasium environments: every algorithm, killed and resumed, and what it refuses."""
+
+from __future__ import annotations
+
+import csv
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+import pytest
+import torch
+
+from dohyo.agents.learning.files.checkpoint import load_checkpoint
+from dohyo.agents.learning.files.report import no_report
+from dohyo.agents.learning.files.settings import read_settings
+from dohyo.agents.learning.gymnasium.task import GYMNASIUM, GymnasiumConfig
+from dohyo.agents.learning.runs.trainer import TrainRequest
+from dohyo.sumo_networks.errors import InvalidInputError
+
+ROOT = Path(__file__).parents[4]
+POINT, DIAL = "tests.agents.learning.problems:Point-v0", "tests.agents.learning.problems:Dial-v0"
+PICTURE = "tests.agents.learning.problems:Picture-v0"
+SHORT = ("steps=800", "evaluate_every=400", "checkpoint_every=100", "episodes=2", "tensorboard=false")
+ALGORITHMS = {
+    "sac": (POINT, "sac.round_steps=50", "sac.hidden=[32]", "sac.replay={capacity=500, steps=3, priority=0.6}"),
+    "ddpg": (POINT, "processes=1", "ddpg.round_steps=50", "ddpg.hidden=[32]", "ddpg.replay.capacity=400"),
+    "iqn": (DIAL, "iqn.round_steps=50", "iqn.target_every=20", "iqn.replay.capacity=400"),
+    "ppo": (DIAL, "ppo.horizon=50"),
+}
+PATIENCE_S = 120.0
+
+
+def settings_of(algorithm: str) -> list[str]:
+    env, *own = ALGORITHMS[algorithm]
+    return [f"env={env}", f"algorithm={algorithm}", *SHORT, *own]
+
+
+def train(settings: Sequence[str], out: Path, resume: bool = False) -> None:
+    GYMNASIUM.train(read_settings(GymnasiumConfig, None, settings), TrainRequest("gymnasium", out, resume, no_report))
+
+
+def checkpoints(out: Path) -> int:
+    return len(list(out.glob("checkpoint-*.pt")))
+
+
+def equal(one: object, other: object) -> bool:
+    if isinstance(one, torch.Tensor):
+        return isinstance(other, torch.Tensor) and torch.equal(one, other)
+    if isinstance(one, dict):
+        return isinstance(other, dict) and one.keys() == other.keys() and all(equal(one[k], other[k]) for k in one)
+    if isinstance(one, list | tuple):
+        return isinstance(other, list | tuple) and len(one) == len(other) and all(map(equal, one, other))
+    return one == other
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_a_killed_run_ends_bit_equal_to_one_that_was_not(algorithm: str, tmp_path: Path) -> None:
+    settings, whole, out = settings_of(algorithm), tmp_path / "whole", tmp_path / "killed"
+    code = "from dohyo.service.cli import main; main()"
+    command = [sys.executable, "-c", code, "train", "gymnasium", "--out", str(out)]
+    command += [f"--set={setting}" for setting in settings]
+    child = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, env=os.environ | {"OMP_NUM_THREADS": "1"})
+    patience = time.monotonic() + PATIENCE_S
+    while checkpoints(out) == 0:
+        assert child.poll() is None
+        assert time.monotonic() < patience
+        time.sleep(0.005)
+    time.sleep(random.uniform(0.0, 0.3))
+    child.send_signal(signal.SIGKILL)
+    assert child.wait() == -signal.SIGKILL
+    train(settings, out, resume=True)
+    train(settings, whole)
+    for name in ("metrics.csv", "evaluations.csv", "policy.onnx", "best.onnx"):
+        assert (out / name).read_bytes() == (whole / name).read_bytes(), name
+    one, other = load_checkpoint(out), load_checkpoint(whole)
+    assert one is not None
+    assert other is not None
+    assert equal(one["learner"], other["learner"])
+
+
+def test_it_trains_judges_and_exports(tmp_path: Path) -> None:
+    train([*settings_of("sac"), "steps=100", "environments=2"], tmp_path / "run")
+    with (tmp_path / "run" / "evaluations.csv").open() as file:
+        assert [row["episodes"] for row in csv.DictReader(file)] == ["2", "2"]
+    session = onnxruntime.InferenceSession(tmp_path / "run" / "policy.onnx")
+    (action,) = session.run(None, {"observation": np.ones((3, 2), np.float32)})
+    assert action.shape == (3, 1)
+    assert (np.abs(action) <= 0.25).all()
+
+
+@pytest.mark.parametrize("env", ["Blackjack-v1", "tests.agents.learning.foreign:Cabinet-v0"])
+def test_environments_of_others_are_learned_from(env: str, tmp_path: Path) -> None:
+    train([f"env={env}", "algorithm=ppo", *SHORT, "steps=100", "ppo.horizon=50", "processes=2"], tmp_path / "run")
+    assert (tmp_path / "run" / "policy.onnx").exists()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (["env=Nowhere-v0"], "environment 'Nowhere-v0'"),
+        ([f"env={PICTURE}", "algorithm=ppo"], "expected an encoder for observation"),
+        ([f"env={PICTURE}", "algorithm=iqn"], "expected an encoder for observation 'observation'"),
+        ([f"env={DIAL}", "algorithm=ppo", "ppo.normalised=true"], "expected normalised = false"),
+        ([f"env={DIAL}", "algorithm=sac"], "Sac: expected actions in a Box"),
+        ([f"env={POINT}", "algorithm=iqn"], "Iqn: expected actions in a Discrete"),
+    ],
+)
+def test_what_it_cannot_learn_is_refused(settings: list[str], message: str, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        train([*settings, *SHORT], tmp_path / "run")
+    assert not (tmp_path / "run").exists()

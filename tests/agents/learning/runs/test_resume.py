@@ -1,0 +1,157 @@
+"""Resumption of real processes: whatever ends one, the curve comes out the same."""
+
+from __future__ import annotations
+
+import csv
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from dohyo.agents.learning.algorithms.ppo import Ppo
+from dohyo.agents.learning.files.report import no_report
+from dohyo.agents.learning.runs import training
+from dohyo.agents.learning.runs.run import RunStoppedError
+from dohyo.agents.learning.runs.trainer import TrainRequest
+from dohyo.service.cli import main
+from tests.agents.learning.toys import POINT, PointConfig
+
+ROOT = Path(__file__).parents[4]
+CURVES = ("metrics.csv", "evaluations.csv", "policy.onnx", "best.onnx")
+PATIENCE_S = 300.0
+
+
+def rows(folder: Path) -> int:
+    path = folder / "metrics.csv"
+    return len(list(csv.reader(path.open()))) - 1 if path.exists() else 0
+
+
+def order(toy: str, out: Path, *arguments: str) -> list[str]:
+    return ["train", f"tests.agents.learning.toys:{toy}", "--out", str(out), *arguments]
+
+
+class Dohyo:
+    """A `dohyo train` of a toy in a process of its own."""
+
+    def __init__(self, toy: str, out: Path, *arguments: str) -> None:
+        self.out = out
+        command = order(toy, out, *arguments)
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", "from dohyo.service.cli import main; main()", *command],
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+
+    def wait_for(self, condition: Callable[[], bool]) -> None:
+        patience = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert self.process.poll() is None, self.process.communicate()[0]
+            assert time.monotonic() < patience
+            time.sleep(0.01)
+
+    def end(self, name: signal.Signals | None = None) -> tuple[int, str]:
+        """Exit code and all that it said."""
+        if name is not None:
+            self.process.send_signal(name)
+        output = self.process.communicate(timeout=PATIENCE_S)[0]
+        return self.process.returncode, output
+
+
+def descendants(pid: int) -> list[int]:
+    """Its server of processes, the workers that this has forked, and others."""
+    children = [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    return [*children, *(one for child in children for one in descendants(child))]
+
+
+def alive(pid: int) -> bool:
+    try:
+        return "Z" not in Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+LEARNED_BEFORE = ("--set=ppo.imitated_steps=256", "--set=ppo.normalised=true")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("toy", "settings"),
+    [
+        ("POINT", ("--set=slow_s=0.002", "--set=ppo.guided_share=0.3", "--set=processes=2", "--set=ppo.horizon=64")),
+        ("POINT", ("--set=slow_s=0.002", *LEARNED_BEFORE, "--set=processes=2", "--set=ppo.horizon=64")),
+        ("STREET", ("--set=processes=1", "--set=steps=640", "--set=evaluate_every=256", "--set=ppo.horizon=32")),
+    ],
+)
+def test_a_run_that_was_stopped_and_killed_gives_the_same_curve(toy, settings, tmp_path, monkeypatch):
+    whole, out = tmp_path / "whole", tmp_path / "disturbed"
+    monkeypatch.setattr(sys, "argv", ["dohyo", *order(toy, whole, *settings)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code in (None, 0)
+
+    stopped = Dohyo(toy, out, *settings)
+    stopped.wait_for(lambda: rows(out) >= 2)
+    code, said = stopped.end(signal.SIGTERM)
+    assert code == 130
+    assert said.endswith("\n")
+    last = said.splitlines()[-1]  # lines of progress may come before it
+    assert last.startswith("dohyo: stopped at step ")
+    assert f"--resume --out {out}" in last
+
+    killed, before = Dohyo(toy, out, "--resume"), rows(out)
+    killed.wait_for(lambda: rows(out) >= before + 3)  # beyond a checkpoint
+    below = descendants(killed.process.pid)
+    assert len(below) >= 3
+    assert killed.end(signal.SIGKILL)[0] == -signal.SIGKILL
+    assert before + 3 <= rows(out) < rows(whole)
+    patience = time.monotonic() + PATIENCE_S
+    while any(map(alive, below)):
+        assert time.monotonic() < patience
+        time.sleep(0.01)
+
+    assert Dohyo(toy, out, "--resume").end()[0] == 0
+    for name in CURVES:
+        assert (out / name).read_bytes() == (whole / name).read_bytes(), name
+    one, other = load_file(out / "policy.safetensors"), load_file(whole / "policy.safetensors")
+    assert all(torch.equal(one[name], other[name]) for name in one | other)
+
+
+def test_an_evaluation_that_no_checkpoint_knows_of_is_told_once(tmp_path, monkeypatch):
+    """Stopped where an evaluation is due, and killed after it: it comes again, its row does not."""
+
+    def run(resume: bool) -> None:
+        POINT.train(PointConfig(), TrainRequest("toy", tmp_path / "run", resume, no_report))
+
+    def evaluated() -> list[str]:
+        with (tmp_path / "run" / "evaluations.csv").open() as file:
+            return [row["steps"] for row in csv.DictReader(file)]
+
+    whole = training.evaluate
+
+    def stopped(task, environments, act, stopping):
+        if evaluated():
+            raise RunStoppedError("stopped")
+        return whole(task, environments, act, stopping)
+
+    def dies(self):
+        raise RuntimeError("killed")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(training, "evaluate", stopped)
+        with pytest.raises(RunStoppedError):
+            run(resume=False)
+    with monkeypatch.context() as patched:
+        patched.setattr(Ppo, "round", dies)
+        with pytest.raises(RuntimeError, match="killed"):
+            run(resume=True)
+    assert evaluated() == ["0", "512"]
+    run(resume=True)
+    assert evaluated() == ["0", "512", "1024"]

@@ -1,0 +1,242 @@
+"""Runs: what their folder holds, and what is refused."""
+
+from __future__ import annotations
+
+import csv
+import json
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import onnxruntime
+import pytest
+from safetensors import safe_open
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from dohyo.agents import trainers
+from dohyo.agents.learning.files.card import read_card
+from dohyo.agents.learning.files.metrics import Table
+from dohyo.agents.learning.files.report import Report, no_report
+from dohyo.agents.learning.files.settings import read_settings
+from dohyo.agents.learning.networks.policy import Actor
+from dohyo.agents.learning.runs.config import RunConfig
+from dohyo.agents.learning.runs.run import Run, RunStoppedError, Stop
+from dohyo.agents.learning.runs.trainer import TrainRequest
+from dohyo.service.cli import main
+from dohyo.sumo_networks.errors import InvalidInputError
+from tests.agents.learning.problems import Point
+from tests.agents.learning.toys import POINT, SMALL, PointConfig
+
+TOY = "tests.agents.learning.toys:POINT"
+
+
+def dohyo(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["dohyo", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run by the command, with everything that it leaves."""
+    out = tmp_path_factory.mktemp("runs") / "point"
+    with pytest.MonkeyPatch.context() as patch:
+        settings = ("--set", "tensorboard=true", "--set", "checkpoint_every=128", "--set", "seed=5")
+        assert dohyo(patch, "train", TOY, "--out", str(out), *settings) == 0
+    return out
+
+
+def test_the_folder_holds_what_was_asked_and_where_it_ran(folder):
+    config = read_settings(PointConfig, folder / "config.toml")
+    assert config == PointConfig(seed=5, tensorboard=True, checkpoint_every=128)
+    document = json.loads((folder / "run.json").read_text())
+    (session,) = document["sessions"]
+    assert (document["trainer"], document["seed"], session["from_steps"], session["device"]) == (TOY, 5, 0, "cpu")
+    assert len(session["commit"]) == 40
+    assert session["versions"]["torch"].startswith("2.")
+
+
+def test_rounds_and_evaluations_have_rows(folder):
+    metrics, evaluations = rows(folder / "metrics.csv"), rows(folder / "evaluations.csv")
+    assert [int(row["steps"]) for row in metrics] == list(range(128, 1025, 128))
+    assert [int(row["steps"]) for row in evaluations] == [0, 512, 1024]
+    assert [int(row["steps"]) for row in rows(folder / "timing.csv")] == list(range(128, 1025, 128))
+    assert all(float(row["return_low"]) <= float(row["return"]) <= float(row["return_high"]) for row in evaluations)
+    assert [int(row["updates"]) for row in evaluations] == [0, 4 * 12, 8 * 12]
+
+
+def test_checkpoints_are_the_newest_two(folder):
+    assert sorted(path.name for path in folder.glob("checkpoint*")) == [
+        "checkpoint-000000000896.pt",
+        "checkpoint-000000001024.pt",
+    ]
+    assert not list(folder.glob(".*.tmp"))
+
+
+def test_events_tell_what_the_rows_tell(folder):
+    events = EventAccumulator(str(folder / "tensorboard"))
+    events.Reload()
+    told = [(event.step, pytest.approx(event.value, rel=1e-6)) for event in events.Scalars("evaluations/return")]
+    assert told == [(int(row["steps"]), float(row["return"])) for row in rows(folder / "evaluations.csv")]
+
+
+def test_results_carry_steps_updates_seed_device_and_tier(folder):
+    result = json.loads((folder / "result.json").read_text())
+    expected = {"steps": 1024, "updates": 96, "seed": 5, "device": "cpu", "tier": 3, "task": "point", "finished": True}
+    assert expected.items() <= result.items()
+    assert result["best"]["return"] == max(float(row["return"]) for row in rows(folder / "evaluations.csv"))
+    with safe_open(folder / "policy.safetensors", "pt") as file:
+        told = file.metadata()
+    expected = {"steps": "1024", "updates": "96", "seed": "5", "device": "cpu", "tier": "3", "task": "point"}
+    assert expected.items() <= told.items()
+
+
+def test_the_best_actor_acts_as_it_was_evaluated(folder):
+    for name in ("best.safetensors", "best.onnx", "policy.safetensors", "policy.onnx"):
+        assert read_card(folder / name).trainer == TOY
+    actor = Actor.load(folder / "best.safetensors")
+    session = onnxruntime.InferenceSession(folder / "best.onnx")
+    returns = []
+    for seed in Point().held_out:
+        env = Point().make_env(0)
+        (observation, _), total, over = env.reset(seed=seed), 0.0, False
+        while not over:
+            (action,) = session.run(None, {"observation": observation[None]})
+            assert action[0] == pytest.approx(actor.act(observation), abs=1e-6)
+            observation, reward, terminated, truncated, _ = env.step(actor.act(observation))
+            total, over = total + float(reward), terminated or truncated
+        returns.append(total)
+    best = json.loads((folder / "result.json").read_text())["best"]
+    assert sum(returns) / len(returns) == pytest.approx(best["return"])
+
+
+def test_a_run_can_go_on_further(folder, monkeypatch, capsys):
+    before = (folder / "metrics.csv").read_text()
+    assert dohyo(monkeypatch, "train", TOY, "--out", str(folder), "--resume", "--set", "steps=1152") == 0
+    after = (folder / "metrics.csv").read_text()
+    assert after.startswith(before)
+    assert after.count("\n") == before.count("\n") + 1
+    sessions = json.loads((folder / "run.json").read_text())["sessions"]
+    assert [session["from_steps"] for session in sessions] == [0, 1024]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "holds a run; continue with --resume, or choose another --out"),
+        (("--resume", "--set", "ppo.clip=0.1"), "was started with ppo.clip = 0.2, not 0.1"),
+        (("--resume", "--set", "seed=6", "--set", "ppo.hidden=[3]"), "seed = 5, not 6; ppo.hidden = [32, 32], not [3]"),
+        (("--resume", "--set", "sed=6"), "unknown key 'sed'; did you mean 'seed'?"),
+    ],
+)
+def test_what_does_not_fit_the_run_is_refused(arguments, message, folder, monkeypatch, capsys):
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    assert dohyo(monkeypatch, "train", TOY, "--out", str(folder), *arguments) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("predictr",), "no trainer named 'predictr'; did you mean 'predictor'?"),
+        (("tests.agents.learning.toys:NONE",), "has no 'NONE'"),
+        (("nowhere.at.all:X",), "No module named 'nowhere'"),
+        (("tests.agents.learning.toys:SMALL",), "expected a Trainer, got PpoConfig"),
+        ((TOY, "--resume"), "no run in"),
+        ((TOY, "--set", "device=cuda:77"), "device 'cuda:77' cannot be used"),
+        ((TOY, "--set", "steps=x"), "steps: Input should be a valid integer"),
+    ],
+)
+def test_mistakes_are_told_in_one_line_and_leave_nothing(arguments, message, tmp_path, monkeypatch, capsys):
+    out = tmp_path / "out"
+    assert dohyo(monkeypatch, "train", *arguments, "--out", str(out)) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+    assert not out.exists()
+
+
+def test_a_run_of_another_trainer_is_refused(folder, monkeypatch, capsys):
+    other = "tests.agents.learning.toys:LOCK"
+    assert dohyo(monkeypatch, "train", other, "--out", str(folder), "--resume") == 2
+    assert f"is of '{TOY}', not of '{other}'" in capsys.readouterr().err
+
+
+def test_one_process_trains_at_a_time(tmp_path):
+    run = Run("toy", tmp_path, RunConfig(tensorboard=False))
+    with pytest.raises(InvalidInputError, match="is in use by another process"):
+        Run("toy", tmp_path, RunConfig(tensorboard=False), resume=True)
+    run.close()
+    Run("toy", tmp_path, RunConfig(tensorboard=False), resume=True).close()
+
+
+def test_a_trainer_of_ones_own_is_found_where_the_command_runs(tmp_path, monkeypatch, capsys):
+    (tmp_path / "own_trainer.py").write_text("from tests.agents.learning.toys import LOCK as OWN")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    assert dohyo(monkeypatch, "train", "own_trainer:OWN", "--set", "steps=128") == 0
+    assert (tmp_path / "runs" / "own" / "best.safetensors").exists()
+
+
+def test_every_registered_trainer_is_where_the_list_says_and_says_the_same():
+    for name, listed in trainers.TRAINERS.items():
+        assert trainers.trainer_named(name).summary == listed.summary
+
+
+def test_rows_beyond_the_checkpoint_are_dropped_and_a_torn_one_too(tmp_path):
+    path = tmp_path / "t.csv"
+    table = Table(path, ("a", "b"), keep=None)
+    for steps in (1, 2, 3):
+        table.add(steps, {"a": 0.1 + 0.2})
+    table.close()
+    whole = path.read_text()
+    path.write_text(whole + "4,0.3")
+    Table(path, ("a", "b"), keep=2).close()
+    assert path.read_text() == "steps,a,b\n1,0.30000000000000004,\n2,0.30000000000000004,\n"
+    with pytest.raises(InvalidInputError, match="expected columns steps, a, c, got steps, a, b"):
+        Table(path, ("a", "c"), keep=2)
+    with pytest.raises(KeyError, match="has no column z"):
+        Table(path, ("a", "b"), keep=2).add(3, {"z": 1})
+
+
+def test_a_stop_is_heard_and_the_handlers_are_put_back():
+    before = signal.getsignal(signal.SIGTERM)
+    with Stop().listening() as stop:
+        assert not stop.requested
+        signal.raise_signal(signal.SIGTERM)
+        patience = time.monotonic() + 5
+        while not stop.requested and time.monotonic() < patience:
+            time.sleep(0.001)
+        assert stop.requested
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_an_interrupted_run_goes_on_as_if_nothing_had_been(tmp_path):
+    """Stopped between two checkpoints, and at one before its evaluation: the rows are those of a whole run."""
+
+    def stop_at(steps: int) -> Callable[[Report], None]:
+        return lambda report: signal.raise_signal(signal.SIGINT) if report.steps == steps else None
+
+    config = PointConfig(steps=640, evaluate_every=512, ppo=SMALL.model_copy(update={"guided_share": 0.5}))
+    whole, out = tmp_path / "whole", tmp_path / "disturbed"
+    POINT.train(config, TrainRequest("point", whole, False, no_report))
+    for steps, kept, resume in ((384, 256, False), (512, 512, True)):
+        message = f"stopped at step {steps}; it will go on from the checkpoint of step {kept}"
+        with pytest.raises(RunStoppedError, match=message):
+            POINT.train(config, TrainRequest("point", out, resume, stop_at(steps)))
+        assert [int(row["steps"]) for row in rows(out / "evaluations.csv")] == [0]
+    POINT.train(config, TrainRequest("point", out, True, no_report))
+    assert [int(row["steps"]) for row in rows(out / "evaluations.csv")] == [0, 512, 640]
+    for name in ("metrics.csv", "evaluations.csv", "policy.onnx"):
+        assert (out / name).read_bytes() == (whole / name).read_bytes(), name
