@@ -56,10 +56,19 @@ def find_token(session: Session, secret: str, at: datetime | None = None) -> Tok
     return token if token.expires is None or (at or now()) < token.expires else None
 
 
-def list_tokens(session: Session, limit: int | None = None, after: str | None = None) -> Sequence[Token]:
-    """Tokens by identifier, those past `after`."""
+def list_tokens(
+    session: Session, limit: int | None = None, after: str | None = None, owner: str | None = None
+) -> Sequence[Token]:
+    """Tokens by identifier, those past `after`; of one owner, or of all."""
     query = select(Token).order_by(Token.id)
+    query = query.where(Token.owner == owner) if owner is not None else query
     return session.scalars((query.where(Token.id > after) if after else query).limit(limit)).all()
+
+
+def count_valid_tokens(session: Session, owner: str) -> int:
+    """Number of an owner's tokens that are neither expired nor revoked."""
+    query = select(func.count()).select_from(Token).where(Token.owner == owner, Token.revoked.is_(None))
+    return session.scalar(query.where(Token.expires.is_(None) | (Token.expires > now()))) or 0
 
 
 def revoke_token(session: Session, token_id: str) -> Token | None:

@@ -56,14 +56,33 @@ def test_what_each_role_may(service: Harness, role: Role, allowed: set[str]) -> 
     answers = {
         "read": caller.get("/v1/evaluations"),
         "submit": caller.post("/v1/agents", {"name": "mine"}),
-        "tokens": caller.get("/v1/tokens"),
+        "tokens": caller.post("/v1/tokens", {"owner": "another", "role": "reader"}),
     }
     assert {name for name, answer in answers.items() if answer.status_code < 400} == allowed
     for name in answers.keys() - allowed:
-        assert_problem(answers[name], 403, role.value)
+        assert_problem(answers[name], 403)
 
 
-def test_tokens_are_made_listed_and_revoked_by_administrators_alone(service: Harness) -> None:
+def test_an_owner_makes_lists_and_revokes_tokens_of_its_own(service: Harness) -> None:
+    ann = Caller(service.client, service.token("ann", Role.SUBMITTER, expires_in=timedelta(days=2)))
+    bob = service.caller("bob", Role.SUBMITTER)
+    made = ann.post("/v1/tokens", {"role": "worker", "expires_in_days": 300}).json()
+    worker = Caller(service.client, made["token"])
+    assert (worker.get("/v1/me").json()["owner"], made["role"]) == ("ann", "worker")
+    expiry = {one["id"]: one["expires"] for one in ann.get("/v1/tokens").json()["items"]}
+    assert max(expiry.values()) == expiry[ann.get("/v1/me").json()["token"]]  # never later than the token that made it
+    assert made["id"] in expiry
+    assert made["id"] not in [one["id"] for one in bob.get("/v1/tokens").json()["items"]]
+    for order in ({"role": "admin"}, {"owner": "bob", "role": "reader"}):
+        assert_problem(ann.post("/v1/tokens", order), 403)
+    assert_problem(worker.post("/v1/tokens", {"role": "submitter"}), 403)
+    assert_problem(worker.delete(f"/v1/tokens/{ann.get('/v1/me').json()['token']}"), 403)
+    assert_problem(bob.delete(f"/v1/tokens/{made['id']}"), 404)
+    assert ann.delete(f"/v1/tokens/{made['id']}").status_code == 204
+    assert worker.get("/v1/me").status_code == 401
+
+
+def test_administrators_make_and_list_tokens_of_all_owners(service: Harness) -> None:
     admin = service.caller("root", Role.ADMIN)
     made = admin.post("/v1/tokens", {"owner": "team-blue", "role": "submitter", "expires_in_days": 2})
     assert made.status_code == 201
