@@ -25,8 +25,12 @@ class Settings(BaseSettings):
         ray_address: Address of the cluster; "auto": this machine's cluster or the value of RAY_ADDRESS.
         processes: Episodes driven at once by built-in and ONNX agents; each has a process on this machine, even if a
             cluster drives.
-        remote_episodes: Most live episodes of remote agents.
+        remote_episodes: Most live episodes of remote agents. Of each kind one more is driven for an owner of whom none
+            is, so that nobody waits for the end of another owner's long episode.
+        episode_limit_s: Wall-clock limit of one drive, s; half of it is for the agent's decisions. Beyond its half the
+            agent has failed; beyond the whole, the machine, and the episode is driven again.
         queue_limit: Most waiting episodes over all submitters.
+        queued_per_owner: Most waiting episodes of one owner.
         evaluations_per_owner: Most unfinished evaluations of one owner.
         jobs: Jobs done at once, such as checks of uploads; each has about one process.
         jobs_per_owner: Most unfinished jobs of one owner.
@@ -58,7 +62,9 @@ class Settings(BaseSettings):
     ray_address: Annotated[str, Field(min_length=1)] = "auto"
     processes: Annotated[int, Field(ge=1, le=1024)] = Field(default_factory=lambda: os.cpu_count() or 1)
     remote_episodes: Annotated[int, Field(ge=1, le=1024)] = 8
+    episode_limit_s: Annotated[float, Field(gt=0)] = 3600.0
     queue_limit: Annotated[int, Field(ge=1)] = 100_000
+    queued_per_owner: Annotated[int, Field(ge=1)] = 20_000
     evaluations_per_owner: Annotated[int, Field(ge=1)] = 20
     jobs: Annotated[int, Field(ge=1, le=64)] = 2
     jobs_per_owner: Annotated[int, Field(ge=1)] = 20

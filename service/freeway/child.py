@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import mmap
 import socket
 import sys
 import threading
@@ -24,7 +23,7 @@ from dohyo.agents.speed_planning.env import FASTEST_MPS, FORECASTER, PLANNER, Di
 from dohyo.evaluation.scores.traffic import OBSERVED_EVERY_S, Outcome, OutcomeWatch
 from dohyo.service.freeway.order import FreewayOrder
 from dohyo.service.running.channel import Channel, Kind
-from dohyo.service.running.child import ALARM_BYTES, end_with_server
+from dohyo.service.running.child import end_with_server
 from dohyo.service.running.remote import SEEN, Bridge
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import AgentError, InvalidInputError
@@ -39,7 +38,6 @@ NEAR_M, NEAR_S = 3.0, 0.6
 def main() -> None:
     """Drives mornings until the server is gone."""
     channel = Channel(socket.socket(fileno=int(sys.argv[1])))
-    mmap.mmap(int(sys.argv[2]), ALARM_BYTES)  # the server's alarm is for agents in this process, and there is none
     threading.Thread(target=end_with_server, args=(channel.fileno(),), daemon=True).start()
     while (frame := channel.receive()) is not None:
         if frame[0] is not Kind.ORDER:

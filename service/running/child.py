@@ -1,25 +1,24 @@
 """An episode process: drives one order after the other until the server closes its channel or dies.
 
-Started as `python -m dohyo.service.running.child CHANNEL ALARM [CLUSTER]`, two file descriptors. The alarm is shared
-memory with one float64: the moment on the monotonic clock by which the agent must have returned, 0 while none is
-called. CLUSTER is the address of a Ray cluster that drives instead, all but the episodes of policy workers.
+Started as `python -m dohyo.service.running.child CHANNEL GAUGE [CLUSTER]`, two file descriptors, of a socket and of the
+shared memory of `dohyo.service.running.gauge`. CLUSTER is the address of a Ray cluster that drives instead, all but the
+episodes of policy workers.
 """
 
 from __future__ import annotations
 
-import mmap
 import os
 import select
 import socket
 import sys
 import threading
-import time
 import traceback
 from functools import cache
 from typing import TYPE_CHECKING
 
 from dohyo.evaluation.running.executors import drive_job, lost_episode
 from dohyo.service.running.channel import Channel, Kind
+from dohyo.service.running.gauge import Gauge
 from dohyo.service.running.order import EpisodeOrder, checked_job
 from dohyo.service.running.remote import drive_remotely
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -27,33 +26,30 @@ from dohyo.sumo_networks.errors import InvalidInputError
 if TYPE_CHECKING:
     from dohyo.service.running.cluster import Cluster
 
-ALARM_BYTES = 8
-
 
 def main() -> None:
     """Drives orders until the server is gone."""
     channel = Channel(socket.socket(fileno=int(sys.argv[1])))
-    alarm = memoryview(mmap.mmap(int(sys.argv[2]), ALARM_BYTES)).cast("d")
+    gauge = Gauge(int(sys.argv[2]))
     threading.Thread(target=end_with_server, args=(channel.fileno(),), daemon=True).start()
     while (frame := channel.receive()) is not None:
         if frame[0] is Kind.ORDER:  # other frames belonged to an episode that has ended
-            alarm[0] = 0.0
-            channel.send(*_drive(EpisodeOrder.model_validate_json(frame[1]), channel, alarm))
+            gauge.clear()
+            channel.send(*_drive(EpisodeOrder.model_validate_json(frame[1]), channel, gauge))
 
 
-def _drive(order: EpisodeOrder, channel: Channel, alarm: memoryview[float]) -> tuple[Kind, bytes]:
-    def watch(seconds: float) -> None:
-        alarm[0] = time.monotonic() + seconds if seconds else 0.0
-
+def _drive(order: EpisodeOrder, channel: Channel, gauge: Gauge) -> tuple[Kind, bytes]:
     try:
         if order.verdict is not None:
             lost_episode(order.job, *order.verdict)
         elif order.remote:
-            return Kind.FINISHED, drive_remotely(order, channel)
+            return Kind.FINISHED, drive_remotely(order, channel, gauge.watch_worker)
         elif len(sys.argv) > 3:
+            gauge.begin()
             _cluster(sys.argv[3]).drive(order)
         else:
-            drive_job(checked_job(order), watch)
+            gauge.begin()
+            drive_job(checked_job(order), gauge.watch)
     except InvalidInputError as error:  # a second attempt would fail in the same way
         return Kind.IMPOSSIBLE, str(error).encode()
     except Exception as error:  # an internal error or a full disk: the server decides whether to try again

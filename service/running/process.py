@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import mmap
+import math
 import os
 import socket
 import subprocess
@@ -23,10 +23,10 @@ from pathlib import Path
 from dohyo.evaluation.running.executors import KILL_GRACE_S, POLL_S
 from dohyo.service.freeway.order import FreewayOrder
 from dohyo.service.running.channel import Frames, Kind
+from dohyo.service.running.gauge import GAUGE_BYTES, Gauge
 from dohyo.service.running.order import EpisodeOrder
 
 PROGRAM = "dohyo.service.running.child"
-ALARM_BYTES = 8
 SECRETS = ("DOHYO_DATABASE",)  # agents have no use for it
 
 
@@ -87,7 +87,8 @@ class EpisodeProcess:
         self._frames = Frames(self._received, self._gone)
         self._process: subprocess.Popen[bytes] | None = None
         self._ending: asyncio.Future[Outcome] | None = None
-        self._alarm = memoryview(bytearray(ALARM_BYTES)).cast("d")
+        self._gauge: Gauge | None = None
+        self._limit_s = math.inf
 
     async def start(self) -> None:
         """Starts the process.
@@ -97,26 +98,34 @@ class EpisodeProcess:
         """
         ours, theirs = socket.socketpair()
         with theirs, tempfile.TemporaryFile() as shared:
-            shared.truncate(ALARM_BYTES)
-            self._alarm = memoryview(mmap.mmap(shared.fileno(), ALARM_BYTES)).cast("d")
+            shared.truncate(GAUGE_BYTES)
+            self._gauge = Gauge(shared.fileno())
             await asyncio.get_running_loop().create_unix_connection(lambda: self._frames, sock=ours)
             self._process = await asyncio.to_thread(self._spawn, theirs.fileno(), shared.fileno())
         self.alive = True
 
-    def _spawn(self, channel: int, alarm: int) -> subprocess.Popen[bytes]:
+    def _spawn(self, channel: int, gauge: int) -> subprocess.Popen[bytes]:
         environment = {key: value for key, value in os.environ.items() if key not in SECRETS}
         return subprocess.Popen(
-            [sys.executable, "-m", self._program, str(channel), str(alarm), *self._options],
-            pass_fds=(channel, alarm),
+            [sys.executable, "-m", self._program, str(channel), str(gauge), *self._options],
+            pass_fds=(channel, gauge),
             stdin=subprocess.DEVNULL,
             start_new_session=True,  # Ctrl-C goes to the server, which ends its processes itself
             env=environment | {"DOHYO_POLICIES": str(self._policies.resolve())},
         )
 
-    async def drive(self, order: EpisodeOrder | FreewayOrder) -> Outcome:
-        """Drives one order to its end; a cancellation ends the process."""
+    async def drive(self, order: EpisodeOrder | FreewayOrder, limit_s: float = math.inf) -> Outcome:
+        """Drives one order to its end; a cancellation ends the process.
+
+        Args:
+            order: Order to drive.
+            limit_s: Wall-clock limit of the drive, half of which is for the agent's decisions. Beyond its half the
+                agent has failed; beyond the whole, the machine.
+        """
+        assert self._gauge is not None
         self._ending = asyncio.get_running_loop().create_future()
-        self._alarm[0] = 0.0
+        self._gauge.clear()
+        self._limit_s = limit_s
         self._frames.send(Kind.ORDER, order.model_dump_json().encode())
         try:
             while not self._ending.done():
@@ -154,8 +163,15 @@ class EpisodeProcess:
     def _check(self) -> None:
         """Checks whether the agent hangs or the process has died."""
         self._measure()
-        if self._alarm[0] > 0.0 and time.monotonic() > self._alarm[0] + KILL_GRACE_S:
+        gauge, now, limit_s = self._gauge, time.monotonic(), self._limit_s
+        assert gauge is not None
+        if gauge.due > 0.0 and now > gauge.due + KILL_GRACE_S:
             self.kill(Outcome(End.HUNG, "agent never returned; its process was ended"))
+        elif gauge.agent_s > limit_s / 2:
+            self.kill(Outcome(End.HUNG, f"agent took more than {limit_s / 2:g} s for the decisions of one episode"))
+        elif gauge.began > 0.0 and now > gauge.began + limit_s:
+            text = f"episode took more than {limit_s:g} s, of which its agent took {gauge.agent_s:.0f} s"
+            self.kill(Outcome(End.FAILED, text))
         elif self._process is None or self._process.poll() is not None:
             self._gone()
 

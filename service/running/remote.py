@@ -156,8 +156,13 @@ class RemoteAgent(Agent):
         """Does nothing: the agent holds no resources."""
 
 
-def drive_remotely(order: EpisodeOrder, channel: Channel) -> bytes:
+def drive_remotely(order: EpisodeOrder, channel: Channel, watch: Callable[[float], None]) -> bytes:
     """Drives an order in lockstep with a worker and writes its record.
+
+    Args:
+        order: Order to drive.
+        channel: Channel to the server.
+        watch: Called before and after every decision; see `Gauge.watch_worker`.
 
     Returns:
         The last tick, as `SEEN`.
@@ -177,6 +182,7 @@ def drive_remotely(order: EpisodeOrder, channel: Channel) -> bytes:
         infos=dict.fromkeys(agents, info),
         benchmark=order.benchmark,
         act_deadline_s=NO_LIMIT_S,
+        watch=watch,
         show=bridge.show,
     )
     if order.slow_policy == "realtime" and record.timing is not None:

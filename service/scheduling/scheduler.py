@@ -182,13 +182,8 @@ class Scheduler:
 
     async def _take(self) -> Ticket | None:
         """The next episode for a free process or worker."""
-        local, remote = self._room()
         candidates, self._queued = await asyncio.to_thread(self._look)
-        can_start = [
-            one
-            for one in candidates
-            if (local > 0 if one.kind is not AgentKind.REMOTE else remote > 0 and self._wanted(one))
-        ]
+        can_start = [one for one in candidates if self._has_room(one)]
         if not can_start:
             return None
         chosen = self._turns.next(can_start)
@@ -198,10 +193,17 @@ class Scheduler:
         with self._database.reading() as session:
             return queue.waiting(session), queue.queued_count(session)
 
-    def _room(self) -> tuple[int, int]:
-        """Numbers of local and remote episodes that may still start."""
-        remote = sum(one.ticket.waiting.kind is AgentKind.REMOTE for one in self._live.values())
-        return self._settings.processes - (len(self._live) - remote), self._settings.remote_episodes - remote
+    def _has_room(self, one: Waiting) -> bool:
+        """Whether a process is free for an evaluation, and a worker wants it.
+
+        An owner of whom nothing runs may begin in one process more than there are, so that it never waits for the end
+        of another owner's long episode.
+        """
+        is_remote = one.kind is AgentKind.REMOTE
+        alike = [live for live in self._live.values() if (live.ticket.waiting.kind is AgentKind.REMOTE) == is_remote]
+        newcomer = all(live.ticket.waiting.owner != one.owner for live in alike)
+        places = (self._settings.remote_episodes if is_remote else self._settings.processes) + newcomer
+        return len(alike) < places and (not is_remote or self._wanted(one))
 
     def _wanted(self, one: Waiting) -> bool:
         """Whether more workers wait for a submission's episodes than episodes are on offer."""
@@ -225,7 +227,8 @@ class Scheduler:
             await self._give_up(live, Outcome(End.FAILED, "an error of the service; its log tells more"))
         finally:
             del self._live[ticket.episode_id]
-            self._turns.end(ticket.waiting.owner, time.monotonic() - began)
+            # An agent that sleeps holds a process, and one with many threads uses more than one processor.
+            self._turns.end(ticket.waiting.owner, max(live.processor_s, time.monotonic() - began))
             self.wake()
 
     async def _drive_to_an_end(self, live: Live) -> None:
@@ -280,7 +283,7 @@ class Scheduler:
                 waiting, attempt = live.ticket.waiting, live.ticket.attempt
                 live.remote = RemoteEpisode(waiting.agent, waiting.version, attempt, order, process)
                 self.leases.expect(live.remote)
-            outcome = await process.drive(order)
+            outcome = await process.drive(order, self._settings.episode_limit_s)
         finally:
             live.processor_s += process.processor_s - began_s
             if order.remote and live.remote is not None:

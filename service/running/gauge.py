@@ -1,0 +1,60 @@
+"""Gauge: what an episode process shows of its order in shared memory, so that the server reads it without waiting."""
+
+from __future__ import annotations
+
+import mmap
+import time
+from typing import Final
+
+GAUGE_BYTES: Final = 24
+_DUE, _BEGAN, _AGENT = range(3)  # float64 each
+
+
+class Gauge:
+    """Times of one order, s; the process writes them, the server reads them."""
+
+    def __init__(self, descriptor: int) -> None:
+        """Maps a file of `GAUGE_BYTES` that both processes have open."""
+        self._values = memoryview(mmap.mmap(descriptor, GAUGE_BYTES)).cast("d")
+        self._called = 0.0
+
+    @property
+    def due(self) -> float:
+        """Moment on the monotonic clock by which the agent must have returned; 0 while none is called."""
+        return self._values[_DUE]
+
+    @property
+    def began(self) -> float:
+        """Moment on the monotonic clock at which the drive began; 0 before, such as while it waits for a worker."""
+        return self._values[_BEGAN]
+
+    @property
+    def agent_s(self) -> float:
+        """Wall-clock time that the agent has taken for its decisions."""
+        return self._values[_AGENT]
+
+    def clear(self) -> None:
+        """A new order begins."""
+        self._called = self._values[_DUE] = self._values[_BEGAN] = self._values[_AGENT] = 0.0
+
+    def begin(self) -> None:
+        """The drive begins."""
+        self._values[_BEGAN] = time.monotonic()
+
+    def watch(self, seconds: float) -> None:
+        """An agent is called and may take so long; 0: it has returned."""
+        now = time.monotonic()
+        if seconds:
+            self._called = now
+            self._values[_DUE] = now + seconds
+        elif self._called:
+            self._values[_DUE] = 0.0
+            self._values[_AGENT] += now - self._called
+            self._called = 0.0
+
+    def watch_worker(self, seconds: float) -> None:
+        """The same for an agent elsewhere: the server knows its deadlines, and it begins with the first decision."""
+        if seconds and not self.began:
+            self.begin()
+        self.watch(seconds)
+        self._values[_DUE] = 0.0
