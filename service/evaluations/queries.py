@@ -88,11 +88,17 @@ def count_unfinished(session: Session, owner: str) -> int:
     return session.scalar(query.where(Evaluation.owner == owner, Evaluation.status.in_(UNFINISHED))) or 0
 
 
-def count_waiting(session: Session) -> int:
-    """Number of queued episodes over all owners."""
+def count_waiting(session: Session, owner: str | None = None) -> int:
+    """Number of queued episodes of an owner; None: over all owners."""
     query = select(func.count()).select_from(Episode).join(Evaluation, Evaluation.id == Episode.evaluation_id)
     waiting = query.where(Episode.status == EpisodeStatus.QUEUED, Evaluation.status.in_(UNFINISHED))
-    return session.scalar(waiting) or 0
+    return session.scalar(waiting if owner is None else waiting.where(Evaluation.owner == owner)) or 0
+
+
+def count_missing(session: Session, evaluation: Evaluation) -> int:
+    """Number of an evaluation's episodes that `resume` would queue again."""
+    query = select(func.count()).where(Episode.evaluation_id == evaluation.id, Episode.status.in_(AGAIN))
+    return session.scalar(query) or 0
 
 
 def find_evaluation(session: Session, evaluation_id: str) -> Evaluation | None:

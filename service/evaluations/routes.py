@@ -191,7 +191,7 @@ async def resume_evaluation(identifier: Identifier, caller: Submitter, services:
             evaluation = _owned(session, caller, identifier)
             if not evaluation.status.finished or evaluation.status is EvaluationStatus.DONE:
                 return
-            _check_room(session, services, evaluation.owner, 0)
+            _check_room(session, services, evaluation.owner, evaluations.count_missing(session, evaluation))
             if not evaluations.resume(session, evaluation):
                 raise ConflictError(f"evaluation '{identifier}' has no episode that was lost or cancelled")
 
@@ -205,7 +205,9 @@ def _create(order: EvaluationOrder, caller: Caller, services: Services, key: str
     with services.database.reading() as session:
         submission = _submission(session, caller, order)
     seeds = list(dict.fromkeys(order.seeds or benchmark.seeds))
-    # Planning routes is slow the first time, so it happens outside of any transaction.
+    with services.database.reading() as session:
+        _check_room(session, services, caller.owner, benchmark.size * len(seeds))
+    # Planning routes is slow the first time, so it happens outside of any transaction; only what has room is planned.
     scenarios = benchmark.scenarios(seeds)
     request = content_hash({"evaluation": order.model_dump(mode="json")})
     _refuse_while_ending(services)  # the client may have disconnected
@@ -248,6 +250,12 @@ def _check_room(session: Session, services: Services, owner: str, episodes_more:
     if evaluations.count_unfinished(session, owner) >= settings.evaluations_per_owner:
         raise TooManyRequestsError(
             f"you have {settings.evaluations_per_owner} unfinished evaluations, the most there may be", retry_s=60
+        )
+    if evaluations.count_waiting(session, owner) + episodes_more > settings.queued_per_owner:
+        raise TooManyRequestsError(
+            f"the queue holds at most {settings.queued_per_owner} episodes of one owner; this order has"
+            f" {episodes_more}",
+            retry_s=60,
         )
     if evaluations.count_waiting(session) + episodes_more > settings.queue_limit:
         raise BusyError(f"the queue holds at most {settings.queue_limit} episodes, and has no room", retry_s=60)

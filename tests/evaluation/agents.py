@@ -44,6 +44,14 @@ class Slow(Steady):
         return super().act(observation)
 
 
+class Sluggish(Steady):
+    """Takes two seconds for every decision, within any usual deadline."""
+
+    def act(self, observation: Observation) -> np.ndarray:
+        time.sleep(2.0)
+        return super().act(observation)
+
+
 class Raises(Steady):
     def misbehave(self) -> np.ndarray:
         raise RuntimeError(f"out of ideas, {self!r}")

@@ -1,0 +1,78 @@
+"""The wall-clock limit of a drive: half of it is the agent's, so that the end of the limit has one clear cause."""
+
+from __future__ import annotations
+
+import asyncio
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from dohyo.service.running.gauge import GAUGE_BYTES, Gauge
+from dohyo.service.running.order import EpisodeOrder
+from dohyo.service.running.process import End, EpisodeProcess, Outcome
+from tests.service.served import STEADY, info_of, short
+
+SLUGGISH = "tests.evaluation.agents:Sluggish"
+
+
+def order(folder: Path, entry: str) -> EpisodeOrder:
+    (scenario,) = short().scenarios([0])
+    info = info_of(entry)
+    return EpisodeOrder(
+        scenario=scenario, info=info, benchmark=("b", "0" * 64), directory=folder, stem=info.name, act_deadline_s=10.0
+    )
+
+
+async def drive(folder: Path, entry: str, limit_s: float) -> Outcome:
+    process = EpisodeProcess(folder)
+    await process.start()
+    try:
+        return await process.drive(order(folder, entry), limit_s)
+    finally:
+        await process.close()
+
+
+def test_an_agent_that_takes_half_of_the_limit_has_failed(tmp_path: Path) -> None:
+    outcome = asyncio.run(drive(tmp_path, SLUGGISH, 12.0))
+    assert outcome.end is End.HUNG
+    assert "agent took more than 6 s" in outcome.text
+
+
+def test_a_drive_beyond_the_limit_is_the_machines_fault_where_the_agent_was_fast(tmp_path: Path) -> None:
+    outcome = asyncio.run(drive(tmp_path, STEADY, 0.02))
+    assert outcome.end is End.FAILED
+    assert "more than 0.02 s, of which its agent took 0 s" in outcome.text
+
+
+def test_the_time_in_calls_of_the_agent_is_summed(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("dohyo.service.running.gauge.time.monotonic", lambda: clock[0])
+    with tempfile.TemporaryFile() as shared:
+        shared.truncate(GAUGE_BYTES)
+        process, server = Gauge(shared.fileno()), Gauge(shared.fileno())
+    process.begin()
+    for seconds in (1.0, 2.5):
+        process.watch(10.0)
+        assert server.due == clock[0] + 10.0
+        clock[0] += seconds
+        process.watch(0.0)
+        assert server.due == 0.0
+        clock[0] += 7.0
+    assert (server.began, server.agent_s) == (100.0, 3.5)
+    process.clear()
+    assert (server.began, server.agent_s) == (0.0, 0.0)
+
+
+def test_a_worker_has_no_deadline_here_and_its_drive_begins_with_its_first_decision() -> None:
+    with tempfile.TemporaryFile() as shared:
+        shared.truncate(GAUGE_BYTES)
+        gauge = Gauge(shared.fileno())
+    assert gauge.began == 0.0
+    gauge.watch_worker(86_400.0)
+    began = gauge.began
+    assert began > 0.0
+    assert gauge.due == 0.0
+    gauge.watch_worker(0.0)
+    gauge.watch_worker(86_400.0)
+    assert gauge.began == began
