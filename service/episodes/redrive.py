@@ -1,18 +1,10 @@
-"""Drives a recorded episode again in a separate process: compares the record and collects explanations.
-
-`python -m dohyo.service.episodes.redrive RECORD EXPLANATIONS` prints one JSON object on standard output, and writes the
-explanations if the record is the same. It ends when its standard input is closed by the parent, so that no drive
-outlives the service.
-"""
+"""Drives a recorded episode again: compares the record and collects explanations. Runs in a confined process."""
 
 from __future__ import annotations
 
 import gzip
 import json
-import os
-import sys
-import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -26,12 +18,13 @@ from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.store import read_record
 from dohyo.service.episodes.recorded_agents import build_agents
-from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.scenario import Mission
 
 EXPLANATIONS_LIMIT_BYTES: Final = 100_000_000
 LEVEL: Final = 4
+TRACE: Final = "explanations.jsonl.gz"
 
 
 class Explained(Agent):
@@ -139,27 +132,18 @@ def _plain(value: object) -> object:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)
 
 
-def _end_with_parent() -> None:
-    sys.stdin.buffer.read()
-    os._exit(1)
+def drive_again(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Drives a record's episode once, in a confined process; see `redrives`.
 
+    Args:
+        arguments: `record`: path of the record.
 
-def main(record_path: Path, explanations: Path) -> dict[str, Any]:
-    """Drives once and returns the answer for the parent process."""
-    try:
-        record, trace = read_record(record_path), Trace()
-        again = redrive(record, trace)
-        same = again.record_hash == record.record_hash
-        if same:
-            trace.write(explanations)
-    except DohyoError as error:
-        return {"error": str(error)}
+    Returns:
+        `expected`, `replayed`: hashes; `same`: whether they are equal. Then `TRACE` lies in the working directory.
+    """
+    record, trace = read_record(Path(arguments["record"])), Trace()
+    again = redrive(record, trace)
+    same = again.record_hash == record.record_hash
+    if same:
+        trace.write(Path.cwd() / TRACE)
     return {"expected": record.record_hash, "replayed": again.record_hash, "same": same}
-
-
-if __name__ == "__main__":
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    answer = os.dup(1)
-    os.dup2(2, 1)  # output of the agent or of SUMO is not part of the answer
-    os.write(answer, json.dumps(main(Path(sys.argv[1]), Path(sys.argv[2]))).encode())
-    os._exit(0)

@@ -1,21 +1,29 @@
-"""Redrives: recorded episodes driven again, few at a time, each in a separate process."""
+"""Redrives: recorded episodes driven again, few at a time, each in a confined process."""
 
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
-import os
-import sys
 from pathlib import Path
 from typing import Any, Final
 
+from dohyo.agents.registry import agent_entries
+from dohyo.evaluation.records.store import read_record
 from dohyo.service.boards.standings import Recent
+from dohyo.service.confinement.folders import private_folder
+from dohyo.service.confinement.limits import Limits
+from dohyo.service.confinement.runner import run_async
+from dohyo.service.episodes.redrive import TRACE
 from dohyo.service.errors import BusyError, ConflictError
+from dohyo.service.policies.agent import ENTRY as POLICY
+from dohyo.service.policies.agent import FOLDER_VARIABLE, SHA256
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
+from dohyo.sumo_networks.networks.entries import user_catalog
 
 AT_ONCE: Final = 2
 WAITING: Final = 16
-TIME_LIMIT_S: Final = 900.0
+LIMITS: Final = Limits(wall_s=900.0, cpu_s=900, memory_mb=6000, file_mb=200, folder_mb=500, processes=4)
 FAILURES: Final = 200
 TRACE_FORMAT: Final = 1
 
@@ -26,13 +34,14 @@ class Redrives:
     """Running redrives, on the event loop only. Requests for the same record share one drive."""
 
     def __init__(self, policies: Path) -> None:
-        self._environment = os.environ | {"DOHYO_POLICIES": str(policies.resolve()), "OMP_NUM_THREADS": "1"}
+        self._policies = policies.resolve()
+        self._environment = {FOLDER_VARIABLE: str(self._policies), "DOHYO_HOME": str(user_catalog().resolve().parent)}
         self._room = asyncio.Semaphore(AT_ONCE)
         self._tasks: dict[Path, asyncio.Task[dict[str, Any]]] = {}
         self._failures: Recent[Path, str] = Recent(FAILURES)
 
     async def verify(self, record: Path) -> dict[str, Any]:
-        """Drives a record's episode again, and waits for the answer of `dohyo.service.episodes.redrive`.
+        """Drives a record's episode again, and waits for the answer of `redrive.drive_again`.
 
         Raises:
             ConflictError: The versions or the agent changed, or the redrive did not end.
@@ -79,25 +88,39 @@ class Redrives:
 
     async def _drive(self, record: Path) -> dict[str, Any]:
         async with self._room:
-            command = (sys.executable, "-m", "dohyo.service.episodes.redrive", str(record), str(trace_path(record)))
-            pipe = asyncio.subprocess.PIPE
-            child = await asyncio.create_subprocess_exec(*command, stdin=pipe, stdout=pipe, env=self._environment)
-            assert child.stdout is not None
-            try:
-                text = await asyncio.wait_for(child.stdout.read(), TIME_LIMIT_S)
-            except TimeoutError:
-                raise ConflictError(f"the replay did not end within {TIME_LIMIT_S:g} s") from None
-            finally:
-                if child.returncode is None and not child.stdout.at_eof():
-                    child.kill()
-                await child.wait()
-        try:
-            answer: dict[str, Any] = json.loads(text)
-        except ValueError:
-            raise ConflictError(f"the replay's process ended with code {child.returncode}") from None
-        if "error" in answer:
-            raise ConflictError(str(answer["error"]))
+            with private_folder() as folder:
+                reads, imports = await asyncio.to_thread(self._needs, record)
+                try:
+                    answer: dict[str, Any] = await run_async(
+                        *("redrive", {"record": str(record)}, LIMITS),
+                        folder=folder,
+                        reads=reads,
+                        imports=imports,
+                        environment=self._environment,
+                    )
+                except InvalidInputError as error:
+                    raise ConflictError(str(error)) from error
+                if answer["same"]:
+                    await asyncio.to_thread(_keep, folder / TRACE, trace_path(record))
         return answer
+
+    def _needs(self, record: Path) -> tuple[list[Path], list[str]]:
+        """Files and modules that the drive reads: of a policy its own file alone, since others belong to others."""
+        reads, imports = [record, user_catalog()], []
+        entries = set(agent_entries().values())
+        for ego in read_record(record).egos:
+            if ego.agent.entry == POLICY and SHA256.fullmatch(name := str(ego.agent.settings.get("sha256"))):
+                reads.append(self._policies / f"{name}.onnx")
+            elif ego.agent.entry in entries:
+                imports.append(ego.agent.entry.partition(":")[0])
+        return reads, imports
+
+
+def _keep(trace: Path, path: Path) -> None:
+    """Stores explanations that a confined process has written."""
+    if trace.is_symlink() or not trace.is_file():
+        raise ConflictError("driven again, the episode gave no explanations")
+    write_atomically(path, trace.read_bytes())
 
 
 def trace_path(record: Path) -> Path:

@@ -12,8 +12,9 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
 
 from dohyo.service.accounts.access import Reader, Submitter
+from dohyo.service.confinement.limits import MEGABYTE
 from dohyo.service.errors import ConflictError, TooManyRequestsError
-from dohyo.service.networks.isolated import run_isolated
+from dohyo.service.networks.importing import import_confined
 from dohyo.service.networks.map import Box, packed_map
 from dohyo.service.networks.views import NetworkView
 from dohyo.service.state import Services, ServicesOf
@@ -29,7 +30,6 @@ from dohyo.sumo_networks.networks.network import RoadNetwork
 router = APIRouter(prefix="/v1/networks", tags=["networks"])
 
 UPLOADED = 100
-IMPORT_S = 300.0
 FORM = form_body(
     ["name"],
     {
@@ -130,18 +130,8 @@ def _import(services: Services, given: Upload) -> NetworkView:
     if suffix is None:
         raise InvalidInputError(f"file: expected a name that ends in {', '.join(SUFFIXES)} (each also with .gz)")
     file = given.path.rename(given.path.with_name(f"{name}{suffix}"))
-    arguments = {
-        "file": str(file),
-        "name": name,
-        "lights": lights == "true",
-        "limit_mb": services.settings.upload_limit_bytes * 4 / 1e6,
-        "licence": licence,
-        "timeout_s": IMPORT_S - 30,
-    }
-    try:
-        run_isolated("import_file", arguments, IMPORT_S)
-    except InvalidInputError as error:
-        raise InvalidInputError(str(error).replace(str(file), file.name)) from error
+    limit_mb = services.settings.upload_limit_bytes * 4 / MEGABYTE
+    import_confined(file, name, lights=lights == "true", limit_mb=limit_mb, licence=licence)
     return _view(find_network(name))
 
 

@@ -108,7 +108,7 @@ def check_policy(content: bytes, spec: AgentSpec, limits: PolicyLimits | None = 
     Raises:
         PolicyRefusedError: The file is refused.
         InvalidInputError: The spec names an unknown sensor or control, or a sensor above its track.
-        SandboxError: This machine cannot check files safely.
+        ConfinementError: This machine cannot check files safely.
     """
     limits = limits or PolicyLimits()
     inputs, action = expected_inputs(spec), expected_action(spec)

@@ -5,14 +5,22 @@ The file is parsed as the protocol buffer it is: onnx's own loader, which follow
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from typing import Any
 
 import onnx
 from google.protobuf.message import Message  # type: ignore[import-untyped]
 
+from dohyo.service.confinement.frames import GOOD, Stream
+
 MOST_NAMES = 100
 LONGEST_NAME = 100
+
+
+def inspect_stream(stream: Stream) -> None:
+    """Answers a file's bytes with its description."""
+    stream.write(GOOD, json.dumps(inspect_model(bytes(stream.read()))))
 
 
 def inspect_model(content: bytes) -> dict[str, Any]:

@@ -16,9 +16,10 @@ from dohyo.agents.registry import agent_entries
 from dohyo.evaluation.agent import AgentSpec, agent_info
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.accounts.access import Caller, Reader, Submitter
+from dohyo.service.confinement.limits import Limits
+from dohyo.service.confinement.runner import run
 from dohyo.service.database.idempotency import made_before, remember
 from dohyo.service.errors import TooManyRequestsError
-from dohyo.service.networks.isolated import run_isolated
 from dohyo.service.policies.agent import ENTRY, OnnxPolicy
 from dohyo.service.policies.limits import MEGABYTE, PolicyLimits
 from dohyo.service.state import Services, ServicesOf
@@ -39,7 +40,7 @@ from dohyo.sumo_networks.sensors import Track, make_sensors
 router = APIRouter(prefix="/v1/agents/{name}/submissions", tags=["agents"])
 
 PER_AGENT = 1000
-TRIAL_S = 60.0
+TRIAL = Limits(wall_s=60.0, cpu_s=60, memory_mb=3000, file_mb=1, folder_mb=10)
 SETTINGS_BYTES = 20_000
 FORM = form_body(
     ["spec"],
@@ -154,13 +155,14 @@ def list_submissions(
 
 
 def _builtin(order: BuiltinOrder) -> AgentInfo:
-    """Describes the agent, in a separate process, since some read their weights for it."""
+    """Describes the agent, in a confined process, since its settings come from a stranger."""
     try:
         check_builtin(order.entry, order.settings)
     except UnknownNameError as error:
         raise InvalidInputError(str(error)) from error
-    arguments = {"entry": agent_entries()[order.entry], "settings": order.settings}
-    return AgentInfo.model_validate(run_isolated("describe_agent", arguments, TRIAL_S))
+    entry = agent_entries()[order.entry]
+    arguments, imports = {"entry": entry, "settings": order.settings}, [entry.partition(":")[0]]
+    return AgentInfo.model_validate(run("describe_agent", arguments, TRIAL, imports=imports))
 
 
 def _remote(order: RemoteOrder, agent: str) -> AgentInfo:

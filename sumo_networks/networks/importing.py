@@ -99,7 +99,33 @@ def import_network(
     Raises:
         InvalidInputError: The name is invalid or taken, or the file gives no network that cars can drive on.
     """
-    _check_free(name, force)
+    check_free(name, force)
+    with tempfile.TemporaryDirectory(prefix="dohyo-import-") as work:
+        guessed = prepare_network(
+            file, name, Path(work), lights=lights, limit_mb=limit_mb, licence=licence, timeout_s=timeout_s
+        )
+        folder = publish_network(name, Path(work), force=force)
+    return Imported(folder, inspect_network(load_network(name), guessed))
+
+
+def prepare_network(
+    file: Path,
+    name: str,
+    folder: Path,
+    *,
+    lights: bool = False,
+    limit_mb: float = LIMIT_MB,
+    licence: str | None = None,
+    timeout_s: float = TIMEOUT_S,
+) -> tuple[str, ...]:
+    """Writes what the catalog will hold of a network to a folder; the arguments are those of `import_network`.
+
+    Returns:
+        Guesses and repairs, one line each.
+
+    Raises:
+        InvalidInputError: The file gives no network that cars can drive on.
+    """
     kind = _kind(file)
     with tempfile.TemporaryDirectory(prefix="dohyo-import-") as work:
         plain, built = Path(work) / f"source.{kind}.xml", Path(work) / f"{name}.net.xml"
@@ -108,14 +134,38 @@ def import_network(
             raise InvalidInputError(f"'{file}' has no lane open to passenger cars: it has no lane at all")
         as_it_is = kind == "net" and before.crossings > 0 and not lights
         warnings = [] if as_it_is else _convert(kind, plain, built, lights, file, timeout_s)
-        packed = Path(work) / f"{name}.net.xml.gz"
+        packed = folder / net_name(name)
         packed.write_bytes(gzip.compress(without_comments((plain if as_it_is else built).read_bytes()), mtime=0))
-        network = _checked(packed, name, file)
-        guessed = _guessed(kind, before, network, warnings) if not as_it_is else ()
-        entry = Path(work) / ENTRY
-        entry.write_text(_entry(file, kind, packed.name, licence, guessed, network_size(network)), encoding="utf-8")
-        folder = _publish(name, (entry, packed), force)
-    return Imported(folder, inspect_network(load_network(name), guessed))
+    network = _checked(packed, name, file)
+    guessed = _guessed(kind, before, network, warnings) if not as_it_is else ()
+    entry = _entry(file, kind, packed.name, licence, guessed, network_size(network))
+    (folder / ENTRY).write_text(entry, encoding="utf-8")
+    return guessed
+
+
+def publish_network(name: str, prepared: Path, *, force: bool = False) -> Path:
+    """Moves a prepared network into the user's catalog, all or nothing; returns the folder of its entry.
+
+    Args:
+        name: Name of the network.
+        prepared: Folder that `prepare_network` has filled.
+        force: Whether to replace a network of the user's catalog that has this name.
+
+    Raises:
+        InvalidInputError: The name is invalid or taken, or the catalog cannot be written.
+    """
+    check_free(name, force)
+    files = (prepared / ENTRY, prepared / net_name(name))
+    if not all(file.is_file() and not file.is_symlink() for file in files):
+        raise InvalidInputError(
+            f"network '{name}' is not complete: expected {' and '.join(file.name for file in files)}"
+        )
+    return _publish(name, files, force)
+
+
+def net_name(name: str) -> str:
+    """File name of an imported network's roads."""
+    return f"{name}.net.xml.gz"
 
 
 def build_network(folder: Path, out: Path | None = None) -> Path:
@@ -176,7 +226,12 @@ def _kind(file: Path) -> Kind:
     raise InvalidInputError(f"'{file}': expected a file that ends in {', '.join(SUFFIXES)} (each also with .gz)")
 
 
-def _check_free(name: str, force: bool) -> None:
+def check_free(name: str, force: bool) -> None:
+    """Checks that a network of this name may be added.
+
+    Raises:
+        InvalidInputError: The name is invalid or taken.
+    """
     check_name(name)
     if name in builtin_names():
         raise InvalidInputError(f"network '{name}' comes with dohyo; choose another name")

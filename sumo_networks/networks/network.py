@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -286,21 +287,27 @@ def read_network(path: Path, name: str, limit_mb: float = math.inf) -> RoadNetwo
     """
     check_size(path, limit_mb)
     sha256 = file_hash(path)
-    cached = cache_folder() / "networks" / f"{sha256}-v{CACHE_VERSION}.npz"
+    cached = cache_folder() / parsed_name(sha256)
     if cached.exists():
         with np.load(cached, allow_pickle=False) as file:
             tables = {key: file[key] for key in file.files}
     else:
         scan(path, "net", limit_mb)
         tables = parse_net(path)
-        cached.parent.mkdir(parents=True, exist_ok=True)
-        with staged(cached) as draft, draft.open("wb") as file:
-            np.savez_compressed(file, **tables)  # type: ignore[arg-type]
+        with suppress(PermissionError):  # a process that may not store it can still use it
+            cached.parent.mkdir(parents=True, exist_ok=True)
+            with staged(cached) as draft, draft.open("wb") as file:
+                np.savez_compressed(file, **tables)  # type: ignore[arg-type]
     groups = {
         group: kind(**{field.name: tables[f"{group}.{field.name}"] for field in dataclasses.fields(kind)})
         for group, kind in _GROUPS.items()
     }
     return RoadNetwork(name=name, path=path, sha256=sha256, **groups)
+
+
+def parsed_name(sha256: str) -> str:
+    """Path of a parsed network in the cache folder, by the hash of its net."""
+    return f"networks/{sha256}-v{CACHE_VERSION}.npz"
 
 
 def cache_folder() -> Path:

@@ -20,6 +20,7 @@ from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.service.episodes.redrive import Trace, explanation_at
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Mission, Traffic
+from tests.service.served import wait_until
 from tests.service.shop import Shop
 
 Driven = tuple[EpisodeRecord, Trajectory, list[dict[str, Any]]]
@@ -146,14 +147,23 @@ def test_a_redrive_ends_with_its_parent(tmp_path: Path, driven: Driven) -> None:
     record, trajectory, _ = driven
     long = record.model_copy(update={"scenario": load_benchmark("quickstart").scenarios([0])[0]})
     path = write_record(tmp_path, "long", seal(long), trajectory)
-    command = [sys.executable, "-m", "dohyo.service.episodes.redrive", str(path), str(tmp_path / "trace.gz")]
-    child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-    assert child.stdin is not None
-    child.stdin.close()
-    assert child.wait(timeout=30) == 1
-    assert not (tmp_path / "trace.gz").exists()
-    assert child.stdout is not None
-    child.stdout.close()
+    program = """if True:
+        import sys, time
+        from dohyo.service.confinement import runner
+        from dohyo.service.episodes.redrives import LIMITS
+        from pathlib import Path
+        record = Path(sys.argv[1])
+        runner._use = lambda group: (print(group, flush=True), (1, 0))[1]
+        runner.run("redrive", {"record": str(record)}, LIMITS, reads=[record])
+    """
+    parent = subprocess.Popen([sys.executable, "-c", program, str(path)], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    child = int(parent.stdout.readline())
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    wait_until(lambda: not Path(f"/proc/{child}").exists(), "the confined process outlives its parent", 20.0)
+    assert not (tmp_path / "explanations.jsonl.gz").exists()
 
 
 def test_explanations_that_are_no_json_are_told_as_text(tmp_path: Path) -> None:

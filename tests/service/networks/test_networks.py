@@ -136,9 +136,9 @@ def test_what_is_no_network_is_refused_and_leaves_nothing(
 def test_a_full_disk_during_an_import_is_told_as_such(service: Harness, monkeypatch: pytest.MonkeyPatch) -> None:
     from dohyo.service.errors import StorageFullError
 
-    def full(*_: object) -> None:
+    def full(*_: object, **__: object) -> None:
         raise StorageFullError()
 
-    monkeypatch.setattr("dohyo.service.networks.routes.run_isolated", full)
+    monkeypatch.setattr("dohyo.service.networks.importing.run", full)
     assert_problem(upload(service.caller("team"), PLAIN), 507)
     assert not Path(service.services.settings.data / "networks").exists()

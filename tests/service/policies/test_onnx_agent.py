@@ -16,11 +16,11 @@ from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.episode.runner import run_episode
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.specifications import Status
+from dohyo.service.confinement.errors import ConfinementError
 from dohyo.service.policies.agent import ENTRY, FOLDER_VARIABLE, OnnxPolicy
 from dohyo.service.policies.checks import PolicyRefusedError
 from dohyo.service.policies.interface import observation_spec, published_spec
 from dohyo.service.policies.limits import PolicyLimits
-from dohyo.service.policies.sandbox import SandboxError
 from dohyo.sumo_networks.ego.control import CONTROLS
 from dohyo.sumo_networks.errors import AgentError, InvalidInputError
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
@@ -170,7 +170,7 @@ def test_the_document_of_a_spec_names_what_to_upload() -> None:
 
 def test_a_sandbox_that_cannot_be_started_is_not_the_agents_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
-        raise SandboxError("this machine cannot confine a policy: no namespaces")
+        raise ConfinementError("this machine cannot confine a policy: no namespaces")
 
     monkeypatch.setattr("dohyo.service.policies.agent.Sandbox", refuse)
     record = drive(OnnxPolicy(content=models.identity().SerializeToString(), sensors=["speedometer"]))
