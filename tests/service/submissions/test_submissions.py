@@ -123,7 +123,7 @@ def test_what_cannot_drive_is_refused_and_leaves_nothing(
 def test_settings_are_checked_by_their_schema_before_anything_is_built(
     team: Caller, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(submissions, "run_isolated", lambda *_: pytest.fail("an agent was built"))
+    monkeypatch.setattr(submissions, "run", lambda *_, **__: pytest.fail("an agent was built"))
     answer = submit(team, {"kind": "builtin", "entry": "autopilot", "settings": {"max_speed": "fast", "gap": 51}})
     assert_problem(answer, 422)
     assert [one["where"] for one in answer.json()["errors"]] == ["body.settings.max_speed", "body.settings.gap"]
