@@ -47,6 +47,7 @@ from dohyo.service.submissions import (
 )
 from dohyo.service.web import limits
 from dohyo.service.web.documents import SUMMARY, TAGS, describe, operation_id, problems
+from dohyo.service.web.proxies import TrustedProxies
 from dohyo.service.webhooks import routes as webhooks
 from dohyo.service.webhooks.delivery import Deliverer
 from dohyo.service.workers import routes as workers
@@ -112,6 +113,7 @@ def _add_layers(app: FastAPI, settings: Settings) -> None:
         )
     app.add_middleware(limits.SecurityHeaders, tls=settings.tls_certificate is not None)
     app.add_middleware(limits.AccessLog)
+    app.add_middleware(TrustedProxies, trusted=settings.trusted_proxies)
 
 
 @asynccontextmanager

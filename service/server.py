@@ -6,6 +6,7 @@ import asyncio
 import gc
 import ipaddress
 import os
+import resource
 import socket
 from collections.abc import Callable
 from types import FrameType
@@ -21,10 +22,12 @@ from dohyo.service.database.engine import Database
 from dohyo.service.database.server_lock import server_lock
 from dohyo.service.settings import Settings
 from dohyo.service.state import Services
+from dohyo.service.web.connections import ConnectionLimits, Connections, Loop, protocol
 from dohyo.sumo_networks.errors import InvalidInputError
 
 KEEP_ALIVE_S = 120
 CLOSE_S = 5
+OTHER_FILES = 1024  # besides connections: records, databases, pipes of episodes
 LOST = 3  # exit code
 
 
@@ -51,6 +54,7 @@ def run(settings: Settings, listening: Callable[[str, str | None], None]) -> boo
         token = _prepare(settings)
         scheme = "https" if settings.tls_certificate else "http"
         listening(f"{scheme}://{_shown(settings.host)}:{own.getsockname()[1]}", token)
+        raise_file_limit(settings.connections)
         app = create_app(settings)
         app.state.services.lost = _end_at_once
         server = DrainingServer(configuration(settings, app), app.state.services)
@@ -112,21 +116,40 @@ class DrainingServer(uvicorn.Server):
 
 def configuration(settings: Settings, app: FastAPI) -> uvicorn.Config:
     """Configuration of uvicorn."""
+    limits = ConnectionLimits(settings.connections, settings.connections_per_address, settings.trusted_proxies)
     return uvicorn.Config(
         app,
-        loop="uvloop",
-        http="httptools",
+        loop=f"{Loop.__module__}:{Loop.__qualname__}",
+        http=protocol(Connections(limits)),
         ws="none",
         lifespan="on",
         log_config=None,
         access_log=False,
         server_header=False,
-        proxy_headers=settings.insecure,
+        proxy_headers=False,  # see `web.proxies`
         timeout_keep_alive=KEEP_ALIVE_S,
         timeout_graceful_shutdown=CLOSE_S,
         ssl_certfile=settings.tls_certificate,
         ssl_keyfile=settings.tls_key,
     )
+
+
+def raise_file_limit(connections: int) -> None:
+    """Lets this process open as many files as its connections, records and processes need.
+
+    Raises:
+        InvalidInputError: The system allows fewer.
+    """
+    needed = connections + OTHER_FILES
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft >= needed or soft == resource.RLIM_INFINITY:
+        return
+    if needed > hard != resource.RLIM_INFINITY:
+        raise InvalidInputError(
+            f"{connections} connections need {needed} open files, and the system allows {hard}: raise `ulimit -n`, or"
+            f" set DOHYO_CONNECTIONS to {max(8, hard - OTHER_FILES)}"
+        )
+    resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))
 
 
 def listen(settings: Settings) -> socket.socket:

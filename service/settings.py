@@ -2,12 +2,35 @@
 
 from __future__ import annotations
 
+import ipaddress
+import json
 import os
+import re
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, SecretStr
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic import AfterValidator, BeforeValidator, Field, SecretStr
+from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
+
+
+def _words(value: Any) -> Any:
+    """A list from text: by commas, or in JSON."""
+    if not isinstance(value, str):
+        return value
+    return json.loads(value) if value.lstrip().startswith("[") else [one for one in re.split(r"[,\s]+", value) if one]
+
+
+def _networks(value: tuple[str, ...]) -> tuple[str, ...]:
+    for one in value:
+        try:
+            ipaddress.ip_network(one, strict=False)
+        except ValueError as error:
+            raise ValueError(f"expected addresses or networks such as 172.16.0.0/12, got '{one}'") from error
+    return value
+
+
+Words = Annotated[tuple[str, ...], NoDecode, BeforeValidator(_words)]
+Networks = Annotated[Words, AfterValidator(_networks)]
 
 
 class Settings(BaseSettings):
@@ -36,6 +59,9 @@ class Settings(BaseSettings):
         jobs_per_owner: Most unfinished jobs of one owner.
         jobs_limit: Most unfinished jobs of all owners.
         jobs_kept_days: Days after which finished jobs are deleted; what they made stays.
+        connections: Most open connections.
+        connections_per_address: Most open connections of one address, a network of 64 bits of IPv6 counting as one.
+        trusted_proxies: Addresses and networks of proxies, whose X-Forwarded-For says who the client is.
         requests_per_minute: Limit per token, without the wire of policy workers.
         body_limit_bytes: Largest body of a request that is not an upload.
         upload_limit_bytes: Largest uploaded policy or network.
@@ -70,12 +96,15 @@ class Settings(BaseSettings):
     jobs_per_owner: Annotated[int, Field(ge=1)] = 20
     jobs_limit: Annotated[int, Field(ge=1)] = 1000
     jobs_kept_days: Annotated[float, Field(gt=0)] = 14.0
+    connections: Annotated[int, Field(ge=8)] = 2000
+    connections_per_address: Annotated[int, Field(ge=4)] = 256
+    trusted_proxies: Networks = ("127.0.0.1", "::1")
     requests_per_minute: Annotated[int, Field(ge=1)] = 600
     body_limit_bytes: Annotated[int, Field(ge=1024)] = 4_000_000
     upload_limit_bytes: Annotated[int, Field(ge=1024)] = 50_000_000
     public: bool = True
-    cors_origins: tuple[str, ...] = ()
     process_deaths: Annotated[int, Field(ge=1)] = 10
+    cors_origins: Words = ()
     lease_ttl_s: Annotated[float, Field(gt=0)] = 30.0
     act_deadline_s: Annotated[float, Field(gt=0)] = 10.0
     webhook_private_addresses: bool = False

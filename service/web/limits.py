@@ -18,6 +18,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from dohyo.service.errors import BusyError, TooLargeError, problem
+from dohyo.service.web.addresses import client_of
 
 WIRE = ("/v1/workers", "/v1/leases")
 FREE = ("/health", "/static")
@@ -122,7 +123,7 @@ class RateLimit:
             return
         header = Headers(scope=scope).get("authorization", "")
         token = hashlib.sha256(header.encode("latin-1")).hexdigest() if header else ""
-        address = f"address {(scope.get('client') or ('unknown',))[0]}"
+        address = f"address {client_of((scope.get('client') or ('unknown',))[0])}"
         if _on_wire(scope["path"]):
             await self._pass_on_wire(scope, receive, send, token, address)
             return
