@@ -17,9 +17,10 @@ from dohyo.service.database.base import now
 from dohyo.service.errors import ForbiddenError, NotFoundError, TooManyRequestsError
 from dohyo.service.state import ServicesOf
 from dohyo.service.web.documents import After, Identifier, Limit, problems
+from dohyo.service.web.strict_json import StrictRoute
 from dohyo.service.web.views import Page
 
-router = APIRouter(prefix="/v1", tags=["tokens"], responses=problems(403))
+router = APIRouter(prefix="/v1", tags=["tokens"], responses=problems(403), route_class=StrictRoute)
 
 Owner = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9][A-Za-z0-9._@-]*$")]
 

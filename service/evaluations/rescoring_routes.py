@@ -17,8 +17,9 @@ from dohyo.service.evaluations.rescoring import LAMBDA, rescore
 from dohyo.service.state import ServicesOf
 from dohyo.service.web.caching import ID
 from dohyo.service.web.documents import problems
+from dohyo.service.web.strict_json import StrictRoute
 
-router = APIRouter(prefix="/v1", tags=["metrics"], responses=problems(404))
+router = APIRouter(prefix="/v1", tags=["metrics"], responses=problems(404), route_class=StrictRoute)
 
 
 class RescoringOrder(BaseModel):

@@ -29,10 +29,11 @@ from dohyo.service.submissions.model import Submission
 from dohyo.service.submissions.queries import find_submission
 from dohyo.service.web.documents import After, Identifier, Limit, problems
 from dohyo.service.web.events import MEDIA_TYPE, stream
+from dohyo.service.web.strict_json import StrictRoute
 from dohyo.service.web.views import Page
 from dohyo.sumo_networks.scenario import content_hash
 
-router = APIRouter(prefix="/v1/evaluations", tags=["evaluations"])
+router = APIRouter(prefix="/v1/evaluations", tags=["evaluations"], route_class=StrictRoute)
 
 MOST_SEEDS = 100
 

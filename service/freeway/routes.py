@@ -14,8 +14,9 @@ from dohyo.service.errors import BusyError, NotFoundError
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.submissions.agent_routes import owned_agent
 from dohyo.service.web.documents import Identifier, problems
+from dohyo.service.web.strict_json import StrictRoute
 
-router = APIRouter(prefix="/v1/freeway/mornings", tags=["workers"])
+router = APIRouter(prefix="/v1/freeway/mornings", tags=["workers"], route_class=StrictRoute)
 
 
 class MorningOrder(BaseModel):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -29,6 +28,7 @@ from dohyo.service.submissions.builtin_routes import check_builtin
 from dohyo.service.submissions.model import AgentKind, Submission
 from dohyo.service.submissions.views import SubmissionView, view_submission
 from dohyo.service.web.documents import Limit, Name, problems
+from dohyo.service.web.strict_json import JsonError, StrictRoute, parse_json
 from dohyo.service.web.uploads import Upload, form_body, receive_upload
 from dohyo.service.web.views import Page
 from dohyo.sumo_networks.ego.control import CONTROLS
@@ -37,7 +37,7 @@ from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.scenario import content_hash
 from dohyo.sumo_networks.sensors import Track, make_sensors
 
-router = APIRouter(prefix="/v1/agents/{name}/submissions", tags=["agents"])
+router = APIRouter(prefix="/v1/agents/{name}/submissions", tags=["agents"], route_class=StrictRoute)
 
 PER_AGENT = 1000
 TRIAL = Limits(wall_s=60.0, cpu_s=60, memory_mb=3000, file_mb=1, folder_mb=10)
@@ -65,11 +65,7 @@ class _Order(BaseModel):
 
     @field_validator("settings")
     @classmethod
-    def _is_plain(cls, settings: Settings) -> Settings:
-        try:
-            content_hash(settings)
-        except (ValueError, RecursionError) as error:
-            raise ValueError("expected plain JSON with finite numbers") from error
+    def _is_short(cls, settings: Settings) -> Settings:
         if len(repr(settings)) > SETTINGS_BYTES:
             raise ValueError(f"expected at most {SETTINGS_BYTES} characters")
         return settings
@@ -204,9 +200,9 @@ def _submit_onnx(services: Services, caller: Caller, name: str, given: Upload, k
 def _spec(text: str | None, agent: str) -> AgentSpec:
     """The declaration of an agent in a form; without a name, the registered agent's name is used."""
     try:
-        given = json.loads(text or "")
-    except (ValueError, RecursionError) as error:
-        raise InvalidInputError("spec: expected a field with a JSON object (track, sensors, control)") from error
+        given = parse_json(text or "")
+    except JsonError as error:
+        raise InvalidInputError(f"spec: {error} (expected a JSON object with track, sensors, control)") from error
     if not isinstance(given, dict):
         raise InvalidInputError("spec: expected a JSON object (track, sensors, control)")
     try:

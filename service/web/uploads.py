@@ -15,6 +15,7 @@ from starlette.datastructures import FormData, UploadFile
 from starlette.exceptions import HTTPException
 
 from dohyo.service.errors import TooLargeError
+from dohyo.service.web.strict_json import require_text
 from dohyo.sumo_networks.errors import InvalidInputError
 
 CHUNK = 1 << 20
@@ -54,7 +55,7 @@ async def receive_upload(request: Request, limit: int) -> AsyncIterator[Upload]:
     form = await _form(request)
     try:
         file = _file(form)
-        fields = {key: value for key, value in form.multi_items() if isinstance(value, str)}
+        fields = {key: require_text(value, key) for key, value in form.multi_items() if isinstance(value, str)}
         name = os.path.basename((file.filename or "").replace("\\", "/"))
         with tempfile.TemporaryDirectory(prefix="dohyo-upload-") as folder:
             path = Path(folder) / "file"

@@ -11,13 +11,14 @@ from dohyo.service.accounts.access import Submitter
 from dohyo.service.errors import NotFoundError, TooManyRequestsError
 from dohyo.service.state import ServicesOf
 from dohyo.service.web.documents import After, Identifier, Limit, problems
+from dohyo.service.web.strict_json import StrictRoute
 from dohyo.service.web.views import Page
 from dohyo.service.webhooks import queries
 from dohyo.service.webhooks.delivery import check_url
 from dohyo.service.webhooks.model import Webhook
 from dohyo.service.webhooks.views import NewWebhook, WebhookView, view_webhook
 
-router = APIRouter(prefix="/v1/webhooks", tags=["webhooks"], responses=problems(403))
+router = APIRouter(prefix="/v1/webhooks", tags=["webhooks"], responses=problems(403), route_class=StrictRoute)
 
 PER_OWNER = 10
 

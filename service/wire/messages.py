@@ -19,6 +19,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 DTYPES = ("float32", "float64", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "bool")
 MOST_VALUES = 1_000_000
+MOST_DIMENSIONS = 8
 
 
 class Format(StrEnum):
@@ -129,6 +130,8 @@ def _unpacked(value: Mapping[str, Any]) -> np.ndarray:
     dtype: Any = value.get("dtype")
     data: Any = value.get("data")
     well_formed = isinstance(shape, list | tuple) and isinstance(data, bytes) and dtype in DTYPES
+    if well_formed and len(shape) > MOST_DIMENSIONS:
+        raise InvalidInputError(f"expected an array of at most {MOST_DIMENSIONS} dimensions, got {len(shape)}")
     if not well_formed or not all(type(n) is int and 0 <= n <= MOST_VALUES for n in shape or ()):
         raise InvalidInputError(f"expected an array {{shape, dtype, data}}, dtype one of {', '.join(DTYPES)}")
     kind = np.dtype(dtype).newbyteorder("<")

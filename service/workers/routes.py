@@ -28,6 +28,7 @@ from dohyo.service.running.remote import SEEN, Fault
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.submissions.model import Agent
 from dohyo.service.web.documents import problems
+from dohyo.service.web.strict_json import readable
 from dohyo.service.wire import openapi as schema
 from dohyo.service.wire.messages import Format, decode, decode_step, encode, format_of
 from dohyo.service.workers.lease import Lease, Worker
@@ -208,9 +209,9 @@ def _reason(document: Any) -> tuple[Fault | None, str]:
     except msgspec.ValidationError as error:
         raise InvalidInputError(f"expected {{reason, error}}: {error}") from None
     if given.error is None:
-        return None, given.reason or "no reason given"
+        return None, readable(given.reason) or "no reason given"
     fault = Fault.INVALID_ACTION if given.reason == Fault.INVALID_ACTION else Fault.RAISED
-    return fault, given.error[:LONGEST_TEXT]
+    return fault, readable(given.error[:LONGEST_TEXT])
 
 
 def _given(lease: Lease) -> dict[str, Any]:

@@ -77,9 +77,9 @@ def make_sensors(
 
     Raises:
         UnknownNameError: A sensor does not exist.
-        InvalidInputError: The track does not allow a sensor.
+        InvalidInputError: The track does not allow a sensor, or a sensor is given twice.
     """
-    out = []
+    out: list[Sensor] = []
     for name in names:
         if not isinstance(name, SensorConfig) and name not in SENSORS:
             raise UnknownNameError("sensor", name, SENSORS)
@@ -90,5 +90,7 @@ def make_sensors(
                 f"sensor '{sensor.name}' needs track '{sensor.track.name.lower()}', "
                 f"the agent's is '{track.name.lower()}'"
             )
+        if any(sensor.name == other.name for other in out):
+            raise InvalidInputError(f"sensor '{sensor.name}': expected each sensor once")
         out.append(sensor)
     return tuple(out)
