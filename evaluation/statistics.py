@@ -11,11 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final, Literal
 
 import numpy as np
 
-from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
 N_RESAMPLES: Final = 2000
@@ -142,6 +143,33 @@ def paired(a: Sequence[float], b: Sequence[float], *, n_resamples: int = N_RESAM
     means = _resampled_sums(differences, n_resamples, seed)[:, 0] / n
     difference = _estimate(math.fsum(differences[:, 0]) / n, means, n)
     return Comparison(difference, float(np.mean(means > 0.0)), _verdict(difference))
+
+
+def significantly_below(best: FloatArray, others: FloatArray) -> BoolArray:
+    """(k,) whether the verdict of `paired(other, best)` is "<", for many others at once.
+
+    The resamples are those of `paired`; their sums are matrix products, which round differently in the last digits.
+
+    Args:
+        best: (n,) values of one agent.
+        others: (k, n) values of others on the same scenarios and seeds.
+
+    Raises:
+        InvalidInputError: If the lengths differ.
+    """
+    if others.ndim != 2 or others.shape[1] != len(best):
+        raise InvalidInputError(f"expected (k, {len(best)}) values, got {others.shape}")
+    if len(best) < 2:
+        return np.zeros(len(others), dtype=np.bool_)
+    differences = np.sort(others - best, axis=1)
+    upper: FloatArray = np.quantile(differences @ _weights(len(best)), _TAILS[1], axis=1)
+    return upper < 0.0
+
+
+@lru_cache(maxsize=8)
+def _weights(n: int) -> FloatArray:
+    """(n, N_RESAMPLES) how often each of n values is in each resample of `_resampled_sums`."""
+    return np.ascontiguousarray(_resampled_sums(np.eye(n), N_RESAMPLES, SEED).T)
 
 
 def _columns(*columns: Sequence[float]) -> FloatArray:

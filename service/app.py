@@ -16,6 +16,8 @@ from dohyo.service.accounts import routes as tokens
 from dohyo.service.benchmarks import routes as benchmarks
 from dohyo.service.boards import comparison_routes as comparison
 from dohyo.service.boards import routes as leaderboard
+from dohyo.service.challenges import invitation_routes as invitations
+from dohyo.service.challenges import routes as challenges
 from dohyo.service.dashboard import pages
 from dohyo.service.dashboard.session import SessionCookie, show_errors_as_pages
 from dohyo.service.data_folder import held, told
@@ -56,7 +58,19 @@ ROUTERS = tuple(
     module.router
     for module in (
         *(health, tokens, jobs, networks, benchmarks, observations, builtin_agents, agents, submissions),
-        *(evaluations, episodes, leaderboard, comparison, metrics, rescoring, webhooks, workers, freeway),
+        *(
+            evaluations,
+            episodes,
+            leaderboard,
+            comparison,
+            challenges,
+            invitations,
+            metrics,
+            rescoring,
+            webhooks,
+            workers,
+            freeway,
+        ),
     )
 )
 
@@ -108,7 +122,7 @@ def _add_layers(app: FastAPI, settings: Settings) -> None:
         app.add_middleware(
             CORSMiddleware,
             allow_origins=list(settings.cors_origins),
-            allow_methods=["GET", "POST", "DELETE"],
+            allow_methods=["GET", "POST", "PATCH", "DELETE"],
             allow_headers=["authorization", "content-type", "idempotency-key", "prefer"],
         )
     app.add_middleware(limits.SecurityHeaders, tls=settings.tls_certificate is not None)

@@ -62,6 +62,7 @@ class Settings(BaseSettings):
         connections: Most open connections.
         connections_per_address: Most open connections of one address, a network of 64 bits of IPv6 counting as one.
         trusted_proxies: Addresses and networks of proxies, whose X-Forwarded-For says who the client is.
+        runs_per_day: Most ranked runs of one agent on one benchmark version in 24 hours, outside of challenges.
         requests_per_minute: Limit per token, without the wire of policy workers.
         body_limit_bytes: Largest body of a request that is not an upload.
         upload_limit_bytes: Largest uploaded policy or network.
@@ -99,6 +100,7 @@ class Settings(BaseSettings):
     connections: Annotated[int, Field(ge=8)] = 2000
     connections_per_address: Annotated[int, Field(ge=4)] = 256
     trusted_proxies: Networks = ("127.0.0.1", "::1")
+    runs_per_day: Annotated[int, Field(ge=1)] = 10
     requests_per_minute: Annotated[int, Field(ge=1)] = 600
     body_limit_bytes: Annotated[int, Field(ge=1024)] = 4_000_000
     upload_limit_bytes: Annotated[int, Field(ge=1024)] = 50_000_000

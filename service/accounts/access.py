@@ -1,7 +1,8 @@
 """Access: the caller of a request and its permissions. A route names its rule by the type of an argument.
 
-A `Reader` may read public data and the token owner's own; a `Submitter` changes its own data; a
-`WorkerCaller` drives; an `Admin` may do everything. Data that a caller may not see is answered with 404, never 403.
+A `Reader` may read public data and the token owner's own; a `Submitter` changes its own data; a `WorkerCaller` drives;
+an `Organiser` changes its own challenges; an `Admin` may do everything. Data that a caller may not see is answered with
+404, never 403.
 """
 
 from __future__ import annotations
@@ -52,6 +53,10 @@ class Caller:
     def owns(self, owner: str) -> bool:
         """Whether the caller may change an owner's data."""
         return self.is_admin or (self.token_id is not None and self.owner == owner)
+
+    def organises(self, owner: str) -> bool:
+        """Whether the caller may change the challenges of an owner."""
+        return self.is_admin or (self.role is Role.ORGANISER and self.owner == owner)
 
     def may_see(self, owner: str) -> bool:
         """Whether an owner's agents, evaluations and episodes can be read."""
@@ -112,6 +117,7 @@ def _requiring(*roles: Role) -> Callable[[Caller], Caller]:
 
 Reader = Annotated[Caller, Depends(_reader)]
 Holder = Annotated[Caller, Depends(_holder)]
-Submitter = Annotated[Caller, Depends(_requiring(Role.SUBMITTER, Role.ADMIN))]
-WorkerCaller = Annotated[Caller, Depends(_requiring(Role.WORKER, Role.SUBMITTER, Role.ADMIN))]
+Submitter = Annotated[Caller, Depends(_requiring(Role.SUBMITTER, Role.ORGANISER, Role.ADMIN))]
+WorkerCaller = Annotated[Caller, Depends(_requiring(Role.WORKER, Role.SUBMITTER, Role.ORGANISER, Role.ADMIN))]
+Organiser = Annotated[Caller, Depends(_requiring(Role.ORGANISER, Role.ADMIN))]
 Admin = Annotated[Caller, Depends(_requiring(Role.ADMIN))]

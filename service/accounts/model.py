@@ -12,9 +12,13 @@ from dohyo.service.database.base import Base, now
 
 
 class Role(StrEnum):
-    """Permissions of a token; each role includes those of `READER`."""
+    """Permissions of a token; each role includes those of `READER`.
+
+    ORGANISER: makes challenges and manages its owner's own ones, and may do what `SUBMITTER` may.
+    """
 
     ADMIN = "admin"
+    ORGANISER = "organiser"
     SUBMITTER = "submitter"
     WORKER = "worker"
     READER = "reader"

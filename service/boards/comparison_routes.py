@@ -14,11 +14,12 @@ from dohyo.service.boards.comparison import MOST, compare_entries
 from dohyo.service.boards.views import ComparedView
 from dohyo.service.episodes.readers import ReadersOf, evaluation_for
 from dohyo.service.errors import NotFoundError
+from dohyo.service.evaluations.access import Aspect
 from dohyo.service.state import ServicesOf
 from dohyo.service.web.caching import ID
 from dohyo.service.web.documents import problems
 
-router = APIRouter(prefix="/v1", tags=["comparison"], responses=problems(404))
+router = APIRouter(prefix="/v1", tags=["comparison"], responses=problems(403, 404))
 
 Chosen = Annotated[
     list[Annotated[str, StringConstraints(min_length=1, max_length=40, pattern=ID)]],
@@ -29,7 +30,7 @@ Chosen = Annotated[
 @router.get("/comparison", response_model=ComparedView)
 def compare_evaluations(caller: Reader, services: ServicesOf, readers: ReadersOf, evaluation: Chosen) -> Response:
     """Compares evaluations drive by drive: paired difference of every score, and the scenarios that differ most."""
-    seen = [evaluation_for(services, caller, one) for one in evaluation]
+    seen = [evaluation_for(services, caller, one, Aspect.RECORDS) for one in evaluation]
     with services.database.reading() as session:
         found = reading.entries(session, evaluation)
     missing = [one for one in evaluation if one not in found]

@@ -1,23 +1,26 @@
-"""Leaderboard: submissions on one benchmark version and track, by its headline score, ties shown as ties."""
+"""Leaderboard: the places of a ranking by the headline score, ties shown as ties."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
+
+import numpy as np
 
 from dohyo.evaluation.report.spreadsheet import csv_text
-from dohyo.evaluation.statistics import Comparison, Estimate
+from dohyo.evaluation.statistics import Estimate, significantly_below
+from dohyo.service.boards.model import Counts
 from dohyo.service.evaluations.scoring import (
     CLOSED_LOOP_SCORES,
     Drive,
-    compare_drives,
     estimate,
     rates_per_km,
     scores_of,
 )
+from dohyo.sumo_networks.arrays import FloatArray
 
 COLUMNS = ("driving_score", "route_completion", "infraction_penalty", "irs", "success", "nocrash_success")
 OF_SOME = ("drove_2500m", *CLOSED_LOOP_SCORES)
@@ -70,43 +73,94 @@ class Entry:
         return rates_per_km(self.drives)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Contender:
+    """A complete run that is its entrant's place, with as little as ranking needs.
+
+    Attributes:
+        evaluation: Identifier of the run.
+        entrant: Identifier of the place: a team or a submission.
+        baseline: Whether it stands on the board without a rank.
+        track: Which sensors its agent may use.
+        score: Mean of the headline score.
+        ordered: Time of the order.
+        values: (drives,) headline scores, in the same order for every run of the ranking.
+    """
+
+    evaluation: str
+    entrant: str
+    baseline: bool
+    track: str
+    score: float
+    ordered: datetime
+    values: FloatArray
+
+
 @dataclass(frozen=True, slots=True)
-class Row:
+class Place:
     """A place on the leaderboard.
 
     Attributes:
-        rank: Shared by all entries that do not differ significantly from the best of the rank.
-        entry: Ranked evaluation.
-        above: Comparison with the row above: "<" significantly lower, "=" not; None for the first row.
+        rank: Shared by all that do not differ significantly from the best of the rank; None: a baseline.
+        contender: The run.
     """
 
-    rank: int
-    entry: Entry
-    above: Comparison | None
+    rank: int | None
+    contender: Contender
 
 
-def rank(entries: Sequence[Entry], metric: str) -> list[Row]:
-    """Entries by the mean of a score, highest first; equal means in the order of agent, version and evaluation.
+def places_of(runs: Iterable[Contender], counts: Counts) -> list[Contender]:
+    """The run of each entrant that counts, the highest score first; of equal scores, the earlier order."""
+    best: dict[str, Contender] = {}
+    for run in sorted(runs, key=(_by_score if counts is Counts.BEST else _by_time)):
+        best.setdefault(run.entrant, run)
+    return sorted(best.values(), key=_by_score)
 
-    An entry shares the rank above it unless the paired comparison with the best entry of that rank is significantly
-    lower. Without drives in common, means alone decide.
 
-    Args:
-        entries: Evaluations of one benchmark version, with at least one drive each.
-        metric: Name of a score that all of them have.
+@dataclass(slots=True)
+class Ranks:
+    """Ranks contenders; keeps the verdicts, since complete runs never change and few are new.
+
+    An entrant shares the rank above it unless the paired comparison with the best of that rank is significantly lower.
     """
-    rows: list[Row] = []
-    for entry in sorted(entries, key=lambda one: _place(one, metric)):
-        if not rows:
-            rows.append(Row(1, entry, None))
-            continue
-        last = rows[-1]
-        best = rows[last.rank - 1].entry
-        above = compare_drives(metric, entry.drives, last.entry.drives)
-        from_best = above if best is last.entry else compare_drives(metric, entry.drives, best.drives)
-        tied = _same_mean(entry, best, metric) if from_best is None else from_best.verdict != "<"
-        rows.append(Row(last.rank if tied else len(rows) + 1, entry, above))
-    return rows
+
+    _lower: dict[tuple[str, str], bool] = field(default_factory=dict)
+
+    def rank(self, contenders: Sequence[Contender]) -> list[Place]:
+        """Places in the order of the contenders, which is that of `places_of`."""
+        if len(self._lower) > _MOST_VERDICTS * (len(contenders) + 1):
+            self._lower.clear()
+        ranked = [one for one in contenders if not one.baseline]
+        ranks: dict[str, int] = {}
+        start = 0
+        while start < len(ranked):
+            end = self._end_of_tie(ranked, start)
+            ranks |= {one.evaluation: start + 1 for one in ranked[start:end]}
+            start = end
+        return [Place(ranks.get(one.evaluation), one) for one in contenders]
+
+    def _end_of_tie(self, ranked: Sequence[Contender], start: int) -> int:
+        """Index of the first contender after `start` that is significantly lower than it."""
+        best, at, size = ranked[start], start + 1, _FIRST_BLOCK
+        while at < len(ranked):
+            for k, lower in enumerate(self._compared(best, ranked[at : at + size])):
+                if lower:
+                    return at + k
+            at, size = at + size, min(2 * size, _LARGEST_BLOCK)
+        return len(ranked)
+
+    def _compared(self, best: Contender, block: Sequence[Contender]) -> list[bool]:
+        new = [one for one in block if (best.evaluation, one.evaluation) not in self._lower]
+        if new:
+            verdicts = significantly_below(best.values, np.stack([one.values for one in new]))
+            for one, lower in zip(new, verdicts, strict=True):
+                self._lower[best.evaluation, one.evaluation] = bool(lower)
+        return [self._lower[best.evaluation, one.evaluation] for one in block]
+
+
+_MOST_VERDICTS: Final = 20  # per contender
+_FIRST_BLOCK: Final = 8
+_LARGEST_BLOCK: Final = 512
 
 
 def columns_of(metric: str) -> tuple[str, ...]:
@@ -116,51 +170,23 @@ def columns_of(metric: str) -> tuple[str, ...]:
     return COLUMNS if metric in COLUMNS else (metric, *COLUMNS)
 
 
-def as_document(row: Row, metric: str) -> dict[str, Any]:
-    """A row as plain JSON."""
-    entry = row.entry
-    return {
-        "rank": row.rank,
-        "agent": entry.agent,
-        "version": entry.version,
-        "submission": entry.submission,
-        "evaluation": entry.evaluation,
-        "owner": entry.owner,
-        "kind": entry.kind,
-        "track": entry.track,
-        "seeds": len(entry.seeds),
-        "episodes": len({drive.episode for drive in entry.drives}),
-        "drives": len(entry.drives),
-        "finished": entry.finished.isoformat() if entry.finished else None,
-        "scores": {name: asdict(entry.scores[name]) for name in columns_of(metric)},
-        "per_km": entry.per_km,
-        "above": asdict(row.above) if row.above else None,
-    }
-
-
-def as_csv(rows: Sequence[Row], metric: str) -> str:
-    """The leaderboard as CSV: a row per submission, each score with the ends of its interval."""
+def as_csv(rows: Sequence[Mapping[str, Any]], metric: str) -> str:
+    """The leaderboard as CSV: a line per row of its document, each score with the ends of its interval."""
     columns = columns_of(metric)
-    header = ["rank", "agent", "version", "owner", "kind", "track", "evaluation", "seeds", "drives", "metric"]
-    header += [f"{name}{end}" for name in columns for end in ("", "_low", "_high")]
-    header += ["verdict_above", "probability_above"]
+    header = ["rank", "team", "agent", "version", "owner", "kind", "verified", "baseline", "track", "evaluation"]
+    header += ["runs", "thrown_away", "seeds", "drives"]
     lines: list[list[object]] = []
     for row in rows:
-        one = row.entry
-        who = [row.rank, one.agent, one.version, one.owner, one.kind, one.track, one.evaluation]
-        ends = [end for name in columns for end in _ends(one.scores[name])]
-        above = [row.above.verdict, row.above.probability] if row.above else [None, None]
-        lines.append([*who, len(one.seeds), len(one.drives), metric, *ends, *above])
-    return csv_text(header, lines)
+        ends = [row["scores"].get(name, {}).get(end) for name in columns for end in ("mean", "low", "high")]
+        above = [row["above"]["verdict"], row["above"]["probability"]] if row["above"] else [None, None]
+        lines.append([*(row[name] for name in header), metric, *ends, *above])
+    names = [f"{name}{end}" for name in columns for end in ("", "_low", "_high")]
+    return csv_text([*header, "metric", *names, "verdict_above", "probability_above"], lines)
 
 
-def _place(entry: Entry, metric: str) -> tuple[float, str, int, str]:
-    return -(entry.scores[metric].mean or 0.0), entry.agent, entry.version, entry.evaluation
+def _by_score(run: Contender) -> tuple[float, datetime, str]:
+    return -run.score, run.ordered, run.evaluation
 
 
-def _same_mean(a: Entry, b: Entry, metric: str) -> bool:
-    return a.scores[metric].mean == b.scores[metric].mean
-
-
-def _ends(score: Estimate) -> tuple[float | None, float | None, float | None]:
-    return score.mean, score.low, score.high
+def _by_time(run: Contender) -> tuple[datetime, str]:
+    return run.ordered, run.evaluation

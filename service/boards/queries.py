@@ -1,30 +1,22 @@
-"""Read-only queries: evaluations, their episodes, and the entries of leaderboards.
-
-`owner` limits a query to the data that one owner may see; None: no limit.
-"""
+"""Read-only queries: evaluations, their episodes, and the entries of comparisons and metrics."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from sqlalchemy import ColumnElement, func, select, true
+from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
 from dohyo.service.boards.leaderboard import Entry
-from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation, EvaluationStatus
+from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation
 from dohyo.service.evaluations.scoring import Drive
 from dohyo.service.submissions.model import Agent, Submission
 
 
-def find_evaluation(session: Session, evaluation_id: str, owner: str | None) -> Evaluation | None:
-    """An evaluation by its id, if it exists and is visible."""
-    return session.scalar(select(Evaluation).where(Evaluation.id == evaluation_id, _seen_by(owner)))
-
-
-def find_episode(session: Session, episode_id: str, owner: str | None) -> tuple[Episode, Evaluation] | None:
-    """An episode by its id with its evaluation, if it exists and is visible."""
-    query = select(Episode, Evaluation).join(Evaluation).where(Episode.id == episode_id, _seen_by(owner))
+def find_episode(session: Session, episode_id: str, seen: ColumnElement[bool]) -> tuple[Episode, Evaluation] | None:
+    """An episode by its id with its evaluation, if it exists and its evaluation meets a condition."""
+    query = select(Episode, Evaluation).join(Evaluation).where(Episode.id == episode_id, seen)
     row = session.execute(query).unique().one_or_none()
     return (row[0], row[1]) if row else None
 
@@ -44,27 +36,6 @@ def benchmark_versions(session: Session, name: str) -> list[BenchmarkVersion]:
 def benchmark_names(session: Session) -> list[str]:
     """Names of all evaluated benchmarks, sorted."""
     return sorted(session.scalars(select(BenchmarkVersion.name).distinct()))
-
-
-def ranked_evaluations(session: Session, benchmark_sha256: str, track: str | None, owner: str | None) -> list[str]:
-    """Ids of ranked evaluations: complete, reproducible, the latest of each submission; in a fixed order."""
-    query = (
-        select(Evaluation.id, Evaluation.submission_id)
-        .join(Submission, Submission.id == Evaluation.submission_id)
-        .where(
-            Evaluation.benchmark_sha256 == benchmark_sha256,
-            Evaluation.status == EvaluationStatus.DONE,
-            Evaluation.slow_policy == "wait",
-            _seen_by(owner),
-        )
-        .order_by(Evaluation.created.desc(), Evaluation.id)
-    )
-    if track is not None:
-        query = query.where(Submission.track == track)
-    latest: dict[str, str] = {}
-    for evaluation_id, submission_id in session.execute(query):
-        latest.setdefault(submission_id, evaluation_id)
-    return sorted(latest.values())
 
 
 def entries(session: Session, evaluation_ids: Sequence[str]) -> dict[str, Entry]:
@@ -145,7 +116,3 @@ def _egos(document: Mapping[str, Any], cell: str) -> int:
         if one["name"] == cell and one.get("together"):
             return len(document["missions"][one["missions"]])
     return 1
-
-
-def _seen_by(owner: str | None) -> ColumnElement[bool]:
-    return true() if owner is None else Evaluation.owner == owner

@@ -1,23 +1,27 @@
-"""Standings: leaderboards cached in memory, since finished evaluations never change."""
+"""Standings: the places of each ranking, kept in memory, since complete runs never change."""
 
 from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from typing import Final, Generic, TypeVar
 
+import numpy as np
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from dohyo.service.boards import queries as reading
-from dohyo.service.boards.leaderboard import Entry, Row, rank
+from dohyo.service.boards.leaderboard import Contender, Place, Ranks, places_of
+from dohyo.service.boards.model import Ranking, Result
+from dohyo.service.boards.results import is_behind, store_results
+from dohyo.service.database.engine import Database
+from dohyo.service.evaluations.model import Evaluation
 
 K = TypeVar("K", bound=Hashable)
 V = TypeVar("V")
 
-ENTRIES: Final = 500
-LEADERBOARDS: Final = 100
+RANKINGS: Final = 50
 
 
 @dataclass(slots=True)
@@ -43,36 +47,106 @@ class Recent(Generic[K, V]):
             while len(self.values) > self.size:
                 self.values.popitem(last=False)
 
+    def get_or_make(self, key: K, make: Callable[[], V]) -> V:
+        """The value, made where there is none."""
+        with self.lock:
+            if key not in self.values:
+                self.values[key] = make()
+            self.values.move_to_end(key)
+            while len(self.values) > self.size:
+                self.values.popitem(last=False)
+            return self.values[key]
+
+
+@dataclass(slots=True)
+class _Standing:
+    """One ranking in memory.
+
+    Attributes:
+        runs: Complete runs by evaluation.
+        state: Number of stored results and the latest end among them, when the runs were read.
+        places: Places by track, and by the runs that one reader may see; emptied when the runs change.
+        ranks: Verdicts.
+        lock: Held while the runs are read and ranked; other readers wait for that result.
+    """
+
+    runs: dict[str, Contender] = field(default_factory=dict)
+    state: tuple[object, ...] = ()
+    places: Recent[tuple[str | None, frozenset[str] | None], list[Place]] = field(default_factory=lambda: Recent(20))
+    ranks: Ranks = field(default_factory=Ranks)
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
 
 class Standings:
-    """Rows of leaderboards by the ranked evaluations and the score."""
+    """Places of rankings."""
 
     def __init__(self) -> None:
-        self._entries: Recent[str, Entry] = Recent(ENTRIES)
-        self._boards: Recent[tuple[tuple[str, ...], str], list[Row]] = Recent(LEADERBOARDS)
-        self._building = threading.Lock()
+        self._standings: Recent[str, _Standing] = Recent(RANKINGS)
 
-    def rows(
-        self, session: Session, benchmark_sha256: str, track: str | None, owner: str | None, metric: str
-    ) -> list[Row]:
-        """The current leaderboard; see `dohyo.service.boards.leaderboard.rank`."""
-        ids = tuple(reading.ranked_evaluations(session, benchmark_sha256, track, owner))
-        return self._cached(ids, metric, lambda: self._finished(session, ids))
+    def places(
+        self,
+        database: Database,
+        ranking: Ranking,
+        headline: str,
+        *,
+        track: str | None = None,
+        only: frozenset[str] | None = None,
+    ) -> list[Place]:
+        """The current places of a ranking; stores results of runs that are new.
 
-    def _cached(self, ids: tuple[str, ...], metric: str, load: Callable[[], list[Entry]]) -> list[Row]:
-        rows = self._boards.get((ids, metric))
-        if rows is None:
-            with self._building:  # one thread builds, the others wait for its result
-                rows = self._boards.get((ids, metric))
-                if rows is None:
-                    rows = rank([entry for entry in load() if entry.drives and metric in entry.scores], metric)
-                    self._boards.put((ids, metric), rows)
-        return rows
+        Args:
+            database: Database of the service.
+            ranking: The ranking.
+            headline: Score that ranks on its benchmark.
+            track: Only runs on this track; they are ranked among themselves.
+            only: Only these evaluations, such as those that one reader may see; None: all.
+        """
+        with database.reading() as session:
+            behind = is_behind(session, ranking)
+        if behind:
+            with database.session() as session:
+                store_results(session, ranking, headline)
+        standing = self._standings.get_or_make(ranking.id, _Standing)
+        with standing.lock, database.reading() as session:
+            _refresh(session, standing, ranking)
+            key = (track, only)
+            places = standing.places.get(key)
+            if places is None:
+                runs = [
+                    run
+                    for run in standing.runs.values()
+                    if (track is None or run.track == track) and (only is None or run.evaluation in only)
+                ]
+                places = standing.ranks.rank(places_of(runs, ranking.counts))
+                standing.places.put(key, places)
+            return places
 
-    def _finished(self, session: Session, ids: Sequence[str]) -> list[Entry]:
-        known = {one: self._entries.get(one) for one in ids}
-        missing = [one for one, entry in known.items() if entry is None]
-        for one, entry in reading.entries(session, missing).items() if missing else ():
-            known[one] = entry
-            self._entries.put(one, entry)
-        return [entry for entry in known.values() if entry is not None]
+
+def _refresh(session: Session, standing: _Standing, ranking: Ranking) -> None:
+    """Reads new results, and forgets deleted ones."""
+    mine = Result.ranking_id == ranking.id
+    state = tuple(session.execute(select(func.count(), func.max(Result.finished)).where(mine)).one())
+    if state == standing.state:
+        return
+    known = set(session.scalars(select(Result.evaluation_id).where(mine)))
+    standing.runs = {one: run for one, run in standing.runs.items() if one in known}
+    new = select(Result, Evaluation.team_id).join(Evaluation, Evaluation.id == Result.evaluation_id).where(mine)
+    if standing.runs:
+        new = new.where(Result.evaluation_id.in_(known - standing.runs.keys()))
+    for result, team in session.execute(new):
+        if result.facts["values"]:
+            standing.runs[result.evaluation_id] = _contender(result, ranking.challenge_id is not None and team is None)
+    standing.state = state
+    standing.places = Recent(20)
+
+
+def _contender(result: Result, baseline: bool) -> Contender:
+    return Contender(
+        evaluation=result.evaluation_id,
+        entrant=result.entrant,
+        baseline=baseline,
+        track=result.track,
+        score=result.score,
+        ordered=result.ordered,
+        values=np.array(result.facts["values"], dtype=np.float64),
+    )

@@ -2,91 +2,115 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import Annotated, Literal
 
 from pydantic import Field
 
+from dohyo.service.boards.ranking_views import RankingView
 from dohyo.service.evaluations.metrics_views import EstimateView, SummaryView
-from dohyo.service.web.views import Moment, Version, View
+from dohyo.service.submissions.model import AgentKind
+from dohyo.service.web.views import Version, View
 
 
 class ComparisonView(View):
     """Paired difference of two sides over their common drives."""
 
-    difference: EstimateView
+    difference: Annotated[EstimateView, Field(description="Mean of the differences.")]
     probability: Annotated[float, Field(description="Share of resamples in which the difference is above 0.")]
-    verdict: Annotated[Literal["<", "=", ">"], Field(description="= : the drives do not tell them apart.")]
+    verdict: Annotated[
+        Literal["<", "=", ">"],
+        Field(description="< significantly lower, > significantly higher, = no significant difference."),
+    ]
 
 
 class RowView(View):
-    """A place on the leaderboard."""
+    """A place on the leaderboard: the run of a team (in an open ranking: of a submission) that counts."""
 
-    rank: Annotated[int, Field(description="Shared by entries that do not differ significantly from its best.")]
-    agent: str
-    version: int
-    submission: str
-    evaluation: str
-    owner: str
-    kind: str
-    track: str
-    seeds: int
-    episodes: int
-    drives: int
-    finished: Moment | None
-    scores: dict[str, EstimateView]
+    rank: Annotated[
+        int | None,
+        Field(description="Shared by entries that do not differ significantly from its best; null: a baseline."),
+    ]
+    baseline: Annotated[bool, Field(description="Whether it is the organiser's, to compare with, without a rank.")]
+    team: Annotated[str | None, Field(description="Name of the team; null outside of challenges.")]
+    agent: Annotated[str, Field(description="Name of the agent.")]
+    version: Annotated[int, Field(description="Version of the agent.")]
+    submission: Annotated[str, Field(description="Identifier of the submission.")]
+    evaluation: Annotated[str, Field(description="The run that counts.")]
+    owner: Annotated[str, Field(description="Owner of the agent.")]
+    kind: Annotated[AgentKind, Field(description="Kind of the submission.")]
+    verified: Annotated[
+        bool,
+        Field(
+            description="Whether the service itself ran the agent (built-in, ONNX). Of a remote agent, neither the "
+            "computing time nor the memory nor the program can be checked."
+        ),
+    ]
+    track: Annotated[str, Field(description="Which sensors the agent may use.")]
+    runs: Annotated[int, Field(description="Ranked runs that were ordered, also failed and cancelled ones.")]
+    thrown_away: Annotated[int, Field(description="Attempts at episodes of these runs that gave no record.")]
+    seeds: Annotated[int, Field(description="Number of seeds.")]
+    episodes: Annotated[int, Field(description="Number of episodes.")]
+    drives: Annotated[int, Field(description="Number of drives.")]
+    finished: Annotated[datetime | None, Field(description="End of the run.")]
+    scores: Annotated[dict[str, EstimateView], Field(description="Scores with intervals, by name.")]
     per_km: Annotated[dict[str, float], Field(description="Infractions per km; kinds that never happened left out.")]
     above: Annotated[ComparisonView | None, Field(description="This row against the one above; null for the first.")]
 
 
 class LeaderboardView(View):
-    """Submissions on one version of a benchmark, best first."""
+    """A page of a ranking's board, best first."""
 
-    benchmark: Annotated[str, Field(examples=["quickstart"])]
+    benchmark: Annotated[str, Field(description="Name of the benchmark.", examples=["quickstart"])]
     version: Version
     versions: Annotated[list[Version], Field(description="Evaluated here, newest first.")]
-    track: str | None
+    ranking: Annotated[RankingView | None, Field(description="The ranking; null where nothing was ranked yet.")]
+    final: Annotated[bool, Field(description="Whether the board is final and never changes.")]
+    track: Annotated[str | None, Field(description="The requested track; null: all, ranked as one.")]
     metric: Annotated[str, Field(description="The score that ranks.", examples=["driving_score"])]
     description: Annotated[str, Field(description="What that score is.")]
-    rows: list[RowView]
+    total: Annotated[int, Field(description="Number of places on all pages.")]
+    rows: Annotated[list[RowView], Field(description="The places of this page.")]
+    next: Annotated[str | None, Field(description="To be given as `after`; null at the end.")]
 
 
 class SideView(SummaryView):
     """One evaluation of a comparison."""
 
-    evaluation: str
-    agent: str
-    version: int
-    track: str
-    seeds: int
+    evaluation: Annotated[str, Field(description="Identifier.")]
+    agent: Annotated[str, Field(description="Name of the agent.")]
+    version: Annotated[int, Field(description="Version of the agent.")]
+    track: Annotated[str, Field(description="Which sensors the agent may use.")]
+    seeds: Annotated[int, Field(description="Number of seeds.")]
 
 
 class PairView(View):
     """Two evaluations, score by score, a - b; null without drives in common."""
 
-    a: str
-    b: str
-    scores: dict[str, ComparisonView | None]
+    a: Annotated[str, Field(description="Identifier of one evaluation.")]
+    b: Annotated[str, Field(description="Identifier of the other one.")]
+    scores: Annotated[dict[str, ComparisonView | None], Field(description="Comparison by score.")]
 
 
 class ScenarioView(View):
     """A scenario with the score of each evaluation, in their order."""
 
-    scenario: str
-    seed: int
-    cell: str
+    scenario: Annotated[str, Field(description="Name of the scenario.")]
+    seed: Annotated[int, Field(description="Of the scenario.")]
+    cell: Annotated[str, Field(description="Cell of the benchmark.")]
     spread: Annotated[float, Field(description="Largest value less the smallest.")]
-    values: list[float]
-    driving_scores: list[float]
-    episodes: list[str]
-    statuses: list[list[str]]
+    values: Annotated[list[float], Field(description="Headline score of each evaluation.")]
+    driving_scores: Annotated[list[float], Field(description="Driving score of each evaluation.")]
+    episodes: Annotated[list[str], Field(description="Episode of each evaluation.")]
+    statuses: Annotated[list[list[str]], Field(description="How each ego's drive ended, for each evaluation.")]
 
 
 class ComparedView(View):
     """Comparison of evaluations of one benchmark version."""
 
-    benchmark: str
+    benchmark: Annotated[str, Field(description="Name of the benchmark.")]
     benchmark_sha256: Version
-    metric: str
-    evaluations: list[SideView]
-    pairs: list[PairView]
+    metric: Annotated[str, Field(description="The benchmark's headline score.")]
+    evaluations: Annotated[list[SideView], Field(description="The sides, in the requested order.")]
+    pairs: Annotated[list[PairView], Field(description="Each with each.")]
     scenarios: Annotated[list[ScenarioView], Field(description="Those on which they differ most.")]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dohyo.service.accounts import model as accounts
+from dohyo.service.boards import model as boards
+from dohyo.service.challenges import model as challenges
 from dohyo.service.database import idempotency, server_lock
 from dohyo.service.database.base import Base
 from dohyo.service.evaluations import model as evaluations
@@ -10,5 +12,5 @@ from dohyo.service.jobs import model as jobs
 from dohyo.service.submissions import model as submissions
 from dohyo.service.webhooks import model as webhooks
 
-MODELS = (accounts, submissions, evaluations, jobs, webhooks, idempotency, server_lock)
+MODELS = (accounts, submissions, evaluations, boards, challenges, jobs, webhooks, idempotency, server_lock)
 METADATA = Base.metadata

@@ -22,6 +22,7 @@ from dohyo.service.boards.standings import Recent, Standings
 from dohyo.service.episodes.archive import archived_path
 from dohyo.service.episodes.redrives import Redrives
 from dohyo.service.errors import ConflictError, GoneError, NotFoundError
+from dohyo.service.evaluations.access import Aspect, find_visible, require, seen_by
 from dohyo.service.evaluations.model import BenchmarkVersion, Episode, Evaluation
 from dohyo.service.settings import Settings
 from dohyo.service.state import Services, ServicesOf
@@ -96,35 +97,36 @@ async def readers_of(request: Request, services: ServicesOf) -> Readers:
 ReadersOf = Annotated[Readers, Depends(readers_of)]
 
 
-def owner_filter(caller: Caller) -> str | None:
-    """Owner whose evaluations a caller sees; None: all owners."""
-    return None if caller.sees_all else caller.owner
-
-
-def evaluation_for(services: Services, caller: Caller, evaluation_id: str) -> tuple[Evaluation, BenchmarkVersion]:
-    """An evaluation that the caller may see, with its benchmark.
+def evaluation_for(
+    services: Services, caller: Caller, evaluation_id: str, aspect: Aspect
+) -> tuple[Evaluation, BenchmarkVersion]:
+    """An evaluation of which the caller may see an aspect, with its benchmark.
 
     Raises:
         NotFoundError: It does not exist or is not visible to this caller.
+        ForbiddenError: It exists, and this aspect of it is withheld from the caller.
     """
     with services.database.reading() as session:
-        evaluation = reading.find_evaluation(session, evaluation_id, owner_filter(caller))
-        if evaluation is None:
-            raise NotFoundError(f"no evaluation '{evaluation_id}'")
+        evaluation = find_visible(session, caller, evaluation_id)
+        require(session, caller, evaluation, aspect)
         return evaluation, evaluation.benchmark
 
 
-def episode_for(services: Services, caller: Caller, episode_id: str) -> tuple[Episode, Evaluation, BenchmarkVersion]:
-    """An episode that the caller may see, with its evaluation and benchmark.
+def episode_for(
+    services: Services, caller: Caller, episode_id: str, aspect: Aspect
+) -> tuple[Episode, Evaluation, BenchmarkVersion]:
+    """An episode of whose evaluation the caller may see an aspect, with that evaluation and its benchmark.
 
     Raises:
         NotFoundError: It does not exist or is not visible to this caller.
+        ForbiddenError: It exists, and this aspect of it is withheld from the caller.
     """
     with services.database.reading() as session:
-        found = reading.find_episode(session, episode_id, owner_filter(caller))
+        found = reading.find_episode(session, episode_id, seen_by(caller))
         if found is None:
             raise NotFoundError(f"no episode '{episode_id}'")
         episode, evaluation = found
+        require(session, caller, evaluation, aspect)
         return episode, evaluation, evaluation.benchmark
 
 

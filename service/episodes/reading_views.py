@@ -37,12 +37,12 @@ class InfractionsView(View):
 class EpisodeDetail(EpisodeView):
     """An episode with its agent and owner."""
 
-    agent: str
-    agent_version: int
-    benchmark: str
+    agent: Annotated[str, Field(description="Name of the agent.")]
+    agent_version: Annotated[int, Field(description="Version of the agent.")]
+    benchmark: Annotated[str, Field(description="Name of the benchmark.")]
     benchmark_version: Version
     rules: Annotated[str, Field(description="Of the driving score.")]
-    network: str
+    network: Annotated[str | None, Field(description="Network of the scenario; null where withheld.")]
 
 
 class EventsView(View):

@@ -27,6 +27,7 @@ from dohyo.service.episodes.redrive import explanation_at
 from dohyo.service.episodes.replay import FORMAT, encode, infraction_document, replay_of
 from dohyo.service.episodes.views import view_episode
 from dohyo.service.errors import ConflictError
+from dohyo.service.evaluations.access import Aspect, visible_among
 from dohyo.service.evaluations.model import BenchmarkVersion, Episode, Evaluation
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.web.caching import Cached, Identified, already_has, immutable
@@ -36,29 +37,31 @@ from dohyo.sumo_networks.networks.catalog import load_network
 
 RETRY_S = 2
 
-router = APIRouter(prefix="/v1/episodes/{identifier}", tags=["episodes"], responses=problems(404))
+router = APIRouter(prefix="/v1/episodes/{identifier}", tags=["episodes"], responses=problems(403, 404))
 
 
 @router.get("")
 def get_episode(identifier: Identified, caller: Reader, services: ServicesOf, readers: ReadersOf) -> EpisodeDetail:
     """Status and scores of an episode."""
-    episode, evaluation, version = episode_for(services, caller, identifier)
+    episode, evaluation, version = episode_for(services, caller, identifier, Aspect.RUN)
+    with services.database.reading() as session:
+        told = bool(visible_among(session, caller, (evaluation.id,), Aspect.RECORDS))
     benchmark = readers.benchmark(version)
     return EpisodeDetail(
-        **view_episode(episode).model_dump(),
+        **view_episode(episode, told=told).model_dump(),
         agent=evaluation.submission.agent.name,
         agent_version=evaluation.submission.version,
         benchmark=version.name,
         benchmark_version=version.sha256,
         rules=benchmark.rules,
-        network=readers.network_of(version, episode.cell),
+        network=readers.network_of(version, episode.cell) if told else None,
     )
 
 
-@router.get("/record", responses=problems(404, 409, 410) | Cached.json(EpisodeRecord))
+@router.get("/record", responses=problems(403, 404, 409, 410) | Cached.json(EpisodeRecord))
 def get_episode_record(identifier: Identified, request: Request, caller: Reader, services: ServicesOf) -> Response:
     """The record of an episode, as `dohyo verify` and `dohyo score` read it; it never changes."""
-    episode, _, _ = episode_for(services, caller, identifier)
+    episode, _, _ = episode_for(services, caller, identifier, Aspect.RECORDS)
     path = record_path(services.settings, episode)
     headers = immutable(f"{episode.record_hash}", services)
     if already_has(request, headers):
@@ -67,10 +70,10 @@ def get_episode_record(identifier: Identified, request: Request, caller: Reader,
     return Response(_read(path, episode), media_type="application/json", headers=headers)
 
 
-@router.get("/trajectory", responses=problems(404, 409, 410) | Cached.file("application/vnd.apache.parquet"))
+@router.get("/trajectory", responses=problems(403, 404, 409, 410) | Cached.file("application/vnd.apache.parquet"))
 def get_episode_trajectory(identifier: Identified, request: Request, caller: Reader, services: ServicesOf) -> Response:
     """Trajectories of an episode as Parquet, one row per object and tick; byte ranges are supported."""
-    episode, _, _ = episode_for(services, caller, identifier)
+    episode, _, _ = episode_for(services, caller, identifier, Aspect.RECORDS)
     path = record_path(services.settings, episode).with_suffix(".parquet")
     headers = immutable(f"{episode.record_hash}-trajectory", services)
     if already_has(request, headers):
@@ -80,10 +83,10 @@ def get_episode_trajectory(identifier: Identified, request: Request, caller: Rea
     return FileResponse(path, headers=headers, media_type="application/vnd.apache.parquet", filename=name)
 
 
-@router.get("/events", responses=problems(404, 409, 410))
+@router.get("/events", responses=problems(403, 404, 409, 410))
 def get_episode_events(identifier: Identified, caller: Reader, services: ServicesOf, readers: ReadersOf) -> EventsView:
     """The infractions in the order of time, each with its own cost."""
-    episode, _, version = episode_for(services, caller, identifier)
+    episode, _, version = episode_for(services, caller, identifier, Aspect.REPLAYS)
     rules = readers.benchmark(version).rules
     egos: list[dict[str, Any]] = [
         {
@@ -98,12 +101,12 @@ def get_episode_events(identifier: Identified, caller: Reader, services: Service
     return EventsView(episode=episode.id, rules=rules, egos=egos)
 
 
-@router.get("/replay", responses=problems(404, 409, 410) | Cached.json())
+@router.get("/replay", responses=problems(403, 404, 409, 410) | Cached.json())
 def get_episode_replay(
     identifier: Identified, request: Request, caller: Reader, services: ServicesOf, readers: ReadersOf
 ) -> Response:
     """Data of a replay except the roads (`/v1/networks/{name}/map`): poses, lights, infractions, series."""
-    episode, _, version = episode_for(services, caller, identifier)
+    episode, _, version = episode_for(services, caller, identifier, Aspect.REPLAYS)
     path = record_path(services.settings, episode)
     headers = immutable(f"{episode.record_hash}-{episode.id}-replay{FORMAT}", services)
     headers |= {"vary": "Accept-Encoding", "content-encoding": "gzip"}
@@ -120,7 +123,8 @@ def get_episode_replay(
 @router.get(
     "/explanation",
     response_model=ExplanationView,
-    responses=problems(404, 409, 410) | {202: {"description": "Being found out; ask again after Retry-After seconds."}},
+    responses=problems(403, 404, 409, 410)
+    | {202: {"description": "Being found out; ask again after Retry-After seconds."}},
 )
 async def get_episode_explanation(
     identifier: Identified,
@@ -130,7 +134,7 @@ async def get_episode_explanation(
     tick: Annotated[int, Query(ge=0, le=10_000_000, description="The decision taken when the world was at this tick.")],
 ) -> Any:
     """Explanations of the agent's decisions. The first request drives the episode again and answers 202."""
-    episode, evaluation, _ = await asyncio.to_thread(episode_for, services, caller, identifier)
+    episode, evaluation, _ = await asyncio.to_thread(episode_for, services, caller, identifier, Aspect.REPLAYS)
     facts = await asyncio.to_thread(_repeatable, services, episode, evaluation)
     trace = await readers.redrives.explain(record_path(services.settings, episode))
     if trace is None:
@@ -144,12 +148,12 @@ async def get_episode_explanation(
     return ExplanationView(episode=episode.id, tick=tick, ticks=facts.ticks, explanations=found)
 
 
-@router.post("/verify", responses=problems(404, 409, 410, 413))
+@router.post("/verify", responses=problems(403, 404, 409, 410, 413))
 async def verify_episode(
     identifier: Identified, caller: Holder, services: ServicesOf, readers: ReadersOf
 ) -> VerificationView:
     """Drives the episode again and compares the hashes; needs a token and takes as long as the episode did."""
-    episode, evaluation, _ = await asyncio.to_thread(episode_for, services, caller, identifier)
+    episode, evaluation, _ = await asyncio.to_thread(episode_for, services, caller, identifier, Aspect.RECORDS)
     await asyncio.to_thread(_repeatable, services, episode, evaluation)
     answer = await readers.redrives.verify(record_path(services.settings, episode))
     return VerificationView(episode=episode.id, **answer)

@@ -12,26 +12,35 @@ from dohyo.service.web.views import View
 
 
 class EpisodeView(View):
-    """One scenario of an evaluation."""
+    """One scenario of an evaluation. Where the records are withheld, so are the scenario and all that tells of it."""
 
-    id: Annotated[str, Field(examples=["ep-9f86d081884c7d65"])]
-    evaluation: str
+    id: Annotated[str, Field(description="Identifier.", examples=["ep-9f86d081884c7d65"])]
+    evaluation: Annotated[str, Field(description="Its evaluation.")]
     position: Annotated[int, Field(description="In the benchmark's order, from 0.")]
-    scenario: str
-    cell: str
-    seed: int
-    status: EpisodeStatus
-    attempts: int
-    record_hash: str | None
-    summary: Annotated[dict[str, Any] | None, Field(description="Scores and counts per ego, from the record.")]
-    failure: str | None
-    started: datetime | None
-    finished: datetime | None
+    scenario: Annotated[str | None, Field(description="Name of the scenario; null where withheld.")]
+    cell: Annotated[str | None, Field(description="Cell of the benchmark; null where withheld.")]
+    seed: Annotated[int | None, Field(description="Of the scenario; null where withheld.")]
+    status: Annotated[EpisodeStatus, Field(description="Status; lost: a fault of the infrastructure.")]
+    attempts: Annotated[int, Field(description="How often it was started.")]
+    record_hash: Annotated[str | None, Field(description="Content hash of its record; null where withheld.")]
+    summary: Annotated[
+        dict[str, Any] | None, Field(description="Scores and counts per ego, from the record; null where withheld.")
+    ]
+    failure: Annotated[str | None, Field(description="Why it was lost; null where withheld.")]
+    started: Annotated[datetime | None, Field(description="Start of the last attempt.")]
+    finished: Annotated[datetime | None, Field(description="Its end.")]
 
 
-def view_episode(episode: Episode) -> EpisodeView:
-    """An episode."""
-    return EpisodeView(
-        evaluation=episode.evaluation_id,
-        **{name: getattr(episode, name) for name in EpisodeView.model_fields if name != "evaluation"},
-    )
+WITHHELD = ("scenario", "cell", "seed", "record_hash", "summary", "failure")
+
+
+def view_episode(episode: Episode, *, told: bool = True) -> EpisodeView:
+    """An episode.
+
+    Args:
+        episode: The episode.
+        told: Whether the reader may see its record; without it, the properties in `WITHHELD` are None.
+    """
+    names = [name for name in EpisodeView.model_fields if name != "evaluation"]
+    facts = {name: getattr(episode, name) if told or name not in WITHHELD else None for name in names}
+    return EpisodeView(evaluation=episode.evaluation_id, **facts)

@@ -9,6 +9,7 @@ from typing import Any
 from sqlalchemy import ForeignKey, Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
+from dohyo.service.boards.model import Ranking
 from dohyo.service.database.base import Base, now
 from dohyo.service.submissions.model import Submission
 
@@ -70,14 +71,21 @@ class BenchmarkVersion(Base):
 
 
 class Evaluation(Base):
-    """One submission on one benchmark version. `announced` is the end that was announced to webhooks."""
+    """One submission on one benchmark version. `announced` is the end that was announced to webhooks.
+
+    A run with a `ranking_id` is *ranked*, and its conditions are the ranking's; one without is *practice*. `team_id` is
+    the team that the run was ordered for, in a phase of a challenge.
+    """
 
     __tablename__ = "evaluations"
+    __table_args__ = (Index("by_ranking", "ranking_id", "status"),)
 
     id: Mapped[str] = mapped_column(String(32), primary_key=True)
     owner: Mapped[str] = mapped_column(String(100), index=True)
     submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"), index=True)
     benchmark_sha256: Mapped[str] = mapped_column(ForeignKey("benchmarks.sha256"), index=True)
+    ranking_id: Mapped[str | None] = mapped_column(ForeignKey("rankings.id"))
+    team_id: Mapped[str | None] = mapped_column(ForeignKey("teams.id"), index=True)
     seeds: Mapped[list[int]]
     status: Mapped[EvaluationStatus] = mapped_column(default=EvaluationStatus.QUEUED, index=True)
     slow_policy: Mapped[str] = mapped_column(String(10), default="wait")
@@ -89,6 +97,7 @@ class Evaluation(Base):
     announced: Mapped[datetime | None]
     submission: Mapped[Submission] = relationship(lazy="joined")
     benchmark: Mapped[BenchmarkVersion] = relationship()
+    ranking: Mapped[Ranking | None] = relationship()
 
 
 class Episode(Base):

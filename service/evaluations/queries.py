@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import func, select, tuple_, update
+from sqlalchemy import ColumnElement, func, select, tuple_, update
 from sqlalchemy.orm import Session
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
@@ -42,6 +42,8 @@ def add_evaluation(
     *,
     slow_policy: str,
     act_deadline_s: float,
+    ranking_id: str | None = None,
+    team_id: str | None = None,
 ) -> Evaluation:
     """Queues an evaluation with all its episodes.
 
@@ -54,12 +56,16 @@ def add_evaluation(
         scenarios: `benchmark.scenarios(seeds)`: an episode's position is its place in there.
         slow_policy: "wait" or "realtime".
         act_deadline_s: Wall-clock time for one decision.
+        ranking_id: Ranking that the run enters; None in practice.
+        team_id: Team that the run counts for; None outside of challenges.
     """
     evaluation = Evaluation(
         id=new_id("ev"),
         owner=owner,
         submission_id=submission.id,
         benchmark_sha256=save_benchmark(session, benchmark).sha256,
+        ranking_id=ranking_id,
+        team_id=team_id,
         seeds=list(seeds),
         status=EvaluationStatus.QUEUED,
         slow_policy=slow_policy,
@@ -101,18 +107,14 @@ def count_missing(session: Session, evaluation: Evaluation) -> int:
     return session.scalar(query) or 0
 
 
-def find_evaluation(session: Session, evaluation_id: str) -> Evaluation | None:
-    """An evaluation by its identifier."""
-    return session.get(Evaluation, evaluation_id)
-
-
 def list_evaluations(
     session: Session,
+    seen: ColumnElement[bool],
     *,
-    owner: str | None = None,
     agent: str | None = None,
     benchmark: str | None = None,
     status: EvaluationStatus | None = None,
+    ranking: str | None = None,
     limit: int | None = None,
     after: str | None = None,
 ) -> Sequence[Evaluation]:
@@ -120,17 +122,16 @@ def list_evaluations(
 
     Args:
         session: To read in.
-        owner: Only evaluations of this owner.
+        seen: Condition that all must meet, see `dohyo.service.evaluations.access.seen_by`.
         agent: Only evaluations of the agent of this name.
         benchmark: Only evaluations on versions of the benchmark of this name.
         status: Only evaluations of this status.
+        ranking: Only runs of the ranking of this identifier.
         limit: Largest number of results.
         after: Identifier of an evaluation; an unknown one gives none.
     """
     query = select(Evaluation).join(Submission, Submission.id == Evaluation.submission_id)
-    query = query.order_by(Evaluation.created.desc(), Evaluation.id.desc()).limit(limit)
-    if owner is not None:
-        query = query.where(Evaluation.owner == owner)
+    query = query.where(seen).order_by(Evaluation.created.desc(), Evaluation.id.desc()).limit(limit)
     if agent is not None:
         query = query.join(Agent, Agent.id == Submission.agent_id).where(Agent.name == agent)
     if benchmark is not None:
@@ -138,6 +139,8 @@ def list_evaluations(
         query = query.where(BenchmarkVersion.name == benchmark)
     if status is not None:
         query = query.where(Evaluation.status == status)
+    if ranking is not None:
+        query = query.where(Evaluation.ranking_id == ranking)
     if after is not None:
         last = session.get(Evaluation, after)
         if last is None:

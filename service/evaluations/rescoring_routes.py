@@ -12,6 +12,7 @@ from dohyo.service.accounts.access import Reader
 from dohyo.service.boards import queries as reading
 from dohyo.service.episodes.readers import ReadersOf, evaluation_for, record_of
 from dohyo.service.errors import ConflictError
+from dohyo.service.evaluations.access import Aspect
 from dohyo.service.evaluations.metrics_views import RescoredView
 from dohyo.service.evaluations.rescoring import LAMBDA, rescore
 from dohyo.service.state import ServicesOf
@@ -38,10 +39,10 @@ class RescoringOrder(BaseModel):
     irs_length: Annotated[Literal["driven", "route"], Field(description="Kilometres that IRS divides by.")] = "driven"
 
 
-@router.post("/rescore", response_model=RescoredView, responses=problems(404, 409, 410, 413))
+@router.post("/rescore", response_model=RescoredView, responses=problems(403, 404, 409, 410, 413))
 def rescore_evaluations(order: RescoringOrder, caller: Reader, services: ServicesOf, readers: ReadersOf) -> Response:
     """Recomputes every score from the records; stored data does not change."""
-    _, version = evaluation_for(services, caller, order.evaluation)
+    _, version = evaluation_for(services, caller, order.evaluation, Aspect.RECORDS)
     with services.database.reading() as session:
         episodes = reading.recorded_episodes(session, order.evaluation)
     if not episodes:

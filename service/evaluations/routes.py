@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Header, Query, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 from sqlalchemy.orm import Session
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
@@ -16,12 +17,16 @@ from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.running.run import Manifest
 from dohyo.service.accounts.access import Caller, Reader, Submitter
 from dohyo.service.benchmarks.routes import find_benchmark
+from dohyo.service.boards.model import Ranking
+from dohyo.service.boards.rankings import check_entry, open_ranking
+from dohyo.service.challenges.queries import find_phase
 from dohyo.service.database.engine import serialise
 from dohyo.service.database.idempotency import made_before, remember
 from dohyo.service.episodes.views import EpisodeView, view_episode
 from dohyo.service.errors import BusyError, ConflictError, ForbiddenError, NotFoundError, TooManyRequestsError
 from dohyo.service.evaluations import queries as evaluations
-from dohyo.service.evaluations.model import EpisodeStatus, Evaluation, EvaluationStatus
+from dohyo.service.evaluations.access import Aspect, find_visible, require, seen_by, visible_among
+from dohyo.service.evaluations.model import BenchmarkVersion, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.views import EvaluationView, view_evaluation
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.submissions.agent_routes import IdempotencyKey, owned_agent
@@ -41,33 +46,68 @@ Seed = Annotated[int, Field(ge=0, le=2**31 - 1)]
 
 
 class EvaluationOrder(BaseModel):
-    """The order of an evaluation: an agent, a benchmark, seeds and conditions of the run."""
+    """The order of a run: an agent and a benchmark; for a practice run also seeds and conditions.
+
+    A ranked run takes seeds, deadline and slow policy from its ranking, and counts against the entrant's quota.
+    """
 
     model_config = ConfigDict(
         extra="forbid",
-        json_schema_extra={"examples": [{"agent": "team-blue-mpc", "benchmark": "quickstart", "seeds": [0, 1, 2]}]},
+        json_schema_extra={
+            "examples": [
+                {"agent": "team-blue-mpc", "benchmark": "quickstart", "ranked": True},
+                {"agent": "team-blue-mpc", "benchmark": "quickstart", "seeds": [0, 1, 2]},
+            ]
+        },
     )
 
-    agent: Annotated[str, Field(min_length=1, max_length=100)]
+    agent: Annotated[str, Field(min_length=1, max_length=100, description="Name of the agent.")]
     version: Annotated[int | None, Field(ge=1, le=2**31 - 1, description="Of the agent; default: the latest.")] = None
-    benchmark: Annotated[str, Field(min_length=1, max_length=100)]
+    benchmark: Annotated[str, Field(min_length=1, max_length=100, description="Name of the benchmark.")]
+    ranked: Annotated[
+        bool, Field(description="Whether the run may enter a board; a practice run never does, whatever its score.")
+    ] = False
+    ranking: Annotated[
+        str | None,
+        Field(
+            min_length=1,
+            max_length=40,
+            description="The phase of a challenge that a ranked run enters; default: the benchmark's open ranking.",
+        ),
+    ] = None
     seeds: Annotated[
-        list[Seed] | None, Field(min_length=1, max_length=MOST_SEEDS, description="Default: the benchmark's.")
+        list[Seed] | None,
+        Field(min_length=1, max_length=MOST_SEEDS, description="Of a practice run; default: the benchmark's."),
     ] = None
     slow_policy: Annotated[
-        Literal["wait", "realtime"],
-        Field(description="Whether the simulation waits for a remote agent; only evaluations that wait are ranked."),
-    ] = "wait"
-    act_deadline_s: Annotated[
-        float | None, Field(gt=0, le=600, description="Wall-clock time for one decision; default: the service's.")
+        Literal["wait", "realtime"] | None,
+        Field(description="Of a practice run: whether the simulation waits for a remote agent; default: wait."),
     ] = None
+    act_deadline_s: Annotated[
+        float | None,
+        Field(gt=0, le=600, description="Of a practice run: wall-clock time for one decision; default: the service's."),
+    ] = None
+
+    @field_validator("ranking")
+    @classmethod
+    def _only_ranked(cls, given: str | None, info: ValidationInfo) -> str | None:
+        if given is not None and not info.data.get("ranked"):
+            raise ValueError("expected `ranked: true` beside a ranking")
+        return given
+
+    @field_validator("seeds", "slow_policy", "act_deadline_s")
+    @classmethod
+    def _only_practice(cls, given: object, info: ValidationInfo) -> object:
+        if given is not None and info.data.get("ranked"):
+            raise ValueError("expected nothing in a ranked run, whose ranking fixes it")
+        return given
 
 
 @router.post("", status_code=201, responses=problems(403, 404, 409, 413, 507))
 async def create_evaluation(
     order: EvaluationOrder, caller: Submitter, services: ServicesOf, idempotency_key: IdempotencyKey = None
 ) -> EvaluationView:
-    """Queues one agent on one benchmark; 429 past the caller's quota, 503 where the queue is full."""
+    """Queues one agent on one benchmark; 429 past a quota, 503 where the queue is full, 409 where a phase is closed."""
     _refuse_while_ending(services)
     view = await run_in_threadpool(_create, order, caller, services, idempotency_key)
     services.scheduler.wake()
@@ -82,6 +122,7 @@ def list_evaluations(
     agent: Annotated[str | None, Query(max_length=100)] = None,
     benchmark: Annotated[str | None, Query(max_length=100)] = None,
     status: EvaluationStatus | None = None,
+    ranking: Annotated[str | None, Query(max_length=40, description="Only runs of this ranking.")] = None,
     limit: Limit = 50,
     after: After = None,
 ) -> Page[EvaluationView]:
@@ -89,14 +130,15 @@ def list_evaluations(
     with services.database.reading() as session:
         rows = evaluations.list_evaluations(
             session,
-            owner=None if caller.sees_all else caller.owner,
+            seen_by(caller),
+            ranking=ranking,
             agent=agent,
             benchmark=benchmark,
             status=status,
             limit=limit + 1,
             after=after,
         )
-        items = _views(session, rows[:limit])
+        items = _views(session, caller, rows[:limit])
     return Page(items=items, next=items[-1].id if len(rows) > limit else None)
 
 
@@ -137,11 +179,12 @@ async def stream_evaluation_progress(
     return StreamingResponse(events, media_type=MEDIA_TYPE, headers={"cache-control": "no-store"})
 
 
-@router.get("/{identifier}/manifest", responses=problems(404))
+@router.get("/{identifier}/manifest", responses=problems(403, 404))
 def get_evaluation_manifest(identifier: Identifier, caller: Reader, services: ServicesOf) -> Manifest:
     """Manifest of an evaluation with the whole benchmark; with the records it makes a result folder."""
     with services.database.reading() as session:
-        evaluation = _visible(session, caller, identifier)
+        evaluation = find_visible(session, caller, identifier)
+        require(session, caller, evaluation, Aspect.RECORDS)
         return Manifest(
             agent=AgentInfo.model_validate(evaluation.submission.info),
             benchmark=Benchmark.model_validate(evaluation.benchmark.document),
@@ -158,11 +201,12 @@ def list_episodes(
     limit: Limit = 100,
     after: Annotated[int | None, Query(ge=0, le=2**31 - 1, description="The `next` of the page before.")] = None,
 ) -> Page[EpisodeView]:
-    """Lists an evaluation's episodes in the benchmark's order."""
+    """Lists an evaluation's episodes in the benchmark's order, without scenarios and scores where withheld."""
     with services.database.reading() as session:
-        evaluation = _visible(session, caller, identifier)
+        evaluation = find_visible(session, caller, identifier)
+        told = bool(visible_among(session, caller, (evaluation.id,), Aspect.RECORDS))
         rows = evaluations.list_episodes(session, evaluation.id, status=status, limit=limit + 1, after=after)
-    items = [view_episode(episode) for episode in rows[:limit]]
+    items = [view_episode(episode, told=told) for episode in rows[:limit]]
     return Page(items=items, next=str(items[-1].position) if len(rows) > limit else None)
 
 
@@ -192,6 +236,8 @@ async def resume_evaluation(identifier: Identifier, caller: Submitter, services:
             evaluation = _owned(session, caller, identifier)
             if not evaluation.status.finished or evaluation.status is EvaluationStatus.DONE:
                 return
+            if evaluation.ranking is not None and evaluation.ranking.ended():
+                raise ConflictError(f"evaluation '{identifier}' is of a ranking that has ended; its board is final")
             _check_room(session, services, evaluation.owner, evaluations.count_missing(session, evaluation))
             if not evaluations.resume(session, evaluation):
                 raise ConflictError(f"evaluation '{identifier}' has no episode that was lost or cancelled")
@@ -201,34 +247,86 @@ async def resume_evaluation(identifier: Identifier, caller: Submitter, services:
     return await run_in_threadpool(_state, services, caller, identifier)
 
 
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """A run before it is queued.
+
+    Attributes:
+        benchmark: To drive.
+        seeds: To drive it with.
+        slow_policy: "wait" or "realtime".
+        act_deadline_s: Wall-clock time for one decision.
+        ranking_id: Ranking that the run enters; None in practice.
+    """
+
+    benchmark: Benchmark
+    seeds: list[int]
+    slow_policy: str
+    act_deadline_s: float
+    ranking_id: str | None = None
+
+
 def _create(order: EvaluationOrder, caller: Caller, services: Services, key: str | None) -> EvaluationView:
-    benchmark = find_benchmark(order.benchmark)
+    request = content_hash({"evaluation": order.model_dump(mode="json")})
+    if known := _made_before(services, caller, key, request):
+        return known
     with services.database.reading() as session:
         submission = _submission(session, caller, order)
-    seeds = list(dict.fromkeys(order.seeds or benchmark.seeds))
-    with services.database.reading() as session:
-        _check_room(session, services, caller.owner, benchmark.size * len(seeds))
     # Planning routes is slow the first time, so it happens outside of any transaction; only what has room is planned.
-    scenarios = benchmark.scenarios(seeds)
-    request = content_hash({"evaluation": order.model_dump(mode="json")})
+    plan = _ranked_plan(order, submission, services) if order.ranked else _practice_plan(order, services)
+    with services.database.reading() as session:
+        _check_room(session, services, caller.owner, plan.benchmark.size * len(plan.seeds))
+    scenarios = plan.benchmark.scenarios(plan.seeds)
     _refuse_while_ending(services)  # the client may have disconnected
     with services.database.session() as session:
         if before := made_before(session, caller.owner, key, request):
-            return _views(session, [session.get_one(Evaluation, before)])[0]
+            return _views(session, caller, [session.get_one(Evaluation, before)])[0]
         serialise(session)
         _check_room(session, services, caller.owner, len(scenarios))
+        team = None
+        if plan.ranking_id is not None:
+            team = check_entry(session, session.get_one(Ranking, plan.ranking_id), submission)
         evaluation = evaluations.add_evaluation(
             session,
             caller.owner,
             submission,
-            benchmark,
-            seeds,
+            plan.benchmark,
+            plan.seeds,
             scenarios,
-            slow_policy=order.slow_policy,
-            act_deadline_s=order.act_deadline_s or services.settings.act_deadline_s,
+            slow_policy=plan.slow_policy,
+            act_deadline_s=plan.act_deadline_s,
+            ranking_id=plan.ranking_id,
+            team_id=team,
         )
         remember(session, caller.owner, key, request, evaluation.id)
-        return _views(session, [evaluation])[0]
+        return _views(session, caller, [evaluation])[0]
+
+
+def _made_before(services: Services, caller: Caller, key: str | None, request: str) -> EvaluationView | None:
+    with services.database.session() as session:
+        before = made_before(session, caller.owner, key, request)
+        return _views(session, caller, [session.get_one(Evaluation, before)])[0] if before else None
+
+
+def _practice_plan(order: EvaluationOrder, services: Services) -> _Plan:
+    benchmark = find_benchmark(order.benchmark)
+    seeds = list(dict.fromkeys(order.seeds or benchmark.seeds))
+    deadline_s = order.act_deadline_s or services.settings.act_deadline_s
+    return _Plan(benchmark, seeds, order.slow_policy or "wait", deadline_s)
+
+
+def _ranked_plan(order: EvaluationOrder, submission: Submission, services: Services) -> _Plan:
+    """The plan of a ranked run, after a first check of its entry, so that no refused order costs the planning."""
+    with services.database.session() as session:
+        serialise(session)
+        if order.ranking is None:
+            ranking = open_ranking(session, find_benchmark(order.benchmark), services.settings)
+        else:
+            ranking = find_phase(session, order.ranking, order.benchmark)
+        check_entry(session, ranking, submission)
+        document = session.get_one(BenchmarkVersion, ranking.benchmark_sha256).document
+    benchmark = Benchmark.model_validate(document)
+    return _Plan(benchmark, ranking.seeds, ranking.slow_policy, ranking.act_deadline_s, ranking.id)
 
 
 def _refuse_while_ending(services: Services) -> None:
@@ -262,15 +360,8 @@ def _check_room(session: Session, services: Services, owner: str, episodes_more:
         raise BusyError(f"the queue holds at most {settings.queue_limit} episodes, and has no room", retry_s=60)
 
 
-def _visible(session: Session, caller: Caller, identifier: str) -> Evaluation:
-    evaluation = evaluations.find_evaluation(session, identifier)
-    if evaluation is None or not caller.may_see(evaluation.owner):
-        raise NotFoundError(f"no evaluation '{identifier}'")
-    return evaluation
-
-
 def _owned(session: Session, caller: Caller, identifier: str) -> Evaluation:
-    evaluation = _visible(session, caller, identifier)
+    evaluation = find_visible(session, caller, identifier)
     if not caller.owns(evaluation.owner):
         raise ForbiddenError(f"evaluation '{identifier}' is another owner's")
     return evaluation
@@ -278,9 +369,11 @@ def _owned(session: Session, caller: Caller, identifier: str) -> Evaluation:
 
 def _state(services: Services, caller: Caller, identifier: str) -> EvaluationView:
     with services.database.reading() as session:
-        return _views(session, [_visible(session, caller, identifier)])[0]
+        return _views(session, caller, [find_visible(session, caller, identifier)])[0]
 
 
-def _views(session: Session, rows: Sequence[Evaluation]) -> list[EvaluationView]:
-    names, counts = evaluations.names_of(session, rows), evaluations.count_episodes(session, (one.id for one in rows))
-    return [view_evaluation(one, *names[one.id], counts[one.id]) for one in rows]
+def _views(session: Session, caller: Caller, rows: Sequence[Evaluation]) -> list[EvaluationView]:
+    ids = [one.id for one in rows]
+    names, counts = evaluations.names_of(session, rows), evaluations.count_episodes(session, ids)
+    told = visible_among(session, caller, ids, Aspect.RECORDS)
+    return [view_evaluation(one, *names[one.id], counts[one.id], told=one.id in told) for one in rows]

@@ -16,40 +16,52 @@ from dohyo.service.web.views import Moment, Version, View
 class Progress(View):
     """Numbers of an evaluation's episodes by status."""
 
-    total: int
-    done: int = 0
-    running: int = 0
-    queued: int = 0
-    lost: int = 0
-    cancelled: int = 0
+    total: Annotated[int, Field(description="All episodes.")]
+    done: Annotated[int, Field(description="Episodes with a record that counts.")] = 0
+    running: Annotated[int, Field(description="Episodes that drive now.")] = 0
+    queued: Annotated[int, Field(description="Episodes that wait.")] = 0
+    lost: Annotated[int, Field(description="Episodes lost to faults of the infrastructure.")] = 0
+    cancelled: Annotated[int, Field(description="Episodes that were cancelled before they ended.")] = 0
 
 
 class EvaluationView(View):
-    """One submission on one version of a benchmark."""
+    """One submission on one version of a benchmark: a ranked run or a practice run."""
 
-    id: Annotated[str, Field(examples=["ev-9f86d081884c7d65"])]
-    owner: str
-    agent: str
+    id: Annotated[str, Field(description="Identifier.", examples=["ev-9f86d081884c7d65"])]
+    owner: Annotated[str, Field(description="Owner of the run.")]
+    agent: Annotated[str, Field(description="Name of the agent.")]
     version: Annotated[int, Field(description="Of the agent.")]
-    kind: AgentKind
-    track: str
-    benchmark: str
+    kind: Annotated[AgentKind, Field(description="Kind of the submission.")]
+    track: Annotated[str, Field(description="Which sensors the agent may use.")]
+    benchmark: Annotated[str, Field(description="Name of the benchmark.")]
     benchmark_version: Version
-    seeds: list[int]
-    slow_policy: str
-    act_deadline_s: float
-    status: EvaluationStatus
-    failure: str | None
-    progress: Progress
+    ranking: Annotated[str | None, Field(description="Ranking that the run enters; null: a practice run.")]
+    seeds: Annotated[list[int] | None, Field(description="Driven seeds; null where they are withheld.")]
+    slow_policy: Annotated[str, Field(description="Whether the simulation waits for a remote agent.")]
+    act_deadline_s: Annotated[float, Field(description="Wall-clock time for one decision, s.")]
+    status: Annotated[EvaluationStatus, Field(description="Status; done: every episode has a record that counts.")]
+    failure: Annotated[str | None, Field(description="Why it failed; null where it did not, or where it is withheld.")]
+    withheld: Annotated[
+        bool, Field(description="Whether seeds, scenarios, records and failures are not shown to you (now).")
+    ]
+    progress: Annotated[Progress, Field(description="Episodes by status.")]
     created: Moment
-    started: datetime | None
-    finished: datetime | None
+    started: Annotated[datetime | None, Field(description="Start of its first episode.")]
+    finished: Annotated[datetime | None, Field(description="End of its last episode.")]
 
 
 def view_evaluation(
-    evaluation: Evaluation, agent: str, benchmark: str, counts: Mapping[EpisodeStatus, int]
+    evaluation: Evaluation, agent: str, benchmark: str, counts: Mapping[EpisodeStatus, int], *, told: bool = True
 ) -> EvaluationView:
-    """An evaluation and its episodes by status."""
+    """An evaluation and its episodes by status.
+
+    Args:
+        evaluation: The evaluation.
+        agent: Name of its agent.
+        benchmark: Name of its benchmark.
+        counts: Its episodes by status.
+        told: Whether the reader may see its records, and so also seeds and failure.
+    """
     submission = evaluation.submission
     progress = {status.value: count for status, count in counts.items()}
     return EvaluationView(
@@ -61,11 +73,13 @@ def view_evaluation(
         track=submission.track,
         benchmark=benchmark,
         benchmark_version=evaluation.benchmark_sha256,
-        seeds=evaluation.seeds,
+        ranking=evaluation.ranking_id,
+        seeds=evaluation.seeds if told else None,
         slow_policy=evaluation.slow_policy,
         act_deadline_s=evaluation.act_deadline_s,
         status=evaluation.status,
-        failure=evaluation.failure,
+        failure=evaluation.failure if told else None,
+        withheld=not told,
         progress=Progress(total=sum(counts.values()), **progress),
         created=evaluation.created,
         started=evaluation.started,

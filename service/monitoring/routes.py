@@ -10,11 +10,12 @@ from typing import Any
 import msgspec
 from fastapi import APIRouter, Response
 
-from dohyo.service.accounts.access import Caller, Reader
+from dohyo.service.accounts.access import Reader
 from dohyo.service.boards import queries as reading
 from dohyo.service.boards.leaderboard import Entry
 from dohyo.service.episodes.readers import Readers, ReadersOf, evaluation_for
 from dohyo.service.episodes.reading_views import InfractionsView, InfractionView
+from dohyo.service.evaluations.access import Aspect
 from dohyo.service.evaluations.metrics import as_csv, as_document
 from dohyo.service.evaluations.metrics_views import MetricsView
 from dohyo.service.monitoring.prometheus import CONTENT_TYPE, Family, Sample, exposition
@@ -31,25 +32,27 @@ TEXT: dict[int | str, dict[str, Any]] = {
 }
 
 
-@router.get("/v1/evaluations/{identifier}/metrics", response_model=MetricsView, responses=problems(404))
+@router.get("/v1/evaluations/{identifier}/metrics", response_model=MetricsView, responses=problems(403, 404))
 def get_evaluation_metrics(identifier: Identified, caller: Reader, services: ServicesOf) -> Response:
     """Scores with intervals over all finished episodes, by cell, and for every drive."""
-    document = as_document(_entry(services, caller, identifier))
+    evaluation_for(services, caller, identifier, Aspect.RECORDS)
+    document = as_document(_entry(services, identifier))
     return Response(msgspec.json.encode(document), media_type="application/json")
 
 
-@router.get("/v1/evaluations/{identifier}/metrics.csv", response_class=Response, responses=problems(404) | CSV)
+@router.get("/v1/evaluations/{identifier}/metrics.csv", response_class=Response, responses=problems(403, 404) | CSV)
 def get_evaluation_metrics_csv(identifier: Identified, caller: Reader, services: ServicesOf) -> Response:
     """The metrics as CSV: a row per drive, one per cell, and one for all."""
-    return Response(as_csv(_entry(services, caller, identifier)), media_type="text/csv")
+    evaluation_for(services, caller, identifier, Aspect.RECORDS)
+    return Response(as_csv(_entry(services, identifier)), media_type="text/csv")
 
 
-@router.get("/v1/evaluations/{identifier}/infractions", response_model=InfractionsView, responses=problems(404))
+@router.get("/v1/evaluations/{identifier}/infractions", response_model=InfractionsView, responses=problems(403, 404))
 def get_evaluation_infractions(
     identifier: Identified, caller: Reader, services: ServicesOf, readers: ReadersOf
 ) -> Response:
     """Infractions of all finished episodes with their positions, for a map."""
-    _, benchmark = evaluation_for(services, caller, identifier)
+    _, benchmark = evaluation_for(services, caller, identifier, Aspect.REPLAYS)
     networks = {cell.name: cell.network for cell in readers.benchmark(benchmark).cells}
     found = [
         InfractionView(
@@ -61,7 +64,7 @@ def get_evaluation_infractions(
             seed=drive.seed,
             ego=drive.facts["name"],
         )
-        for drive in _entry(services, caller, identifier).drives
+        for drive in _entry(services, identifier).drives
         for mark in drive.facts["marks"]
     ]
     view = InfractionsView(evaluation=identifier, networks=list(dict.fromkeys(networks.values())), infractions=found)
@@ -74,8 +77,7 @@ def get_service_metrics(caller: Reader, services: ServicesOf, readers: ReadersOf
     return Response(exposition(_families(services, readers)), headers={"content-type": CONTENT_TYPE})
 
 
-def _entry(services: Services, caller: Caller, identifier: str) -> Entry:
-    evaluation_for(services, caller, identifier)
+def _entry(services: Services, identifier: str) -> Entry:
     with services.database.reading() as session:
         return reading.entries(session, [identifier])[identifier]
 

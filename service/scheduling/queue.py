@@ -251,7 +251,7 @@ def _ticket(evaluation: Evaluation, episode: Episode, chosen: Waiting, used_up: 
         episode_id=episode.id,
         waiting=chosen,
         position=episode.position,
-        stem=f"{episode.scenario}-s{episode.seed}",
+        stem=episode.id,
         attempt=episode.attempts,
         used_up=used_up,
         info=submission.info,

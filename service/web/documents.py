@@ -24,6 +24,7 @@ TAGS = [
     {"name": "episodes", "description": "One scenario of an evaluation: record, trajectory, replay, explanation."},
     {"name": "leaderboard", "description": "Who drives best, and how sure that is."},
     {"name": "comparison", "description": "Chosen evaluations side by side."},
+    {"name": "challenges", "description": "Competitions: rules, phases, teams, invitations, final boards."},
     {"name": "metrics", "description": "Numbers of evaluations, under any rules, and of the service."},
     {"name": "workers", "description": "The wire: agents that drive through workers of their own, over HTTP."},
     {"name": "webhooks", "description": "To be told when an evaluation has ended."},

@@ -105,6 +105,6 @@ def _body(evaluation: Evaluation, agent: str, benchmark: str) -> dict[str, Any]:
         "benchmark": benchmark,
         "benchmark_version": evaluation.benchmark_sha256,
         "status": evaluation.status.value,
-        "failure": evaluation.failure,
+        "failure": None if evaluation.ranking is not None and evaluation.ranking.withheld() else evaluation.failure,
         "finished": finished.isoformat() if finished else None,
     }

@@ -16,6 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from fastapi import FastAPI, HTTPException, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
@@ -23,9 +24,11 @@ from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.service.accounts.views import MeView
 from dohyo.service.benchmarks.views import BenchmarkView
+from dohyo.service.boards.board import compare_places
 from dohyo.service.boards.comparison import compare_entries
-from dohyo.service.boards.leaderboard import Entry, rank
-from dohyo.service.boards.leaderboard import as_document as row_document
+from dohyo.service.boards.leaderboard import Contender, Entry, Ranks, places_of
+from dohyo.service.boards.model import Counts
+from dohyo.service.boards.results import facts_of
 from dohyo.service.boards.views import ComparedView, LeaderboardView
 from dohyo.service.dashboard import pages
 from dohyo.service.dashboard.session import SessionCookie, show_errors_as_pages
@@ -123,6 +126,7 @@ class Fake:
         return EvaluationView(
             id=name, owner="lab", agent=agent, version=1, kind=entry.kind, track=entry.track,
             benchmark="quickstart", benchmark_version=VERSION, seeds=[0, 1], slow_policy="wait", act_deadline_s=10.0,
+            ranking="rk-0", withheld=False,
             status="running" if live and self.queued else "done", failure=None,
             progress={"total": len(rows)} | Counter(row.status.value for row in rows),
             created=WHEN, started=WHEN, finished=None if live else WHEN + timedelta(minutes=3),
@@ -153,6 +157,31 @@ class Fake:
         return InfractionsView(evaluation=name, networks=["ingolstadt"], infractions=found)
 
 
+def board_rows(entries: list[Entry]) -> list[dict[str, Any]]:
+    """Rows of a board, as the service makes them from its tables."""
+    facts = {one.evaluation: facts_of(one, "driving_score") for one in entries}
+    contenders = [
+        Contender(
+            evaluation=one.evaluation, entrant=one.submission, baseline=False, track=one.track, ordered=WHEN,
+            score=one.scores["driving_score"].mean or 0.0, values=np.array(facts[one.evaluation]["values"]),
+        ) for one in entries
+    ]  # fmt: skip
+    places = Ranks().rank(places_of(contenders, Counts.FIRST))
+    by_id = {one.evaluation: one for one in entries}
+    rows: list[dict[str, Any]] = []
+    for index, place in enumerate(places):
+        one = by_id[place.contender.evaluation]
+        same = ("agent", "version", "submission", "evaluation", "owner", "kind", "track", "finished")
+        rows.append(
+            {name: getattr(one, name) for name in same}
+            | {name: facts[one.evaluation][name] for name in ("scores", "per_km", "episodes", "drives")}
+            | {"rank": place.rank, "baseline": False, "team": None, "verified": True, "runs": 1, "thrown_away": 0}
+            | {"seeds": len(one.seeds)}
+            | {"above": compare_places(place.contender, places[index - 1].contender) if index else None}
+        )
+    return rows
+
+
 def create() -> FastAPI:
     """An app with the pages over the fake; the fake is `app.state.fake`."""
     app = FastAPI()
@@ -177,10 +206,10 @@ def create() -> FastAPI:
     @app.get("/v1/leaderboard")
     def leaderboard(benchmark: str, track: str | None = None) -> LeaderboardView:
         entries = [one for one in map(fake.entry, fake.agents()) if track in (None, one.track)]
-        rows = rank(entries if benchmark == "quickstart" else [], "driving_score")
+        rows = board_rows(entries if benchmark == "quickstart" else [])
         return LeaderboardView(
-            benchmark=benchmark, version=VERSION, versions=[VERSION], track=track, metric="driving_score",
-            description=BENCHMARKS[0].metric, rows=[row_document(row, "driving_score") for row in rows],
+            benchmark=benchmark, version=VERSION, versions=[VERSION], ranking=None, final=False, track=track,
+            metric="driving_score", description=BENCHMARKS[0].metric, total=len(rows), rows=rows, next=None,
         )  # fmt: skip
 
     @app.get("/v1/comparison")

@@ -54,7 +54,7 @@ def upgrade() -> None:
         sa.Column("owner", sa.String(length=100), nullable=False),
         sa.Column(
             "role",
-            sa.Enum("admin", "submitter", "worker", "reader", name="role", native_enum=False, length=20),
+            sa.Enum("admin", "organiser", "submitter", "worker", "reader", name="role", native_enum=False, length=20),
             nullable=False,
         ),
         sa.Column("sha256", sa.String(length=64), nullable=False),
@@ -136,11 +136,113 @@ def upgrade() -> None:
     op.create_index("ix_submissions_track", "submissions", ["track"])
 
     op.create_table(
+        "challenges",
+        sa.Column("id", sa.String(length=32), nullable=False),
+        sa.Column("name", sa.String(length=100), nullable=False),
+        sa.Column("owner", sa.String(length=100), nullable=False),
+        sa.Column("title", sa.String(length=200), nullable=False),
+        sa.Column("rules", sa.Text(), nullable=False),
+        sa.Column("created", MOMENT, nullable=False),
+        sa.PrimaryKeyConstraint("id"),
+        sa.UniqueConstraint("name"),
+    )
+    op.create_index("ix_challenges_owner", "challenges", ["owner"])
+
+    op.create_table(
+        "teams",
+        sa.Column("id", sa.String(length=32), nullable=False),
+        sa.Column("challenge_id", sa.String(length=32), nullable=False),
+        sa.Column("name", sa.String(length=100), nullable=False),
+        sa.Column("created", MOMENT, nullable=False),
+        sa.ForeignKeyConstraint(["challenge_id"], ["challenges.id"]),
+        sa.PrimaryKeyConstraint("id"),
+        sa.UniqueConstraint("challenge_id", "name"),
+    )
+    op.create_index("ix_teams_challenge_id", "teams", ["challenge_id"])
+
+    op.create_table(
+        "members",
+        sa.Column("challenge_id", sa.String(length=32), nullable=False),
+        sa.Column("owner", sa.String(length=100), nullable=False),
+        sa.Column("team_id", sa.String(length=32), nullable=False),
+        sa.Column("joined", MOMENT, nullable=False),
+        sa.ForeignKeyConstraint(["challenge_id"], ["challenges.id"]),
+        sa.ForeignKeyConstraint(["team_id"], ["teams.id"]),
+        sa.PrimaryKeyConstraint("challenge_id", "owner"),
+    )
+    op.create_index("ix_members_owner", "members", ["owner"])
+    op.create_index("ix_members_team_id", "members", ["team_id"])
+
+    op.create_table(
+        "invitations",
+        sa.Column("id", sa.String(length=32), nullable=False),
+        sa.Column("challenge_id", sa.String(length=32), nullable=False),
+        sa.Column("sha256", sa.String(length=64), nullable=False),
+        sa.Column("team", sa.String(length=100), nullable=True),
+        sa.Column("note", sa.String(length=200), nullable=False),
+        sa.Column("created", MOMENT, nullable=False),
+        sa.Column("expires", MOMENT, nullable=False),
+        sa.Column("revoked", MOMENT, nullable=True),
+        sa.Column("redeemed", MOMENT, nullable=True),
+        sa.Column("redeemed_by", sa.String(length=100), nullable=True),
+        sa.ForeignKeyConstraint(["challenge_id"], ["challenges.id"]),
+        sa.PrimaryKeyConstraint("id"),
+        sa.UniqueConstraint("sha256"),
+    )
+    op.create_index("ix_invitations_challenge_id", "invitations", ["challenge_id"])
+
+    op.create_table(
+        "baselines",
+        sa.Column("challenge_id", sa.String(length=32), nullable=False),
+        sa.Column("submission_id", sa.String(length=32), nullable=False),
+        sa.Column("created", MOMENT, nullable=False),
+        sa.ForeignKeyConstraint(["challenge_id"], ["challenges.id"]),
+        sa.ForeignKeyConstraint(["submission_id"], ["submissions.id"]),
+        sa.PrimaryKeyConstraint("challenge_id", "submission_id"),
+    )
+
+    audience = sa.Enum("public", "participants", "organisers", name="audience", native_enum=False, length=20)
+    op.create_table(
+        "rankings",
+        sa.Column("id", sa.String(length=32), nullable=False),
+        sa.Column("challenge_id", sa.String(length=32), nullable=True),
+        sa.Column("name", sa.String(length=100), nullable=False),
+        sa.Column("benchmark_sha256", sa.String(length=64), nullable=False),
+        sa.Column("seeds", sa.JSON(), nullable=False),
+        sa.Column("secret", sa.Boolean(), nullable=False),
+        sa.Column("act_deadline_s", sa.Double(), nullable=False),
+        sa.Column("slow_policy", sa.String(length=10), nullable=False),
+        sa.Column("track", sa.String(length=20), nullable=True),
+        sa.Column("verified_only", sa.Boolean(), nullable=False),
+        sa.Column("runs_per_period", sa.Integer(), nullable=False),
+        sa.Column("period_s", sa.Double(), nullable=False),
+        sa.Column("counts", sa.Enum("best", "first", name="counts", native_enum=False, length=20), nullable=False),
+        sa.Column("opens", MOMENT, nullable=True),
+        sa.Column("closes", MOMENT, nullable=True),
+        sa.Column("ends", MOMENT, nullable=True),
+        sa.Column("board", audience, nullable=False),
+        sa.Column("replays", audience, nullable=False),
+        sa.Column("records", audience, nullable=False),
+        sa.Column("final", sa.JSON(), nullable=True),
+        sa.Column("finalised", MOMENT, nullable=True),
+        sa.Column("created", MOMENT, nullable=False),
+        sa.ForeignKeyConstraint(["benchmark_sha256"], ["benchmarks.sha256"]),
+        sa.ForeignKeyConstraint(["challenge_id"], ["challenges.id"]),
+        sa.PrimaryKeyConstraint("id"),
+        sa.UniqueConstraint("challenge_id", "name"),
+    )
+    op.create_index("ix_rankings_benchmark_sha256", "rankings", ["benchmark_sha256"])
+    op.create_index("ix_rankings_challenge_id", "rankings", ["challenge_id"])
+    op.create_index("ix_rankings_ends", "rankings", ["ends"])
+
+    op.create_table(
         "evaluations",
         sa.Column("id", sa.String(length=32), nullable=False),
         sa.Column("owner", sa.String(length=100), nullable=False),
         sa.Column("submission_id", sa.String(length=32), nullable=False),
         sa.Column("benchmark_sha256", sa.String(length=64), nullable=False),
+        sa.Column("ranking_id", sa.String(length=32), nullable=True),
+        sa.Column("team_id", sa.String(length=32), nullable=True),
         sa.Column("seeds", sa.JSON(), nullable=False),
         sa.Column(
             "status",
@@ -164,9 +266,13 @@ def upgrade() -> None:
         sa.Column("finished", MOMENT, nullable=True),
         sa.Column("announced", MOMENT, nullable=True),
         sa.ForeignKeyConstraint(["benchmark_sha256"], ["benchmarks.sha256"]),
+        sa.ForeignKeyConstraint(["ranking_id"], ["rankings.id"]),
         sa.ForeignKeyConstraint(["submission_id"], ["submissions.id"]),
+        sa.ForeignKeyConstraint(["team_id"], ["teams.id"]),
         sa.PrimaryKeyConstraint("id"),
     )
+    op.create_index("by_ranking", "evaluations", ["ranking_id", "status"])
+    op.create_index("ix_evaluations_team_id", "evaluations", ["team_id"])
     op.create_index("ix_evaluations_benchmark_sha256", "evaluations", ["benchmark_sha256"])
     op.create_index("ix_evaluations_owner", "evaluations", ["owner"])
     op.create_index("ix_evaluations_status", "evaluations", ["status"])
@@ -244,14 +350,37 @@ def upgrade() -> None:
     )
     op.create_index("ix_attempts_episode_id", "attempts", ["episode_id"])
 
+    op.create_table(
+        "results",
+        sa.Column("evaluation_id", sa.String(length=32), nullable=False),
+        sa.Column("ranking_id", sa.String(length=32), nullable=False),
+        sa.Column("entrant", sa.String(length=32), nullable=False),
+        sa.Column("track", sa.String(length=20), nullable=False),
+        sa.Column("score", sa.Double(), nullable=False),
+        sa.Column("ordered", MOMENT, nullable=False),
+        sa.Column("finished", MOMENT, nullable=False),
+        sa.Column("facts", sa.JSON(), nullable=False),
+        sa.ForeignKeyConstraint(["evaluation_id"], ["evaluations.id"], ondelete="CASCADE"),
+        sa.ForeignKeyConstraint(["ranking_id"], ["rankings.id"]),
+        sa.PrimaryKeyConstraint("evaluation_id"),
+    )
+    op.create_index("ix_results_ranking_id", "results", ["ranking_id"])
+
 
 def downgrade() -> None:
     """Takes it back."""
     for table in (
         "servers",
         "attempts",
+        "results",
         "episodes",
         "evaluations",
+        "rankings",
+        "baselines",
+        "invitations",
+        "members",
+        "teams",
+        "challenges",
         "submissions",
         "jobs",
         "deliveries",

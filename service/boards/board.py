@@ -1,0 +1,106 @@
+"""Board: rows of a ranking as plain JSON: the current ones, or those of a final board."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from dohyo.evaluation.statistics import paired
+from dohyo.service.boards.leaderboard import Contender, Place
+from dohyo.service.boards.model import Ranking, Result
+from dohyo.service.boards.standings import Standings
+from dohyo.service.challenges.model import Team
+from dohyo.service.database.base import now
+from dohyo.service.database.engine import Database, serialise
+from dohyo.service.evaluations.model import Evaluation
+from dohyo.service.submissions.model import Agent, AgentKind, Submission
+
+
+def rows_of(session: Session, ranking: Ranking, places: Sequence[Place], start: int, end: int) -> list[dict[str, Any]]:
+    """The rows from `start` to `end` of a board, in plain JSON."""
+    page = places[start:end]
+    facts = _facts(session, [place.contender.evaluation for place in page])
+    runs = _runs(session, ranking, [place.contender for place in page])
+    return [
+        {
+            "rank": place.rank,
+            "baseline": place.contender.baseline,
+            **facts[place.contender.evaluation],
+            "runs": runs[place.contender.entrant],
+            "thrown_away": 0,
+            "above": compare_places(place.contender, places[index - 1].contender) if index else None,
+        }
+        for index, place in enumerate(page, start)
+        if place.contender.evaluation in facts  # it was deleted a moment ago
+    ]
+
+
+def final_rows(database: Database, standings: Standings, ranking: Ranking, headline: str) -> list[dict[str, Any]]:
+    """The rows of a ranking that has ended, which are computed and stored once and never change.
+
+    Args:
+        database: Database of the service.
+        standings: Places of rankings.
+        ranking: A ranking that has ended.
+        headline: Score that ranks on its benchmark.
+    """
+    if ranking.final is None:
+        places = standings.places(database, ranking, headline)
+        with database.session() as session:
+            serialise(session)
+            stored = session.get_one(Ranking, ranking.id)
+            if stored.final is None:
+                stored.final = {"headline": headline, "rows": rows_of(session, stored, places, 0, len(places))}
+                stored.finalised = now()
+            ranking = stored
+    rows: list[dict[str, Any]] = (ranking.final or {})["rows"]
+    return rows
+
+
+def _facts(session: Session, evaluation_ids: Sequence[str]) -> dict[str, dict[str, Any]]:
+    query = (
+        select(Result.facts, Evaluation, Submission, Agent.name, Agent.owner, Team.name)
+        .join(Evaluation, Evaluation.id == Result.evaluation_id)
+        .join(Submission, Submission.id == Evaluation.submission_id)
+        .join(Agent, Agent.id == Submission.agent_id)
+        .outerjoin(Team, Team.id == Evaluation.team_id)
+        .where(Result.evaluation_id.in_(evaluation_ids))
+    )
+    found: dict[str, dict[str, Any]] = {}
+    for facts, evaluation, submission, agent, owner, team in session.execute(query).unique():
+        found[evaluation.id] = {
+            "agent": agent,
+            "version": submission.version,
+            "submission": submission.id,
+            "evaluation": evaluation.id,
+            "owner": owner,
+            "team": team,
+            "kind": submission.kind.value,
+            "verified": submission.kind is not AgentKind.REMOTE,
+            "track": submission.track,
+            "seeds": len(evaluation.seeds),
+            "episodes": facts["episodes"],
+            "drives": facts["drives"],
+            "finished": evaluation.finished.isoformat() if evaluation.finished else None,
+            "scores": facts["scores"],
+            "per_km": facts["per_km"],
+        }
+    return found
+
+
+def _runs(session: Session, ranking: Ranking, contenders: Sequence[Contender]) -> Mapping[str, int]:
+    """Number of ordered runs of each entrant, also of those that failed or were cancelled."""
+    entrant = func.coalesce(Evaluation.team_id, Evaluation.submission_id)
+    query = select(entrant, func.count()).where(Evaluation.ranking_id == ranking.id)
+    query = query.where(entrant.in_([one.entrant for one in contenders])).group_by(entrant)
+    counts = {one.entrant: 0 for one in contenders}
+    return counts | {row[0]: row[1] for row in session.execute(query)}
+
+
+def compare_places(contender: Contender, above: Contender) -> dict[str, Any]:
+    """Paired comparison of a place with the one above it, as plain JSON."""
+    return asdict(paired(contender.values.tolist(), above.values.tolist()))

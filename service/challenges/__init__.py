@@ -1,0 +1,1 @@
+"""Challenges: rules, phases, teams, invitations, baselines, final boards."""

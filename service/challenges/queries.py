@@ -1,0 +1,186 @@
+"""Challenges: made and found, with their phases, teams and baselines."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from typing import Any, Final
+
+from sqlalchemy import ColumnElement, func, select
+from sqlalchemy.orm import Session
+
+from dohyo.service.boards.model import Ranking
+from dohyo.service.challenges.model import Baseline, Challenge, Member, Team
+from dohyo.service.database.base import new_id, now
+from dohyo.service.errors import ConflictError, NotFoundError
+from dohyo.service.evaluations.model import BenchmarkVersion, Evaluation
+from dohyo.service.submissions.model import Agent, Submission
+from dohyo.sumo_networks.errors import InvalidInputError
+
+HELD_OUT: Final = 2**30  # seeds from here on are kept from training
+SEED_LIMIT: Final = 2**31
+
+
+def add_challenge(session: Session, owner: str, name: str, title: str, rules: str) -> Challenge:
+    """Makes a challenge.
+
+    Raises:
+        ConflictError: The name is taken.
+    """
+    if session.scalar(select(Challenge.id).where(Challenge.name == name)):
+        raise ConflictError(f"challenge '{name}' exists; choose another name")
+    challenge = Challenge(id=new_id("ch"), name=name, owner=owner, title=title, rules=rules)
+    session.add(challenge)
+    session.flush()
+    return challenge
+
+
+def find_challenge(session: Session, name: str) -> Challenge:
+    """A challenge by its name.
+
+    Raises:
+        NotFoundError: There is none.
+    """
+    challenge = session.scalar(select(Challenge).where(Challenge.name == name))
+    if challenge is None:
+        raise NotFoundError(f"no challenge '{name}'")
+    return challenge
+
+
+def list_challenges(session: Session, limit: int, after: str | None) -> Sequence[Challenge]:
+    """Challenges by name, those past `after`."""
+    query = select(Challenge).order_by(Challenge.name).limit(limit)
+    return session.scalars(query.where(Challenge.name > after) if after else query).all()
+
+
+def count_challenges(session: Session, owner: str) -> int:
+    """Number of an organiser's challenges."""
+    return session.scalar(select(func.count()).select_from(Challenge).where(Challenge.owner == owner)) or 0
+
+
+def draw_seeds(count: int) -> list[int]:
+    """Different seeds that nobody can guess, from those that are kept from training."""
+    seeds: dict[int, None] = {}
+    while len(seeds) < count:
+        seeds[HELD_OUT + secrets.randbelow(SEED_LIMIT - HELD_OUT)] = None
+    return list(seeds)
+
+
+def add_phase(session: Session, challenge: Challenge, name: str, **conditions: Any) -> Ranking:
+    """Adds a phase: a ranking of the challenge.
+
+    Raises:
+        ConflictError: The challenge has a phase of this name.
+    """
+    if session.scalar(select(Ranking.id).where(Ranking.challenge_id == challenge.id, Ranking.name == name)):
+        raise ConflictError(f"challenge '{challenge.name}' has a phase '{name}'; choose another name")
+    phase = Ranking(id=new_id("rk"), challenge_id=challenge.id, name=name, **conditions)
+    session.add(phase)
+    session.flush()
+    return phase
+
+
+def find_phase(session: Session, ranking_id: str, benchmark: str) -> Ranking:
+    """A ranking that a run on a benchmark may be ordered for.
+
+    Raises:
+        NotFoundError: There is no such ranking.
+        InvalidInputError: The ranking is on another benchmark.
+    """
+    ranking = session.get(Ranking, ranking_id)
+    if ranking is None:
+        raise NotFoundError(f"no ranking '{ranking_id}'")
+    there = session.get_one(BenchmarkVersion, ranking.benchmark_sha256).name
+    if there != benchmark:
+        raise InvalidInputError(f"benchmark: ranking '{ranking_id}' is on '{there}', got '{benchmark}'")
+    return ranking
+
+
+def phases_of(session: Session, challenges: Sequence[Challenge], seen: ColumnElement[bool]) -> Mapping[str, list[Any]]:
+    """For each challenge its phases in the order of their closing, each with the benchmark and whether `seen` holds."""
+    query = (
+        select(Ranking, BenchmarkVersion.name, seen)
+        .join(BenchmarkVersion, BenchmarkVersion.sha256 == Ranking.benchmark_sha256)
+        .where(Ranking.challenge_id.in_([one.id for one in challenges]))
+        .order_by(Ranking.closes, Ranking.created, Ranking.id)
+    )
+    phases: dict[str, list[Any]] = {one.id: [] for one in challenges}
+    for ranking, benchmark, shown in session.execute(query):
+        phases[ranking.challenge_id].append((ranking, benchmark, bool(shown)))
+    return phases
+
+
+def count_runs(session: Session, ranking_id: str) -> int:
+    """Number of runs that were ordered for a ranking."""
+    query = select(func.count()).select_from(Evaluation).where(Evaluation.ranking_id == ranking_id)
+    return session.scalar(query) or 0
+
+
+def move_closing(ranking: Ranking, closes: datetime, ends: datetime) -> None:
+    """Postpones the end of a phase that has not closed.
+
+    Raises:
+        ConflictError: It has closed, or the new time is earlier: who planned with the old one would lose.
+    """
+    if ranking.closes is not None and (ranking.closes <= now() or closes < ranking.closes):
+        raise ConflictError(f"phase '{ranking.name}' can only be postponed, and only before it closes")
+    ranking.closes, ranking.ends = closes, ends
+
+
+def teams_of(session: Session, challenge: Challenge) -> list[tuple[Team, list[str]]]:
+    """Teams of a challenge by name, each with its members."""
+    query = (
+        select(Team, Member.owner)
+        .join(Member, Member.team_id == Team.id)
+        .where(Team.challenge_id == challenge.id)
+        .order_by(Team.name, Member.joined, Member.owner)
+    )
+    teams: dict[str, tuple[Team, list[str]]] = {}
+    for team, owner in session.execute(query):
+        teams.setdefault(team.id, (team, []))[1].append(owner)
+    return list(teams.values())
+
+
+def team_of_member(session: Session, challenges: Sequence[Challenge], owner: str) -> Mapping[str, str]:
+    """Name of an owner's team in each challenge that it is in."""
+    query = select(Member.challenge_id, Team.name).join(Team, Team.id == Member.team_id)
+    query = query.where(Member.owner == owner, Member.challenge_id.in_([one.id for one in challenges]))
+    return {row[0]: row[1] for row in session.execute(query)}
+
+
+def count_teams(session: Session, challenges: Sequence[Challenge]) -> Mapping[str, int]:
+    """Number of teams of each challenge."""
+    query = select(Team.challenge_id, func.count()).where(Team.challenge_id.in_([one.id for one in challenges]))
+    return {row[0]: row[1] for row in session.execute(query.group_by(Team.challenge_id))}
+
+
+def add_baseline(session: Session, challenge: Challenge, submission: Submission) -> None:
+    """Marks a submission as a baseline; has no effect on one that is."""
+    if session.get(Baseline, (challenge.id, submission.id)) is None:
+        session.add(Baseline(challenge_id=challenge.id, submission_id=submission.id))
+        session.flush()
+
+
+def remove_baseline(session: Session, challenge: Challenge, submission_id: str) -> None:
+    """Removes the mark of a baseline.
+
+    Raises:
+        NotFoundError: It is none.
+    """
+    baseline = session.get(Baseline, (challenge.id, submission_id))
+    if baseline is None:
+        raise NotFoundError(f"submission '{submission_id}' is no baseline of challenge '{challenge.name}'")
+    session.delete(baseline)
+
+
+def baselines_of(session: Session, challenge: Challenge) -> Sequence[tuple[Submission, str]]:
+    """Baselines of a challenge with the names of their agents."""
+    query = (
+        select(Submission, Agent.name)
+        .join(Agent, Agent.id == Submission.agent_id)
+        .join(Baseline, Baseline.submission_id == Submission.id)
+        .where(Baseline.challenge_id == challenge.id)
+        .order_by(Agent.name, Submission.version)
+    )
+    return [(submission, agent) for submission, agent in session.execute(query).unique()]
