@@ -58,19 +58,8 @@ ROUTERS = tuple(
     module.router
     for module in (
         *(health, tokens, jobs, networks, benchmarks, observations, builtin_agents, agents, submissions),
-        *(
-            evaluations,
-            episodes,
-            leaderboard,
-            comparison,
-            challenges,
-            invitations,
-            metrics,
-            rescoring,
-            webhooks,
-            workers,
-            freeway,
-        ),
+        *(evaluations, episodes, leaderboard, comparison, challenges, invitations, metrics, rescoring),
+        *(webhooks, workers, freeway),
     )
 )
 

@@ -16,7 +16,7 @@ from dohyo.service.boards.standings import Standings
 from dohyo.service.challenges.model import Team
 from dohyo.service.database.base import now
 from dohyo.service.database.engine import Database, serialise
-from dohyo.service.evaluations.model import Evaluation
+from dohyo.service.evaluations.model import Attempt, Episode, Evaluation
 from dohyo.service.submissions.model import Agent, AgentKind, Submission
 
 
@@ -24,14 +24,15 @@ def rows_of(session: Session, ranking: Ranking, places: Sequence[Place], start: 
     """The rows from `start` to `end` of a board, in plain JSON."""
     page = places[start:end]
     facts = _facts(session, [place.contender.evaluation for place in page])
-    runs = _runs(session, ranking, [place.contender for place in page])
+    entrants = [place.contender.entrant for place in page]
+    runs, thrown_away = _runs(session, ranking, entrants), _thrown_away(session, ranking, entrants)
     return [
         {
             "rank": place.rank,
             "baseline": place.contender.baseline,
             **facts[place.contender.evaluation],
-            "runs": runs[place.contender.entrant],
-            "thrown_away": 0,
+            "runs": runs.get(place.contender.entrant, 0),
+            "thrown_away": thrown_away.get(place.contender.entrant, 0),
             "above": compare_places(place.contender, places[index - 1].contender) if index else None,
         }
         for index, place in enumerate(page, start)
@@ -92,13 +93,25 @@ def _facts(session: Session, evaluation_ids: Sequence[str]) -> dict[str, dict[st
     return found
 
 
-def _runs(session: Session, ranking: Ranking, contenders: Sequence[Contender]) -> Mapping[str, int]:
+_ENTRANT = func.coalesce(Evaluation.team_id, Evaluation.submission_id)
+
+
+def _runs(session: Session, ranking: Ranking, entrants: Sequence[str]) -> Mapping[str, int]:
     """Number of ordered runs of each entrant, also of those that failed or were cancelled."""
-    entrant = func.coalesce(Evaluation.team_id, Evaluation.submission_id)
-    query = select(entrant, func.count()).where(Evaluation.ranking_id == ranking.id)
-    query = query.where(entrant.in_([one.entrant for one in contenders])).group_by(entrant)
-    counts = {one.entrant: 0 for one in contenders}
-    return counts | {row[0]: row[1] for row in session.execute(query)}
+    query = select(_ENTRANT, func.count()).where(Evaluation.ranking_id == ranking.id, _ENTRANT.in_(entrants))
+    return {row[0]: row[1] for row in session.execute(query.group_by(_ENTRANT))}
+
+
+def _thrown_away(session: Session, ranking: Ranking, entrants: Sequence[str]) -> Mapping[str, int]:
+    """Number of attempts that each entrant left or cancelled, over all its runs."""
+    query = (
+        select(_ENTRANT, func.count())
+        .select_from(Attempt)
+        .join(Episode, Episode.id == Attempt.episode_id)
+        .join(Evaluation, Evaluation.id == Episode.evaluation_id)
+        .where(Attempt.charged, Evaluation.ranking_id == ranking.id, _ENTRANT.in_(entrants))
+    )
+    return {row[0]: row[1] for row in session.execute(query.group_by(_ENTRANT))}
 
 
 def compare_places(contender: Contender, above: Contender) -> dict[str, Any]:

@@ -107,7 +107,7 @@ def phases_of(session: Session, challenges: Sequence[Challenge], seen: ColumnEle
     )
     phases: dict[str, list[Any]] = {one.id: [] for one in challenges}
     for ranking, benchmark, shown in session.execute(query):
-        phases[ranking.challenge_id].append((ranking, benchmark, bool(shown)))
+        phases[ranking.challenge_id or ""].append((ranking, benchmark, bool(shown)))
     return phases
 
 
