@@ -1,7 +1,8 @@
 """Delivery: signed messages to webhooks about ended evaluations, repeated until they are accepted.
 
-A message is stored in the database before it is sent, so that a service that dies meanwhile sends it after its restart.
-A message may arrive twice; its `Dohyo-Delivery` header is then the same.
+Each webhook has a task of its own with one message at a time, and each message has limited time in all, so that a slow
+receiver delays only its own messages. A message is stored in the database before it is sent, so that a service that
+dies meanwhile sends it after its restart. A message may arrive twice; its `Dohyo-Delivery` header is then the same.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ import json
 import logging
 import socket
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any, Final
 from urllib.parse import urlsplit
 
@@ -28,8 +31,13 @@ from dohyo.service.webhooks.model import Delivery, Webhook
 from dohyo.sumo_networks.errors import InvalidInputError
 
 POLL_S: Final = 2.0
-TIMEOUT_S: Final = 10.0
-AT_ONCE: Final = 8
+TIMEOUT_S: Final = 10.0  # for one message in all: name, connection, and the head of the answer
+AT_ONCE: Final = 256
+RESOLVERS: Final = 32  # threads that ask for addresses; a name server may be as slow as a receiver
+# IPv6 addresses that a translator or a tunnel turns into an IPv4 address, perhaps of a private network.
+EMBEDDING: Final = tuple(
+    ipaddress.ip_network(one) for one in ("64:ff9b::/96", "64:ff9b:1::/48", "2002::/16", "2001::/32", "::/96")
+)
 
 logger = logging.getLogger("dohyo.webhooks")
 
@@ -61,15 +69,23 @@ def signature(secret: str, timestamp: int, body: bytes) -> str:
     return f"t={timestamp},v1={signed}"
 
 
-async def public_address(host: str, port: int, *, private_allowed: bool) -> str:
+async def public_address(
+    host: str, port: int, *, private_allowed: bool, resolvers: ThreadPoolExecutor | None = None
+) -> str:
     """One of a name's addresses, all of which must be public.
+
+    Args:
+        host: Name or address.
+        port: Port.
+        private_allowed: Whether all addresses are allowed.
+        resolvers: Threads in which to ask; None: those of the loop.
 
     Raises:
         InvalidInputError: An address is not public, or the name has none.
     """
-    loop = asyncio.get_running_loop()
+    loop, ask = asyncio.get_running_loop(), partial(socket.getaddrinfo, host, port, type=socket.SOCK_STREAM)
     try:
-        found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        found = await loop.run_in_executor(resolvers, ask)
     except OSError as error:
         raise InvalidInputError(f"'{host}' has no address") from error
     addresses = [str(entry[4][0]) for entry in found]
@@ -85,6 +101,9 @@ class Deliverer:
         self.services = services
         self._task: asyncio.Task[None] | None = None
         self._client: httpx.AsyncClient | None = None
+        self._under_way: dict[str, asyncio.Task[None]] = {}  # by webhook
+        self._ended = asyncio.Event()
+        self._resolvers = ThreadPoolExecutor(RESOLVERS, "webhook-names")
 
     async def start(self) -> None:
         """Starts the background task."""
@@ -92,30 +111,42 @@ class Deliverer:
         context = httpx.create_ssl_context(trust_env=False)
         if (own := self.services.settings.webhook_authorities) is not None:
             context.load_verify_locations(own)
-        self._client = httpx.AsyncClient(verify=context, trust_env=False, follow_redirects=False, timeout=TIMEOUT_S)
+        limits = httpx.Limits(max_connections=AT_ONCE, max_keepalive_connections=0)
+        self._client = httpx.AsyncClient(
+            verify=context, trust_env=False, follow_redirects=False, timeout=TIMEOUT_S, limits=limits
+        )
         self._task = asyncio.create_task(self._run(), name="webhooks")
 
     async def stop(self) -> None:
-        """Stops the task; unsent messages are sent after the next start."""
-        if self._task is not None:
-            self._task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._task
+        """Stops the tasks; unsent messages are sent after the next start."""
+        tasks = [*self._under_way.values(), *([self._task] if self._task is not None else [])]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        self._resolvers.shutdown(wait=False, cancel_futures=True)
         if self._client is not None:
             await self._client.aclose()
 
     async def _run(self) -> None:
         while True:
+            self._ended.clear()
             try:
-                due = await asyncio.to_thread(self._due)
-                await asyncio.gather(*(self._deliver(delivery, webhook) for delivery, webhook in due))
+                due = await asyncio.to_thread(self._due, tuple(self._under_way))
             except SQLAlchemyError as error:
                 logger.warning("the database refused: %s", type(error).__name__)
                 due = []
-            if len(due) < AT_ONCE:
-                await asyncio.sleep(POLL_S)
+            for delivery, webhook in due:
+                task = asyncio.create_task(self._deliver(delivery, webhook), name=f"webhook {webhook.id}")
+                self._under_way[webhook.id] = task
+                task.add_done_callback(partial(self._forget, webhook.id))
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._ended.wait(), POLL_S)
 
-    def _due(self) -> Sequence[tuple[Delivery, Webhook]]:
+    def _forget(self, webhook_id: str, _: asyncio.Task[None]) -> None:
+        del self._under_way[webhook_id]
+        self._ended.set()
+
+    def _due(self, but: Collection[str]) -> Sequence[tuple[Delivery, Webhook]]:
         database = self.services.database
         with database.reading() as session:
             news = bool(webhooks.unannounced(session))
@@ -123,14 +154,17 @@ class Deliverer:
             with database.session() as session:
                 webhooks.announce(session)
         with database.reading() as session:
-            return webhooks.due_deliveries(session, AT_ONCE)
+            return webhooks.due_deliveries(session, AT_ONCE - len(but), but=but)
 
     async def _deliver(self, delivery: Delivery, webhook: Webhook) -> None:
+        status, failure = 0, None
         try:
-            status = await self._post(delivery, webhook)
+            async with asyncio.timeout(TIMEOUT_S):
+                status = await self._post(delivery, webhook)
+        except TimeoutError:
+            failure = f"no answer within {TIMEOUT_S:g} s"
         except (InvalidInputError, httpx.HTTPError, ValueError, OSError) as error:
-            failure: str | None = str(error) if isinstance(error, InvalidInputError) else type(error).__name__
-            status = 0
+            failure = str(error) if isinstance(error, InvalidInputError) else type(error).__name__
         else:
             failure = None if 200 <= status < 300 else f"it answered {status}"
         logger.info("webhook", extra={"facts": {"delivery": delivery.id, "webhook": webhook.id, "failure": failure}})
@@ -139,14 +173,18 @@ class Deliverer:
             with self.services.database.session() as session:
                 webhooks.settle(session, delivery.id, failure, final=status == 410)
 
-        await asyncio.to_thread(settle)
+        try:
+            await asyncio.to_thread(settle)
+        except SQLAlchemyError as error:
+            logger.warning("the database refused: %s", type(error).__name__)
+            await asyncio.sleep(POLL_S)  # it is due again, and is sent twice
 
     async def _post(self, delivery: Delivery, webhook: Webhook) -> int:
         """Sends once to the checked address: the name is not resolved a second time."""
         url = httpx.URL(webhook.url)
         port = url.port or (443 if url.scheme == "https" else 80)
         allowed = self.services.settings.webhook_private_addresses
-        address = await public_address(url.host, port, private_allowed=allowed)
+        address = await public_address(url.host, port, private_allowed=allowed, resolvers=self._resolvers)
         body = json.dumps(delivery.body, separators=(",", ":")).encode()
         headers = {
             "host": url.netloc.decode("ascii"),
@@ -171,5 +209,7 @@ def _is_private(host: str) -> bool:
         address = ipaddress.ip_address(host.partition("%")[0])
     except ValueError:
         return False
+    if address.version == 6 and any(address in network for network in EMBEDDING):
+        return True
     mapped = getattr(address, "ipv4_mapped", None)
     return not (mapped or address).is_global or address.is_multicast

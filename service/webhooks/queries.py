@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -63,12 +63,29 @@ def announce(session: Session) -> int:
     return deliveries
 
 
-def due_deliveries(session: Session, limit: int, at: datetime | None = None) -> Sequence[tuple[Delivery, Webhook]]:
-    """Deliveries that are due now, with their webhooks."""
+def due_deliveries(
+    session: Session, limit: int, at: datetime | None = None, but: Collection[str] = ()
+) -> Sequence[tuple[Delivery, Webhook]]:
+    """The first delivery of each webhook that is due now, with the webhook.
+
+    Args:
+        session: To read from.
+        limit: Most deliveries.
+        at: Time of "now".
+        but: Identifiers of webhooks to leave out.
+    """
+    turn = func.row_number().over(partition_by=Delivery.webhook_id, order_by=(Delivery.due, Delivery.id))
+    waiting = (
+        select(Delivery.id, turn.label("turn"))
+        .where(Delivery.delivered.is_(None), Delivery.attempts < ATTEMPTS, Delivery.due <= (at or now()))
+        .where(Delivery.webhook_id.not_in(but))
+        .subquery()
+    )
     query = (
         select(Delivery, Webhook)
+        .join(waiting, waiting.c.id == Delivery.id)
         .join(Webhook, Webhook.id == Delivery.webhook_id)
-        .where(Delivery.delivered.is_(None), Delivery.attempts < ATTEMPTS, Delivery.due <= (at or now()))
+        .where(waiting.c.turn == 1)
         .order_by(Delivery.due)
         .limit(limit)
     )

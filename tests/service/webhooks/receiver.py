@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import socket
 import ssl
 import threading
 import time
@@ -50,6 +52,52 @@ class Receiver:
         deadline = time.monotonic() + 10
         while len(self.got) < count:
             assert time.monotonic() < deadline, f"got {len(self.got)} of {count}"
+            time.sleep(0.01)
+
+
+class Dripping:
+    """A server that answers every connection with a byte of a header, again and again."""
+
+    def __init__(self, begin: bytes) -> None:
+        self.connections: list[socket.socket] = []
+        self._begin = begin
+        self._listener = socket.create_server(("127.0.0.1", 0), backlog=64)
+        self.port = self._listener.getsockname()[1]
+        self._stop = threading.Event()
+        self._threads = [threading.Thread(target=one) for one in (self._accept, self._drip)]
+
+    def _accept(self) -> None:
+        self._listener.settimeout(0.1)
+        while not self._stop.is_set():
+            try:
+                one = self._listener.accept()[0]
+                one.send(self._begin)
+                self.connections.append(one)
+            except OSError:
+                continue
+
+    def _drip(self) -> None:
+        while not self._stop.wait(0.05):
+            for one in list(self.connections):
+                with contextlib.suppress(OSError):
+                    one.send(b"x" if self._begin else b"H")
+
+    def __enter__(self) -> Dripping:
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        for thread in self._threads:
+            thread.join()
+        for one in (self._listener, *self.connections):
+            one.close()
+
+    def wait(self, count: int) -> None:
+        deadline = time.monotonic() + 10
+        while len(self.connections) < count:
+            assert time.monotonic() < deadline, f"{len(self.connections)} of {count} connections"
             time.sleep(0.01)
 
 

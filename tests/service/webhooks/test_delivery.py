@@ -4,6 +4,8 @@ import asyncio
 import hashlib
 import hmac
 import json
+import socket
+import threading
 import time
 from collections.abc import Iterator
 from datetime import timedelta
@@ -21,7 +23,7 @@ from dohyo.service.webhooks import queries as webhooks
 from dohyo.service.webhooks.model import Delivery
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.harness import Harness, assert_problem, finish, running
-from tests.service.webhooks.receiver import Receiver, settled
+from tests.service.webhooks.receiver import Dripping, Receiver, settled
 
 
 @pytest.fixture
@@ -123,6 +125,11 @@ def test_redirects_are_not_followed(telling: Harness, receiver: Receiver, monkey
         "http://[::ffff:127.0.0.1]/",
         "http://[fe80::1%25eth0]/",
         "http://0.0.0.0/",
+        "http://[64:ff9b::7f00:1]/",
+        "http://[64:ff9b:1::a00:1]/",
+        "http://[2002:7f00:1::]/",
+        "http://[2001:0:7f00:1::]/",
+        "http://[::10.0.0.1]/",
         "http://100.64.0.1/",
         "https://user:secret@example.org/",
         "ftp://example.org/",
@@ -143,10 +150,10 @@ def test_addresses_that_no_webhook_may_have(service: Harness, url: str) -> None:
 
 def test_a_public_name_that_leads_inside_is_refused_when_it_is_called(monkeypatch: pytest.MonkeyPatch) -> None:
     async def address_of(answers: list[str]) -> str:
-        async def getaddrinfo(*_: Any, **__: Any) -> list[Any]:
+        def getaddrinfo(*_: Any, **__: Any) -> list[Any]:
             return [(2, 1, 6, "", (answer, 443)) for answer in answers]
 
-        monkeypatch.setattr(asyncio.get_running_loop(), "getaddrinfo", getaddrinfo)
+        monkeypatch.setattr(delivery.socket, "getaddrinfo", getaddrinfo)
         return await delivery.public_address("example.org", 443, private_allowed=False)
 
     assert asyncio.run(address_of(["93.184.215.14"])) == "93.184.215.14"
@@ -181,3 +188,50 @@ def test_each_failure_doubles_the_wait(database: Database) -> None:
     with database.session() as session:
         assert session.scalars(select(Delivery)).all() == []  # gone with its webhook
         webhooks.settle(session, "dl-1", None)
+
+
+@pytest.mark.parametrize("begin", [b"", b"HTTP/1.1 200 OK\r\n", b"HTTP/1.1 100 Continue\r\n\r\n"])
+def test_a_receiver_that_drips_delays_only_its_own_messages(
+    telling: Harness, receiver: Receiver, monkeypatch: pytest.MonkeyPatch, begin: bytes
+) -> None:
+    monkeypatch.setattr(delivery, "TIMEOUT_S", 2.0)
+    monkeypatch.setattr(webhooks, "ATTEMPTS", 1)
+    team, other = telling.caller("team"), telling.caller("other")
+    with Dripping(begin) as dripping:
+        # More than were sent at once before, so that they would hold every other message.
+        for _ in range(9):
+            team.post("/v1/webhooks", {"url": f"http://127.0.0.1:{dripping.port}/"})
+        team.agent("a")
+        team.post(f"/v1/evaluations/{team.evaluation('a')}/cancel")
+        dripping.wait(9)
+        for caller in (team, other):
+            caller.post("/v1/webhooks", {"url": f"http://127.0.0.1:{receiver.port}/{caller is team}"})
+        other.agent("b")
+        for _ in range(2):
+            other.post(f"/v1/evaluations/{other.evaluation('b')}/cancel")
+            team.post(f"/v1/evaluations/{team.evaluation('a')}/cancel")
+        receiver.wait(4)
+        assert {one.failure for one in settled(telling)} == {None, "no answer within 2 s"}
+
+
+def test_a_slow_name_server_holds_no_thread_of_the_service(
+    telling: Harness, receiver: Receiver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(delivery, "TIMEOUT_S", 1.0)
+    answer, real = threading.Event(), socket.getaddrinfo
+
+    def slow(host: str, *given: Any, **options: Any) -> Any:
+        if host == "slow.example.org":
+            answer.wait(30)
+        return real(host, *given, **options)
+
+    monkeypatch.setattr(delivery.socket, "getaddrinfo", slow)
+    team = telling.caller("team")
+    for _ in range(9):
+        team.post("/v1/webhooks", {"url": "http://slow.example.org/"})
+    team.post("/v1/webhooks", {"url": f"http://127.0.0.1:{receiver.port}/"})
+    team.agent("a")
+    for _ in range(4):
+        team.post(f"/v1/evaluations/{team.evaluation('a')}/cancel")
+    receiver.wait(4)
+    answer.set()
