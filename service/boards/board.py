@@ -72,7 +72,7 @@ def _facts(session: Session, evaluation_ids: Sequence[str]) -> dict[str, dict[st
         .where(Result.evaluation_id.in_(evaluation_ids))
     )
     found: dict[str, dict[str, Any]] = {}
-    for facts, evaluation, submission, agent, owner, team in session.execute(query).unique():
+    for facts, evaluation, submission, agent, owner, team in session.execute(query):
         found[evaluation.id] = {
             "agent": agent,
             "version": submission.version,
@@ -114,6 +114,8 @@ def _thrown_away(session: Session, ranking: Ranking, entrants: Sequence[str]) ->
     return {row[0]: row[1] for row in session.execute(query.group_by(_ENTRANT))}
 
 
-def compare_places(contender: Contender, above: Contender) -> dict[str, Any]:
-    """Paired comparison of a place with the one above it, as plain JSON."""
+def compare_places(contender: Contender, above: Contender) -> dict[str, Any] | None:
+    """Paired comparison of a place with the one above it, as plain JSON; None without the same drives."""
+    if contender.values.shape != above.values.shape:
+        return None
     return asdict(paired(contender.values.tolist(), above.values.tolist()))

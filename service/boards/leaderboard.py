@@ -151,9 +151,12 @@ class Ranks:
 
     def _compared(self, best: Contender, block: Sequence[Contender]) -> list[bool]:
         new = [one for one in block if (best.evaluation, one.evaluation) not in self._lower]
-        if new:
-            verdicts = significantly_below(best.values, np.stack([one.values for one in new]))
-            for one, lower in zip(new, verdicts, strict=True):
+        alike = [one for one in new if one.values.shape == best.values.shape]
+        # Without the same drives, means alone decide.
+        self._lower |= {(best.evaluation, one.evaluation): one.score < best.score for one in new}
+        if alike:
+            verdicts = significantly_below(best.values, np.stack([one.values for one in alike]))
+            for one, lower in zip(alike, verdicts, strict=True):
                 self._lower[best.evaluation, one.evaluation] = bool(lower)
         return [self._lower[best.evaluation, one.evaluation] for one in block]
 

@@ -19,7 +19,8 @@ from dohyo.service.accounts.model import Role
 from dohyo.service.accounts.queries import create_token
 from dohyo.service.boards import comparison_routes as comparison
 from dohyo.service.boards import routes as leaderboard
-from dohyo.service.database.base import Base, new_id
+from dohyo.service.boards.rankings import open_ranking, open_ranking_id
+from dohyo.service.database.base import Base, new_id, now
 from dohyo.service.database.engine import Database
 from dohyo.service.episodes import routes as episodes
 from dohyo.service.episodes.archive import archived_path
@@ -82,6 +83,8 @@ class Shop:
             if session.get(BenchmarkVersion, benchmark.sha256) is None:
                 document = json.loads(benchmark.model_dump_json())
                 session.add(BenchmarkVersion(sha256=benchmark.sha256, name=benchmark.name, document=document))
+                session.flush()
+                open_ranking(session, benchmark, self.services.settings)
         return benchmark.sha256
 
     def submission(
@@ -113,9 +116,10 @@ class Shop:
         benchmark: str | None = None,
         status: EvaluationStatus = EvaluationStatus.DONE,
         trajectory: Trajectory | None = None,
+        ranked: bool = True,
         **rest: Any,
     ) -> tuple[str, list[str]]:
-        """An evaluation and its finished episodes: their ids."""
+        """An evaluation and its finished episodes: their ids. A ranked one is of the benchmark's open ranking."""
         benchmark = benchmark or self.benchmark()
         seeds = sorted({record.scenario.seed for record in records})
         evaluation = new_id("ev")
@@ -130,6 +134,8 @@ class Shop:
                     seeds=seeds,
                     status=status,
                     act_deadline_s=10.0,
+                    finished=now() if status.finished else None,
+                    ranking_id=open_ranking_id(benchmark) if ranked else None,
                     **rest,
                 )
             )

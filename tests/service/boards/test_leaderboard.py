@@ -1,13 +1,20 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import random
+from datetime import UTC, datetime, timedelta
+from typing import Any
 
+import numpy as np
 import pytest
 
 from dohyo.evaluation.records.specifications import Status
-from dohyo.service.boards.leaderboard import COLUMNS, Entry, as_csv, as_document, rank
+from dohyo.service.boards.board import compare_places
+from dohyo.service.boards.leaderboard import COLUMNS, Contender, Entry, Ranks, as_csv, places_of
+from dohyo.service.boards.model import Counts
+from dohyo.service.boards.results import facts_of
 from dohyo.service.evaluations.scoring import Drive, summary_of
 from tests.evaluation.builders import ego, episode
 from tests.service.evaluations.test_scoring import drives_of, entry, terms
@@ -24,35 +31,47 @@ def drives(scores: list[float], scenarios: int = 0) -> list[Drive]:
     ]
 
 
-def names(entries: list[Entry], metric: str = "driving_score") -> list[tuple[int, str]]:
-    return [(row.rank, row.entry.agent) for row in rank(entries, metric)]
+def contenders(entries: list[Entry], metric: str = "driving_score") -> list[Contender]:
+    """Complete runs, ordered one second after the other."""
+    return [
+        Contender(
+            evaluation=one.evaluation,
+            entrant=one.submission,
+            baseline=False,
+            track=one.track,
+            score=one.scores[metric].mean or 0.0,
+            ordered=datetime(2026, 1, 1, tzinfo=UTC) + timedelta(seconds=number),
+            values=np.array(facts_of(one, metric)["values"]),
+        )
+        for number, one in enumerate(entries)
+    ]
+
+
+def ranked(entries: list[Entry], metric: str = "driving_score") -> list[tuple[int | None, str]]:
+    places = Ranks().rank(places_of(contenders(entries, metric), Counts.FIRST))
+    return [(place.rank, place.contender.evaluation.removeprefix("ev-")) for place in places]
 
 
 def test_the_higher_mean_comes_first_whatever_the_order() -> None:
     entries = [entry("low", drives([10.0] * 8)), entry("high", drives([90.0] * 8)), entry("mid", drives([50.0] * 8))]
     for _ in range(5):
         random.Random(0).shuffle(entries)
-        assert names(entries) == [(1, "high"), (2, "mid"), (3, "low")]
+        assert ranked(entries) == [(1, "high"), (2, "mid"), (3, "low")]
 
 
-def test_each_row_is_tested_against_the_one_above() -> None:
-    rows = rank([entry("low", drives([10.0] * 8)), entry("high", drives([30.0] * 8))], "driving_score")
-    assert rows[0].above is None
-    assert rows[1].above is not None
-    assert rows[1].above.verdict == "<"
-    assert rows[1].above.probability == 0.0
-    assert rows[1].above.difference.mean == pytest.approx(-20.0)
-    assert rows[1].above.difference.n == 8
+def test_a_row_is_compared_with_the_one_above() -> None:
+    high, low = contenders([entry("high", drives([30.0] * 8)), entry("low", drives([10.0] * 8))])
+    above = compare_places(low, high)
+    assert above is not None
+    assert (above["verdict"], above["probability"]) == ("<", 0.0)
+    assert (above["difference"]["mean"], above["difference"]["n"]) == (pytest.approx(-20.0), 8)
 
 
-def test_what_cannot_be_told_apart_shares_a_rank() -> None:
+def test_entries_without_a_significant_difference_share_a_rank() -> None:
     a = entry("a", drives([60.0, 40.0, 60.0, 40.0]))
     b = entry("b", drives([40.0, 59.0, 41.0, 58.0]))
     c = entry("c", drives([1.0, 2.0, 1.0, 2.0]))
-    rows = rank([c, b, a], "driving_score")
-    assert [(row.rank, row.entry.agent) for row in rows] == [(1, "a"), (1, "b"), (3, "c")]
-    assert rows[1].above is not None
-    assert rows[1].above.verdict == "="
+    assert ranked([c, b, a]) == [(1, "a"), (1, "b"), (3, "c")]
 
 
 def test_a_tie_reaches_only_as_far_as_the_best_of_its_rank() -> None:
@@ -61,18 +80,63 @@ def test_a_tie_reaches_only_as_far_as_the_best_of_its_rank() -> None:
     first = entry("first", drives([70.0] * 6))
     second = entry("second", drives([68.0 + one for one in noise]))
     third = entry("third", drives([66.0] * 6))
-    rows = rank([first, second, third], "driving_score")
-    assert [row.above.verdict if row.above else None for row in rows] == [None, "=", "="]
-    assert [(row.rank, row.entry.agent) for row in rows] == [(1, "first"), (1, "second"), (3, "third")]
+    assert ranked([first, second, third]) == [(1, "first"), (1, "second"), (3, "third")]
 
 
-def test_equal_means_come_in_the_order_of_names() -> None:
-    assert names([entry("b", drives([50.0] * 3)), entry("a", drives([50.0] * 3))]) == [(1, "a"), (1, "b")]
+def test_many_at_once_get_the_verdicts_of_the_paired_comparison() -> None:
+    generator = np.random.default_rng(0)
+    levels = [float(70 - step / 3) for step in range(60)]
+    runs = contenders(
+        [entry(f"a{n:02}", drives(list(np.clip(generator.normal(m, 12, 18), 0, 100)))) for n, m in enumerate(levels)]
+    )
+    places = Ranks().rank(places_of(runs, Counts.FIRST))
+    assert len({place.rank for place in places}) > 3
+    best = places[0]
+    for position, place in enumerate(places[1:], 1):
+        lower = compare_places(place.contender, best.contender)
+        assert lower is not None
+        if lower["verdict"] == "<":
+            best = place
+            assert place.rank == position + 1
+        else:
+            assert place.rank == best.rank
 
 
-def test_without_drives_in_common_the_means_decide() -> None:
-    rows = rank([entry("a", drives([50.0] * 3)), entry("b", drives([40.0] * 3, scenarios=10))], "driving_score")
-    assert [(row.rank, row.above) for row in rows] == [(1, None), (2, None)]
+def test_what_was_ranked_before_gets_the_same_ranks_beside_a_new_run() -> None:
+    generator = np.random.default_rng(1)
+    entries = [entry(f"a{n}", drives(list(generator.normal(50 - n, 9, 12)))) for n in range(30)]
+    ranks = Ranks()
+    ranks.rank(places_of(contenders(entries[:-1]), Counts.FIRST))
+    again = ranks.rank(places_of(contenders(entries), Counts.FIRST))
+    assert again == Ranks().rank([place.contender for place in again])
+
+
+def test_equal_means_come_in_the_order_of_time() -> None:
+    assert ranked([entry("b", drives([50.0] * 3)), entry("a", drives([50.0] * 3))]) == [(1, "b"), (1, "a")]
+
+
+def test_without_the_same_drives_the_means_decide() -> None:
+    entries = [entry("a", drives([50.0] * 3)), entry("b", drives([40.0] * 4))]
+    assert ranked(entries) == [(1, "a"), (2, "b")]
+    assert compare_places(*contenders(entries)) is None
+
+
+@pytest.mark.parametrize(("counts", "kept"), [(Counts.FIRST, "early"), (Counts.BEST, "lucky")])
+def test_which_run_of_an_entrant_is_its_place_was_fixed_beforehand(counts: Counts, kept: str) -> None:
+    runs = contenders([entry("early", drives([40.0])), entry("lucky", drives([90.0])), entry("late", drives([60.0]))])
+    same = [dataclasses.replace(one, entrant="team") for one in runs]
+    assert [one.evaluation for one in places_of(same, counts)] == [f"ev-{kept}"]
+
+
+def test_a_baseline_stands_between_the_ranks() -> None:
+    runs = contenders([entry(name, drives([score] * 8)) for name, score in (("a", 90.0), ("base", 50.0), ("b", 10.0))])
+    runs[1] = dataclasses.replace(runs[1], baseline=True)
+    places = Ranks().rank(places_of(runs, Counts.FIRST))
+    assert [(place.rank, place.contender.evaluation) for place in places] == [
+        (1, "ev-a"),
+        (None, "ev-base"),
+        (2, "ev-b"),
+    ]
 
 
 def test_success_has_wilsons_interval() -> None:
@@ -92,23 +156,33 @@ def test_success_has_wilsons_interval() -> None:
 
 def test_a_benchmark_may_rank_by_success() -> None:
     reaching = drives_of(episode(ego(status=Status.COMPLETED, progress_m=1000.0, driven_m=1000.0)))
-    assert names([entry("slow", drives([99.0])), entry("there", reaching)], "nocrash_success")[0] == (1, "there")
+    entries = [entry("slow", drives([99.0])), entry("there", reaching)]
+    assert ranked(entries, "nocrash_success")[0] == (1, "there")
 
 
 def test_csv_parses_back() -> None:
-    rows = rank([entry("=cmd()", drives([50.0, 60.0])), entry('b "x", y', drives([10.0, 20.0]))], "driving_score")
+    entries = [entry("=cmd()", drives([50.0, 60.0])), entry('b "x", y', drives([10.0, 20.0]))]
+    rows = [row(one, index) for index, one in enumerate(entries)]
     table = list(csv.DictReader(io.StringIO(as_csv(rows, "driving_score"))))
     assert [line["agent"] for line in table] == ["'=cmd()", 'b "x", y']
-    for line, row in zip(table, rows, strict=True):
-        document = as_document(row, "driving_score")
+    for line, one in zip(table, rows, strict=True):
         for name in COLUMNS:
-            assert float(line[name]) == document["scores"][name]["mean"]
-            assert float(line[f"{name}_low"]) == document["scores"][name]["low"]
+            assert float(line[name]) == one["scores"][name]["mean"]
+            assert float(line[f"{name}_low"]) == one["scores"][name]["low"]
     assert (table[0]["verdict_above"], table[1]["verdict_above"]) == ("", "<")
 
 
+def row(one: Entry, index: int) -> dict[str, Any]:
+    """A row of a board, as its route makes it."""
+    names = ("agent", "version", "owner", "kind", "track", "evaluation")
+    above = {"verdict": "<", "probability": 0.0} if index else None
+    plain = {name: getattr(one, name) for name in names} | facts_of(one, "driving_score")
+    return plain | {"rank": 1, "team": None, "verified": True, "baseline": False, "runs": 1, "thrown_away": 0,
+                    "seeds": 1, "above": above}  # fmt: skip
+
+
 def test_an_empty_leaderboard_is_empty() -> None:
-    assert rank([], "driving_score") == []
+    assert Ranks().rank([]) == []
 
 
 def closed_loop(score: float, progress_m: float) -> Drive:
@@ -118,11 +192,14 @@ def closed_loop(score: float, progress_m: float) -> Drive:
 
 
 def test_a_closed_loop_benchmark_ranks_by_that_score_alone() -> None:
-    far, near = entry("far", [closed_loop(50.0, 900.0)]), entry("near", [closed_loop(75.0, 100.0)])
-    rows = rank([far, near], "closed_loop")
-    assert [row.entry.agent for row in rows] == ["near", "far"]
-    assert [as_document(row, "closed_loop")["scores"]["closed_loop"]["mean"] for row in rows] == [75.0, 50.0]
-    assert rank([far, near], "driving_score")[0].entry.agent == "far"
-    header = as_csv(rows, "closed_loop").splitlines()[0].split(",")
+    entries = [entry("far", [closed_loop(50.0, 900.0)]), entry("near", [closed_loop(75.0, 100.0)])]
+    assert [name for _, name in ranked(entries, "closed_loop")] == ["near", "far"]
+    assert [name for _, name in ranked(entries, "driving_score")] == ["far", "near"]
+    header = as_csv([row(one, 0) for one in entries], "closed_loop").splitlines()[0].split(",")
     assert {"closed_loop", "closed_loop_low", "no_collision", "comfort_high", "driving_score"} <= set(header)
-    assert "closed_loop" not in as_document(rows[0], "driving_score")["scores"]
+
+
+def test_drives_without_a_reference_show_no_closed_loop_score_neither_do_no_drives() -> None:
+    assert "closed_loop" not in entry("running", []).scores
+    assert "closed_loop" not in entry("carla", drives([50.0])).scores
+    assert "closed_loop" in entry("nuplan", [closed_loop(50.0, 900.0)]).scores

@@ -43,20 +43,20 @@ def on_a_network() -> EpisodeRecord:
 # Leaderboard
 
 
-def test_the_leaderboard_ranks_complete_reproducible_evaluations_the_latest_of_each_submission(shop: Shop) -> None:
+def test_the_leaderboard_ranks_complete_ranked_runs_the_first_of_each_submission(shop: Shop) -> None:
     good, bad = shop.submission("good"), shop.submission("bad")
-    shop.evaluation(bad, records(99.0, 99.0, 99.0))  # an earlier one of the same submission
+    first, _ = shop.evaluation(bad, records(20.0, 20.0, 20.0))
     shop.evaluation(good, records(80.0, 80.0, 80.0))
-    latest, _ = shop.evaluation(bad, records(20.0, 20.0, 20.0))
+    shop.evaluation(bad, records(99.0, 99.0, 99.0))  # a later one of the same submission, luckier
     shop.evaluation(shop.submission("running"), records(99.0), status=EvaluationStatus.RUNNING)
     shop.evaluation(shop.submission("cancelled"), records(99.0), status=EvaluationStatus.CANCELLED)
-    shop.evaluation(shop.submission("hasty"), records(99.0), slow_policy="realtime")
+    shop.evaluation(shop.submission("practice"), records(99.0), ranked=False)
     board = shop.client.get("/v1/leaderboard", params={"benchmark": "made"}).json()
-    assert [(row["rank"], row["agent"]) for row in board["rows"]] == [(1, "good"), (2, "bad")]
-    assert board["rows"][1]["evaluation"] == latest
+    assert [(row["rank"], row["agent"], row["runs"]) for row in board["rows"]] == [(1, "good", 1), (2, "bad", 2)]
+    assert board["rows"][1]["evaluation"] == first
     assert board["rows"][1]["scores"]["driving_score"]["mean"] == pytest.approx(20.0)
     assert board["rows"][1]["above"]["verdict"] == "<"
-    assert (board["metric"], board["version"]) == ("driving_score", shop.benchmark())
+    assert (board["metric"], board["version"], board["total"]) == ("driving_score", shop.benchmark(), 2)
 
 
 def test_tracks_and_versions_are_apart(shop: Shop) -> None:
@@ -390,7 +390,7 @@ def test_lost_episodes_count_as_zero_in_the_metrics_with_all_their_egos(shop: Sh
     with shop.services.database.session() as session:
         document = fleet.model_dump(mode="json")
         session.add(BenchmarkVersion(sha256=fleet.sha256, name="fleet", document=document))
-    evaluation, _ = shop.evaluation(shop.submission("agent"), records(50.0, 60.0), benchmark=fleet.sha256)
+    evaluation, _ = shop.evaluation(shop.submission("agent"), records(50.0, 60.0), benchmark=fleet.sha256, ranked=False)
     with shop.services.database.session() as session:
         lost = {"evaluation_id": evaluation, "position": 2, "scenario": "s", "cell": "ingolstadt", "seed": 0}
         session.add(Episode(id="ep-lost", status=EpisodeStatus.LOST, **lost))
