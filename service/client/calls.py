@@ -30,6 +30,8 @@ class Call:
     def arguments(self) -> dict[str, Any]:
         """Arguments of the request for httpx."""
         out: dict[str, Any] = {"method": self.method, "url": self.path, "params": _given(self.query or {})}
+        if self.method == "POST":
+            out |= {"headers": {"prefer": "wait=30"}}  # so that most jobs end within their order
         if self.files is not None:
             out |= {"files": self.files}
         elif self.body is not None:

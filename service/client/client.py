@@ -29,6 +29,7 @@ from dohyo.sumo_networks.errors import DohyoError
 from dohyo.sumo_networks.files import write_atomically
 
 ENDED = ("done", "failed", "cancelled")
+ACCEPTED = 202  # the answer is a job that has not ended
 TIMEOUT_S = 60.0
 POLL_S = 1.0
 
@@ -78,8 +79,14 @@ class Client(Calls[Document]):
             raise _unreachable(self._url, error) from error
 
     def _json(self, call: Call) -> Document:
-        document: Document = self._send(call).json()
-        return document
+        answer = self._send(call)
+        document: Document = answer.json()
+        if answer.status_code != ACCEPTED:
+            return document
+        while document["status"] not in ENDED:
+            time.sleep(POLL_S)
+            document = self.get(path_of("jobs", document["id"]))
+        return _made_by(document)
 
     def items(self, path: str, **query: Any) -> Iterator[Document]:
         """All items of a paged list, such as `items("/v1/evaluations", agent="my-agent")`."""
@@ -164,8 +171,14 @@ class AsyncClient(Calls[Awaitable[Document]]):
             raise _unreachable(self._url, error) from error
 
     async def _json(self, call: Call) -> Document:
-        document: Document = (await self._send(call)).json()
-        return document
+        answer = await self._send(call)
+        document: Document = answer.json()
+        if answer.status_code != ACCEPTED:
+            return document
+        while document["status"] not in ENDED:
+            await asyncio.sleep(POLL_S)
+            document = await self.get(path_of("jobs", document["id"]))
+        return _made_by(document)
 
     async def items(self, path: str, **query: Any) -> AsyncIterator[Document]:
         """See `Client.items`."""
@@ -218,6 +231,15 @@ class AsyncClient(Calls[Awaitable[Document]]):
     def worker(self, agent: str, *, version: int | None = None, capacity: int = 1) -> WorkerSession:
         """See `Client.worker`; the session blocks, so it belongs into a thread of its own."""
         return WorkerSession(self._url, self._token or "", agent, version=version, capacity=capacity)
+
+
+def _made_by(job: Document) -> Document:
+    """What an ended job gave."""
+    if job["status"] == "done":
+        answer: Document = job["answer"]
+        return answer
+    failure = job["failure"] or {"status": 409, "detail": f"job '{job['id']}' was cancelled"}
+    raise ServiceError(failure["status"], failure["detail"])
 
 
 def _headers(token: str | None) -> dict[str, str]:

@@ -6,6 +6,6 @@ from collections.abc import Mapping
 from typing import Final
 
 from dohyo.service.jobs.kind import Kind
+from dohyo.service.submissions import kinds as submissions
 
-ALL: Final[tuple[Kind, ...]] = ()
-KINDS: Final[Mapping[str, Kind]] = {kind.name: kind for kind in ALL}
+KINDS: Final[Mapping[str, Kind]] = {kind.name: kind for kind in (submissions.BUILTIN, submissions.ONNX)}

@@ -80,13 +80,18 @@ def count_submissions(session: Session, agent: Agent) -> int:
 
 
 def add_submission(
-    session: Session, agent: Agent, kind: AgentKind, info: AgentInfo, policy_sha256: str | None = None
+    session: Session,
+    agent: Agent,
+    kind: AgentKind,
+    info: AgentInfo,
+    policy_sha256: str | None = None,
+    identifier: str | None = None,
 ) -> Submission:
-    """Adds the next version of an agent."""
+    """Adds the next version of an agent, under a new identifier unless one is given."""
     serialise(session)
     newest = session.scalar(select(func.max(Submission.version)).where(Submission.agent_id == agent.id)) or 0
     submission = Submission(
-        id=new_id("sub"),
+        id=identifier or new_id("sub"),
         agent_id=agent.id,
         version=newest + 1,
         kind=kind,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Body, Request
@@ -11,36 +9,32 @@ from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 from sqlalchemy.orm import Session
 
-from dohyo.agents.registry import agent_entries
-from dohyo.evaluation.agent import AgentSpec, agent_info
+from dohyo.evaluation.agent import AgentSpec
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.accounts.access import Caller, Reader, Submitter
-from dohyo.service.confinement.limits import Limits
-from dohyo.service.confinement.runner import run
 from dohyo.service.database.idempotency import made_before, remember
 from dohyo.service.errors import TooManyRequestsError
-from dohyo.service.policies.agent import ENTRY, OnnxPolicy
-from dohyo.service.policies.limits import MEGABYTE, PolicyLimits
+from dohyo.service.jobs.orders import Wait, answer_job, check_room, order_job, ordered
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.submissions import queries
 from dohyo.service.submissions.agent_routes import IdempotencyKey, owned_agent, visible_agent
 from dohyo.service.submissions.builtin_routes import check_builtin
-from dohyo.service.submissions.model import AgentKind, Submission
+from dohyo.service.submissions.kinds import BUILTIN, ONNX
+from dohyo.service.submissions.model import Agent, AgentKind, Submission
 from dohyo.service.submissions.views import SubmissionView, view_submission
 from dohyo.service.web.documents import Limit, Name, problems
 from dohyo.service.web.strict_json import JsonError, StrictRoute, parse_json
-from dohyo.service.web.uploads import Upload, form_body, receive_upload
+from dohyo.service.web.uploads import form_body, receive_upload
 from dohyo.service.web.views import Page
 from dohyo.sumo_networks.ego.control import CONTROLS
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.files import write_atomically
+from dohyo.sumo_networks.networks.parsing import file_hash
 from dohyo.sumo_networks.scenario import content_hash
 from dohyo.sumo_networks.sensors import Track, make_sensors
 
 router = APIRouter(prefix="/v1/agents/{name}/submissions", tags=["agents"], route_class=StrictRoute)
 
 PER_AGENT = 1000
-TRIAL = Limits(wall_s=60.0, cpu_s=60, memory_mb=3000, file_mb=1, folder_mb=10)
 SETTINGS_BYTES = 20_000
 FORM = form_body(
     ["spec"],
@@ -115,24 +109,55 @@ class RemoteOrder(_Order):
 SubmissionOrder = Annotated[BuiltinOrder | RemoteOrder, Body(discriminator="kind")]
 
 
-@router.post("", status_code=201, responses=problems(403, 404, 409, 413, 507))
-def create_submission(
-    name: Name, order: SubmissionOrder, caller: Submitter, services: ServicesOf, idempotency_key: IdempotencyKey = None
-) -> SubmissionView:
-    """Submits a built-in agent with settings, or declares a remote one."""
-    _check_owner(services, caller, name)
-    info = _builtin(order) if isinstance(order, BuiltinOrder) else _remote(order, name)
-    request = content_hash({"agent": name, "submission": order.model_dump()})
-    return _store(services, caller, name, AgentKind(order.kind), info, None, (idempotency_key, request))
+@router.post("", status_code=201, response_model=SubmissionView, responses=ordered(SubmissionView, 404, 409, 413, 507))
+async def create_submission(
+    name: Name,
+    order: SubmissionOrder,
+    caller: Submitter,
+    services: ServicesOf,
+    wait_s: Wait,
+    idempotency_key: IdempotencyKey = None,
+) -> Any:
+    """Submits a built-in agent with settings, which is tried in a job, or declares a remote one at once."""
+    if isinstance(order, RemoteOrder):
+        return await run_in_threadpool(_declare, services, caller, name, order, idempotency_key)
+    await run_in_threadpool(_check_owner, services, caller, name)
+    try:
+        await run_in_threadpool(check_builtin, order.entry, order.settings)
+    except UnknownNameError as error:
+        raise InvalidInputError(str(error)) from error
+    arguments = {"agent": name, "entry": order.entry, "settings": order.settings}
+    job = await order_job(services, caller.owner, BUILTIN.name, arguments, key=idempotency_key)
+    return await answer_job(services, job, wait_s)
 
 
-@router.post("/onnx", status_code=201, responses=problems(403, 404, 409, 413, 507), openapi_extra=FORM)
+@router.post(
+    "/onnx",
+    status_code=201,
+    response_model=SubmissionView,
+    responses=ordered(SubmissionView, 404, 409, 413, 507),
+    openapi_extra=FORM,
+)
 async def create_onnx_submission(
-    name: Name, request: Request, caller: Submitter, services: ServicesOf, idempotency_key: IdempotencyKey = None
-) -> SubmissionView:
-    """Submits an ONNX policy: checked, tried for two decisions, and later run without network, files or privileges."""
+    name: Name,
+    request: Request,
+    caller: Submitter,
+    services: ServicesOf,
+    wait_s: Wait,
+    idempotency_key: IdempotencyKey = None,
+) -> Any:
+    """Submits an ONNX policy: a job checks it and tries it for two decisions.
+
+    Later it drives without network, files or privileges.
+    """
+    await run_in_threadpool(_check_owner, services, caller, name)
+    await run_in_threadpool(check_room, services, caller.owner)
     async with receive_upload(request, services.settings.upload_limit_bytes) as given:
-        return await run_in_threadpool(_submit_onnx, services, caller, name, given, idempotency_key)
+        spec = _spec(given.fields.get("spec"), name)
+        sha256 = await run_in_threadpool(file_hash, given.path)
+        arguments = {"agent": name, "spec": spec.model_dump(mode="json"), "sha256": sha256}
+        job = await order_job(services, caller.owner, ONNX.name, arguments, file=given.path, key=idempotency_key)
+    return await answer_job(services, job, wait_s)
 
 
 @router.get("", responses=problems(404))
@@ -148,17 +173,6 @@ def list_submissions(
         rows = queries.list_submissions(session, visible_agent(session, caller, name), limit + 1, after)
     items = [view_submission(submission, name) for submission in rows[:limit]]
     return Page(items=items, next=str(items[-1].version) if len(rows) > limit else None)
-
-
-def _builtin(order: BuiltinOrder) -> AgentInfo:
-    """Describes the agent, in a confined process, since its settings come from a stranger."""
-    try:
-        check_builtin(order.entry, order.settings)
-    except UnknownNameError as error:
-        raise InvalidInputError(str(error)) from error
-    entry = agent_entries()[order.entry]
-    arguments, imports = {"entry": entry, "settings": order.settings}, [entry.partition(":")[0]]
-    return AgentInfo.model_validate(run("describe_agent", arguments, TRIAL, imports=imports))
 
 
 def _remote(order: RemoteOrder, agent: str) -> AgentInfo:
@@ -182,21 +196,6 @@ def _remote(order: RemoteOrder, agent: str) -> AgentInfo:
     )
 
 
-def _submit_onnx(services: Services, caller: Caller, name: str, given: Upload, key: str | None) -> SubmissionView:
-    _check_owner(services, caller, name)
-    spec = _spec(given.fields.get("spec"), name)
-    content = given.path.read_bytes()
-    limits = PolicyLimits(file_mb=services.settings.upload_limit_bytes / MEGABYTE)
-    try:
-        policy = OnnxPolicy(content=content, **spec.model_dump(), limits=limits)
-    except UnknownNameError as error:
-        raise InvalidInputError(str(error)) from error
-    info = agent_info(policy, ENTRY, policy.settings, "onnx")
-    request = content_hash({"agent": name, "spec": spec.model_dump(mode="json"), "sha256": policy.sha256})
-    _keep(services.settings.policies, content)
-    return _store(services, caller, name, AgentKind.ONNX, info, policy.sha256, (key, request))
-
-
 def _spec(text: str | None, agent: str) -> AgentSpec:
     """The declaration of an agent in a form; without a name, the registered agent's name is used."""
     try:
@@ -218,36 +217,22 @@ def _spec(text: str | None, agent: str) -> AgentSpec:
 def _check_owner(services: Services, caller: Caller, name: str) -> None:
     """Checks the caller's permission before any costly work."""
     with services.database.reading() as session:
-        agent = owned_agent(session, caller, name)
-        if queries.count_submissions(session, agent) >= PER_AGENT:
-            raise TooManyRequestsError(f"at most {PER_AGENT} submissions of one agent", retry_s=3600)
+        _check_count(session, owned_agent(session, caller, name))
 
 
-def _store(
-    services: Services,
-    caller: Caller,
-    name: str,
-    kind: AgentKind,
-    info: AgentInfo,
-    policy_sha256: str | None,
-    once: tuple[str | None, str],
-) -> SubmissionView:
-    key, request = once
+def _check_count(session: Session, agent: Agent) -> None:
+    if queries.count_submissions(session, agent) >= PER_AGENT:
+        raise TooManyRequestsError(f"at most {PER_AGENT} submissions of one agent", retry_s=3600)
+
+
+def _declare(services: Services, caller: Caller, name: str, order: RemoteOrder, key: str | None) -> SubmissionView:
+    """Stores a remote agent's declaration; there is nothing to try."""
+    info, request = _remote(order, name), content_hash({"agent": name, "submission": order.model_dump()})
     with services.database.session() as session:
-        if before := made_before(session, caller.owner, key, request):
-            return view_submission(_made(session, before), name)
         agent = owned_agent(session, caller, name)
-        submission = queries.add_submission(session, agent, kind, info, policy_sha256)
+        if before := made_before(session, caller.owner, key, request):
+            return view_submission(session.get_one(Submission, before), name)
+        _check_count(session, agent)
+        submission = queries.add_submission(session, agent, AgentKind.REMOTE, info)
         remember(session, caller.owner, key, request, submission.id)
         return view_submission(submission, name)
-
-
-def _made(session: Session, identifier: str) -> Submission:
-    return session.get_one(Submission, identifier)
-
-
-def _keep(folder: Path, content: bytes) -> None:
-    """Stores a policy under its hash, complete or not at all."""
-    path = folder / f"{hashlib.sha256(content).hexdigest()}.onnx"
-    if not path.exists():
-        write_atomically(path, content)

@@ -109,7 +109,8 @@ class Caller:
         return identifier
 
     def _send(self, method: str, path: str, headers: dict[str, str] | None = None, **options: Any) -> Any:
-        return self.client.request(method, path, headers=self.headers | (headers or {}), **options)
+        prefer = {"prefer": "wait=30"} if method == "POST" else {}
+        return self.client.request(method, path, headers=self.headers | prefer | (headers or {}), **options)
 
 
 @contextmanager

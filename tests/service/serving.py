@@ -108,8 +108,8 @@ class Served:
 
     def ask(self, method: str, path: str, json: Any = None) -> Any:
         """What the administrator is answered."""
-        headers = {"authorization": f"Bearer {self.token}"}
-        answer = httpx.request(method, self.url + path, json=json, headers=headers, timeout=30, verify=self._verify)
+        headers = {"authorization": f"Bearer {self.token}", "prefer": "wait=30"}
+        answer = httpx.request(method, self.url + path, json=json, headers=headers, timeout=40, verify=self._verify)
         assert answer.status_code < 300, (answer.text, self.log)
         return answer.json()
 

@@ -12,7 +12,7 @@ import pytest
 from dohyo.agents.registry import agent_entries
 from dohyo.evaluation.agent import agent_info, make_agent
 from dohyo.service.policies.agent import OnnxPolicy
-from dohyo.service.submissions import routes as submissions
+from dohyo.service.submissions import kinds
 from tests.service.harness import Caller, Harness, assert_problem
 from tests.service.policies.models import identity
 
@@ -41,7 +41,7 @@ def upload(team: Caller, content: bytes, spec: object = SPEC, name: str = "polic
         "/v1/agents/mine/submissions/onnx",
         data=form,
         files={"file": (name, content)},
-        headers=team.headers | options.pop("headers", {}),
+        headers=team.headers | {"prefer": "wait=30"} | options.pop("headers", {}),
         **options,
     )
 
@@ -123,7 +123,7 @@ def test_what_cannot_drive_is_refused_and_leaves_nothing(
 def test_settings_are_checked_by_their_schema_before_anything_is_built(
     team: Caller, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(submissions, "run", lambda *_, **__: pytest.fail("an agent was built"))
+    monkeypatch.setattr(kinds, "run", lambda *_, **__: pytest.fail("an agent was built"))
     answer = submit(team, {"kind": "builtin", "entry": "autopilot", "settings": {"max_speed": "fast", "gap": 51}})
     assert_problem(answer, 422)
     assert [one["where"] for one in answer.json()["errors"]] == ["body.settings.max_speed", "body.settings.gap"]
@@ -163,7 +163,7 @@ def test_a_settings_tree_of_a_thousand_floors(team: Caller) -> None:
 
 
 def test_a_trial_that_never_ends_is_ended(team: Caller, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(submissions, "TRIAL", replace(submissions.TRIAL, wall_s=0.001))
+    monkeypatch.setattr(kinds, "TRIAL", replace(kinds.TRIAL, wall_s=0.001))
     assert_problem(submit(team, {"kind": "builtin", "entry": "autopilot"}), 422, "longer than 0.001 s")
 
 

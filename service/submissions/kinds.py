@@ -1,0 +1,71 @@
+"""Jobs of this room: a submission that must be tried before it is stored."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any, Final
+
+from dohyo.agents.registry import agent_entries
+from dohyo.evaluation.agent import AgentSpec, agent_info
+from dohyo.evaluation.records.record import AgentInfo
+from dohyo.service.confinement.limits import Limits
+from dohyo.service.confinement.runner import run
+from dohyo.service.jobs.kind import Kind, Made, Task
+from dohyo.service.policies.agent import ENTRY, OnnxPolicy
+from dohyo.service.policies.limits import MEGABYTE, PolicyLimits
+from dohyo.service.submissions import queries
+from dohyo.service.submissions.model import AgentKind, Submission
+from dohyo.service.submissions.views import view_submission
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.files import write_atomically
+
+TRIAL: Final = Limits(wall_s=60.0, cpu_s=60, memory_mb=3000, file_mb=1, folder_mb=10)
+
+
+def try_builtin(task: Task) -> Made:
+    """Describes a built-in agent, in a confined process, since its settings come from a stranger."""
+    entry = agent_entries()[task.arguments["entry"]]
+    arguments, imports = {"entry": entry, "settings": task.arguments["settings"]}, [entry.partition(":")[0]]
+    described: dict[str, Any] = run("describe_agent", arguments, TRIAL, imports=imports, stopped=task.stop.is_set)
+    return _store(task, AgentKind.BUILTIN, AgentInfo.model_validate(described))
+
+
+def try_onnx(task: Task) -> Made:
+    """Checks an ONNX file and tries it for two decisions, in confined processes, then keeps it by its hash."""
+    content = task.file.read_bytes()
+    limits = PolicyLimits(file_mb=task.services.settings.upload_limit_bytes / MEGABYTE)
+    try:
+        policy = OnnxPolicy(content=content, **AgentSpec(**task.arguments["spec"]).model_dump(), limits=limits)
+    except UnknownNameError as error:
+        raise InvalidInputError(str(error)) from error
+    info = agent_info(policy, ENTRY, policy.settings, "onnx")
+    if task.stop.is_set():
+        raise InvalidInputError("it was cancelled")
+    _keep(task.services.settings.policies, content)
+    return _store(task, AgentKind.ONNX, info, policy.sha256)
+
+
+BUILTIN: Final = Kind("builtin_submission", try_builtin, limit_s=120.0)
+ONNX: Final = Kind("onnx_submission", try_onnx, limit_s=300.0)
+
+
+def _store(task: Task, kind: AgentKind, info: AgentInfo, policy_sha256: str | None = None) -> Made:
+    """Stores the submission under the job's identifier, so that a job that is repeated stores it once."""
+    name, identifier = task.arguments["agent"], task.id.replace("job-", "sub-")
+    with task.services.database.session() as session:
+        submission = session.get(Submission, identifier)
+        if submission is None:
+            agent = queries.find_agent(session, name)
+            if agent is None:
+                raise InvalidInputError(f"agent '{name}' was deleted meanwhile")
+            submission = queries.add_submission(session, agent, kind, info, policy_sha256, identifier)
+        view = view_submission(submission, name)
+    return Made(view.model_dump(mode="json"), f"/v1/agents/{name}/submissions/{view.version}")
+
+
+def _keep(folder: Path, content: bytes) -> None:
+    """Stores a policy under its hash, complete or not at all."""
+    path = folder / f"{hashlib.sha256(content).hexdigest()}.onnx"
+    if not path.exists():
+        write_atomically(path, content)
