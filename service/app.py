@@ -34,6 +34,7 @@ from dohyo.service.monitoring import routes as metrics
 from dohyo.service.networks import routes as networks
 from dohyo.service.scheduling.scheduler import Scheduler
 from dohyo.service.settings import Settings
+from dohyo.service.signing import routes as signing
 from dohyo.service.state import Broadcast, Services
 from dohyo.service.submissions import (
     agent_routes as agents,
@@ -59,7 +60,7 @@ ROUTERS = tuple(
     for module in (
         *(health, tokens, jobs, networks, benchmarks, observations, builtin_agents, agents, submissions),
         *(evaluations, episodes, leaderboard, comparison, challenges, invitations, metrics, rescoring),
-        *(webhooks, workers, freeway),
+        *(webhooks, workers, freeway, signing),
     )
 )
 
@@ -125,6 +126,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     async with AsyncExitStack() as stack:
         stack.enter_context(held(services.settings))
         stack.enter_context(told(services.settings))
+        services.signing.prepare()
         stack.callback(services.database.close)
         stack.enter_context(server_lock(services.database, lambda: services.lost())).watch()
         deliverer = Deliverer(services)

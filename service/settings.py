@@ -131,6 +131,16 @@ class Settings(BaseSettings):
         return self.data / "staging"
 
     @property
+    def signing_key(self) -> Path:
+        """File of the private key that signs records."""
+        return self.data / "signing-key.pem"
+
+    @property
+    def retired_signing_keys(self) -> Path:
+        """Folder of earlier signing keys, whose signatures still count."""
+        return self.data / "retired-signing-keys"
+
+    @property
     def policies(self) -> Path:
         """Folder of uploaded policies by content hash."""
         return self.data / "policies"

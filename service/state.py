@@ -16,6 +16,7 @@ from dohyo.service.database.engine import Database
 from dohyo.service.freeway.mornings import FreewayMornings
 from dohyo.service.jobs.runner import JobRunner
 from dohyo.service.settings import Settings
+from dohyo.service.signing.keys import SigningKeys
 
 if TYPE_CHECKING:
     from dohyo.service.scheduling.scheduler import Scheduler
@@ -142,6 +143,7 @@ class Services:
         lost: Called, in a thread, once another server has this one's database.
         jobs: Runner of jobs.
         freeway: Freeway mornings with a policy worker as planner.
+        signing: Keys that sign records.
     """
 
     settings: Settings
@@ -153,10 +155,12 @@ class Services:
     lost: Callable[[], None] = lambda: None
     jobs: JobRunner = field(init=False)
     freeway: FreewayMornings = field(init=False)
+    signing: SigningKeys = field(init=False)
 
     def __post_init__(self) -> None:
         self.jobs = JobRunner(self.settings, self.database, self.events)
         self.freeway = FreewayMornings(self.settings, self.scheduler)
+        self.signing = SigningKeys(self.settings.signing_key, self.settings.retired_signing_keys)
 
     async def drain(self) -> None:
         """Waits for running episodes while their workers are still served, then ends all open streams."""

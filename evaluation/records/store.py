@@ -8,12 +8,12 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import stat
 from pathlib import Path
 from typing import Any, Final
 
 from pydantic import ValidationError
 
+from dohyo.evaluation.records.foreign_files import check_file_name, read_limited
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -59,8 +59,7 @@ def write_record(directory: Path, stem: str, record: EpisodeRecord, trajectory: 
             name.
         OSError: If the files cannot be written.
     """
-    if not stem or stem.startswith(".") or Path(stem).name != stem:
-        raise InvalidInputError(f"expected a file name without folder or leading dot, got {stem!r}")
+    check_file_name(stem, "a record's name")
     if record.record_hash != seal(record).record_hash:
         raise InvalidInputError(f"record '{stem}': expected a sealed record, got hash '{record.record_hash}'")
     if record.trajectory_sha256 != trajectory.sha256():
@@ -91,7 +90,7 @@ def read_record(path: Path) -> EpisodeRecord:
     Raises:
         InvalidInputError: If the file is missing, truncated, changed since it was written, or not a record.
     """
-    return parse_record(_content(path, "an episode record", FACTS_LIMIT_BYTES), str(path))
+    return parse_record(read_limited(path, "an episode record", FACTS_LIMIT_BYTES), str(path))
 
 
 def parse_record(content: bytes, path: str) -> EpisodeRecord:
@@ -125,9 +124,9 @@ def read_trajectory(path: Path) -> Trajectory:
     Raises:
         InvalidInputError: If either file is missing or damaged, or the trajectories belong to another record.
     """
-    document = _document(_content(path, "an episode record", FACTS_LIMIT_BYTES), str(path))
+    document = _document(read_limited(path, "an episode record", FACTS_LIMIT_BYTES), str(path))
     table = path.with_suffix(".parquet")
-    digest = hashlib.sha256(_content(table, f"the trajectories of {path.name}", TABLE_LIMIT_BYTES)).hexdigest()
+    digest = hashlib.sha256(read_limited(table, f"the trajectories of {path.name}", TABLE_LIMIT_BYTES)).hexdigest()
     # Polars may abort the whole process on a damaged file: the digest of the bytes is checked first.
     if digest != document.get(_PARQUET_DIGEST):
         raise InvalidInputError(f"{table}: changed since it was written, or truncated: {path.name} has another digest")
@@ -146,22 +145,6 @@ def read_records(directory: Path) -> list[EpisodeRecord]:
     if not directory.is_dir():
         raise InvalidInputError(f"{directory}: expected a folder of records, and there is none")
     return [read_record(path) for path in sorted(directory.glob("*.json")) if not path.name.startswith(".")]
-
-
-def _content(path: Path, what: str, limit_bytes: int) -> bytes:
-    """Content of a file that is not larger than a limit."""
-    try:
-        if not stat.S_ISREG(path.stat().st_mode):  # a pipe would block, and a device has no end
-            raise InvalidInputError(f"{path}: expected {what}, and it cannot be read: it is no regular file")
-        with path.open("rb") as file:
-            content = file.read(limit_bytes + 1)
-    except FileNotFoundError as error:
-        raise InvalidInputError(f"{path}: expected {what}, and there is no such file") from error
-    except OSError as error:
-        raise InvalidInputError(f"{path}: expected {what}, and it cannot be read: {error.strerror}") from error
-    if len(content) > limit_bytes:
-        raise InvalidInputError(f"{path}: expected {what} of at most {limit_bytes // 1_000_000} MB, and it is larger")
-    return content
 
 
 def _document(content: bytes, path: str) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from dohyo.evaluation.benchmarks.part import select
 from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
 from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
 from dohyo.evaluation.episode.runner import versions
+from dohyo.evaluation.records.foreign_files import read_limited
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord, Kind
 from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.running.executors import Executor, Job, ProcessPool
@@ -26,6 +27,7 @@ from dohyo.sumo_networks.scenario import Config, Scenario
 
 MANIFEST = "evaluation.json"
 RECORDS = "records"
+MANIFEST_LIMIT_BYTES = 50_000_000
 
 
 class Manifest(Config):
@@ -155,6 +157,9 @@ def read_result(out: Path) -> Result:
     if not found:
         raise InvalidInputError(f"'{out}' holds no finished episode yet")
     order = {scenario.name: i for i, scenario in enumerate(manifest.benchmark.scenarios([0]))}
+    for record, path in found:
+        if record.scenario.name not in order:
+            raise InvalidInputError(f"{path}: '{record.scenario.name}' is no mission of {manifest.benchmark.name}")
     found.sort(key=lambda pair: (pair[0].scenario.seed, order[pair[0].scenario.name]))
     records, paths = zip(*found, strict=True)
     return Result(manifest, records, paths, len(records))
@@ -164,10 +169,26 @@ def _read_manifest(out: Path) -> Manifest:
     path = out / MANIFEST
     if not path.exists():
         raise InvalidInputError(f"'{out}' is no result folder: expected {MANIFEST} in it (dohyo evaluate --out)")
+    return parse_manifest(read_limited(path, "a manifest", MANIFEST_LIMIT_BYTES), str(path))
+
+
+def parse_manifest(content: bytes, path: str) -> Manifest:
+    """Parses the content of a result folder's manifest.
+
+    Args:
+        content: Content of the file.
+        path: Name of the file in messages.
+
+    Raises:
+        InvalidInputError: It is no manifest, or its benchmark has another content hash.
+    """
     try:
-        return Manifest.model_validate_json(path.read_bytes())
+        manifest = Manifest.model_validate_json(content)
     except ValidationError as error:
         raise InvalidInputError(f"{path}: {error.errors()[0]['msg']}") from error
+    if manifest.benchmark_sha256 != manifest.benchmark.sha256:
+        raise InvalidInputError(f"{path}: expected benchmark_sha256 {manifest.benchmark.sha256}, got another hash")
+    return manifest
 
 
 def part_of_record(path: Path) -> str:

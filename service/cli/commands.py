@@ -45,7 +45,10 @@ COMMANDS: dict[str, Command | Group] = {
         resumes=True,
     ),
     "report": Command("records:report", "Compares evaluations: a table here, and one self-contained HTML file."),
-    "verify": Command("records:verify", "Drives an episode again and compares the hashes. Exit code 1 if they differ."),
+    "verify": Command(
+        "records:verify",
+        "Checks a record's signature, drives the episode again and compares. Exit code 1 if the hashes differ.",
+    ),
     "score": Command("records:score", "Recomputes every score from the raw events."),
     "explain": Command(
         "explain:explain",

@@ -39,6 +39,7 @@ from dohyo.service.cli.output import (
     print_part,
     print_rows,
 )
+from dohyo.service.cli.signatures import Key, SignatureOnly, SignedBy, Signer, check_signature
 from dohyo.service.cli.trust import Policy, Trust, trusted_agents
 from dohyo.service.episodes.recorded_agents import close_all
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -126,28 +127,43 @@ def _names(agents: Sequence[AgentInfo]) -> list[str]:
 
 def verify(
     record: Annotated[Path, typer.Argument(help="A record, NAME.json.")],
+    key: Key = None,
+    server: SignedBy = None,
+    signature_only: SignatureOnly = False,
     policy: Policy = None,
     trust: Trust = False,
     json: Json = False,
 ) -> None:
-    """Drives an episode again and compares the hashes. Exit code 1 if they differ."""
+    """Checks a record's signature, drives the episode again and compares. Exit code 1 if the hashes differ."""
     old = read_record(record)
+    signer = check_signature(record, old, key, server)
+    if signature_only:
+        _print_verified(record, old, None, signer, json)
+        return
     agents = trusted_agents(old, record, trust, policy)
     try:
         infos = {ego.name: ego.agent for ego in old.egos}
         new, _ = drive_episode(old.scenario, agents, infos=infos, benchmark=old.benchmark)
     finally:
         close_all(agents.values())
-    same = new.record_hash == old.record_hash
-    part = part_of_record(record)
-    if json:
-        hashes = {"expected": old.record_hash, "replayed": new.record_hash, "same": same}
-        print_json({"record": str(record), **hashes, "part": part or None})
-    else:
-        console.print(f"{'same' if same else 'DIFFERS'}: {old.record_hash} in the record, {new.record_hash} replayed")
-        print_part(part)
-    if not same:
+    _print_verified(record, old, new.record_hash, signer, json)
+    if new.record_hash != old.record_hash:
         raise typer.Exit(DIFFERS)
+
+
+def _print_verified(path: Path, old: EpisodeRecord, replayed: str | None, signer: Signer, json: bool) -> None:
+    """Prints the outcome; `replayed` is the hash of the new drive, None if there was none."""
+    same, part = None if replayed is None else replayed == old.record_hash, part_of_record(path)
+    if json:
+        hashes = {"expected": old.record_hash, "replayed": replayed, "same": same}
+        print_json({"record": str(path), **hashes, "signature": signer.document, "part": part or None})
+        return
+    console.print(f"signature: {signer}", markup=False, highlight=False, soft_wrap=True)
+    if replayed is None:
+        console.print(f"hash right, not driven again: {old.record_hash}", highlight=False, soft_wrap=True)
+    else:
+        console.print(f"{'same' if same else 'DIFFERS'}: {old.record_hash} in the record, {replayed} replayed")
+    print_part(part)
 
 
 def score(

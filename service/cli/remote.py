@@ -11,8 +11,9 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from dohyo.evaluation.records.foreign_files import check_file_name
 from dohyo.evaluation.records.record import AgentInfo
-from dohyo.evaluation.running.run import MANIFEST, RECORDS
+from dohyo.evaluation.running.run import MANIFEST, RECORDS, parse_manifest
 from dohyo.evaluation.statistics import Estimate
 from dohyo.service.cli.evaluate import parse_seeds, parse_settings
 from dohyo.service.cli.output import DASH, SCORES, Json, console, interval, number, print_json, print_rows
@@ -125,11 +126,12 @@ def fetch(
     """Saves an evaluation's records in a result folder, for `dohyo report`, `score` and `verify`."""
     with Client(server, token) as client:
         state = client.evaluation(evaluation)
-        folder = out or Path("out") / state["benchmark"] / f"{state['agent']}-v{state['version']}"
+        folder = out or _default_folder(state)
         if (folder / MANIFEST).exists():
             raise InvalidInputError(f"'{folder}' holds results already: choose another --out")
+        manifest = parse_manifest(dumps(client.manifest(evaluation)).encode(), "the server's manifest")
         paths = client.download(evaluation, folder / RECORDS)
-        write_atomically(folder / MANIFEST, dumps(client.manifest(evaluation), indent=1).encode())
+        write_atomically(folder / MANIFEST, manifest.model_dump_json(indent=1).encode())
     console.print(f"{len(paths)} records in {folder} (dohyo report {folder})", highlight=False, soft_wrap=True)
 
 
@@ -213,6 +215,12 @@ def _print(state: Document, json: bool) -> None:
             f" {_done(state)}",
             highlight=False,
         )
+
+
+def _default_folder(state: Document) -> Path:
+    """Result folder of an evaluation; the server's names must be file names."""
+    names = (str(state["benchmark"]), f"{state['agent']}-v{state['version']}")
+    return Path("out", *(check_file_name(name, "the server's name of benchmark and agent") for name in names))
 
 
 def _done(state: Document) -> str:

@@ -24,8 +24,9 @@ import httpx
 
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.client.calls import Call, Calls, Document, path_of
+from dohyo.service.client.downloads import Download
 from dohyo.service.client.worker_session import WorkerSession
-from dohyo.sumo_networks.errors import DohyoError
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
 ENDED = ("done", "failed", "cancelled")
@@ -77,6 +78,21 @@ class Client(Calls[Document]):
             return _checked(self._http.request(**call.arguments()))
         except httpx.HTTPError as error:
             raise _unreachable(self._url, error) from error
+
+    def _load(self, call: Call, limit_bytes: int) -> tuple[bytes, httpx.Headers]:
+        """Content of an answer, unpacked and not larger than a limit, and its headers."""
+        content = bytearray()
+        try:
+            with self._http.stream(**call.arguments()) as response:
+                if not response.is_success:
+                    response.read()
+                _checked(response)
+                for chunk in response.iter_bytes():
+                    content += chunk
+                    _check_size(content, limit_bytes, call)
+        except httpx.HTTPError as error:
+            raise _unreachable(self._url, error) from error
+        return bytes(content), response.headers
 
     def _json(self, call: Call) -> Document:
         answer = self._send(call)
@@ -131,14 +147,23 @@ class Client(Calls[Document]):
         return evaluation
 
     def download(self, evaluation_id: str, folder: Path) -> list[Path]:
-        """Saves the records of an evaluation; `dohyo score` and `dohyo verify` read them."""
+        """Saves the records of an evaluation with their signatures; `dohyo score` and `dohyo verify` read them.
+
+        Raises:
+            InvalidInputError: The server sent a record of another episode, a wrong signature, or a name that cannot be
+                a file name. Records before it are saved.
+        """
         folder.mkdir(parents=True, exist_ok=True)
-        paths = []
+        paths: list[Path] = []
         for episode in self.episodes(evaluation_id):
             if episode["record_hash"]:
-                for path, call in _parts(episode, folder):
-                    write_atomically(path, self._send(call).content)
-                paths.append(path)
+                download = Download(episode, folder)
+                if download.path in paths:
+                    raise InvalidInputError(f"the server lists '{download.path.name}' twice")
+                for part, call, limit in download.parts:
+                    for path, content in download.files(part, *self._load(call, limit)):
+                        write_atomically(path, content)
+                paths.append(download.path)
         return paths
 
     def worker(self, agent: str, *, version: int | None = None, capacity: int = 1) -> WorkerSession:
@@ -169,6 +194,21 @@ class AsyncClient(Calls[Awaitable[Document]]):
             return _checked(await self._http.request(**call.arguments()))
         except httpx.HTTPError as error:
             raise _unreachable(self._url, error) from error
+
+    async def _load(self, call: Call, limit_bytes: int) -> tuple[bytes, httpx.Headers]:
+        """See `Client._load`."""
+        content = bytearray()
+        try:
+            async with self._http.stream(**call.arguments()) as response:
+                if not response.is_success:
+                    await response.aread()
+                _checked(response)
+                async for chunk in response.aiter_bytes():
+                    content += chunk
+                    _check_size(content, limit_bytes, call)
+        except httpx.HTTPError as error:
+            raise _unreachable(self._url, error) from error
+        return bytes(content), response.headers
 
     async def _json(self, call: Call) -> Document:
         answer = await self._send(call)
@@ -220,12 +260,16 @@ class AsyncClient(Calls[Awaitable[Document]]):
     async def download(self, evaluation_id: str, folder: Path) -> list[Path]:
         """See `Client.download`."""
         await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)
-        paths = []
+        paths: list[Path] = []
         async for episode in self.episodes(evaluation_id):
             if episode["record_hash"]:
-                for path, call in _parts(episode, folder):
-                    await asyncio.to_thread(write_atomically, path, (await self._send(call)).content)
-                paths.append(path)
+                download = Download(episode, folder)
+                if download.path in paths:
+                    raise InvalidInputError(f"the server lists '{download.path.name}' twice")
+                for part, call, limit in download.parts:
+                    for path, content in download.files(part, *await self._load(call, limit)):
+                        await asyncio.to_thread(write_atomically, path, content)
+                paths.append(download.path)
         return paths
 
     def worker(self, agent: str, *, version: int | None = None, capacity: int = 1) -> WorkerSession:
@@ -267,8 +311,8 @@ def _versions_like(listed: Document, info: AgentInfo) -> list[int]:
     return [one["version"] for one in listed["items"] if all(one.get(key) == value for key, value in wanted.items())]
 
 
-def _parts(episode: Document, folder: Path) -> list[tuple[Path, Call]]:
-    """Files of an episode's record with their addresses; the facts come last, as in `write_record`."""
-    facts = folder / f"{episode['scenario']}-s{episode['seed']}.json"
-    parts = ((facts.with_suffix(".parquet"), "trajectory"), (facts, "record"))
-    return [(path, Call("GET", path_of("episodes", episode["id"], part))) for path, part in parts]
+def _check_size(content: bytes | bytearray, limit_bytes: int, call: Call) -> None:
+    if len(content) > limit_bytes:
+        raise InvalidInputError(
+            f"{call.path}: expected at most {limit_bytes // 1_000_000} MB, and the server sent more"
+        )

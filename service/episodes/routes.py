@@ -12,6 +12,7 @@ from fastapi.responses import FileResponse, JSONResponse
 
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.service.accounts.access import Holder, Reader
+from dohyo.service.client.downloads import SIGNATURE_HEADER, signature_header
 from dohyo.service.episodes.readers import (
     Readers,
     ReadersOf,
@@ -60,10 +61,14 @@ def get_episode(identifier: Identified, caller: Reader, services: ServicesOf, re
 
 @router.get("/record", responses=problems(403, 404, 409, 410) | Cached.json(EpisodeRecord))
 def get_episode_record(identifier: Identified, request: Request, caller: Reader, services: ServicesOf) -> Response:
-    """The record of an episode, as `dohyo verify` and `dohyo score` read it; it never changes."""
+    """The record of an episode, as `dohyo verify` and `dohyo score` read it; it never changes.
+
+    The header `dohyo-signature` has the service's signature of its hash: algorithm, public key, signature.
+    """
     episode, _, _ = episode_for(services, caller, identifier, Aspect.RECORDS)
     path = record_path(services.settings, episode)
     headers = immutable(f"{episode.record_hash}", services)
+    headers[SIGNATURE_HEADER] = signature_header(services.signing.sign(path.stem))
     if already_has(request, headers):
         return Response(status_code=304, headers=headers)
     record_of(services.settings, episode)

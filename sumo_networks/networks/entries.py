@@ -58,12 +58,17 @@ class NetworkEntry(Config):
     size: NetworkSize | None = None
 
 
-def user_catalog() -> Path:
-    """Folder of imported networks: $DOHYO_HOME/networks, else in the user's data folder."""
+def user_folder() -> Path:
+    """Folder of the user's own data: $DOHYO_HOME, else `dohyo` in the system's folder for user data."""
     home = os.environ.get("DOHYO_HOME")
     if home:
-        return Path(home) / "networks"
-    return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "dohyo" / "networks"
+        return Path(home)
+    return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "dohyo"
+
+
+def user_catalog() -> Path:
+    """Folder of imported networks."""
+    return user_folder() / "networks"
 
 
 def check_name(name: str) -> None:

@@ -19,6 +19,7 @@ from dohyo.evaluation.agent import agent_info
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.benchmarks.documents import BENCHMARKS
 from dohyo.evaluation.episode.runner import run_episode
+from dohyo.evaluation.records.signature import signature_path
 from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.running.run import read_result
 from dohyo.evaluation.scores.driving import driving_score
@@ -96,16 +97,19 @@ def hashes(episodes: list[dict[str, Any]]) -> list[str]:
     return [one["record_hash"] for one in episodes]
 
 
-def test_local_builtin_and_remote_give_the_same_hashes(
-    evaluations: dict[str, list[dict[str, Any]]], folder: Path
+def test_local_and_builtin_give_the_same_hashes_and_remote_the_same_drives(
+    evaluations: dict[str, list[dict[str, Any]]], user: Client, folder: Path
 ) -> None:
     benchmark, out = folder / "benchmarks" / "quickstart.toml", folder / "out"
     command = ["--benchmark", str(benchmark), "--seeds", "0", "--workers", "1"]
     done = run("evaluate", "--agent", "autopilot", *command, "--out", str(out), patience_s=PATIENCE_S)
     assert done.returncode == 0, done.stderr
     local = {json.loads(path.read_text())["record_hash"] for path in (out / "records").glob("*.json")}
-    assert set(hashes(evaluations["pilot"])) == set(hashes(evaluations["remote-pilot"])) == local
+    assert set(hashes(evaluations["pilot"])) == local
     assert len(local) == len(DRIVES)
+    pilot, remote = ([user.record(one["id"]) for one in evaluations[agent]] for agent in ("pilot", "remote-pilot"))
+    assert [one["trajectory_sha256"] for one in pilot] == [one["trajectory_sha256"] for one in remote]
+    assert [one["egos"][0]["agent"]["kind"] for one in (*pilot, *remote)] == ["builtin"] * 2 + ["remote"] * 2
 
 
 def test_an_uploaded_policy_gives_the_hashes_of_its_file_here(
@@ -117,7 +121,7 @@ def test_an_uploaded_policy_gives_the_hashes_of_its_file_here(
         record = run_episode(
             benchmark.scenarios([0])[1],
             {"ego": policy},
-            infos={"ego": agent_info(policy, ENTRY, policy.settings)},
+            infos={"ego": agent_info(policy, ENTRY, policy.settings, "onnx")},
             benchmark=(benchmark.name, benchmark.sha256),
         )
     finally:
@@ -147,6 +151,33 @@ def test_what_is_fetched_is_a_result_folder_to_report(
     result = read_result(out)
     assert [record.record_hash for record in result.records] == hashes(evaluations["pilot"])
     assert result.manifest.agent == result.records[0].egos[0].agent
+
+
+def test_a_fetched_record_is_verified_by_signature_and_by_driving_again(
+    evaluations: dict[str, list[dict[str, Any]]],
+    served: Served,
+    user: Client,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("DOHYO_HOME", str(folder / "home"))
+    paths = {
+        agent: user.download(episodes[0]["evaluation"], folder / "signed" / agent)[1]
+        for agent, episodes in evaluations.items()
+    }
+    builtin = run("verify", str(paths["pilot"]), "--server", served.url)
+    assert (builtin.returncode, f"key of {served.url}" in builtin.stdout, "same:" in builtin.stdout) == (0, True, True)
+    policy = run("verify", str(paths["pursuit"]), "--policy", str(folder / "policy.onnx"), "--json")
+    assert policy.returncode == 0, policy.stderr
+    assert json.loads(policy.stdout)["same"] is True
+    assert json.loads(policy.stdout)["signature"]["owner"] == f"key of {served.url}", "kept since the first time"
+    remote = run("verify", str(paths["remote-pilot"]), "--signature-only")
+    assert (remote.returncode, "hash right, not driven again" in remote.stdout) == (0, True)
+    assert "drove through policy workers" in run("verify", str(paths["remote-pilot"])).stderr
+    other = signature_path(paths["pursuit"]).read_bytes()
+    signature_path(paths["pilot"]).write_bytes(other)
+    refused = run("verify", str(paths["pilot"]))
+    assert (refused.returncode, "of another record" in refused.stderr) == (2, True)
 
 
 def test_the_leaderboard_leads_to_the_replay_of_an_infraction(

@@ -1,0 +1,1 @@
+"""Signatures of records: the service's keys, and their public parts."""
