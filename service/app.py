@@ -8,6 +8,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from importlib.metadata import version
 from typing import Any
 
+from anyio import to_thread
 from fastapi import FastAPI
 from fastapi.middleware.cors import CORSMiddleware
 
@@ -18,6 +19,7 @@ from dohyo.service.boards import comparison_routes as comparison
 from dohyo.service.boards import routes as leaderboard
 from dohyo.service.challenges import invitation_routes as invitations
 from dohyo.service.challenges import routes as challenges
+from dohyo.service.confinement.layers import prepare_confinement
 from dohyo.service.dashboard import pages
 from dohyo.service.dashboard.session import SessionCookie, show_errors_as_pages
 from dohyo.service.data_folder import held, told
@@ -129,6 +131,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         services.signing.prepare()
         stack.callback(services.database.close)
         stack.enter_context(server_lock(services.database, lambda: services.lost())).watch()
+        await to_thread.run_sync(prepare_confinement)
         deliverer = Deliverer(services)
         await deliverer.start()
         stack.push_async_callback(deliverer.stop)

@@ -19,7 +19,7 @@ from typing import Any
 
 from dohyo.service.confinement.frames import BAD, BROKEN, FULL, GOOD, Stream
 from dohyo.service.confinement.limits import Limits
-from dohyo.service.confinement.rights import give_up, leave_network
+from dohyo.service.confinement.rights import give_up, leave_network, limit_processor_time
 from dohyo.service.confinement.seccomp import install_filter
 from dohyo.service.confinement.tasks import TASKS, ConfinedTask, Rights
 from dohyo.sumo_networks.errors import DohyoError
@@ -56,6 +56,7 @@ def _prepare(task: ConfinedTask, launch: dict[str, Any]) -> tuple[Callable[..., 
         layers = give_up(task.rights, limits, folder, reads)
         _read_compiled_kernels()
         function = _imported(task, launch["imports"])
+    limit_processor_time(limits.cpu_s)
     install_filter(task.rights)
     return function, {**layers, "own_network": own_network, "system_calls_filtered": True}
 

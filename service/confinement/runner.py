@@ -157,7 +157,7 @@ def _use(group: int) -> tuple[int, int]:
                 fields = file.read().rpartition(b")")[2].split()
         except OSError:  # it has ended meanwhile
             continue
-        if int(fields[2]) == group:
+        if int(fields[2]) == group and fields[0] != b"Z":  # one that has ended stays until its parent asks for its code
             processes += 1
             memory += int(fields[21]) * _PAGE
     return processes, memory

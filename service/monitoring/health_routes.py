@@ -9,6 +9,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 from sqlalchemy.exc import SQLAlchemyError
 
+from dohyo.service.confinement.layers import layers
 from dohyo.service.errors import problem
 from dohyo.service.state import ServicesOf
 from dohyo.service.web.documents import problems
@@ -33,4 +34,9 @@ async def get_readiness(services: ServicesOf) -> dict[str, Any] | JSONResponse:
         await run_in_threadpool(services.database.check)
     except SQLAlchemyError:
         return problem(503, "the database does not answer", {"retry-after": "5"})
-    return {"status": "ready", "started": services.started.isoformat(), "episodes": services.scheduler.snapshot()}
+    return {
+        "status": "ready",
+        "started": services.started.isoformat(),
+        "episodes": services.scheduler.snapshot(),
+        "confinement": await run_in_threadpool(layers),
+    }
