@@ -19,6 +19,7 @@ from dohyo.service.boards import comparison_routes as comparison
 from dohyo.service.boards import routes as leaderboard
 from dohyo.service.challenges import invitation_routes as invitations
 from dohyo.service.challenges import routes as challenges
+from dohyo.service.challenges.closing import Closer
 from dohyo.service.confinement.layers import prepare_confinement
 from dohyo.service.dashboard import pages
 from dohyo.service.dashboard.session import SessionCookie, show_errors_as_pages
@@ -135,6 +136,9 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         deliverer = Deliverer(services)
         await deliverer.start()
         stack.push_async_callback(deliverer.stop)
+        closer = Closer(services)
+        await closer.start()
+        stack.push_async_callback(closer.stop)
         stack.push_async_callback(services.drain)
         await services.jobs.start(services, KINDS)
         await services.scheduler.start()

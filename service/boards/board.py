@@ -1,4 +1,4 @@
-"""Board: rows of a ranking as plain JSON: the current ones, or those of a final board."""
+"""Board: the rows of a ranking as plain JSON."""
 
 from __future__ import annotations
 
@@ -12,10 +12,7 @@ from sqlalchemy.orm import Session
 from dohyo.evaluation.statistics import paired
 from dohyo.service.boards.leaderboard import Contender, Place
 from dohyo.service.boards.model import Ranking, Result
-from dohyo.service.boards.standings import Standings
 from dohyo.service.challenges.model import Team
-from dohyo.service.database.base import now
-from dohyo.service.database.engine import Database, serialise
 from dohyo.service.evaluations.model import Attempt, Episode, Evaluation
 from dohyo.service.submissions.model import Agent, AgentKind, Submission
 
@@ -38,28 +35,6 @@ def rows_of(session: Session, ranking: Ranking, places: Sequence[Place], start: 
         for index, place in enumerate(page, start)
         if place.contender.evaluation in facts  # it was deleted a moment ago
     ]
-
-
-def final_rows(database: Database, standings: Standings, ranking: Ranking, headline: str) -> list[dict[str, Any]]:
-    """The rows of a ranking that has ended, which are computed and stored once and never change.
-
-    Args:
-        database: Database of the service.
-        standings: Places of rankings.
-        ranking: A ranking that has ended.
-        headline: Score that ranks on its benchmark.
-    """
-    if ranking.final is None:
-        places = standings.places(database, ranking, headline)
-        with database.session() as session:
-            serialise(session)
-            stored = session.get_one(Ranking, ranking.id)
-            if stored.final is None:
-                stored.final = {"headline": headline, "rows": rows_of(session, stored, places, 0, len(places))}
-                stored.finalised = now()
-            ranking = stored
-    rows: list[dict[str, Any]] = (ranking.final or {})["rows"]
-    return rows
 
 
 def _facts(session: Session, evaluation_ids: Sequence[str]) -> dict[str, dict[str, Any]]:

@@ -12,12 +12,13 @@ from sqlalchemy.orm import Session
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.service.accounts.access import Caller, Reader
 from dohyo.service.boards import queries as reading
-from dohyo.service.boards.board import final_rows, rows_of
+from dohyo.service.boards.board import rows_of
 from dohyo.service.boards.leaderboard import as_csv
 from dohyo.service.boards.model import Ranking
 from dohyo.service.boards.ranking_views import RankingView
 from dohyo.service.boards.rankings import open_ranking_id, ranking_for
 from dohyo.service.boards.views import LeaderboardView
+from dohyo.service.challenges.closing import final_rows
 from dohyo.service.episodes.readers import Readers, ReadersOf
 from dohyo.service.errors import ForbiddenError
 from dohyo.service.evaluations.access import own_runs

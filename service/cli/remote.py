@@ -76,15 +76,18 @@ def start(
     benchmark: Annotated[str, typer.Argument(help="Name, from `dohyo benchmarks list`.")],
     version: Annotated[int | None, typer.Option(min=1, help="Version of the agent; default: the latest.")] = None,
     seeds: Annotated[str | None, typer.Option(help="Such as 0,1,2 or 0-4; default: the benchmark's own.")] = None,
+    ranked: Annotated[bool, typer.Option("--ranked", help="Enter the leaderboard; a practice run never does.")] = False,
+    ranking: Annotated[str | None, typer.Option(help="Enter this phase of a challenge, such as rk-9f86d081.")] = None,
     watch: Annotated[bool, typer.Option("--watch", help="Wait for the end, and print the scores.")] = False,
     server: Server = LOCAL,
     token: Token = None,
     json: Json = False,
 ) -> None:
-    """Queues an evaluation."""
+    """Queues an evaluation: a practice run, or a ranked run under the conditions of its ranking."""
     wanted = parse_seeds(seeds) if seeds is not None else None
+    entered = ranked or ranking is not None
     with Client(server, token) as client:
-        queued = client.evaluate(agent, benchmark, version=version, seeds=wanted)
+        queued = client.evaluate(agent, benchmark, version=version, seeds=wanted, ranked=entered, ranking=ranking)
         if watch:
             _watch(client, queued["id"], json)
         else:
@@ -163,16 +166,20 @@ def leaderboard(
     metric = board["metric"]
     rows = [
         (
-            str(row["rank"]),
+            str(row["rank"] or DASH),
             f"{row['agent']} v{row['version']}",
             row["track"],
+            "verified" if row["verified"] else "remote",
             _estimate(row["scores"][metric]),
             str(row["above"]["verdict"]) if row["above"] else DASH,
             str(row["drives"]),
+            str(row["runs"]),
         )
         for row in board["rows"]
     ]
-    print_rows(("#", "agent", "track", TITLES.get(metric) or str(metric), "vs above", "drives"), rows)
+    print_rows(
+        ("#", "agent", "track", "agent is", TITLES.get(metric) or str(metric), "vs above", "drives", "runs"), rows
+    )
     console.print(f"ranked by {board['description']}", highlight=False, markup=False)
 
 
@@ -188,9 +195,11 @@ def _watch(client: Client, evaluation: str, json: bool) -> None:
                 break
             time.sleep(POLL_S)
             state = client.evaluation(evaluation)
-    metrics = client.metrics(evaluation)
+    metrics = client.metrics(evaluation) if not state["withheld"] else None
     if json:
         print_json({"evaluation": state, "metrics": metrics})
+    elif metrics is None:
+        console.print("the scores of single drives are secret until the ranking ends; see the leaderboard")
     else:
         _print_scores(state, metrics)
     if state["status"] != "done":

@@ -85,10 +85,16 @@ class Calls(ABC, Generic[Answer]):
         *,
         version: int | None = None,
         seeds: Sequence[int] | None = None,
-        slow_policy: Literal["wait", "realtime"] = "wait",
+        slow_policy: Literal["wait", "realtime"] | None = None,
         act_deadline_s: float | None = None,
+        ranked: bool = False,
+        ranking: str | None = None,
     ) -> Answer:
-        """Queues an evaluation, by default of the latest version with the benchmark's seeds."""
+        """Queues an evaluation, by default a practice run of the latest version with the benchmark's seeds.
+
+        A ranked run may enter a board, counts against a quota, and takes all conditions from its ranking: that of
+        `ranking`, a phase of a challenge, or the benchmark's open one.
+        """
         body = {
             "agent": agent,
             "benchmark": benchmark,
@@ -96,6 +102,8 @@ class Calls(ABC, Generic[Answer]):
             "seeds": list(seeds) if seeds is not None else None,
             "slow_policy": slow_policy,
             "act_deadline_s": act_deadline_s,
+            "ranked": ranked,
+            "ranking": ranking,
         }
         return self._json(Call("POST", "/v1/evaluations", body=body))
 
@@ -132,9 +140,19 @@ class Calls(ABC, Generic[Answer]):
         """State of a freeway morning, with the outcome of all traffic at its end."""
         return self.get(path_of("freeway", "mornings", morning_id))
 
-    def leaderboard(self, benchmark: str, *, version: str | None = None, track: str | None = None) -> Answer:
-        """Leaderboard of a benchmark."""
-        return self.get("/v1/leaderboard", benchmark=benchmark, version=version, track=track)
+    def leaderboard(
+        self,
+        benchmark: str | None = None,
+        *,
+        version: str | None = None,
+        track: str | None = None,
+        ranking: str | None = None,
+        limit: int = 100,
+        after: str | None = None,
+    ) -> Answer:
+        """A page of a benchmark's open leaderboard, or with `ranking` of a challenge's phase."""
+        page = {"limit": limit, "after": after}
+        return self.get("/v1/leaderboard", benchmark=benchmark, version=version, track=track, ranking=ranking, **page)
 
     def comparison(self, evaluation_ids: Sequence[str]) -> Answer:
         """Evaluations of one benchmark version side by side."""

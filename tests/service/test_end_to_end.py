@@ -39,7 +39,8 @@ PATIENCE_S = 240.0
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Holds a quickstart of two drives, and the data of a service."""
     made = tmp_path_factory.mktemp("user")
-    head, *missions = (BENCHMARKS / "quickstart.toml").read_text().split("[[missions]]")
+    text = (BENCHMARKS / "quickstart.toml").read_text().replace("seeds = [0, 1, 2]", "seeds = [0]")
+    head, *missions = text.split("[[missions]]")
     kept = [mission for mission in missions if any(f'"{name}"' in mission for name in DRIVES)]
     (made / "benchmarks").mkdir()
     (made / "benchmarks" / "quickstart.toml").write_text("[[missions]]".join([head, *kept]))
@@ -78,11 +79,11 @@ def evaluations(served: Served, user: Client, folder: Path) -> dict[str, list[di
     options = ["--server", served.url, "--agent", "remote-pilot", "--entry", "autopilot", "--episodes", "2"]
     worker = subprocess.Popen([*DOHYO, "worker", *options], env=os.environ | {"DOHYO_TOKEN": token})
     try:
-        ids = {agent: user.evaluate(agent, "quickstart", seeds=[0])["id"] for agent in ("pilot", "pursuit")}
+        ids = {agent: user.evaluate(agent, "quickstart", ranked=True)["id"] for agent in ("pilot", "pursuit")}
         while "remote-pilot" not in {one["name"] for one in user.items("/v1/agents") if one["version"]}:
             assert worker.poll() is None
             time.sleep(0.3)
-        ids["remote-pilot"] = user.evaluate("remote-pilot", "quickstart", seeds=[0])["id"]
+        ids["remote-pilot"] = user.evaluate("remote-pilot", "quickstart", ranked=True)["id"]
         for one in ids.values():
             ended = user.wait(one, PATIENCE_S)
             assert (ended["status"], ended["progress"]["done"]) == ("done", len(DRIVES)), ended

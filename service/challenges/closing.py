@@ -1,0 +1,108 @@
+"""Closing: stores and announces the final board of each phase when it ends, in the background."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from typing import Any, Final
+
+from sqlalchemy import select
+from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
+
+from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.service.boards.board import rows_of
+from dohyo.service.boards.model import Ranking
+from dohyo.service.boards.standings import Standings
+from dohyo.service.challenges.model import Challenge, Member
+from dohyo.service.database.base import new_id, now
+from dohyo.service.database.engine import Database, serialise
+from dohyo.service.evaluations.model import BenchmarkVersion
+from dohyo.service.state import Services
+from dohyo.service.webhooks.model import Delivery, Webhook
+
+POLL_S: Final = 2.0
+
+logger = logging.getLogger("dohyo.challenges")
+
+
+def final_rows(database: Database, standings: Standings, ranking: Ranking, headline: str) -> list[dict[str, Any]]:
+    """The rows of a ranking that has ended: computed, stored and announced once; afterwards they never change.
+
+    Args:
+        database: Database of the service.
+        standings: Places of rankings.
+        ranking: A ranking that has ended.
+        headline: Score that ranks on its benchmark.
+    """
+    if ranking.final is None:
+        places = standings.places(database, ranking, headline)
+        with database.session() as session:
+            serialise(session)
+            ranking = session.get_one(Ranking, ranking.id)
+            if ranking.final is None:
+                rows = rows_of(session, ranking, places, 0, len(places))
+                ranking.final, ranking.finalised = {"headline": headline, "rows": rows}, now()
+                _announce(session, ranking, len(rows))
+                logger.info("phase %s is final with %d places", ranking.id, len(rows))
+    stored: list[dict[str, Any]] = (ranking.final or {})["rows"]
+    return stored
+
+
+def close_ended(services: Services) -> None:
+    """Makes the boards of all ended phases final."""
+    with services.database.reading() as session:
+        ended = session.scalars(select(Ranking).where(Ranking.ends <= now(), Ranking.finalised.is_(None))).all()
+        headlines = {one.id: _headline(session, one) for one in ended}
+    for ranking in ended:
+        final_rows(services.database, Standings(), ranking, headlines[ranking.id])
+
+
+class Closer:
+    """Closes phases in the background during the app's lifespan."""
+
+    def __init__(self, services: Services) -> None:
+        self._services = services
+        self._task: asyncio.Task[None] | None = None
+
+    async def start(self) -> None:
+        """Starts the background task."""
+        self._task = asyncio.create_task(self._run(), name="challenges")
+
+    async def stop(self) -> None:
+        """Stops the task; phases that end later are closed after the next start, with the same rows."""
+        if self._task is not None:
+            self._task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._task
+
+    async def _run(self) -> None:
+        while True:
+            try:
+                await asyncio.to_thread(close_ended, self._services)
+            except (SQLAlchemyError, OSError) as error:
+                logger.warning("phases cannot be closed now, trying again: %s", error)
+            await asyncio.sleep(POLL_S)
+
+
+def _headline(session: Session, ranking: Ranking) -> str:
+    document = session.get_one(BenchmarkVersion, ranking.benchmark_sha256).document
+    return Benchmark.model_validate(document).headline.value
+
+
+def _announce(session: Session, ranking: Ranking, places: int) -> None:
+    """Queues a message to each webhook of the organiser and of all who take part."""
+    challenge = session.get(Challenge, ranking.challenge_id) if ranking.challenge_id else None
+    if challenge is None:
+        return
+    body: dict[str, Any] = {
+        "event": "phase.final",
+        "challenge": challenge.name,
+        "phase": ranking.name,
+        "ranking": ranking.id,
+        "places": places,
+    }
+    owners = [challenge.owner, *session.scalars(select(Member.owner).where(Member.challenge_id == challenge.id))]
+    for webhook in session.scalars(select(Webhook).where(Webhook.owner.in_(owners))):
+        session.add(Delivery(id=new_id("dl"), webhook_id=webhook.id, body=body))
