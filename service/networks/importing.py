@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,8 +18,24 @@ from dohyo.sumo_networks.networks.parsing import file_hash
 LIMITS: Final = Limits(wall_s=300.0, cpu_s=280, memory_mb=4000, file_mb=1000, folder_mb=2500, processes=4)
 
 
-def import_confined(file: Path, name: str, *, lights: bool, limit_mb: float, licence: str | None) -> None:
+def import_confined(
+    file: Path,
+    name: str,
+    *,
+    lights: bool,
+    limit_mb: float,
+    licence: str | None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> None:
     """Adds an uploaded network to the catalog; blocks, so call it from a thread.
+
+    Args:
+        file: The uploaded file.
+        name: Name of the new network.
+        lights: Whether to guess traffic lights at large junctions too.
+        limit_mb: Largest size of the file, packed or unpacked, MB.
+        licence: Licence of the source's data; None: the usual one of its format.
+        stopped: Asked now and then; once true, the import is ended.
 
     Raises:
         InvalidInputError: The file is refused, with the reason.
@@ -30,7 +46,8 @@ def import_confined(file: Path, name: str, *, lights: bool, limit_mb: float, lic
     with private_folder() as folder:
         environment = {"DOHYO_CACHE": str(folder / "cache")}
         try:
-            run("import_roads", arguments, LIMITS, folder=folder, reads=[file], environment=environment)
+            options = {"folder": folder, "reads": [file], "environment": environment}
+            run("import_roads", arguments, LIMITS, stopped=stopped, **options)
         except InvalidInputError as error:
             raise InvalidInputError(str(error).replace(str(file), file.name)) from error
         _keep_parsed(publish_network(name, folder / "entry") / net_name(name), folder / "cache")
