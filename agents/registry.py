@@ -10,13 +10,15 @@ import tomllib
 from collections.abc import Mapping
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from dohyo.evaluation.entry import load_entry
-from dohyo.evaluation.records.record import Kind
 from dohyo.evaluation.settings import Schema, settings_schema
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+
+if TYPE_CHECKING:
+    from dohyo.evaluation.records.record import Kind
 
 GROUP = "dohyo.agents"
 LOCALIZED = "dohyo.agents.localization.localized:Localized"

@@ -31,7 +31,6 @@ def print_closed_loop(summaries: Mapping[str, ClosedLoopSummary], what: str) -> 
             console.print(
                 f"{name}: {one.lost} drives lost to gridlocks or infrastructure faults; score counting lost drives as "
                 f"0: {interval(one.score_lost_as_zero)}",
-                markup=False,
             )
 
 

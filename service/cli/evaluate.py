@@ -144,13 +144,13 @@ def _executor(engine: Engine, workers: int | None, address: str | None) -> Execu
 def _progress(hidden: bool) -> Progress:
     left = max(1, console.width - NAME_WIDTH - BAR_WIDTH - OTHER_COLUMNS_WIDTH)
     columns = (
-        TextColumn("{task.description}", table_column=_clipped(NAME_WIDTH)),
+        TextColumn("{task.description}", markup=False, table_column=_clipped(NAME_WIDTH)),
         BarColumn(BAR_WIDTH),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
-        TextColumn("{task.fields[note]}", table_column=_clipped(left)),
+        TextColumn("{task.fields[note]}", markup=False, table_column=_clipped(left)),
     )
     return Progress(*columns, console=console, disable=hidden)
 
@@ -181,7 +181,7 @@ def _print_failures(result: Result) -> None:
             if ego.failure:
                 parts.append(ego.failure)
             parts += [f"last infraction {one.kind} at {one.time_s:.1f} s" for one in ego.infractions[-1:]]
-            console.print("; ".join(parts), markup=False)
+            console.print("; ".join(parts))
 
 
 def _drives(result: Result) -> list[dict[str, Any]]:

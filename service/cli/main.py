@@ -46,7 +46,9 @@ def main() -> None:
     try:
         app()
     except DohyoError as error:
-        print(f"dohyo: {error}", file=sys.stderr)
+        from dohyo.service.cli.output import plain
+
+        print(f"dohyo: {plain(str(error))}", file=sys.stderr)
         sys.exit(BAD_INPUT)
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)

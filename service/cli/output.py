@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 if TYPE_CHECKING:
     from dohyo.evaluation.statistics import Estimate
@@ -17,7 +19,23 @@ if TYPE_CHECKING:
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 
-console = Console()
+CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+
+
+def plain(text: str) -> str:
+    """Text of a stranger without the control characters that a terminal obeys; lines stay."""
+    return CONTROL.sub("\N{REPLACEMENT CHARACTER}", text)
+
+
+class PlainConsole(Console):
+    """Shows strings as they are: no markup, and no control characters, since records and servers are strangers'."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """See `Console.render_str`."""
+        return super().render_str(plain(text), **options)
+
+
+console = PlainConsole(markup=False)
 DASH = "—"
 RATES_FROM_KM = 0.1
 """Least route completed by all drives together for which infractions per km are shown, km."""
@@ -66,7 +84,7 @@ def print_comparison(summaries: Sequence[Summary]) -> None:
         table.add_row(title, *[interval(summary.scores[key]) for summary in summaries])
     table.add_section()
     if any(summary.km >= RATES_FROM_KM for summary in summaries):
-        table.add_row("[bold]infractions per km[/bold]")
+        table.add_row(Text("infractions per km", "bold"))
         for kind in summaries[0].per_km:
             table.add_row(kind.replace("_", " "), *[_rate(summary, kind) for summary in summaries])
         table.add_section()
@@ -74,7 +92,7 @@ def print_comparison(summaries: Sequence[Summary]) -> None:
     table.add_row("lost (gridlock, infrastructure)", *[str(summary.lost) for summary in summaries])
     if any(summary.lost for summary in summaries):
         table.add_section()
-        table.add_row("[bold]counting lost drives as 0[/bold]")
+        table.add_row(Text("counting lost drives as 0", "bold"))
         for key, title in SCORES.items():
             table.add_row(title, *[interval((one.scores_lost_as_zero or one.scores)[key]) for one in summaries])
     console.print(table)
@@ -89,7 +107,7 @@ def _rate(summary: Summary, kind: str) -> str:
 def print_part(part: str, of: str = "") -> None:
     """Prints that an agent has driven only a part of a benchmark, see `Manifest.part`; nothing if it drove all."""
     if part:
-        console.print(f"{of}{part}; the scores are not those of the benchmark", highlight=False, markup=False)
+        console.print(f"{of}{part}; the scores are not those of the benchmark", highlight=False)
 
 
 def print_cells(cells: Mapping[str, Summary]) -> None:

@@ -78,7 +78,7 @@ def report(
     for name, result in zip(names, results, strict=True):
         cells = summarise_cells(result.records, rules=rules, irs_length=irs_length)
         if len(cells) > 1:
-            console.print(f"[bold]{name}[/bold]")
+            console.print(name, style="bold")
             print_cells(cells)
     _print_verdicts(names, results, rules, irs_length)
     if all(result.manifest.benchmark.closed_loop for result in results):
@@ -96,7 +96,6 @@ def _print_verdicts(names: Sequence[str], results: Sequence[Result], rules: Rule
         console.print(
             f"{a} {score.verdict} {b}: driving score differs by {interval(score.difference)} on "
             f"{score.difference.n} common drives, {probability(score.probability, a, b)}",
-            markup=False,
         )
 
 
@@ -111,7 +110,6 @@ def _print_closed_loop(names: Sequence[str], results: Sequence[Result]) -> None:
         console.print(
             f"{a} {one.verdict} {b}: closed-loop score differs by {interval(one.difference)} on "
             f"{one.difference.n} drives of both",
-            markup=False,
         )
 
 
@@ -158,7 +156,7 @@ def _print_verified(path: Path, old: EpisodeRecord, replayed: str | None, signer
         hashes = {"expected": old.record_hash, "replayed": replayed, "same": same}
         print_json({"record": str(path), **hashes, "signature": signer.document, "part": part or None})
         return
-    console.print(f"signature: {signer}", markup=False, highlight=False, soft_wrap=True)
+    console.print(f"signature: {signer}", highlight=False, soft_wrap=True)
     if replayed is None:
         console.print(f"hash right, not driven again: {old.record_hash}", highlight=False, soft_wrap=True)
     else:

@@ -16,7 +16,7 @@ from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.running.run import MANIFEST, RECORDS, parse_manifest
 from dohyo.evaluation.statistics import Estimate
 from dohyo.service.cli.evaluate import parse_seeds, parse_settings
-from dohyo.service.cli.output import DASH, SCORES, Json, console, interval, number, print_json, print_rows
+from dohyo.service.cli.output import DASH, SCORES, Json, console, interval, number, plain, print_json, print_rows
 from dohyo.service.client.calls import Document
 from dohyo.service.client.client import ENDED, POLL_S, Client
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -180,17 +180,19 @@ def leaderboard(
     print_rows(
         ("#", "agent", "track", "agent is", TITLES.get(metric) or str(metric), "vs above", "drives", "runs"), rows
     )
-    console.print(f"ranked by {board['description']}", highlight=False, markup=False)
+    console.print(f"ranked by {board['description']}", highlight=False)
 
 
 def _watch(client: Client, evaluation: str, json: bool) -> None:
     state = client.evaluation(evaluation)  # no progress bar if this request fails
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, TextColumn("{task.fields[status]}"), console=console, disable=json) as bar:
-        task = bar.add_task(f"{state['agent']} v{state['version']} on {state['benchmark']}", total=None, status="")
+    name, status = (TextColumn(f"{{task.{field}}}", markup=False) for field in ("description", "fields[status]"))
+    columns = (name, BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), status)
+    with Progress(*columns, console=console, disable=json) as bar:
+        title = plain(f"{state['agent']} v{state['version']} on {state['benchmark']}")
+        task = bar.add_task(title, total=None, status="")
         while True:
             progress = state["progress"]
-            bar.update(task, completed=progress["done"], total=progress["total"], status=state["status"])
+            bar.update(task, completed=progress["done"], total=progress["total"], status=plain(state["status"]))
             if state["status"] in ENDED:
                 break
             time.sleep(POLL_S)
@@ -212,7 +214,7 @@ def _print_scores(state: Document, metrics: Document) -> None:
     print_rows(("score", "mean [95 %]"), [(title, _estimate(whole["scores"][name])) for name, title in scores.items()])
     console.print(f"{whole['drives']} drives, {number(whole['km'])} km; {state['id']}", highlight=False)
     if state["failure"]:
-        console.print(state["failure"], markup=False)
+        console.print(state["failure"])
 
 
 def _print(state: Document, json: bool) -> None:

@@ -7,7 +7,7 @@ from dohyo.evaluation.scores.nuplan.score import ClosedLoop
 from dohyo.evaluation.scores.nuplan.summary import ScoredDrive, summarise_closed_loop
 from dohyo.evaluation.summary import summarise
 from dohyo.service.cli.closed_loop import print_closed_loop
-from dohyo.service.cli.output import console, print_cells, print_comparison
+from dohyo.service.cli.output import console, print_cells, print_comparison, print_rows
 from tests.evaluation.builders import ego, episode, lost
 
 WHOLE = [episode(ego(status=Status.PERFECT, progress_m=1000.0), seed=0)]
@@ -38,3 +38,13 @@ def test_the_closed_loop_score_too() -> None:
     with console.capture() as captured:
         print_closed_loop({"tester": summarise_closed_loop([good], lost=3)}, "agent")
     assert "counting lost drives as 0: 25.0" in " ".join(captured.get().split())
+
+
+def test_a_strangers_text_is_shown_and_not_obeyed() -> None:
+    with console.capture() as captured:
+        print_rows(["name"], [("[/b]\x1b[2J[link=http://x]y",)])
+        console.print("\x9b2Jone\ntwo [bold]three")
+    shown = captured.get()
+    assert "[/b]\N{REPLACEMENT CHARACTER}[2J[link=http://x]y" in shown
+    assert "2Jone\ntwo [bold]three" in shown
+    assert not {"\x1b", "\x9b"} & set(shown)
