@@ -51,9 +51,16 @@ def find_token(session: Session, secret: str, at: datetime | None = None) -> Tok
     """
     digest = _digest(secret)
     token = session.scalar(select(Token).where(Token.sha256 == digest))
-    if token is None or not hmac.compare_digest(token.sha256, digest) or token.revoked is not None:
+    if token is None or not hmac.compare_digest(token.sha256, digest):
         return None
-    return token if token.expires is None or (at or now()) < token.expires else None
+    return token if is_valid(token, at) else None
+
+
+def is_valid(token: Token | None, at: datetime | None = None) -> bool:
+    """Whether a token exists, and is neither revoked nor expired."""
+    if token is None or token.revoked is not None:
+        return False
+    return token.expires is None or (at or now()) < token.expires
 
 
 def list_tokens(

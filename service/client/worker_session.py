@@ -35,6 +35,7 @@ ACQUIRE_S = 20.0
 REPLY_S = 150.0  # a tick of a large network may be slow
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.2, 5.0
 LONGEST_TEXT = 500
+UNTOLD = {"start": {"lane": "untold"}, "goal": {"lane": "untold"}}
 
 
 class WireError(DohyoError):
@@ -80,8 +81,8 @@ class Drive:
         first_deadline_s: Time for the first decision.
         slow_policy: Whether the simulation waits.
         spec: name, version, track, sensors, control and settings, as submitted.
-        missions: Missions by ego.
-        seed: Seed for `Agent.reset`.
+        missions: Missions by ego; below the track `privileged` their places are "untold".
+        seed: Seed for `Agent.reset`; unrelated to the scenario's.
         tick: Tick that awaits a decision.
         observations: Observations at that tick, by ego and sensor.
         time_s: Simulated time of the tick.
@@ -115,7 +116,7 @@ class Drive:
             first_deadline_s=answer["first_deadline_ms"] / 1000,
             slow_policy=answer["slow_policy"],
             spec=answer["spec"],
-            missions={one["name"]: Mission.model_validate(one) for one in answer["missions"]},
+            missions={one["name"]: Mission.model_validate(UNTOLD | one) for one in answer["missions"]},
             seed=answer["seed"],
             tick=answer["tick"],
             observations=arrays(answer["observations"]),

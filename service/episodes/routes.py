@@ -49,7 +49,7 @@ def get_episode(identifier: Identified, caller: Reader, services: ServicesOf, re
         told = bool(visible_among(session, caller, (evaluation.id,), Aspect.RECORDS))
     benchmark = readers.benchmark(version)
     return EpisodeDetail(
-        **view_episode(episode, told=told).model_dump(),
+        **view_episode(episode, told=told, hidden=evaluation.hides_drives).model_dump(),
         agent=evaluation.submission.agent.name,
         agent_version=evaluation.submission.version,
         benchmark=version.name,

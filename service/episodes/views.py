@@ -10,6 +10,9 @@ from pydantic import Field
 from dohyo.service.evaluations.model import Episode, EpisodeStatus
 from dohyo.service.web.views import View
 
+UNTOLD = {"status": EpisodeStatus.QUEUED, "attempts": 0, "failure": None, "started": None, "finished": None}
+"""What is shown of an episode that a remote agent has not finished, while its evaluation lasts."""
+
 
 class EpisodeView(View):
     """One scenario of an evaluation. Where the records are withheld, so are the scenario and all that tells of it."""
@@ -20,7 +23,13 @@ class EpisodeView(View):
     scenario: Annotated[str | None, Field(description="Name of the scenario; null where withheld.")]
     cell: Annotated[str | None, Field(description="Cell of the benchmark; null where withheld.")]
     seed: Annotated[int | None, Field(description="Of the scenario; null where withheld.")]
-    status: Annotated[EpisodeStatus, Field(description="Status; lost: a fault of the infrastructure.")]
+    status: Annotated[
+        EpisodeStatus,
+        Field(
+            description="Status; lost: a fault of the infrastructure. Of a remote agent `queued` until the episode is "
+            "done or the evaluation has ended, so that a worker does not learn which scenario it drives."
+        ),
+    ]
     attempts: Annotated[int, Field(description="How often it was started.")]
     record_hash: Annotated[str | None, Field(description="Content hash of its record; null where withheld.")]
     summary: Annotated[
@@ -34,13 +43,16 @@ class EpisodeView(View):
 WITHHELD = ("scenario", "cell", "seed", "record_hash", "summary", "failure")
 
 
-def view_episode(episode: Episode, *, told: bool = True) -> EpisodeView:
+def view_episode(episode: Episode, *, told: bool = True, hidden: bool = False) -> EpisodeView:
     """An episode.
 
     Args:
         episode: The episode.
         told: Whether the reader may see its record; without it, the properties in `WITHHELD` are None.
+        hidden: Whether the answer must not say that it is driven, see `Evaluation.hides_drives`.
     """
     names = [name for name in EpisodeView.model_fields if name != "evaluation"]
     facts = {name: getattr(episode, name) if told or name not in WITHHELD else None for name in names}
+    if hidden and episode.status is not EpisodeStatus.DONE:
+        facts |= UNTOLD
     return EpisodeView(evaluation=episode.evaluation_id, **facts)

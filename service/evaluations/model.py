@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from datetime import datetime
 from enum import StrEnum
 from typing import Any
@@ -11,7 +12,7 @@ from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from dohyo.service.boards.model import Ranking
 from dohyo.service.database.base import Base, now
-from dohyo.service.submissions.model import Submission
+from dohyo.service.submissions.model import AgentKind, Submission
 
 
 class EvaluationStatus(StrEnum):
@@ -75,6 +76,8 @@ class Evaluation(Base):
 
     A run with a `ranking_id` is *ranked*, and its conditions are the ranking's; one without is *practice*. `team_id` is
     the team that the run was ordered for, in a phase of a challenge.
+
+    The seeds of remote agents follow from `agent_secret`, which no answer shows.
     """
 
     __tablename__ = "evaluations"
@@ -95,9 +98,15 @@ class Evaluation(Base):
     started: Mapped[datetime | None]
     finished: Mapped[datetime | None]
     announced: Mapped[datetime | None]
+    agent_secret: Mapped[str] = mapped_column(String(64), default=lambda: secrets.token_hex(32))
     submission: Mapped[Submission] = relationship(lazy="joined")
     benchmark: Mapped[BenchmarkVersion] = relationship()
     ranking: Mapped[Ranking | None] = relationship()
+
+    @property
+    def hides_drives(self) -> bool:
+        """Whether answers hide which episode is driven, since a worker of the remote agent could read them."""
+        return self.submission.kind is AgentKind.REMOTE and not self.status.finished
 
 
 class Episode(Base):

@@ -187,14 +187,14 @@ def list_episodes(
     session: Session,
     evaluation_id: str,
     *,
-    status: EpisodeStatus | None = None,
+    statuses: Sequence[EpisodeStatus] = tuple(EpisodeStatus),
     limit: int | None = None,
     after: int | None = None,
 ) -> Sequence[Episode]:
     """Episodes of an evaluation in the benchmark's order, those past position `after`."""
     query = select(Episode).where(Episode.evaluation_id == evaluation_id).order_by(Episode.position).limit(limit)
-    if status is not None:
-        query = query.where(Episode.status == status)
+    if len(statuses) < len(EpisodeStatus):
+        query = query.where(Episode.status.in_(statuses))
     if after is not None:
         query = query.where(Episode.position > after)
     return session.scalars(query).all()

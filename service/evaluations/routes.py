@@ -205,9 +205,19 @@ def list_episodes(
     with services.database.reading() as session:
         evaluation = find_visible(session, caller, identifier)
         told = bool(visible_among(session, caller, (evaluation.id,), Aspect.RECORDS))
-        rows = evaluations.list_episodes(session, evaluation.id, status=status, limit=limit + 1, after=after)
-    items = [view_episode(episode, told=told) for episode in rows[:limit]]
+        statuses = _stored_as(status, evaluation.hides_drives)
+        rows = evaluations.list_episodes(session, evaluation.id, statuses=statuses, limit=limit + 1, after=after)
+    items = [view_episode(episode, told=told, hidden=evaluation.hides_drives) for episode in rows[:limit]]
     return Page(items=items, next=str(items[-1].position) if len(rows) > limit else None)
+
+
+def _stored_as(status: EpisodeStatus | None, hidden: bool) -> Sequence[EpisodeStatus]:
+    """Stored statuses of the episodes that are shown with a status; see `view_episode`."""
+    if status is None:
+        return tuple(EpisodeStatus)
+    if not hidden or status is EpisodeStatus.DONE:
+        return (status,)
+    return [one for one in EpisodeStatus if one is not EpisodeStatus.DONE] if status is EpisodeStatus.QUEUED else ()
 
 
 @router.post("/{identifier}/cancel", responses=problems(403, 404, 409, 507))

@@ -60,7 +60,7 @@ def drive_morning(order: FreewayOrder, channel: Channel) -> bytes:
     """
     env = DissipationEnv(morning_of(order.benchmark), order.seed)
     space = env.action_space(PLANNER)
-    bridge = Bridge(channel, lambda action: checked(action, space.shape), "wait")
+    bridge = Bridge(channel, {PLANNER: PLANNER}, space.shape, lambda action: checked(action, space.shape), "wait")
     watch, tick = OutcomeWatch(), 0
     became: dict[str, Any]
     try:
@@ -80,7 +80,7 @@ def drive_morning(order: FreewayOrder, channel: Channel) -> bytes:
         became = {"status": "failed", "detail": str(error)}
     finally:
         env.close()
-    return SEEN.pack(tick, env.world.time_s, bridge.missed) + json.dumps(became).encode()
+    return SEEN.pack(tick, env.world.time_s, bridge.missed, bridge.clipped) + json.dumps(became).encode()
 
 
 def told(outcome: Outcome) -> dict[str, float | None]:

@@ -145,7 +145,7 @@ class FreewayMornings:
         leases = self._scheduler.leases
         process = EpisodeProcess(self._settings.policies, PROGRAM)
         live.episode = RemoteEpisode(live.order.agent, VERSION, attempt, live.order, process)
-        outcome = aborted = Outcome(End.FAILED, "the service ends")
+        outcome = aborted = Outcome(End.STOPPED, "the service ends")
         try:
             await process.start()
             leases.expect(live.episode)

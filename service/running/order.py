@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hmac
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -12,7 +13,7 @@ from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.running.executors import Job
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.scenario import Config, Scenario
+from dohyo.sumo_networks.scenario import Config, Mission, Scenario
 from dohyo.sumo_networks.units import TICK_S
 
 
@@ -28,6 +29,7 @@ class EpisodeOrder(Config):
         act_deadline_s: Wall-clock time for one decision.
         remote: Whether a policy worker decides.
         slow_policy: Whether the simulation waits for a slow worker, or goes on with its last decision.
+        agent_seed: Seed that a remote agent is given; the seeds of traffic and events do not follow from it.
         verdict: Status and reason of an episode that is recorded without driving.
     """
 
@@ -39,10 +41,15 @@ class EpisodeOrder(Config):
     act_deadline_s: float
     remote: bool = False
     slow_policy: Literal["wait", "realtime"] = "wait"
+    agent_seed: int = 0
     verdict: tuple[Status, str] | None = None
 
     def told(self, version: int) -> dict[str, Any]:
-        """Facts for the worker at the start of its lease: missions and seed, but not the rest of the scenario."""
+        """Facts for the worker at the start of its lease.
+
+        They are the same for all scenarios with as many egos, except on the track `privileged`, whose worker gets the
+        missions too. From a scenario's names and seed a worker could simulate the same world, and look into its future.
+        """
         info = self.info
         return {
             "dt_s": TICK_S,
@@ -54,9 +61,21 @@ class EpisodeOrder(Config):
                 "control": info.control,
                 "settings": info.settings,
             },
-            "missions": [mission.model_dump(mode="json") for mission in self.scenario.missions],
-            "seed": self.scenario.seed,
+            "missions": [self._told_mission(mission) for mission in self.scenario.missions],
+            "seed": self.agent_seed,
         }
+
+    def _told_mission(self, mission: Mission) -> dict[str, Any]:
+        name = {"name": self.wire_names[mission.name]}
+        if self.info.track != "privileged":
+            return name
+        return mission.model_dump(mode="json", include={"start", "goal", "via"}) | name
+
+    @property
+    def wire_names(self) -> dict[str, str]:
+        """Name of each ego on the wire: a name in the scenario may be that of a public mission."""
+        egos = [mission.name for mission in self.scenario.missions]
+        return {ego: "ego" if len(egos) == 1 else f"ego-{number}" for number, ego in enumerate(egos)}
 
     @property
     def agent(self) -> str:
@@ -67,6 +86,17 @@ class EpisodeOrder(Config):
     def job(self) -> Job:
         """The order as a job of `dohyo.evaluation.running.executors`."""
         return Job(self.scenario, self.info, self.benchmark, self.directory, self.stem, self.act_deadline_s)
+
+
+def agent_seed(secret: str, position: int) -> int:
+    """Seed of a remote agent in an episode: the same in each attempt, and unrelated to the scenario's seed.
+
+    Args:
+        secret: Secret of the evaluation.
+        position: Position of the episode in the benchmark.
+    """
+    digest = hmac.digest(secret.encode(), str(position).encode(), "sha256")
+    return int.from_bytes(digest[:4], "big") >> 1  # every language and generator takes 31 bits
 
 
 def checked_job(order: EpisodeOrder) -> Job:

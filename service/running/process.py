@@ -35,7 +35,7 @@ class End(StrEnum):
 
     FINISHED: the record is on disk. IMPOSSIBLE: the order can never be driven. HUNG: the agent never returned.
     FAILED: SUMO failed, or the disk. DIED: the machine ended the process. WORKER_GONE, GIVEN_BACK: the policy worker
-    left the episode. UNCLAIMED: no policy worker came.
+    left the episode. UNCLAIMED: no policy worker came. STOPPED: the evaluation or the service ended.
     """
 
     FINISHED = "finished"
@@ -46,6 +46,7 @@ class End(StrEnum):
     WORKER_GONE = "worker_gone"
     GIVEN_BACK = "given_back"
     UNCLAIMED = "unclaimed"
+    STOPPED = "stopped"
 
 
 @dataclass(frozen=True, slots=True)

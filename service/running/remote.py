@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 from typing import Literal
 
@@ -16,14 +16,14 @@ from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.records.store import write_record
 from dohyo.service.running.channel import Channel, Kind
 from dohyo.service.running.order import EpisodeOrder
-from dohyo.service.wire.messages import Format, decode, encode_observations, unpack
+from dohyo.service.wire.messages import Format, decode, encode_observations, shape_in_words, unpack
 from dohyo.sumo_networks.ego.control import InvalidActionError, make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, DohyoError, InvalidInputError
 from dohyo.sumo_networks.sensors import Track, make_sensors
 from dohyo.sumo_networks.units import TICK_S
 
-SEEN = struct.Struct("!IdI")  # tick, simulated time [s], decisions missed
+SEEN = struct.Struct("!IdII")  # tick, simulated time [s], decisions missed, actions clipped
 FORMATS = (Format.MSGPACK, Format.JSON)
 NO_LIMIT_S = 86_400.0
 
@@ -48,11 +48,17 @@ class Bridge:
 
     The server owns the deadlines: it knows whether a silent worker still lives. Here, `wait` waits for as long as it
     takes, and `realtime` for at most one tick.
+
+    Attributes:
+        missed: Ticks without a decision.
+        clipped: Actions with a value out of range, which was moved to the nearest bound.
     """
 
     def __init__(
         self,
         channel: Channel,
+        names: Mapping[str, str],
+        shape: tuple[int, ...],
         check: Callable[[np.ndarray], np.ndarray],
         slow_policy: Literal["wait", "realtime"],
     ) -> None:
@@ -60,16 +66,18 @@ class Bridge:
 
         Args:
             channel: Channel to the server.
-            check: Returns a valid action, or raises an error for an invalid one.
+            names: Name of each ego on the wire.
+            shape: Shape of an action.
+            check: Returns an action within its bounds, or raises an error for an invalid one.
             slow_policy: Whether to wait for a slow worker or to repeat its last decision.
         """
         self._channel, self._realtime, self._check = channel, slow_policy == "realtime", check
-        self._granted = False
+        self._names, self._shape, self._granted = names, shape, False
         self._fault: AgentError | None = None
         self._deciding: tuple[str, ...] = ()
         self._actions: dict[str, np.ndarray] = {}
         self._shown, self._decided = 0.0, True
-        self.missed = 0
+        self.missed = self.clipped = 0
 
     def show(self, tick: int, observations: dict[str, Observation], time_s: float | None = None) -> None:
         """Sends a tick to the worker; the first tick waits until a worker holds the episode.
@@ -80,8 +88,10 @@ class Bridge:
             time_s: Simulated time of the tick; None: 0.1 s per tick.
         """
         time_s = round(tick * TICK_S, 3) if time_s is None else time_s
-        self._channel.send(Kind.SEEN, SEEN.pack(tick, time_s, self.missed) + encode_observations(observations))
-        self._deciding, self._decided = tuple(observations), False
+        seen = {self._names[ego]: observation for ego, observation in observations.items()}
+        head = SEEN.pack(tick, time_s, self.missed, self.clipped)
+        self._channel.send(Kind.SEEN, head + encode_observations(seen))
+        self._deciding, self._decided = tuple(seen), False
         while not self._granted:
             frame = self._channel.receive()
             self._granted = frame is not None and frame[0] is Kind.GRANT
@@ -97,7 +107,7 @@ class Bridge:
             self._decide()
         if self._fault is not None:
             raise self._fault
-        return self._actions[ego]
+        return self._actions[self._names[ego]]
 
     def _decide(self) -> None:
         self._decided = True
@@ -130,13 +140,23 @@ class Bridge:
         if not isinstance(actions, dict) or not all(ego in actions for ego in self._deciding):
             given = sorted(map(str, actions))[:10] if isinstance(actions, dict) else type(actions).__name__
             raise InvalidInputError(f"expected an action for each of {list(self._deciding)}, got {given}")
-        out = {}
-        for ego in self._deciding:
-            try:
-                out[ego] = self._check(unpack(actions[ego]))
-            except DohyoError as error:
-                raise InvalidInputError(f"action of '{ego}': {error}") from None
-        return out
+        if unknown := sorted(set(map(str, actions)) - set(self._names.values())):
+            raise InvalidInputError(f"expected actions of {list(self._deciding)} only, got {unknown[:10]} too")
+        decided = {ego: self._action(ego, actions[ego]) for ego in self._deciding}
+        self.clipped += sum(clipped for _, clipped in decided.values())
+        return {ego: action for ego, (action, _) in decided.items()}
+
+    def _action(self, ego: str, value: object) -> tuple[np.ndarray, bool]:
+        """An action within its bounds, and whether it was outside of them."""
+        try:
+            given = unpack(value)
+            if given.shape != self._shape:
+                expected, got = shape_in_words(self._shape), shape_in_words(given.shape)
+                raise InvalidInputError(f"expected {expected}, got {got}")
+            action = self._check(given)
+        except DohyoError as error:
+            raise InvalidInputError(f"action of '{ego}': {error}") from None
+        return action, bool((action != given).any())
 
 
 class RemoteAgent(Agent):
@@ -174,7 +194,7 @@ def drive_remotely(order: EpisodeOrder, channel: Channel, watch: Callable[[float
     spec = AgentSpec(name=info.name, track=info.track, sensors=info.sensors, control=info.control)
     make_sensors(spec.sensors, Track[spec.track.upper()])
     control = make_control(spec.control, VehicleParameters(), TICK_S)
-    bridge = Bridge(channel, control.checked, order.slow_policy)
+    bridge = Bridge(channel, order.wire_names, tuple(control.space.shape), control.checked, order.slow_policy)
     agents = {mission.name: RemoteAgent(bridge, spec, mission.name) for mission in order.scenario.missions}
     record, trajectory = drive_episode(
         order.scenario,
@@ -189,4 +209,4 @@ def drive_remotely(order: EpisodeOrder, channel: Channel, watch: Callable[[float
         timing = record.timing.model_copy(update={"realtime": True, "missed": bridge.missed})
         record = record.model_copy(update={"timing": timing})
     write_record(order.directory, order.stem, record, trajectory)
-    return SEEN.pack(record.ticks, round(record.ticks * TICK_S, 3), bridge.missed)
+    return SEEN.pack(record.ticks, round(record.ticks * TICK_S, 3), bridge.missed, bridge.clipped)

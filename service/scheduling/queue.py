@@ -22,6 +22,7 @@ from dohyo.service.evaluations.model import (
     Evaluation,
     EvaluationStatus,
 )
+from dohyo.service.running.order import agent_seed
 from dohyo.service.scheduling import attempts
 from dohyo.service.scheduling.attempts import LEAVING, UNCOUNTED, AttemptEnd
 from dohyo.service.submissions.model import AgentKind, Submission
@@ -66,6 +67,7 @@ class Ticket:
         seeds: Seeds of the evaluation.
         slow_policy: See `EpisodeOrder`.
         act_deadline_s: See `EpisodeOrder`.
+        agent_seed: See `EpisodeOrder`.
     """
 
     episode_id: str
@@ -80,6 +82,7 @@ class Ticket:
     seeds: tuple[int, ...]
     slow_policy: str
     act_deadline_s: float
+    agent_seed: int
 
     @property
     def evaluation_id(self) -> str:
@@ -260,6 +263,7 @@ def _ticket(evaluation: Evaluation, episode: Episode, chosen: Waiting, used_up: 
         seeds=tuple(evaluation.seeds),
         slow_policy=evaluation.slow_policy,
         act_deadline_s=evaluation.act_deadline_s,
+        agent_seed=agent_seed(evaluation.agent_secret, episode.position),
     )
 
 

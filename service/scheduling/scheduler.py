@@ -22,6 +22,8 @@ from sqlalchemy.orm import Session
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
 from dohyo.evaluation.records.specifications import Status
+from dohyo.service.accounts.model import Token
+from dohyo.service.accounts.queries import is_valid
 from dohyo.service.episodes.archive import archived_path, discard, lost_because, shelve, staged_folder
 from dohyo.service.evaluations.model import AttemptOutcome
 from dohyo.service.running.order import EpisodeOrder
@@ -32,6 +34,7 @@ from dohyo.service.scheduling.queue import Next, Progress, Ticket, Waiting
 from dohyo.service.scheduling.turns import Turns
 from dohyo.service.settings import Settings
 from dohyo.service.submissions.model import AgentKind
+from dohyo.service.wire.messages import Format, encode
 from dohyo.service.workers.lease import RemoteEpisode
 from dohyo.service.workers.leases import SWEEP_S, LeaseBook
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
@@ -106,7 +109,7 @@ class Scheduler:
     async def start(self) -> None:
         """Recovers what an earlier service left unfinished, then starts."""
         await self._recover()
-        self._tasks = [asyncio.create_task(self._serve()), asyncio.create_task(self._sweep())]
+        self._tasks = [asyncio.create_task(one) for one in (self._serve(), self._sweep(), self._dismiss())]
 
     def wake(self) -> None:
         """Schedules a look at the queue: an evaluation was created or resumed, or a worker waits."""
@@ -259,7 +262,7 @@ class Scheduler:
         if scenarios is None:
             scenarios = Benchmark.model_validate(ticket.document).scenarios(ticket.seeds)
             self._scenarios[ticket.evaluation_id] = scenarios
-        return EpisodeOrder(
+        order = EpisodeOrder(
             scenario=scenarios[ticket.position],
             info=AgentInfo.model_validate(ticket.info),
             benchmark=ticket.benchmark,
@@ -268,7 +271,11 @@ class Scheduler:
             act_deadline_s=ticket.act_deadline_s,
             remote=ticket.waiting.kind is AgentKind.REMOTE,
             slow_policy=cast(Literal["wait", "realtime"], ticket.slow_policy),
+            agent_seed=ticket.agent_seed,
         )
+        if order.remote:
+            encode(order.told(ticket.waiting.version), Format.MSGPACK)  # refuses what no worker could ever be told
+        return order
 
     async def _in_process(self, order: EpisodeOrder, live: Live) -> Outcome:
         """Drives an order in a process, which is then kept for the next one."""
@@ -277,7 +284,7 @@ class Scheduler:
         except OSError as error:
             return Outcome(End.DIED, f"no process could be started: {error}")
         began_s = process.processor_s
-        outcome = aborted = Outcome(End.FAILED, "its evaluation has ended, or the service")
+        outcome = aborted = Outcome(End.STOPPED, "its evaluation has ended, or the service")
         try:
             if order.remote:
                 waiting, attempt = live.ticket.waiting, live.ticket.attempt
@@ -365,6 +372,8 @@ class Scheduler:
 
     def _publish(self, ticket: Ticket, status: str, progress: Progress | None = None) -> None:
         data: dict[str, Any] = {"episode": ticket.episode_id, "status": status}
+        if ticket.waiting.kind is AgentKind.REMOTE and status != "done":
+            del data["episode"]  # a worker would learn which scenario it drives
         if progress is not None:
             data |= {"done": progress.done, "total": progress.total}
         self._events.publish(f"evaluation:{ticket.evaluation_id}", data)
@@ -421,6 +430,22 @@ class Scheduler:
     def _unfinished(self) -> list[str]:
         with self._database.reading() as session:
             return queue.unfinished(session)
+
+    async def _dismiss(self) -> None:
+        """Ends the work of workers whose API token was revoked or has expired, wherever that was done."""
+        while True:
+            await asyncio.sleep(LOOK_S)
+            held = self.leases.token_ids()
+            try:
+                for token_id in await asyncio.to_thread(self._invalid, held) if held else ():
+                    logger.warning("workers of token %s are dismissed: it is no longer valid", token_id)
+                    self.leases.dismiss(token_id)
+            except (SQLAlchemyError, OSError) as error:
+                logger.warning("the tokens of workers cannot be checked: %s", error)
+
+    def _invalid(self, token_ids: set[str]) -> list[str]:
+        with self._database.reading() as session:
+            return [one for one in token_ids if not is_valid(session.get(Token, one))]
 
     async def _sweep(self) -> None:
         while True:

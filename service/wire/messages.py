@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from typing import Any
 
 import msgspec
 import numpy as np
 
+from dohyo.service.wire.bodies import Step
 from dohyo.sumo_networks.errors import InvalidInputError
 
 DTYPES = ("float32", "float64", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "bool")
@@ -27,25 +28,6 @@ class Format(StrEnum):
 
     MSGPACK = "application/msgpack"
     JSON = "application/json"
-
-
-class Reply(msgspec.Struct):
-    """Answer to a step. `observations` is msgpack as the episode process wrote it."""
-
-    tick: int
-    time_s: float
-    observations: msgspec.Raw
-    done: bool
-    missed: int
-    directive: str
-    rewards: None = None  # ranked drives give no rewards to the worker
-
-
-class Step(msgspec.Struct):
-    """A worker's step; `actions` stays encoded until the episode process checks it."""
-
-    tick: int
-    actions: msgspec.Raw
 
 
 _msgpack, _json = msgspec.msgpack.Encoder(), msgspec.json.Encoder()
@@ -64,10 +46,16 @@ def format_of(media_type: str | None, default: Format | None = Format.JSON) -> F
 
 
 def encode(document: Any, fmt: Format) -> bytes:
-    """Encodes a document; `Raw` parts of it are msgpack."""
-    if fmt is Format.MSGPACK:
-        return _msgpack.encode(document)
-    return _json.encode(plain(msgspec.msgpack.decode(_msgpack.encode(document))))
+    """Encodes a document; `Raw` parts of it are msgpack.
+
+    Raises:
+        InvalidInputError: An integer has more than 64 bits, which msgpack cannot hold.
+    """
+    try:
+        packed = _msgpack.encode(document)
+    except OverflowError:
+        raise InvalidInputError("expected integers of at most 64 bits, got a larger one") from None
+    return packed if fmt is Format.MSGPACK else _json.encode(plain(msgspec.msgpack.decode(packed)))
 
 
 def decode(body: bytes, fmt: Format) -> Any:
@@ -118,11 +106,27 @@ def unpack(value: Any) -> np.ndarray:
         return _unpacked(value)
     try:
         array = np.asarray(value)
-    except ValueError as error:
-        raise InvalidInputError(f"expected an array, got lists of unequal lengths: {error}") from None
+    except ValueError:
+        raise InvalidInputError("expected an array, got lists of unequal lengths") from None
     if array.dtype.kind not in "biuf":
-        raise InvalidInputError(f"expected numbers, got {type(value).__name__} of {array.dtype}")
+        raise InvalidInputError(f"expected numbers of at most 64 bits, got {_in_words(value)}")
     return array
+
+
+def _in_words(value: Any) -> str:
+    """A value from the wire that is no array of numbers, for a message in words of JSON."""
+    while isinstance(value, list | tuple) and value:
+        value = next((one for one in value if not isinstance(one, int | float)), value[0])
+    names = {str: "a string", bytes: "bytes", type(None): "null", list: "an empty list", int: "a larger integer"}
+    return names.get(type(value), f"a {type(value).__name__}")
+
+
+def shape_in_words(shape: Sequence[int]) -> str:
+    """A shape for a message, such as "a list of 8 lists of 2 numbers"."""
+    if not shape:
+        return "a number"
+    inner = "numbers" if len(shape) == 1 else shape_in_words(shape[1:]).removeprefix("a ").replace("list", "lists", 1)
+    return f"a list of {shape[0]} {inner}"
 
 
 def _unpacked(value: Mapping[str, Any]) -> np.ndarray:
@@ -137,7 +141,7 @@ def _unpacked(value: Mapping[str, Any]) -> np.ndarray:
     kind = np.dtype(dtype).newbyteorder("<")
     size = math.prod(shape)
     if size * kind.itemsize != len(data):
-        raise InvalidInputError(f"expected {size} values of {dtype} for shape {shape}, got {len(data)} bytes")
+        raise InvalidInputError(f"expected {size} values of {dtype} for shape {list(shape)}, got {len(data)} bytes")
     return np.frombuffer(data, kind).reshape(shape)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from dohyo.service.freeway.order import FreewayOrder
 from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.process import EpisodeProcess
-from dohyo.service.wire.messages import Reply
+from dohyo.service.wire.bodies import Reply
 
 
 @dataclass(slots=True)

@@ -23,17 +23,22 @@ from dohyo.service.errors import ConflictError, GoneError, TooManyRequestsError,
 from dohyo.service.running.channel import Kind
 from dohyo.service.running.process import End, Outcome
 from dohyo.service.running.remote import FORMATS, SEEN, Fault
-from dohyo.service.wire.messages import NOTHING, Format, Reply, Step
+from dohyo.service.wire.bodies import Directive, Reply, Step
+from dohyo.service.wire.messages import NOTHING, Format
 from dohyo.service.workers.lease import Lease, RemoteEpisode, Worker
 from dohyo.sumo_networks.errors import InvalidInputError
 
 SWEEP_S = 0.1
 WORKERS_PER_OWNER = 256
-LONGEST_CAPACITY = 64
 POLL_PAUSE_S = 5.0  # a worker counts as waiting for so long after its last poll
 FORGET_S = 300.0  # silent workers and replies of ended leases are forgotten after it
 MOST_RETURNS = 3
 LONGEST_TICK_S = 120.0  # time for the simulation's tick
+UNTOLD = {
+    End.FAILED: "the simulation failed; the evaluation has the reason",
+    End.IMPOSSIBLE: "the episode cannot be driven; the evaluation has the reason",
+}
+"""Reasons that workers get for ends whose own text may name the scenario."""
 
 
 class LeaseBook:
@@ -90,10 +95,16 @@ class LeaseBook:
         worker.seen = time.monotonic()
         return worker
 
+    def token_ids(self) -> set[str]:
+        """API tokens that workers were registered with."""
+        return {worker.token_id for worker in self._workers.values()}
+
     def dismiss(self, token_id: str) -> None:
-        """Removes the workers of a revoked API token; their leases expire."""
+        """Removes the workers of an API token that is no longer valid, and ends their leases."""
         for worker in [one for one in self._workers.values() if one.token_id == token_id]:
             del self._workers[worker.id], self._tokens[worker.token]
+            for lease in [self._leases[one] for one in worker.leases]:
+                self._lose(lease, End.WORKER_GONE, "the token of the worker is no longer valid")
 
     def demand(self, agent: str, version: int) -> int:
         """Number of episodes of a submission that workers wait for."""
@@ -279,10 +290,10 @@ class LeaseBook:
 
     def _show(self, lease: Lease) -> None:
         """Answers the worker with the current observations."""
-        tick, time_s, missed = SEEN.unpack_from(lease.episode.frame)
+        tick, time_s, missed, clipped = SEEN.unpack_from(lease.episode.frame)
         seen = msgspec.Raw(memoryview(lease.episode.frame)[SEEN.size :])
-        directive = "drain" if self.draining else "run"
-        reply = Reply(tick, time_s, seen, done=False, missed=missed, directive=directive)
+        directive: Directive = "drain" if self.draining else "run"
+        reply = Reply(tick, time_s, seen, done=False, missed=missed, clipped=clipped, directive=directive)
         lease.answered, lease.reply, lease.tick = lease.tick, reply, tick
         lease.moving, lease.heard = None, time.monotonic()
         lease.due = lease.heard + lease.episode.order.act_deadline_s
@@ -300,7 +311,7 @@ class LeaseBook:
 
     # Ends
 
-    def ended(self, episode: RemoteEpisode, outcome: Outcome, directive: str = "run") -> None:
+    def ended(self, episode: RemoteEpisode, outcome: Outcome, directive: Directive = "run") -> None:
         """Ends the lease on an episode that has ended, if there is one."""
         if episode in self._offers:
             self._offers.remove(episode)
@@ -308,13 +319,13 @@ class LeaseBook:
             if lease.episode is episode and not lease.ended:
                 self._finish(lease, outcome, directive)
 
-    def _finish(self, lease: Lease, outcome: Outcome, directive: str) -> None:
+    def _finish(self, lease: Lease, outcome: Outcome, directive: Directive) -> None:
         if outcome.end is End.FINISHED or directive == "abort":
-            tick, time_s, missed = SEEN.unpack_from(outcome.last or lease.episode.frame)
-            lease.reply = Reply(tick, time_s, NOTHING, done=True, missed=missed, directive=directive)
+            tick, time_s, missed, clipped = SEEN.unpack_from(outcome.last or lease.episode.frame)
+            lease.reply = Reply(tick, time_s, NOTHING, done=True, missed=missed, clipped=clipped, directive=directive)
             lease.answered = lease.tick
             self._answer(lease, lease.reply)
-        self._end(lease, outcome.text or "the episode has ended")
+        self._end(lease, UNTOLD.get(outcome.end) or outcome.text or "the episode has ended")
 
     def _end(self, lease: Lease, why: str) -> None:
         lease.ended = lease.ended or why

@@ -21,7 +21,7 @@ from starlette.types import Receive, Scope, Send
 from dohyo.evaluation.episode.guarded_agent import RESET_DEADLINE_S
 from dohyo.service.accounts.access import WorkerCaller
 from dohyo.service.accounts.model import Token
-from dohyo.service.database.base import now
+from dohyo.service.accounts.queries import is_valid
 from dohyo.service.database.engine import Database
 from dohyo.service.errors import BusyError, NotFoundError, ServiceError, TooLargeError, UnauthorisedError, problem
 from dohyo.service.running.remote import SEEN, Fault
@@ -30,14 +30,15 @@ from dohyo.service.submissions.model import Agent
 from dohyo.service.web.documents import problems
 from dohyo.service.web.strict_json import readable
 from dohyo.service.wire import openapi as schema
+from dohyo.service.wire.bodies import LONGEST_TEXT, Granted, Registered, Registration, Release, Reply
 from dohyo.service.wire.messages import Format, decode, decode_step, encode, format_of
 from dohyo.service.workers.lease import Lease, Worker
-from dohyo.service.workers.leases import LONGEST_CAPACITY, LeaseBook, StaleTickError
+from dohyo.service.workers.leases import LeaseBook, StaleTickError
 from dohyo.sumo_networks.errors import InvalidInputError
 
 BODY_LIMIT = 64 * 1024
 LONGEST_WAIT_S = 60.0
-LONGEST_TEXT = 500
+LARGE_BYTES = 16 * 1024
 
 router = APIRouter(prefix="/v1", tags=["workers"])
 
@@ -61,7 +62,7 @@ class Steps:
         except (ServiceError, InvalidInputError) as error:
             await _problem(error)(scope, receive, send)
             return
-        content = encode(reply, answered)
+        content = await _encoded(reply, answered, reply.observations)
         length = str(len(content)).encode()
         about = [(b"content-type", answered.encode()), (b"content-length", length)]
         await send({"type": "http.response.start", "status": 200, "headers": about})
@@ -89,7 +90,7 @@ async def register_worker(request: Request, caller: WorkerCaller, services: Serv
         worker = leases.register(order.agent, owner, caller.token_id or "", order.capacity, order.version)
     except (ServiceError, InvalidInputError) as error:
         return _problem(error)
-    answer = {"worker": worker.id, "token": worker.token, "lease_ttl_s": leases.lease_ttl_s}
+    answer = Registered(worker.id, worker.token, leases.lease_ttl_s)
     return Response(encode(answer, answered), 201, media_type=answered)
 
 
@@ -125,7 +126,8 @@ async def acquire_episode(
     if lease is None:
         return Response(status_code=204)
     answered = _formats(headers)[1]
-    return Response(encode(_given(lease), answered), media_type=answered)
+    given = _given(lease)
+    return Response(await _encoded(given, answered, given.observations), media_type=answered)
 
 
 step_route = Route("/v1/leases/{lease}/step", Steps(), methods=["POST"], include_in_schema=False)
@@ -184,20 +186,9 @@ async def release_lease(lease: LeaseId, request: Request, services: ServicesOf) 
     return Response(status_code=204)
 
 
-class _Registration(msgspec.Struct):
-    agent: Annotated[str, msgspec.Meta(min_length=1, max_length=100)]
-    capacity: Annotated[int, msgspec.Meta(ge=1, le=LONGEST_CAPACITY)] = 1
-    version: Annotated[int, msgspec.Meta(ge=1, le=1_000_000)] | None = None
-
-
-class _Release(msgspec.Struct):
-    reason: Annotated[str, msgspec.Meta(max_length=LONGEST_TEXT)] = ""
-    error: Annotated[str, msgspec.Meta(max_length=10_000)] | None = None
-
-
-def _registration(document: Any) -> _Registration:
+def _registration(document: Any) -> Registration:
     try:
-        return msgspec.convert(document, _Registration)
+        return msgspec.convert(document, Registration)
     except msgspec.ValidationError as error:
         raise InvalidInputError(f"expected {{agent, capacity, version}}: {error}") from None
 
@@ -205,7 +196,7 @@ def _registration(document: Any) -> _Registration:
 def _reason(document: Any) -> tuple[Fault | None, str]:
     """Fault of a release, and its text for the record."""
     try:
-        given = msgspec.convert(document, _Release)
+        given = msgspec.convert(document, Release)
     except msgspec.ValidationError as error:
         raise InvalidInputError(f"expected {{reason, error}}: {error}") from None
     if given.error is None:
@@ -214,18 +205,26 @@ def _reason(document: Any) -> tuple[Fault | None, str]:
     return fault, readable(given.error[:LONGEST_TEXT])
 
 
-def _given(lease: Lease) -> dict[str, Any]:
-    """Content of the answer that grants a lease."""
+def _given(lease: Lease) -> Granted:
+    """The answer that grants a lease."""
     order, episode = lease.episode.order, lease.episode
-    return order.told(episode.version) | {
-        "lease": lease.id,
-        "attempt": episode.attempt,
-        "deadline_ms": round(order.act_deadline_s * 1000),
-        "first_deadline_ms": round(RESET_DEADLINE_S * 1000),
-        "slow_policy": order.slow_policy,
-        "tick": lease.tick,
-        "observations": msgspec.Raw(memoryview(episode.frame)[SEEN.size :]),
-    }
+    return Granted(
+        **order.told(episode.version),
+        lease=lease.id,
+        attempt=episode.attempt,
+        deadline_ms=round(order.act_deadline_s * 1000),
+        first_deadline_ms=round(RESET_DEADLINE_S * 1000),
+        slow_policy=order.slow_policy,
+        tick=lease.tick,
+        observations=msgspec.Raw(memoryview(episode.frame)[SEEN.size :]),
+    )
+
+
+async def _encoded(answer: Reply | Granted, fmt: Format, observations: msgspec.Raw) -> bytes:
+    """An answer in a format; large observations become JSON in a thread, as all other workers would wait for it."""
+    if fmt is Format.JSON and memoryview(observations).nbytes > LARGE_BYTES:
+        return await asyncio.to_thread(encode, answer, fmt)
+    return encode(answer, fmt)
 
 
 async def _caller(request: Request, services: Services) -> tuple[Worker, LeaseBook]:
@@ -296,10 +295,8 @@ def _owner_of(database: Database, agent: str) -> str | None:
 
 
 def _is_good(database: Database, token_id: str) -> bool:
-    """Whether an API token is neither revoked nor expired."""
     with database.reading() as session:
-        token = session.get(Token, token_id)
-        return token is not None and token.revoked is None and (token.expires is None or now() < token.expires)
+        return is_valid(session.get(Token, token_id))
 
 
 def _problem(error: ServiceError | InvalidInputError) -> Response:

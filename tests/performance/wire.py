@@ -51,7 +51,7 @@ def null_episode() -> None:
         if frame[0] is Kind.ACTIONS:
             tick += 1
         if frame[0] in (Kind.ACTIONS, Kind.ORDER):
-            channel.send(Kind.SEEN, SEEN.pack(tick, tick / 10, 0) + seen)
+            channel.send(Kind.SEEN, SEEN.pack(tick, tick / 10, 0, 0) + seen)
 
 
 def serve_null(data: str, port: int, episodes: int) -> None:

@@ -159,7 +159,8 @@ def test_a_full_disk_costs_an_attempt_and_nothing_that_was_done(small_disk: Path
         while status == 200:
             assert not reply["done"], "the record cannot be on the disk"
             status, reply = worker.step(episode["lease"], reply["tick"], {"ego": [6.0, 0.0]})
-        assert (status, "No space left" in reply["detail"]) == (410, True), reply
+        assert (status, "the simulation failed" in reply["detail"]) == (410, True), reply
+        assert "No space left" in (service.episodes(evaluation)[0].failure or "")
         assert service.evaluation(evaluation).status is EvaluationStatus.RUNNING
         assert service.hashes(done) == hashes
         ballast.unlink()

@@ -60,6 +60,14 @@ def test_episodes_are_taken_in_order_each_once(shop: Service) -> None:
         assert {one.episode_id for one in queue.running(session)} == {first.episode_id, second.episode_id}
 
 
+def test_episodes_of_a_remote_agent_come_in_a_random_order(shop: Service) -> None:
+    info = info_of(STEADY).model_copy(update={"name": "remote"})
+    evaluation = shop.submit(info, short(7), seeds=(0, 1, 2))
+    order = [taken(shop, evaluation).position for _ in range(21)]
+    assert sorted(order) == list(range(21))
+    assert order != list(range(21))
+
+
 def test_a_result_counts_once(shop: Service) -> None:
     evaluation = submit(shop)
     ticket = taken(shop, evaluation)

@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays_of
 
+from dohyo.service.wire.bodies import Reply
 from dohyo.service.wire.messages import (
     DTYPES,
     NOTHING,
     Format,
-    Reply,
     arrays,
     decode,
     decode_step,
@@ -51,7 +51,7 @@ def test_an_array_comes_back_as_it_was(array: np.ndarray, order: Any) -> None:
 )
 def test_both_formats_say_the_same(seen: dict[str, np.ndarray]) -> None:
     raw = msgspec.Raw(encode_observations({"ego": seen}))
-    reply = Reply(3, 0.3, raw, done=False, missed=0, directive="run")
+    reply = Reply(3, 0.3, raw, done=False, missed=0, clipped=0, directive="run")
     packed = decode(encode(reply, Format.MSGPACK), Format.MSGPACK)
     text = json.loads(encode(reply, Format.JSON))
     assert {key: value for key, value in packed.items() if key != "observations"} == {

@@ -18,7 +18,8 @@ from dohyo.service.running.channel import Kind
 from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.process import End, EpisodeProcess, Outcome
 from dohyo.service.running.remote import SEEN, Fault
-from dohyo.service.wire.messages import Format, Step, encode_observations
+from dohyo.service.wire.bodies import Step
+from dohyo.service.wire.messages import Format, encode_observations
 from dohyo.service.workers import leases as module
 from dohyo.service.workers.lease import Lease, RemoteEpisode, Worker
 from dohyo.service.workers.leases import LeaseBook, StaleTickError
@@ -43,7 +44,7 @@ class FakeProcess:
         self.killed = why
 
     def show(self, tick: int, missed: int = 0) -> None:
-        self.seen(Kind.SEEN, SEEN.pack(tick, tick / 10, missed) + encode_observations({"ego": {}}))
+        self.seen(Kind.SEEN, SEEN.pack(tick, tick / 10, missed, 0) + encode_observations({"ego": {}}))
 
     def refuse(self, why: str) -> None:
         self.seen(Kind.REFUSED, why.encode())
@@ -325,7 +326,7 @@ def test_the_end_is_told_even_if_the_first_telling_was_lost() -> None:
         lease, _ = await leased(book)
         task = asyncio.create_task(book.step(lease, answer(0), Format.MSGPACK))
         await asyncio.sleep(0)
-        book.ended(lease.episode, Outcome(End.FINISHED, last=SEEN.pack(1, 0.1, 0)))
+        book.ended(lease.episode, Outcome(End.FINISHED, last=SEEN.pack(1, 0.1, 0, 0)))
         first = await task
         assert (first.done, first.tick) == (True, 1)
         assert await book.step(lease, answer(0), Format.MSGPACK) is first
@@ -340,9 +341,25 @@ def test_a_dead_process_ends_the_lease_and_not_with_done() -> None:
         lease, _ = await leased(book)
         task = asyncio.create_task(book.step(lease, answer(0), Format.MSGPACK))
         await asyncio.sleep(0)
-        book.ended(lease.episode, Outcome(End.FAILED, "episode process ended with code -9"))
+        book.ended(lease.episode, Outcome(End.DIED, "episode process ended with code -9"))
         with pytest.raises(GoneError, match="-9"):
             await task
+
+    run(test())
+
+
+@pytest.mark.parametrize("end", [End.FAILED, End.IMPOSSIBLE])
+def test_the_text_of_a_failed_simulation_is_not_for_the_worker(end: End) -> None:
+    async def test() -> None:
+        book = LeaseBook(TTL_S)
+        lease, _ = await leased(book)
+        task = asyncio.create_task(book.step(lease, answer(0), Format.MSGPACK))
+        await asyncio.sleep(0)
+        book.ended(lease.episode, Outcome(end, "scenario 'nocrash-town-7': no lane '28639688#1_2'"))
+        with pytest.raises(GoneError) as caught:
+            await task
+        assert "nocrash" not in str(caught.value)
+        assert "28639688" not in str(caught.value)
 
     run(test())
 

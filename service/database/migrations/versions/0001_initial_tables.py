@@ -265,6 +265,7 @@ def upgrade() -> None:
         sa.Column("started", MOMENT, nullable=True),
         sa.Column("finished", MOMENT, nullable=True),
         sa.Column("announced", MOMENT, nullable=True),
+        sa.Column("agent_secret", sa.String(length=64), nullable=False),
         sa.ForeignKeyConstraint(["benchmark_sha256"], ["benchmarks.sha256"]),
         sa.ForeignKeyConstraint(["ranking_id"], ["rankings.id"]),
         sa.ForeignKeyConstraint(["submission_id"], ["submissions.id"]),
