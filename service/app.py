@@ -27,13 +27,14 @@ from dohyo.service.data_folder import held, told
 from dohyo.service.database.engine import Database
 from dohyo.service.database.server_lock import server_lock
 from dohyo.service.episodes import routes as episodes
+from dohyo.service.evaluations import metrics_routes as metrics
 from dohyo.service.evaluations import rescoring_routes as rescoring
 from dohyo.service.evaluations import routes as evaluations
 from dohyo.service.freeway import routes as freeway
 from dohyo.service.jobs import routes as jobs
 from dohyo.service.jobs.kinds import KINDS
 from dohyo.service.monitoring import health_routes as health
-from dohyo.service.monitoring import routes as metrics
+from dohyo.service.monitoring import routes as service_metrics
 from dohyo.service.networks import routes as networks
 from dohyo.service.scheduling.scheduler import Scheduler
 from dohyo.service.settings import Settings
@@ -63,7 +64,7 @@ ROUTERS = tuple(
     for module in (
         *(health, tokens, jobs, networks, benchmarks, observations, builtin_agents, agents, submissions),
         *(evaluations, episodes, leaderboard, comparison, challenges, invitations, metrics, rescoring),
-        *(webhooks, workers, freeway, signing),
+        *(webhooks, workers, freeway, signing, service_metrics),
     )
 )
 
@@ -102,12 +103,13 @@ def create_app(
     app.include_router(pages.router)
     app.mount("/static", pages.static, name="static")
     show_errors_as_pages(app, pages.render)
-    _add_layers(app, settings)
+    _add_layers(app, app.state.services)
     return app
 
 
-def _add_layers(app: FastAPI, settings: Settings) -> None:
+def _add_layers(app: FastAPI, services: Services) -> None:
     """Each added layer is put around those before."""
+    settings = services.settings
     app.add_middleware(limits.BodyLimit, limit=settings.body_limit_bytes, upload_limit=settings.upload_limit_bytes)
     app.add_middleware(limits.RateLimit, per_minute=settings.requests_per_minute)
     app.add_middleware(SessionCookie)
@@ -119,7 +121,7 @@ def _add_layers(app: FastAPI, settings: Settings) -> None:
             allow_headers=["authorization", "content-type", "idempotency-key", "prefer"],
         )
     app.add_middleware(limits.SecurityHeaders, tls=settings.tls_certificate is not None)
-    app.add_middleware(limits.AccessLog)
+    app.add_middleware(limits.AccessLog, metrics=services.metrics)
     app.add_middleware(TrustedProxies, trusted=settings.trusted_proxies)
 
 

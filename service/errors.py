@@ -15,6 +15,7 @@ from fastapi.responses import JSONResponse
 from sqlalchemy.exc import DataError, DBAPIError, IntegrityError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 
 from dohyo.evaluation.settings import SettingsError
 from dohyo.service.database.engine import FencedError
@@ -177,6 +178,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(DohyoError, _dohyo_error)
     app.add_exception_handler(RequestValidationError, _invalid_request)
     app.add_exception_handler(HTTPException, _http_exception)
+    app.add_exception_handler(ClientDisconnect, _client_left)
     for kind in (OSError, DBAPIError, PoolTimeoutError):
         app.add_exception_handler(kind, _infrastructure)
     app.add_exception_handler(Exception, _unexpected)
@@ -214,6 +216,11 @@ def _http_exception(request: Request, error: Exception) -> JSONResponse:
     if not isinstance(error, HTTPException):
         return _unexpected(request, error)
     return problem(error.status_code, str(error.detail), error.headers)
+
+
+def _client_left(request: Request, error: Exception) -> JSONResponse:
+    """Nobody reads this answer; its status is for the log."""
+    return problem(408, "the connection ended before the request had come")
 
 
 def _infrastructure(request: Request, error: Exception) -> JSONResponse:

@@ -120,7 +120,7 @@ def configuration(settings: Settings, app: FastAPI) -> uvicorn.Config:
     return uvicorn.Config(
         app,
         loop=f"{Loop.__module__}:{Loop.__qualname__}",
-        http=protocol(Connections(limits)),
+        http=protocol(Connections(limits, app.state.services.metrics)),
         ws="none",
         lifespan="on",
         log_config=None,

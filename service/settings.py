@@ -63,6 +63,7 @@ class Settings(BaseSettings):
         connections_per_address: Most open connections of one address, a network of 64 bits of IPv6 counting as one.
         trusted_proxies: Addresses and networks of proxies, whose X-Forwarded-For says who the client is.
         runs_per_day: Most ranked runs of one agent on one benchmark version in 24 hours, outside of challenges.
+        metrics_token: Bearer token for `GET /metrics`, and for nothing else; administrators' tokens may always read it.
         requests_per_minute: Limit per token, without the wire of policy workers.
         body_limit_bytes: Largest body of a request that is not an upload.
         upload_limit_bytes: Largest uploaded policy or network.
@@ -101,6 +102,7 @@ class Settings(BaseSettings):
     connections_per_address: Annotated[int, Field(ge=4)] = 256
     trusted_proxies: Networks = ("127.0.0.1", "::1")
     runs_per_day: Annotated[int, Field(ge=1)] = 10
+    metrics_token: SecretStr | None = None
     requests_per_minute: Annotated[int, Field(ge=1)] = 600
     body_limit_bytes: Annotated[int, Field(ge=1024)] = 4_000_000
     upload_limit_bytes: Annotated[int, Field(ge=1024)] = 50_000_000

@@ -15,6 +15,7 @@ from dohyo.service.database.base import now
 from dohyo.service.database.engine import Database
 from dohyo.service.freeway.mornings import FreewayMornings
 from dohyo.service.jobs.runner import JobRunner
+from dohyo.service.monitoring.metrics import Metrics
 from dohyo.service.settings import Settings
 from dohyo.service.signing.keys import SigningKeys
 
@@ -90,9 +91,16 @@ class Broadcast:
         self._subscriptions: dict[str, set[Subscription]] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ended = False
+        self._watchers: list[Callable[[str, dict[str, Any]], None]] = []
+
+    def watch(self, watcher: Callable[[str, dict[str, Any]], None]) -> None:
+        """Calls a function with each topic and message from now on, in the thread that sends it."""
+        self._watchers.append(watcher)
 
     def publish(self, topic: str, data: dict[str, Any]) -> None:
         """Sends a message to all listeners of a topic; callable from any thread, never blocks."""
+        for watcher in self._watchers:
+            watcher(topic, data)
         try:
             asyncio.get_running_loop()
         except RuntimeError:
@@ -141,6 +149,7 @@ class Services:
         started: Start time.
         draining: Whether the service is shutting down and accepts no new work.
         lost: Called, in a thread, once another server has this one's database.
+        metrics: Counts and durations for Prometheus.
         jobs: Runner of jobs.
         freeway: Freeway mornings with a policy worker as planner.
         signing: Keys that sign records.
@@ -153,11 +162,13 @@ class Services:
     started: datetime = field(default_factory=now)
     draining: bool = False
     lost: Callable[[], None] = lambda: None
+    metrics: Metrics = field(default_factory=Metrics)
     jobs: JobRunner = field(init=False)
     freeway: FreewayMornings = field(init=False)
     signing: SigningKeys = field(init=False)
 
     def __post_init__(self) -> None:
+        self.events.watch(self.metrics.note_event)
         self.jobs = JobRunner(self.settings, self.database, self.events)
         self.freeway = FreewayMornings(self.settings, self.scheduler)
         self.signing = SigningKeys(self.settings.signing_key, self.settings.retired_signing_keys)

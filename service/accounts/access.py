@@ -66,7 +66,7 @@ class Caller:
 Credentials = Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)]
 
 
-def _identify(request: Request, credentials: Credentials, services: ServicesOf) -> Caller | None:
+def identify(request: Request, credentials: Credentials, services: ServicesOf) -> Caller | None:
     """Caller that a token identifies; None without a token.
 
     Raises:
@@ -88,7 +88,7 @@ def _identify(request: Request, credentials: Credentials, services: ServicesOf) 
     return caller
 
 
-Identified = Annotated[Caller | None, Depends(_identify)]
+Identified = Annotated[Caller | None, Depends(identify)]
 
 
 def _reader(caller: Identified, services: ServicesOf) -> Caller:

@@ -65,6 +65,12 @@ def count_unfinished(session: Session, owner: str | None = None) -> int:
     return session.scalar(query if owner is None else query.where(Job.owner == owner)) or 0
 
 
+def count_by_status(session: Session) -> Mapping[str, int]:
+    """Number of jobs of all owners by status."""
+    rows = session.execute(select(Job.status, func.count()).group_by(Job.status))
+    return {status.value: count for status, count in rows}
+
+
 def count_ahead(session: Session, job: Job) -> int:
     """Number of queued jobs of all owners that were ordered before this one."""
     query = select(func.count()).select_from(Job).where(Job.status == JobStatus.QUEUED)

@@ -1,107 +1,79 @@
-"""Metrics: of an evaluation as JSON, CSV and places on the map; of the service for Prometheus."""
+"""Metrics of the service for Prometheus."""
 
 from __future__ import annotations
 
-import platform
+import hmac
 from collections.abc import Iterator, Mapping
-from importlib.metadata import version
 from typing import Any
 
-import msgspec
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Depends, Request, Response
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
+from prometheus_client.core import GaugeMetricFamily
 
-from dohyo.service.accounts.access import Reader
-from dohyo.service.boards import queries as reading
-from dohyo.service.boards.leaderboard import Entry
-from dohyo.service.episodes.readers import Readers, ReadersOf, evaluation_for
-from dohyo.service.episodes.reading_views import InfractionsView, InfractionView
-from dohyo.service.evaluations.access import Aspect
-from dohyo.service.evaluations.metrics import as_csv, as_document
-from dohyo.service.evaluations.metrics_views import MetricsView
-from dohyo.service.monitoring.prometheus import CONTENT_TYPE, Family, Sample, exposition
+from dohyo.service.accounts.access import Credentials, identify
+from dohyo.service.accounts.model import Role
+from dohyo.service.episodes.readers import Readers, ReadersOf
+from dohyo.service.errors import ForbiddenError, UnauthorisedError
+from dohyo.service.jobs.queries import count_by_status
 from dohyo.service.state import Services, ServicesOf
-from dohyo.service.web.caching import Identified
 from dohyo.service.web.documents import problems
 
-router = APIRouter(tags=["metrics"], responses=problems())
-CSV: dict[int | str, dict[str, Any]] = {
-    200: {"description": "A row per drive and cell.", "content": {"text/csv": {"schema": {"type": "string"}}}}
-}
 TEXT: dict[int | str, dict[str, Any]] = {
     200: {"description": "Prometheus' text format.", "content": {"text/plain": {"schema": {"type": "string"}}}}
 }
 
-
-@router.get("/v1/evaluations/{identifier}/metrics", response_model=MetricsView, responses=problems(403, 404))
-def get_evaluation_metrics(identifier: Identified, caller: Reader, services: ServicesOf) -> Response:
-    """Scores with intervals over all finished episodes, by cell, and for every drive."""
-    evaluation_for(services, caller, identifier, Aspect.RECORDS)
-    document = as_document(_entry(services, identifier))
-    return Response(msgspec.json.encode(document), media_type="application/json")
+router = APIRouter(tags=["health"])
 
 
-@router.get("/v1/evaluations/{identifier}/metrics.csv", response_class=Response, responses=problems(403, 404) | CSV)
-def get_evaluation_metrics_csv(identifier: Identified, caller: Reader, services: ServicesOf) -> Response:
-    """The metrics as CSV: a row per drive, one per cell, and one for all."""
-    evaluation_for(services, caller, identifier, Aspect.RECORDS)
-    return Response(as_csv(_entry(services, identifier)), media_type="text/csv")
-
-
-@router.get("/v1/evaluations/{identifier}/infractions", response_model=InfractionsView, responses=problems(403, 404))
-def get_evaluation_infractions(
-    identifier: Identified, caller: Reader, services: ServicesOf, readers: ReadersOf
-) -> Response:
-    """Infractions of all finished episodes with their positions, for a map."""
-    _, benchmark = evaluation_for(services, caller, identifier, Aspect.REPLAYS)
-    networks = {cell.name: cell.network for cell in readers.benchmark(benchmark).cells}
-    found = [
-        InfractionView(
-            **mark,
-            network=networks.get(drive.cell, ""),
-            episode=drive.episode,
-            scenario=drive.scenario,
-            cell=drive.cell,
-            seed=drive.seed,
-            ego=drive.facts["name"],
+def _check(request: Request, credentials: Credentials, services: ServicesOf) -> None:
+    """Lets in administrators and the token of the settings: the counts are of all owners."""
+    own = services.settings.metrics_token
+    sent = credentials.credentials if credentials is not None else ""
+    if own is not None and hmac.compare_digest(own.get_secret_value().encode(), sent.encode()):
+        return
+    caller = identify(request, credentials, services)
+    if caller is None:
+        raise UnauthorisedError()
+    if caller.role is not Role.ADMIN:
+        raise ForbiddenError(
+            f"expected an administrator's token or that of DOHYO_METRICS_TOKEN, yours is {caller.role}"
         )
-        for drive in _entry(services, identifier).drives
-        for mark in drive.facts["marks"]
-    ]
-    view = InfractionsView(evaluation=identifier, networks=list(dict.fromkeys(networks.values())), infractions=found)
-    return Response(view.model_dump_json(), media_type="application/json")
 
 
-@router.get("/metrics", response_class=Response, responses=TEXT)
-def get_service_metrics(caller: Reader, services: ServicesOf, readers: ReadersOf) -> Response:
-    """State of the service for Prometheus; counts from the database are up to five seconds old."""
-    return Response(exposition(_families(services, readers)), headers={"content-type": CONTENT_TYPE})
+@router.get("/metrics", response_class=Response, responses=problems(403) | TEXT, dependencies=[Depends(_check)])
+def get_service_metrics(services: ServicesOf, readers: ReadersOf) -> Response:
+    """The service's metrics for Prometheus; counts from the database are up to five seconds old."""
+    now = CollectorRegistry()
+    now.register(_Counts(services, readers))
+    content = generate_latest(services.metrics.registry) + generate_latest(now)
+    return Response(content, headers={"content-type": CONTENT_TYPE_LATEST})
 
 
-def _entry(services: Services, identifier: str) -> Entry:
-    with services.database.reading() as session:
-        return reading.entries(session, [identifier])[identifier]
+class _Counts:
+    """What the database and the scheduler count at this moment."""
+
+    def __init__(self, services: Services, readers: Readers) -> None:
+        self._services, self._readers = services, readers
+
+    def collect(self) -> Iterator[GaugeMetricFamily]:
+        episodes, evaluations = self._readers.counts(self._services)
+        with self._services.database.reading() as session:
+            jobs = count_by_status(session)
+        yield _gauge("dohyo_jobs", "Jobs by status.", jobs, "status")
+        yield _gauge("dohyo_start_time_seconds", "Start of the service.", self._services.started.timestamp())
+        yield _gauge("dohyo_episodes", "Episodes by status.", episodes, "status")
+        yield _gauge("dohyo_evaluations", "Evaluations by status.", evaluations, "status")
+        for name, value in self._services.scheduler.snapshot().items():
+            values = value.values() if isinstance(value, Mapping) else [value]
+            if all(isinstance(one, int | float) for one in values):
+                yield _gauge(f"dohyo_scheduler_{name}", f"Of the scheduler: {name}.", value, "of")
 
 
-def _families(services: Services, readers: Readers) -> Iterator[Family]:
-    build = {"version": version("dohyo"), "sumo": version("libsumo"), "python": platform.python_version()}
-    yield Family("dohyo_build_info", "What runs.", "gauge", (Sample(1.0, build),))
-    started = services.started.timestamp()
-    yield Family("dohyo_start_time_seconds", "When it started.", "gauge", (Sample(started),))
-    episodes, evaluations = readers.counts(services)
-    yield Family("dohyo_episodes", "Episodes by status.", "gauge", _by_status(episodes))
-    yield Family("dohyo_evaluations", "Evaluations by status.", "gauge", _by_status(evaluations))
-    yield from _scheduled(services.scheduler.snapshot())
-
-
-def _by_status(counts: Mapping[str, int]) -> tuple[Sample, ...]:
-    return tuple(Sample(count, {"status": status}) for status, count in sorted(counts.items()))
-
-
-def _scheduled(snapshot: Mapping[str, Any]) -> Iterator[Family]:
-    """Gauges of the scheduler's facts: a number is one gauge, numbers by name are one gauge with a label."""
-    for name, value in snapshot.items():
-        if isinstance(value, bool | int | float):
-            yield Family(f"dohyo_scheduler_{name}", f"Of the scheduler: {name}.", "gauge", (Sample(value),))
-        elif isinstance(value, Mapping) and all(isinstance(one, int | float) for one in value.values()):
-            samples = tuple(Sample(one, {"of": str(key)}) for key, one in value.items())
-            yield Family(f"dohyo_scheduler_{name}", f"Of the scheduler: {name}.", "gauge", samples)
+def _gauge(name: str, text: str, value: float | Mapping[str, float], label: str = "") -> GaugeMetricFamily:
+    """One value, or values by a label."""
+    if not isinstance(value, Mapping):
+        return GaugeMetricFamily(name, text, value=value)
+    family = GaugeMetricFamily(name, text, labels=[label])
+    for key, one in value.items():
+        family.add_metric([str(key)], one)
+    return family

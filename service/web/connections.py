@@ -22,6 +22,7 @@ from typing import Any, Final
 import uvloop
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
+from dohyo.service.monitoring.metrics import Metrics
 from dohyo.service.web.addresses import client_of
 
 LOG_S: Final = 1.0  # time over which closed connections are counted into one line of the log
@@ -70,8 +71,10 @@ class Phase(IntEnum):
 class Connections:
     """All open connections of a server."""
 
-    def __init__(self, limits: ConnectionLimits) -> None:
+    def __init__(self, limits: ConnectionLimits, metrics: Metrics) -> None:
         self.limits = limits
+        self._refused = metrics.refused
+        metrics.connections.set_function(lambda: self._count)
         self._proxies = tuple(ipaddress.ip_network(one, strict=False) for one in limits.proxies)
         self._open: dict[str, set[LimitedProtocol]] = {}
         self._count = 0
@@ -106,6 +109,7 @@ class Connections:
         """Logs that a connection was refused or closed, together with others of about the same time."""
         if not self._closed:
             connection.loop.call_later(LOG_S, self._log)
+        self._refused.labels(reason).inc()
         self._closed[reason, connection.client[0] if connection.client else ""] += 1
 
     def _log(self) -> None:

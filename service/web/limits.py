@@ -18,6 +18,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from dohyo.service.errors import BusyError, TooLargeError, problem
+from dohyo.service.monitoring.metrics import Metrics
 from dohyo.service.web.addresses import client_of
 
 WIRE = ("/v1/workers", "/v1/leases")
@@ -205,10 +206,10 @@ class SecurityHeaders:
 
 
 class AccessLog:
-    """Gives each request an identifier and logs caller, route and duration; never a token, body or query."""
+    """Gives each request an identifier, counts it, and logs caller, path and duration; never a token, body or query."""
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
+    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
+        self.app, self.metrics = app, metrics
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Identifies, measures and logs a request."""
@@ -235,6 +236,8 @@ class AccessLog:
                 raise
             await _ending()(scope, receive, note)
         finally:
+            took_s = time.perf_counter() - started
+            self.metrics.note_request(scope, status, took_s)
             level = logging.DEBUG if _on_wire(scope["path"]) and status < 400 else logging.INFO
             if access_log.isEnabledFor(level):
                 caller = state.get("caller")
@@ -243,7 +246,7 @@ class AccessLog:
                     "method": scope["method"],
                     "path": scope["path"],
                     "status": status,
-                    "ms": round((time.perf_counter() - started) * 1000, 1),
+                    "ms": round(took_s * 1000, 1),
                     "address": (scope.get("client") or (None,))[0],
                     "owner": caller.owner if caller is not None else None,
                 }

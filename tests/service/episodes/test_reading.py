@@ -22,7 +22,6 @@ from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeSt
 from dohyo.service.submissions.model import AgentKind
 from dohyo.sumo_networks.networks.catalog import load_network
 from tests.evaluation.builders import drive, ego, episode, infraction
-from tests.service.evaluations.test_metrics import parse
 from tests.service.shop import Shop
 
 HIT = infraction(InfractionKind.COLLISION_VEHICLE, time_s=2.0, route_m=50.0)
@@ -398,22 +397,3 @@ def test_lost_episodes_count_as_zero_in_the_metrics_with_all_their_egos(shop: Sh
     assert (whole["all"]["lost"], whole["cells"]["ingolstadt"]["lost"]) == (8, 8)
     assert whole["all"]["scores"]["driving_score"]["mean"] == pytest.approx(55.0)
     assert whole["all"]["scores_lost_as_zero"]["driving_score"]["mean"] == pytest.approx(110.0 / 10)
-
-
-def test_prometheus_reads_the_service(shop: Shop) -> None:
-    shop.evaluation(shop.submission("agent"), records(50.0, 60.0))
-    answer = shop.client.get("/metrics")
-    assert answer.headers["content-type"] == "text/plain; version=0.0.4; charset=utf-8"
-    types, samples = parse(answer.text)
-    assert types["dohyo_episodes"] == "gauge"
-    assert samples["dohyo_episodes", frozenset({("status", "done")})] == 2
-    assert samples["dohyo_evaluations", frozenset({("status", "done")})] == 1
-    assert samples["dohyo_scheduler_running", frozenset()] == 2
-    assert samples["dohyo_scheduler_draining", frozenset()] == 0
-    build = next(dict(labels) for name, labels in samples if name == "dohyo_build_info")
-    assert build["sumo"] == "1.28.0"
-
-
-def test_metrics_of_a_private_service_need_a_token(private_shop: Shop) -> None:
-    assert private_shop.client.get("/metrics").status_code == 401
-    assert private_shop.client.get("/metrics", headers=private_shop.token("m", Role.READER)).status_code == 200

@@ -13,6 +13,7 @@ from sqlalchemy.exc import OperationalError
 from starlette.testclient import TestClient
 
 from dohyo.service.logs import JsonLines
+from dohyo.service.monitoring.metrics import Metrics
 from dohyo.service.settings import Settings
 from dohyo.service.web.limits import AccessLog, RateLimit
 from tests.service.harness import PASSWORD_OF_NOBODY, Caller, Harness, assert_problem, running
@@ -208,7 +209,7 @@ def test_a_request_cancelled_by_the_end_of_the_service_is_told_to_come_again() -
             sent.append(message)
 
         scope = {"type": "http", "method": "POST", "path": "/v1/evaluations", "headers": []}
-        task = asyncio.create_task(AccessLog(slow)(scope, None, send))  # type: ignore[arg-type]
+        task = asyncio.create_task(AccessLog(slow, Metrics())(scope, None, send))  # type: ignore[arg-type]
         await asyncio.sleep(0.01)
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
