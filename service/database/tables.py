@@ -9,8 +9,9 @@ from dohyo.service.database import idempotency, server_lock
 from dohyo.service.database.base import Base
 from dohyo.service.evaluations import model as evaluations
 from dohyo.service.jobs import model as jobs
+from dohyo.service.networks import model as networks
 from dohyo.service.submissions import model as submissions
 from dohyo.service.webhooks import model as webhooks
 
-MODELS = (accounts, submissions, evaluations, boards, challenges, jobs, webhooks, idempotency, server_lock)
+MODELS = (accounts, submissions, evaluations, boards, challenges, jobs, networks, webhooks, idempotency, server_lock)
 METADATA = Base.metadata

@@ -20,7 +20,6 @@ from dohyo.service.accounts.access import Caller
 from dohyo.service.boards import queries as reading
 from dohyo.service.boards.standings import Recent, Standings
 from dohyo.service.episodes.archive import archived_path
-from dohyo.service.episodes.redrives import Redrives
 from dohyo.service.errors import ConflictError, GoneError, NotFoundError
 from dohyo.service.evaluations.access import Aspect, find_visible, require, seen_by
 from dohyo.service.evaluations.model import BenchmarkVersion, Episode, Evaluation
@@ -42,12 +41,10 @@ class Readers:
 
     Attributes:
         standings: Cached leaderboards.
-        redrives: Running redrives.
         benchmarks: Parsed documents by content hash.
     """
 
     standings: Standings
-    redrives: Redrives
     benchmarks: Recent[str, Benchmark] = field(default_factory=lambda: Recent(50))
     _counts: tuple[float, tuple[Mapping[str, int], Mapping[str, int]]] | None = None
     _stripes: list[threading.Lock] = field(default_factory=lambda: [threading.Lock() for _ in range(STRIPES)])
@@ -89,7 +86,7 @@ async def readers_of(request: Request, services: ServicesOf) -> Readers:
     """The app's readers, created at the first request on the event loop, so that there is only one."""
     state = request.app.state
     if not hasattr(state, "readers"):
-        state.readers = Readers(Standings(), Redrives(services.settings.policies))
+        state.readers = Readers(Standings())
     readers: Readers = state.readers
     return readers
 

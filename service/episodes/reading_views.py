@@ -69,3 +69,12 @@ class ExplanationView(View):
     tick: int
     ticks: int
     explanations: dict[str, Any]
+
+
+class WaitingView(View):
+    """Explanations that a job is finding out."""
+
+    episode: Annotated[str, Field(description="Identifier of the episode.")]
+    tick: Annotated[int, Field(description="Tick that was asked for.")]
+    status: Annotated[str, Field(description="For people.", examples=["being found out"])]
+    job: Annotated[str, Field(description="Identifier of the job.", examples=["job-9f86d081884c7d65"])]

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
 import gzip
 from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse, JSONResponse
 
 from dohyo.evaluation.records.record import EpisodeRecord
-from dohyo.service.accounts.access import Holder, Reader
+from dohyo.service.accounts.access import Caller, Holder, Reader
 from dohyo.service.client.downloads import SIGNATURE_HEADER, signature_header
+from dohyo.service.episodes.kinds import REDRIVE, trace_path
 from dohyo.service.episodes.readers import (
     Readers,
     ReadersOf,
@@ -23,13 +24,20 @@ from dohyo.service.episodes.readers import (
     trajectory_of,
     unreadable,
 )
-from dohyo.service.episodes.reading_views import EpisodeDetail, EventsView, ExplanationView, VerificationView
+from dohyo.service.episodes.reading_views import (
+    EpisodeDetail,
+    EventsView,
+    ExplanationView,
+    VerificationView,
+    WaitingView,
+)
 from dohyo.service.episodes.redrive import explanation_at
 from dohyo.service.episodes.replay import FORMAT, encode, infraction_document, replay_of
 from dohyo.service.episodes.views import view_episode
-from dohyo.service.errors import ConflictError
+from dohyo.service.errors import ConflictError, UnauthorisedError
 from dohyo.service.evaluations.access import Aspect, visible_among
 from dohyo.service.evaluations.model import BenchmarkVersion, Episode, Evaluation
+from dohyo.service.jobs.orders import Wait, answer_job, last_about, order_job, ordered
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.web.caching import Cached, Identified, already_has, immutable
 from dohyo.service.web.documents import problems
@@ -129,39 +137,68 @@ def get_episode_replay(
     "/explanation",
     response_model=ExplanationView,
     responses=problems(403, 404, 409, 410)
-    | {202: {"description": "Being found out; ask again after Retry-After seconds."}},
+    | {202: {"description": "A job finds them out; ask again after Retry-After seconds.", "model": WaitingView}},
 )
 async def get_episode_explanation(
     identifier: Identified,
     caller: Reader,
     services: ServicesOf,
-    readers: ReadersOf,
     tick: Annotated[int, Query(ge=0, le=10_000_000, description="The decision taken when the world was at this tick.")],
 ) -> Any:
-    """Explanations of the agent's decisions. The first request drives the episode again and answers 202."""
-    episode, evaluation, _ = await asyncio.to_thread(episode_for, services, caller, identifier, Aspect.REPLAYS)
-    facts = await asyncio.to_thread(_repeatable, services, episode, evaluation)
-    trace = await readers.redrives.explain(record_path(services.settings, episode))
-    if trace is None:
-        waiting = {"episode": episode.id, "tick": tick, "status": "being found out"}
-        return JSONResponse(waiting, 202, {"retry-after": str(RETRY_S)})
+    """Explanations of the agent's decisions.
+
+    The first question of a caller with a token orders a job that drives the episode again, and answers 202 meanwhile.
+    """
+    episode, evaluation, _ = await run_in_threadpool(episode_for, services, caller, identifier, Aspect.REPLAYS)
+    facts = await run_in_threadpool(_repeatable, services, episode, evaluation)
+    trace = trace_path(record_path(services.settings, episode))
+    if not trace.exists():
+        job = await _explain(services, caller, episode)
+        waiting = WaitingView(episode=episode.id, tick=tick, status="being found out", job=job)
+        headers = {"location": f"/v1/jobs/{job}", "retry-after": str(RETRY_S)}
+        return JSONResponse(waiting.model_dump(), 202, headers)
     try:
-        found = await asyncio.to_thread(explanation_at, trace, tick)
+        found = await run_in_threadpool(explanation_at, trace, tick)
     except InvalidInputError as error:
         trace.unlink(missing_ok=True)
         raise unreadable(episode, error) from error
     return ExplanationView(episode=episode.id, tick=tick, ticks=facts.ticks, explanations=found)
 
 
-@router.post("/verify", responses=problems(403, 404, 409, 410, 413))
-async def verify_episode(
-    identifier: Identified, caller: Holder, services: ServicesOf, readers: ReadersOf
-) -> VerificationView:
-    """Drives the episode again and compares the hashes; needs a token and takes as long as the episode did."""
-    episode, evaluation, _ = await asyncio.to_thread(episode_for, services, caller, identifier, Aspect.RECORDS)
-    await asyncio.to_thread(_repeatable, services, episode, evaluation)
-    answer = await readers.redrives.verify(record_path(services.settings, episode))
-    return VerificationView(episode=episode.id, **answer)
+@router.post(
+    "/verify", response_model=VerificationView, responses=ordered(VerificationView, 404, 409, 410, 413, made=200)
+)
+async def verify_episode(identifier: Identified, caller: Holder, services: ServicesOf, wait_s: Wait) -> Any:
+    """Orders a job that drives the episode again and compares the hashes; it takes as long as the episode did."""
+    episode, evaluation, _ = await run_in_threadpool(episode_for, services, caller, identifier, Aspect.RECORDS)
+    await run_in_threadpool(_repeatable, services, episode, evaluation)
+    return await answer_job(services, await _redrive(services, caller, episode), wait_s, made=200)
+
+
+async def _explain(services: Services, caller: Caller, episode: Episode) -> str:
+    """Job that finds out an episode's explanations.
+
+    Raises:
+        UnauthorisedError: The caller has no token, and driving costs minutes of a processor.
+        ConflictError: An earlier job of the caller has found that there are none.
+    """
+    if caller.token_id is None:
+        raise UnauthorisedError("the explanations are not known yet; a caller with a token may have them found out")
+    last = await run_in_threadpool(last_about, services, caller.owner, REDRIVE.name, _subject(episode))
+    if last is not None and last.failure is not None and last.failure.status == 409:
+        raise ConflictError(last.failure.detail)
+    if last is not None and last.answer is not None and not last.answer["same"]:
+        raise ConflictError("driven again, the episode gave a different record: expected the same hash")
+    return await _redrive(services, caller, episode)
+
+
+async def _redrive(services: Services, caller: Caller, episode: Episode) -> str:
+    arguments = {"episode": episode.id, "record": episode.record_hash}
+    return await order_job(services, caller.owner, REDRIVE.name, arguments, subject=_subject(episode))
+
+
+def _subject(episode: Episode) -> str:
+    return f"record {episode.record_hash}"
 
 
 def _repeatable(services: Services, episode: Episode, evaluation: Evaluation) -> EpisodeRecord:

@@ -34,7 +34,7 @@ class Job(Base):
     """One order of heavy work. Its uploaded file, if it has one, lies in a folder of the job's name until its end.
 
     `result` is the path of what the job made, `answer` the body that its order answers once the job is done, `problem`
-    the one that it answers otherwise.
+    the one that it answers otherwise. Jobs of one owner and kind with the same `subject` would do the same.
     """
 
     __tablename__ = "jobs"
@@ -45,6 +45,7 @@ class Job(Base):
     owner: Mapped[str] = mapped_column(String(100))
     status: Mapped[JobStatus] = mapped_column(default=JobStatus.QUEUED)
     arguments: Mapped[dict[str, Any]]
+    subject: Mapped[str | None] = mapped_column(String(100), index=True)
     upload_bytes: Mapped[int] = mapped_column(BigInteger, default=0)
     starts: Mapped[int] = mapped_column(default=0)
     result: Mapped[str | None] = mapped_column(String(400))

@@ -77,6 +77,7 @@ async def order_job(
     *,
     file: Path | None = None,
     key: str | None = None,
+    subject: str | None = None,
 ) -> str:
     """Queues a job and returns its identifier; the same order with the same key queues only one.
 
@@ -87,13 +88,15 @@ async def order_job(
         arguments: Plain JSON, checked as far as that is cheap.
         file: Uploaded file, which is moved to the job.
         key: The request's `Idempotency-Key`; the arguments must then name an uploaded file's content, such as its hash.
+        subject: What it is about: while a job of the same owner and kind about the same subject is unfinished, that one
+            is returned.
 
     Raises:
         TooManyRequestsError: See `check_room`.
         BusyError: See `check_room`.
         InvalidInputError: The key was used for another request.
     """
-    job_id = await run_in_threadpool(_order, services, owner, kind, arguments, file, key)
+    job_id = await run_in_threadpool(_order, services, owner, kind, arguments, file, key, subject)
     services.jobs.wake()
     return job_id
 
@@ -128,8 +131,21 @@ def read_job(services: Services, job_id: str) -> JobView:
         return view_job(job, queries.count_ahead(session, job) if job.status is JobStatus.QUEUED else None)
 
 
+def last_about(services: Services, owner: str, kind: str, subject: str) -> JobView | None:
+    """The newest job of an owner and kind about a subject."""
+    with services.database.reading() as session:
+        job = queries.last_about(session, owner, kind, subject)
+        return view_job(job, None) if job is not None else None
+
+
 def _order(
-    services: Services, owner: str, kind: str, arguments: Mapping[str, Any], file: Path | None, key: str | None
+    services: Services,
+    owner: str,
+    kind: str,
+    arguments: Mapping[str, Any],
+    file: Path | None,
+    key: str | None,
+    subject: str | None,
 ) -> str:
     request = content_hash({"job": kind, "arguments": dict(arguments)})
     job_id, size = new_id("job"), file.stat().st_size if file is not None else 0
@@ -144,8 +160,11 @@ def _order(
             if before is not None and queries.find_job(session, before) is not None:
                 shutil.rmtree(kept.parent, ignore_errors=True)
                 return before
+            last = queries.last_about(session, owner, kind, subject) if subject is not None else None
+            if last is not None and not last.status.finished:
+                return last.id
             _check_room(session, services, owner)
-            queries.add_job(session, job_id, kind, owner, arguments, size)
+            queries.add_job(session, job_id, kind, owner, arguments, subject=subject, upload_bytes=size)
             remember(session, owner, key, request, job_id)
     except BaseException:
         shutil.rmtree(kept.parent, ignore_errors=True)

@@ -15,13 +15,26 @@ from dohyo.service.jobs.model import UNFINISHED, Job, JobStatus
 
 
 def add_job(
-    session: Session, job_id: str, kind: str, owner: str, arguments: Mapping[str, Any], upload_bytes: int = 0
+    session: Session,
+    job_id: str,
+    kind: str,
+    owner: str,
+    arguments: Mapping[str, Any],
+    *,
+    subject: str | None = None,
+    upload_bytes: int = 0,
 ) -> Job:
     """Queues a job."""
-    job = Job(id=job_id, kind=kind, owner=owner, arguments=dict(arguments), upload_bytes=upload_bytes)
+    job = Job(id=job_id, kind=kind, owner=owner, arguments=dict(arguments), subject=subject, upload_bytes=upload_bytes)
     session.add(job)
     session.flush()
     return job
+
+
+def last_about(session: Session, owner: str, kind: str, subject: str) -> Job | None:
+    """The newest job of an owner and kind with a subject."""
+    query = select(Job).where(Job.owner == owner, Job.kind == kind, Job.subject == subject)
+    return session.scalars(query.order_by(Job.created.desc(), Job.id.desc()).limit(1)).first()
 
 
 def find_job(session: Session, job_id: str) -> Job | None:

@@ -4,32 +4,31 @@ from __future__ import annotations
 
 import gzip
 import math
-from functools import lru_cache
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
 
 from dohyo.service.accounts.access import Reader, Submitter
-from dohyo.service.confinement.limits import MEGABYTE
-from dohyo.service.errors import ConflictError, TooManyRequestsError
-from dohyo.service.networks.importing import import_confined
+from dohyo.service.errors import ForbiddenError
+from dohyo.service.jobs.orders import Wait, answer_job, check_room, order_job, ordered
+from dohyo.service.networks.finding import check_free, find_network, view_network
+from dohyo.service.networks.kinds import IMPORT
 from dohyo.service.networks.map import Box, packed_map
+from dohyo.service.networks.model import UploadedNetwork
 from dohyo.service.networks.views import NetworkView
-from dohyo.service.state import Services, ServicesOf
+from dohyo.service.state import ServicesOf
+from dohyo.service.submissions.agent_routes import IdempotencyKey
 from dohyo.service.web.documents import Name, problems
 from dohyo.service.web.uploads import Upload, form_body, receive_upload
-from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.networks.catalog import load_network
-from dohyo.sumo_networks.networks.entries import builtin_names, check_name, network_entry, network_names
-from dohyo.sumo_networks.networks.importing import SUFFIXES
-from dohyo.sumo_networks.networks.inspection import network_size
-from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.entries import builtin_names, network_names
+from dohyo.sumo_networks.networks.importing import SUFFIXES, retract_network
+from dohyo.sumo_networks.networks.parsing import file_hash
 
 router = APIRouter(prefix="/v1/networks", tags=["networks"])
 
-UPLOADED = 100
 FORM = form_body(
     ["name"],
     {
@@ -48,7 +47,7 @@ def list_networks(caller: Reader) -> list[NetworkView]:
     views = []
     for name in network_names():
         try:
-            views.append(_view(find_network(name)))
+            views.append(view_network(find_network(name)))
         except InvalidInputError:
             if name in builtin_names():
                 raise
@@ -58,7 +57,7 @@ def list_networks(caller: Reader) -> list[NetworkView]:
 @router.get("/{name}", responses=problems(404))
 def get_network(name: Name, caller: Reader) -> NetworkView:
     """One network."""
-    return _view(find_network(name))
+    return view_network(find_network(name))
 
 
 @router.get(
@@ -95,32 +94,41 @@ def get_network_map(
     return Response(gzip.decompress(packed), headers=headers, media_type="application/json")
 
 
-@router.post("", status_code=201, responses=problems(403, 409, 413, 507), openapi_extra=FORM)
-async def create_network(request: Request, caller: Submitter, services: ServicesOf) -> NetworkView:
-    """Imports a SUMO net, an OpenStreetMap extract or an OpenDRIVE file; a failed import leaves nothing behind."""
+@router.post(
+    "",
+    status_code=201,
+    response_model=NetworkView,
+    responses=ordered(NetworkView, 409, 413, 507),
+    openapi_extra=FORM,
+)
+async def create_network(
+    request: Request, caller: Submitter, services: ServicesOf, wait_s: Wait, idempotency_key: IdempotencyKey = None
+) -> Any:
+    """Imports a SUMO net, an OpenStreetMap extract or an OpenDRIVE file in a job; a failed import leaves nothing."""
+    await run_in_threadpool(check_room, services, caller.owner)
     async with receive_upload(request, services.settings.upload_limit_bytes) as given:
-        return await run_in_threadpool(_import, services, given)
+        arguments = await run_in_threadpool(_arguments, given)
+        job = await order_job(services, caller.owner, IMPORT.name, arguments, file=given.path, key=idempotency_key)
+    return await answer_job(services, job, wait_s)
 
 
-def find_network(name: str) -> RoadNetwork:
-    """A network of the catalog by its name; a name is never used as a path.
+@router.delete("/{name}", status_code=204, responses=problems(403, 404))
+def delete_network(name: Name, caller: Submitter, services: ServicesOf) -> None:
+    """Deletes an uploaded network; its name is free again."""
+    find_network(name)
+    with services.database.session() as session:
+        row = session.get(UploadedNetwork, name)
+        if row is None or not caller.owns(row.owner):
+            raise ForbiddenError(f"network '{name}' is not yours")
+        session.delete(row)
+        retract_network(name)
 
-    Raises:
-        UnknownNameError: There is none.
-    """
-    if name not in network_names():
-        raise UnknownNameError("network", name, network_names())
-    return load_network(name)
 
-
-def _import(services: Services, given: Upload) -> NetworkView:
+def _arguments(given: Upload) -> dict[str, Any]:
+    """Arguments of an import, from the form."""
     name, lights = given.fields.get("name", ""), given.fields.get("lights", "false")
     licence = given.fields.get("licence") or None
-    check_name(name)
-    if name in network_names():
-        raise ConflictError(f"network '{name}' exists, and networks never change; choose another name")
-    if len(network_names()) - len(builtin_names()) >= UPLOADED:
-        raise TooManyRequestsError(f"at most {UPLOADED} networks can be uploaded", retry_s=3600)
+    check_free(name)
     if lights not in ("true", "false"):
         raise InvalidInputError("lights: expected true or false")
     if licence is not None and (len(licence) > 200 or not licence.isprintable()):
@@ -129,10 +137,13 @@ def _import(services: Services, given: Upload) -> NetworkView:
     suffix = next((end for end in (f"{one}{gz}" for one in SUFFIXES for gz in ("", ".gz")) if _ends(given, end)), None)
     if suffix is None:
         raise InvalidInputError(f"file: expected a name that ends in {', '.join(SUFFIXES)} (each also with .gz)")
-    file = given.path.rename(given.path.with_name(f"{name}{suffix}"))
-    limit_mb = services.settings.upload_limit_bytes * 4 / MEGABYTE
-    import_confined(file, name, lights=lights == "true", limit_mb=limit_mb, licence=licence)
-    return _view(find_network(name))
+    return {
+        "name": name,
+        "suffix": suffix,
+        "lights": lights == "true",
+        "licence": licence,
+        "sha256": file_hash(given.path),
+    }
 
 
 def _ends(given: Upload, suffix: str) -> bool:
@@ -146,22 +157,3 @@ def _box(*corners: float | None) -> Box | None:
     if not (math.isfinite(x0 + y0 + x1 + y1) and x0 < x1 and y0 < y1):
         raise InvalidInputError("map: expected all of x0 < x1 and y0 < y1 in metres, or none of them")
     return x0, y0, x1, y1
-
-
-def _view(network: RoadNetwork) -> NetworkView:
-    return _viewed(network.name, network.sha256)
-
-
-@lru_cache(maxsize=2 * UPLOADED)
-def _viewed(name: str, sha256: str) -> NetworkView:
-    network, entry = load_network(name), network_entry(name)
-    return NetworkView(
-        name=name,
-        title=entry.title,
-        licence=entry.licence,
-        source=entry.source,
-        origin="dohyo" if name in builtin_names() else "upload",
-        sha256=sha256,
-        **network_size(network).model_dump(),
-        bounds=[round(value, 2) for value in network.bounds],
-    )

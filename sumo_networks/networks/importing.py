@@ -163,6 +163,22 @@ def publish_network(name: str, prepared: Path, *, force: bool = False) -> Path:
     return _publish(name, files, force)
 
 
+def retract_network(name: str) -> None:
+    """Removes a network from the user's catalog, all or nothing.
+
+    Raises:
+        InvalidInputError: The name is invalid, or the catalog cannot be written.
+    """
+    check_name(name)
+    folder = user_catalog() / name
+    gone = folder.with_name(f".{name}.{os.getpid()}.gone")
+    try:
+        os.replace(folder, gone)
+    except OSError as error:
+        raise InvalidInputError(f"network '{name}' cannot be removed: {error.strerror}") from error
+    shutil.rmtree(gone, ignore_errors=True)
+
+
 def net_name(name: str) -> str:
     """File name of an imported network's roads."""
     return f"{name}.net.xml.gz"

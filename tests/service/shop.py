@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any, cast
 
@@ -27,6 +28,7 @@ from dohyo.service.episodes.archive import archived_path
 from dohyo.service.evaluations import rescoring_routes as rescoring
 from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.scoring import summary_of
+from dohyo.service.jobs.kinds import KINDS
 from dohyo.service.monitoring import routes as metrics
 from dohyo.service.settings import Settings
 from dohyo.service.state import Broadcast, Services
@@ -64,12 +66,19 @@ class Shop:
         database = Database(url or settings.database_url)
         Base.metadata.create_all(database.engine)
         self.services = Services(settings, database, cast(Any, FakeScheduler()), Broadcast())
-        app = FastAPI()
+        app = FastAPI(lifespan=self._lifespan)
         errors.install(app)
         for module in (comparison, episodes, leaderboard, metrics, rescoring):
             app.include_router(module.router)
         app.state.services = self.services
         self.client = TestClient(app, raise_server_exceptions=False)
+
+    @asynccontextmanager
+    async def _lifespan(self, app: FastAPI) -> AsyncIterator[None]:
+        """Runs jobs while the client is entered."""
+        await self.services.jobs.start(self.services, KINDS)
+        yield
+        await self.services.jobs.stop()
 
     def token(self, owner: str, role: Role = Role.SUBMITTER) -> dict[str, str]:
         """Headers of a caller."""

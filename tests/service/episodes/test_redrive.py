@@ -17,12 +17,14 @@ from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.store import seal, write_record
 from dohyo.evaluation.records.trajectory import Trajectory
+from dohyo.service.accounts.model import Role
 from dohyo.service.episodes.redrive import Trace, explanation_at
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Mission, Traffic
 from tests.service.served import wait_until
 from tests.service.shop import Shop
 
+PATIENT = {"prefer": "wait=30"}
 Driven = tuple[EpisodeRecord, Trajectory, list[dict[str, Any]]]
 
 
@@ -63,9 +65,9 @@ def driven() -> Driven:
 
 def explained(shop: Shop, episode: str, tick: int, seconds: float = 60.0) -> Any:
     """Asks until there is an answer."""
-    until = time.monotonic() + seconds
+    until, headers = time.monotonic() + seconds, shop.token("reader", Role.READER)
     while True:
-        answer = shop.client.get(f"/v1/episodes/{episode}/explanation", params={"tick": tick})
+        answer = shop.client.get(f"/v1/episodes/{episode}/explanation", params={"tick": tick}, headers=headers)
         if answer.status_code != 202 or time.monotonic() > until:
             return answer
         assert int(answer.headers["retry-after"]) >= 1
@@ -76,7 +78,7 @@ def test_a_drive_is_the_same_again_and_explains_itself(shop: Shop, driven: Drive
     record, trajectory, said = driven
     _, (one,) = shop.evaluation(shop.submission("autopilot"), [record], trajectory=trajectory)
     with shop.client:
-        verified = shop.client.post(f"/v1/episodes/{one}/verify", headers=shop.token("ann"))
+        verified = shop.client.post(f"/v1/episodes/{one}/verify", headers=shop.token("ann") | PATIENT)
         assert verified.json() == {
             "episode": one,
             "expected": record.record_hash,
@@ -94,9 +96,13 @@ def test_the_first_question_sets_off_the_drive(shop: Shop, driven: Driven) -> No
     record, trajectory, said = driven
     _, (one,) = shop.evaluation(shop.submission("autopilot"), [record], trajectory=trajectory)
     with shop.client:
-        first = shop.client.get(f"/v1/episodes/{one}/explanation", params={"tick": 3})
+        asked = shop.client.get(f"/v1/episodes/{one}/explanation", params={"tick": 3})
+        assert asked.status_code == 401, "nobody drives an episode again without a token"
+        first = shop.client.get(f"/v1/episodes/{one}/explanation", params={"tick": 3}, headers=shop.token("ann"))
         assert (first.status_code, first.json()["status"]) == (202, "being found out")
         assert explained(shop, one, 3).json()["explanations"] == {"ego": said[3]}
+        cached = shop.client.get(f"/v1/episodes/{one}/explanation", params={"tick": 4})
+        assert cached.json()["explanations"] == {"ego": said[4]}
     (kept,) = shop.path(one).parent.glob("*.explanations-*")
     kept.write_bytes(b"damaged")
     with shop.client:
@@ -111,7 +117,7 @@ def test_a_record_that_does_not_come_out_again_is_told(shop: Shop, driven: Drive
         shop.submission("liar"), [record.model_copy(update={"egos": (ego,)})], trajectory=trajectory
     )
     with shop.client:
-        answer = shop.client.post(f"/v1/episodes/{one}/verify", headers=shop.token("ann")).json()
+        answer = shop.client.post(f"/v1/episodes/{one}/verify", headers=shop.token("ann") | PATIENT).json()
         assert (answer["same"], answer["replayed"]) == (False, record.record_hash)
         explanation = explained(shop, one, 0)
         assert explanation.status_code == 409
@@ -136,7 +142,7 @@ def test_an_agent_that_is_gone_or_changed_proves_nothing(
     )
     with shop.client:
         for answer in (
-            shop.client.post(f"/v1/episodes/{one}/verify", headers=shop.token("ann")),
+            shop.client.post(f"/v1/episodes/{one}/verify", headers=shop.token("ann") | PATIENT),
             explained(shop, one, 0),
         ):
             assert answer.status_code == 409
@@ -150,7 +156,7 @@ def test_a_redrive_ends_with_its_parent(tmp_path: Path, driven: Driven) -> None:
     program = """if True:
         import sys, time
         from dohyo.service.confinement import runner
-        from dohyo.service.episodes.redrives import LIMITS
+        from dohyo.service.episodes.kinds import LIMITS
         from pathlib import Path
         record = Path(sys.argv[1])
         runner._use = lambda group: (print(group, flush=True), (1, 0))[1]

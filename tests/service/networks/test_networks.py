@@ -32,7 +32,8 @@ PLAIN = b"""<net version="1.20" junctionCornerDetail="5" limitTurnSpeed="5.50">
 def upload(caller: Caller, content: bytes, file: str = "town.net.xml", **fields: str) -> Any:
     form = {"name": "my-town", **fields}
     files = {"file": (file, content)}
-    return caller.client.post("/v1/networks", data=form, files=files, headers=caller.headers)
+    headers = caller.headers | {"prefer": "wait=30"}
+    return caller.client.post("/v1/networks", data=form, files=files, headers=headers)
 
 
 def test_networks_are_listed_with_what_they_hold(service: Harness) -> None:
@@ -106,6 +107,11 @@ def test_an_uploaded_network_lives_in_the_data_folder_and_never_changes(service:
     assert "my-town" in [one["name"] for one in service.client.get("/v1/networks").json()]
     assert service.client.get("/v1/networks/my-town/map").json()["lanes"]
     assert_problem(upload(team, PLAIN), 409, "never change")
+    assert_problem(service.caller("other").delete("/v1/networks/my-town"), 403, "not yours")
+    assert_problem(team.delete("/v1/networks/ingolstadt"), 403, "not yours")
+    assert team.delete("/v1/networks/my-town").status_code == 204
+    assert not (data / "networks" / "my-town").exists()
+    assert_problem(service.client.get("/v1/networks/my-town"), 404)
 
 
 @pytest.mark.parametrize(

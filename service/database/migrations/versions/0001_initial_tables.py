@@ -93,6 +93,16 @@ def upgrade() -> None:
     op.create_index("ix_deliveries_webhook_id", "deliveries", ["webhook_id"])
 
     op.create_table(
+        "networks",
+        sa.Column("name", sa.String(length=63), nullable=False),
+        sa.Column("owner", sa.String(length=100), nullable=False),
+        sa.Column("kept_bytes", sa.BigInteger(), nullable=False),
+        sa.Column("created", MOMENT, nullable=False),
+        sa.PrimaryKeyConstraint("name"),
+    )
+    op.create_index("ix_networks_owner", "networks", ["owner"])
+
+    op.create_table(
         "jobs",
         sa.Column("id", sa.String(length=32), nullable=False),
         sa.Column("kind", sa.String(length=40), nullable=False),
@@ -103,6 +113,7 @@ def upgrade() -> None:
             nullable=False,
         ),
         sa.Column("arguments", sa.JSON(), nullable=False),
+        sa.Column("subject", sa.String(length=100), nullable=True),
         sa.Column("upload_bytes", sa.BigInteger(), nullable=False),
         sa.Column("starts", sa.Integer(), nullable=False),
         sa.Column("result", sa.String(length=400), nullable=True),
@@ -113,6 +124,7 @@ def upgrade() -> None:
         sa.Column("finished", MOMENT, nullable=True),
         sa.PrimaryKeyConstraint("id"),
     )
+    op.create_index("ix_jobs_subject", "jobs", ["subject"])
     op.create_index("jobs_by_owner", "jobs", ["owner", "status"])
     op.create_index("jobs_by_status", "jobs", ["status", "created"])
 
@@ -384,6 +396,7 @@ def downgrade() -> None:
         "challenges",
         "submissions",
         "jobs",
+        "networks",
         "deliveries",
         "webhooks",
         "tokens",
