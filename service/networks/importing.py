@@ -46,8 +46,15 @@ def import_confined(
     with private_folder() as folder:
         environment = {"DOHYO_CACHE": str(folder / "cache")}
         try:
-            options = {"folder": folder, "reads": [file], "environment": environment}
-            run("import_roads", arguments, LIMITS, stopped=stopped, **options)
+            run(
+                "import_roads",
+                arguments,
+                LIMITS,
+                folder=folder,
+                reads=[file],
+                environment=environment,
+                stopped=stopped,
+            )
         except InvalidInputError as error:
             raise InvalidInputError(str(error).replace(str(file), file.name)) from error
         _keep_parsed(publish_network(name, folder / "entry") / net_name(name), folder / "cache")
