@@ -21,7 +21,7 @@ from dohyo.service.challenges import invitation_routes as invitations
 from dohyo.service.challenges import routes as challenges
 from dohyo.service.challenges.closing import Closer
 from dohyo.service.confinement.layers import prepare_confinement
-from dohyo.service.dashboard import pages
+from dohyo.service.dashboard import challenge_pages, pages
 from dohyo.service.dashboard.session import SessionCookie, show_errors_as_pages
 from dohyo.service.data_folder import held, told
 from dohyo.service.database.engine import Database
@@ -101,6 +101,7 @@ def create_app(
         app.include_router(router)
     describe(app)
     app.include_router(pages.router)
+    app.include_router(challenge_pages.router)
     app.mount("/static", pages.static, name="static")
     show_errors_as_pages(app, pages.render)
     _add_layers(app, app.state.services)

@@ -165,9 +165,14 @@ def sign_in(
         problem = "That token is unknown, expired or revoked."
         return render(request, "login", status=401, next=_local(next), problem=problem)
     answer = RedirectResponse(_local(next), status_code=303)
+    keep_token(request, answer, token)
+    return answer
+
+
+def keep_token(request: Request, answer: Response, token: str) -> None:
+    """Signs the browser in: stores a token in a session cookie that scripts cannot read."""
     secure = request.url.scheme == "https"
     answer.set_cookie(COOKIE, token, httponly=True, samesite="strict", secure=secure, path="/")
-    return answer
 
 
 @router.post("/logout")

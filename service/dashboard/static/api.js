@@ -2,13 +2,43 @@
 
 import { byId, fill, h } from "./dom.js";
 
-/** An error answer of the service. */
+/** An error answer of the service; `faults` name the places in the request and what is expected there. */
 export class ApiError extends Error {
-  constructor(status, title, detail) {
+  constructor(status, title, detail, faults = []) {
     super(detail || title);
     this.status = status;
     this.title = title;
+    this.faults = faults;
   }
+}
+
+const MARK = { "x-dohyo-page": "1" }; // the session cookie changes things only with it: see session.py
+const LONGEST_JOB_S = 300;
+
+/**
+ * Sends a change: a form as multipart, anything else as JSON. What the service does as a job is awaited.
+ * @returns the answer's document, or null
+ */
+export async function send(method, path, body) {
+  const multipart = body instanceof FormData;
+  const headers = { accept: "application/json", prefer: "wait=20", ...MARK };
+  if (body !== undefined && !multipart) headers["content-type"] = "application/json";
+  const answer = await fetch(path, { method, headers, body: multipart || body === undefined ? body : JSON.stringify(body) });
+  if (!answer.ok) throw await problem(answer);
+  if (answer.status === 204) return null;
+  const document = await answer.json();
+  return answer.status === 202 ? finished(document) : document;
+}
+
+/** Follows a job to its end; returns what it made, or throws its failure. */
+async function finished(job) {
+  for (let left = LONGEST_JOB_S; left > 0 && ["queued", "running"].includes(job.status); left--) {
+    await new Promise((done) => setTimeout(done, 1000));
+    job = await get(`/v1/jobs/${encodeURIComponent(job.id)}`);
+  }
+  if (job.status === "done") return job.answer;
+  const { status = 500, title = `The job is ${job.status}`, detail = "", errors = [] } = job.failure ?? {};
+  throw new ApiError(status, title, detail, errors);
 }
 
 /** Reads JSON; repeats the request after an answer 202, as its header Retry-After says. */
@@ -43,7 +73,7 @@ export async function getAll(path, most = 10_000) {
 async function problem(answer) {
   const body = await answer.json().catch(() => ({}));
   const detail = typeof body.detail === "string" ? body.detail : "";
-  return new ApiError(answer.status, body.title ?? answer.statusText, detail);
+  return new ApiError(answer.status, body.title ?? answer.statusText, detail, body.errors ?? []);
 }
 
 /** Listens to server-sent events of some names; the browser reconnects by itself. Returns a function that stops it. */

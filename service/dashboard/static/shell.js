@@ -6,7 +6,7 @@ import { copyText } from "./table.js";
 
 if (document.body.dataset.signedIn === "yes") {
   get("/v1/me").then(
-    (me) => byId("who").prepend(h("span", { class: "quiet" }, `${me.owner} (${me.role})`)),
+    (me) => (byId("me").textContent = `${me.owner} (${me.role})`),
     (error) =>
       error.status === 401 &&
       byId("who").prepend(h("span", { class: "problem", role: "alert" }, "your token is no longer accepted")),

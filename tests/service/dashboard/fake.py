@@ -30,7 +30,7 @@ from dohyo.service.boards.leaderboard import Contender, Entry, Ranks, places_of
 from dohyo.service.boards.model import Counts
 from dohyo.service.boards.results import facts_of
 from dohyo.service.boards.views import ComparedView, LeaderboardView
-from dohyo.service.dashboard import pages
+from dohyo.service.dashboard import challenge_pages, pages
 from dohyo.service.dashboard.session import SessionCookie, show_errors_as_pages
 from dohyo.service.episodes.reading_views import EpisodeDetail, InfractionsView
 from dohyo.service.episodes.views import EpisodeView
@@ -309,6 +309,7 @@ def create() -> FastAPI:
 
     app.dependency_overrides[pages.token_check] = lambda: lambda token: token == TOKEN
     app.include_router(pages.router)
+    app.include_router(challenge_pages.router)
     app.mount("/static", pages.static)
     app.add_middleware(SessionCookie)
     show_errors_as_pages(app, pages.render)

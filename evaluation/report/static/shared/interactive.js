@@ -138,6 +138,8 @@ class Interactive {
     this.more.hidden = kept.length <= most;
     this.more.textContent = this._get("all") ? `show the first ${most}` : `show all ${kept.length} rows`;
     this.tools.hidden = this.fields.size === 0 && !this.zoom;
+    const wide = this.zoom || [...this.fields.keys()].some((key) => key !== "sort");
+    this.tools.classList.toggle("narrow-only", !wide);
     this._showScales();
   }
 

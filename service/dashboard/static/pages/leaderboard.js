@@ -1,10 +1,9 @@
 /** Ranking of the agents on one benchmark version, by track. */
 
 import { get, getAll, page } from "../api.js";
+import { columnsOf, kindsOn } from "../board.js";
 import { byId, fill, h, mark } from "../dom.js";
-import { agentName, estimateCells, missing, scale, verdict, whisker } from "../estimate.js";
-import { moment, number, short } from "../format.js";
-import { scoreOf, shown } from "../scores.js";
+import { short } from "../format.js";
 import { startCommand } from "../start.js";
 import { colours } from "../subject.js";
 import { copyButton, table } from "../table.js";
@@ -93,101 +92,8 @@ function filters(benchmarks, versions, name, query, copy) {
   );
 }
 
-function columnsOf(rows, headline, colour) {
-  const score = ({ key, title, top, unit }) => ({
-    title,
-    unit,
-    key,
-    css: "estimate",
-    head: scale(0, top),
-    cell: (row) =>
-      h("div", { style: { "--agent": colour[row.agent] ?? "var(--accent)" } }, whisker(row.scores[key], top)),
-    csv: (row) => estimateCells(key, row.scores[key]),
-  });
-  const measured = rows.length ? shown(rows[0].scores, 4, headline) : [scoreOf(headline)];
-  return [
-    {
-      title: "agent",
-      key: "agent",
-      sort: (row) => row.agent,
-      cell: (row) => who(row, colour),
-      csv: (row) => ({ rank: row.rank, agent: row.agent, version: row.version, track: row.track }),
-    },
-    ...measured.map(score),
-    {
-      title: "infractions",
-      unit: "/km",
-      css: "infraction-rates",
-      cell: (row) => rates(row, rows),
-      csv: (row) => row.per_km,
-    },
-    {
-      title: "vs above",
-      cell: (row) =>
-        row.above
-          ? verdict(row.above, `A: ${row.agent}, B: the row above`)
-          : missing("no row above has the same drives"),
-      csv: (row) => ({ verdict: row.above?.verdict, probability: row.above?.probability }),
-    },
-    { title: "seeds", numeric: true, cell: (row) => row.seeds },
-    {
-      title: "when",
-      css: "when",
-      cell: (row) =>
-        h(
-          "a",
-          { href: `/evaluations/${encodeURIComponent(row.evaluation)}`, title: "the evaluation" },
-          h("time", { datetime: row.finished }, moment(row.finished).slice(0, 10)),
-        ),
-      csv: (row) => row.finished,
-    },
-  ];
-}
-
-function who(row, colour) {
-  return h(
-    "div",
-    { class: "ranked" },
-    h("span", { class: "rank-number number" }, String(row.rank)),
-    h(
-      "div",
-      {},
-      agentName(row.agent, colour[row.agent]),
-      h("div", { class: "quiet small plain" }, `v${row.version} · ${row.kind} · ${row.track}`),
-    ),
-  );
-}
-
-/** One bar per kind of infraction on this board, on a scale that all rows share. */
-function rates(row, rows) {
-  const kinds = Object.keys(words.marks).filter((kind) => rows.some((one) => rate(one, kind) > 0));
-  const top = Math.max(...rows.flatMap((one) => kinds.map((kind) => rate(one, kind))), 1e-9);
-  const total = kinds.reduce((sum, kind) => sum + rate(row, kind), 0);
-  const text = kinds
-    .filter((kind) => rate(row, kind) > 0)
-    .map((kind) => `${label(kind)} ${number(rate(row, kind))}`)
-    .join(", ");
-  return h(
-    "div",
-    { class: "rates", title: text || "none" },
-    h("b", { class: "number" }, number(total)),
-    h(
-      "span",
-      { class: "spark", role: "img", "aria-label": `per km: ${text || "none"}` },
-      kinds.map((kind) =>
-        h("i", {
-          class: rate(row, kind) ? null : "none",
-          style: { height: `${Math.max(4, (100 * rate(row, kind)) / top)}%` },
-        }),
-      ),
-    ),
-  );
-}
-
-const rate = (row, kind) => row.per_km[kind] ?? 0;
-
 function notes(board, rows, asked) {
-  const kinds = Object.keys(words.marks).filter((kind) => rows.some((one) => rate(one, kind) > 0));
+  const kinds = kindsOn(rows);
   const several = rows.slice(0, 4);
   return h(
     "div",

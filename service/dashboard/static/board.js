@@ -1,0 +1,128 @@
+/** Rows of a leaderboard as a table: of a benchmark's open ranking, or of a phase of a challenge. */
+
+import { h } from "./dom.js";
+import { agentName, estimateCells, missing, scale, verdict, whisker } from "./estimate.js";
+import { moment, number } from "./format.js";
+import { scoreOf, shown } from "./scores.js";
+import { label, words } from "./words.js";
+
+/** The columns of a board; `headline` is the score that ranks. */
+export function columnsOf(rows, headline, colour, measures = 4) {
+  const score = ({ key, title, top, unit }) => ({
+    title,
+    unit,
+    key,
+    css: "estimate",
+    head: scale(0, top),
+    cell: (row) =>
+      h("div", { style: { "--agent": colour[row.agent] ?? "var(--accent)" } }, whisker(row.scores[key], top)),
+    csv: (row) => estimateCells(key, row.scores[key]),
+  });
+  const measured = rows.length ? shown(rows[0].scores, measures, headline) : [scoreOf(headline)];
+  return [
+    {
+      title: rows.some((row) => row.team) ? "team and agent" : "agent",
+      key: "agent",
+      sort: (row) => row.team ?? row.agent,
+      cell: (row) => who(row, colour),
+      csv: (row) => ({ rank: row.rank, team: row.team, agent: row.agent, version: row.version, track: row.track }),
+    },
+    { title: "run by", key: "verified", css: "verified", choice: true, sort: by, cell: verified, csv: by },
+    ...measured.map(score),
+    {
+      title: "infractions",
+      unit: "/km",
+      css: "infraction-rates",
+      sort: (row) => Object.values(row.per_km).reduce((sum, one) => sum + one, 0),
+      cell: (row) => rates(row, rows),
+      csv: (row) => row.per_km,
+    },
+    {
+      title: "vs above",
+      cell: (row) =>
+        row.above
+          ? verdict(row.above, `A: ${row.agent}, B: the row above`)
+          : missing("no row above has the same drives"),
+      csv: (row) => ({ verdict: row.above?.verdict, probability: row.above?.probability }),
+    },
+    { title: "runs", numeric: true, cell: attempts, csv: (row) => ({ runs: row.runs, thrown_away: row.thrown_away }) },
+    {
+      title: "when",
+      css: "when",
+      cell: (row) =>
+        h(
+          "a",
+          { href: `/evaluations/${encodeURIComponent(row.evaluation)}`, title: "the evaluation" },
+          h("time", { datetime: row.finished }, moment(row.finished).slice(0, 10)),
+        ),
+      csv: (row) => row.finished,
+    },
+  ];
+}
+
+function who(row, colour) {
+  const facts = [`v${row.version}`, row.kind, row.track, `${row.seeds} ${row.seeds === 1 ? "seed" : "seeds"}`];
+  return h(
+    "div",
+    { class: "ranked" },
+    h("span", { class: "rank-number number", title: row.baseline ? "a baseline has no rank" : null }, String(row.rank ?? "–")),
+    h(
+      "div",
+      {},
+      row.team && h("div", { class: "team" }, row.team),
+      agentName(row.agent, colour[row.agent]),
+      row.baseline && h("span", { class: "quiet small plain" }, " baseline"),
+      h("div", { class: "quiet small plain" }, facts.join(" · ")),
+    ),
+  );
+}
+
+const by = (row) => (row.verified ? "service" : "remote");
+
+/** Who ran the agent: the service itself, or its owner, of whose machine nothing can be checked. */
+function verified(row) {
+  return row.verified
+    ? h("span", { class: "status success", title: "the service itself ran this agent" }, h("i", { "aria-hidden": "true" }, "✓"), "service")
+    : h("span", { class: "status quiet", title: "its owner ran this agent: computing time, memory and program cannot be checked" }, "remote");
+}
+
+/** Ordered runs, and the attempts at episodes that gave no record. */
+function attempts(row) {
+  return h(
+    "span",
+    { title: `${row.runs} ranked runs ordered; ${row.thrown_away} attempts at episodes gave no record` },
+    String(row.runs),
+    row.thrown_away > 0 && h("span", { class: "quiet" }, ` −${row.thrown_away}`),
+  );
+}
+
+export const rate = (row, kind) => row.per_km[kind] ?? 0;
+
+/** Kinds of infraction that happened on a board. */
+export const kindsOn = (rows) => Object.keys(words.marks).filter((kind) => rows.some((one) => rate(one, kind) > 0));
+
+/** One bar per kind of infraction on this board, on a scale that all rows share. */
+function rates(row, rows) {
+  const kinds = kindsOn(rows);
+  const top = Math.max(...rows.flatMap((one) => kinds.map((kind) => rate(one, kind))), 1e-9);
+  const total = kinds.reduce((sum, kind) => sum + rate(row, kind), 0);
+  const text = kinds
+    .filter((kind) => rate(row, kind) > 0)
+    .map((kind) => `${label(kind)} ${number(rate(row, kind))}`)
+    .join(", ");
+  return h(
+    "div",
+    { class: "rates", title: text || "none" },
+    h("b", { class: "number" }, number(total)),
+    h(
+      "span",
+      { class: "spark", role: "img", "aria-label": `per km: ${text || "none"}` },
+      kinds.map((kind) =>
+        h("i", {
+          class: rate(row, kind) ? null : "none",
+          style: { height: `${Math.max(4, (100 * rate(row, kind)) / top)}%` },
+        }),
+      ),
+    ),
+  );
+}
