@@ -88,7 +88,8 @@ def require(session: Session, caller: Caller, evaluation: Evaluation, aspect: As
         return
     ranking = evaluation.ranking
     if ranking is not None and ranking.withheld():
-        raise ForbiddenError(f"the {aspect} of this ranking are secret until {ranking.ends:%Y-%m-%d %H:%M} UTC")
+        until = f" until {ranking.ends:%Y-%m-%d %H:%M} UTC" if ranking.ends else ""
+        raise ForbiddenError(f"the {aspect} of this ranking are secret{until}")
     raise ForbiddenError(f"the {aspect} of evaluation '{evaluation.id}' are not shown to you")
 
 

@@ -1,0 +1,218 @@
+"""The life of a challenge through the interface, on both databases."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+from typing import Any
+
+import pytest
+from sqlalchemy import select, update
+
+from dohyo.service.accounts.model import Role
+from dohyo.service.boards.model import Ranking
+from dohyo.service.challenges.closing import close_ended
+from dohyo.service.challenges.model import Invitation
+from dohyo.service.database.base import now
+from dohyo.service.evaluations.model import Evaluation
+from dohyo.service.webhooks.model import Delivery
+from tests.service.challenges.driving import admit, complete, end, enter, in_days, make_challenge
+from tests.service.harness import Caller, Harness, assert_problem
+
+
+def rows(caller: Any, ranking: str) -> list[tuple[Any, ...]]:
+    board = caller.get("/v1/leaderboard", params={"ranking": ranking})
+    assert board.status_code == 200, board.text
+    return [(one["rank"], one["team"], one["agent"], one["runs"], one["baseline"]) for one in board.json()["rows"]]
+
+
+def test_a_challenge_from_its_making_to_its_final_board(stored: Harness) -> None:
+    database = stored.services.database
+    organiser = stored.caller("lab", Role.ORGANISER)
+    ranking = make_challenge(organiser, runs_per_period=2, counts="best")
+    ann, bob = admit(stored, organiser, "ann", team="blue"), admit(stored, organiser, "bob", team="blue")
+    eve = admit(stored, organiser, "eve")
+    for caller, agent in ((ann, "a"), (bob, "b"), (eve, "e"), (organiser, "base")):
+        caller.agent(agent)
+    assert organiser.post("/v1/challenges/cup/baselines", {"agent": "base"}).status_code == 201
+    assert ann.post("/v1/webhooks", {"url": "https://example.org/hook"}).status_code == 201
+
+    runs = {name: enter(caller, agent, ranking)["id"] for name, caller, agent in (("a", ann, "a"), ("b", bob, "b"))}
+    assert_problem(ann.post("/v1/evaluations", _order("a", ranking)), 429, "your team has ordered 2 of 2")
+    runs |= {"e": enter(eve, "e", ranking)["id"], "base": enter(organiser, "base", ranking)["id"]}
+    for name, score in (("a", 60.0), ("b", 90.0), ("e", 30.0), ("base", 50.0)):
+        complete(database, runs[name], score)
+    late = enter(eve, "e", ranking)["id"]
+    expected = [(1, "blue", "b", 2, False), (None, None, "base", 1, True), (2, "eve", "e", 2, False)]
+    assert rows(eve, ranking) == expected
+    seen = stored.client.get("/v1/challenges/cup").json()
+    assert (seen["teams"], seen["my_team"], seen["may_organise"], seen["announcements"]) == (2, None, False, [])
+    assert seen["phases"][0]["state"] == "open"
+
+    end(database, ranking)
+    complete(database, late, 100.0, finished=now() + timedelta(seconds=1))  # too late
+    close_ended(stored.services)
+    assert rows(eve, ranking) == expected
+    assert_problem(eve.post("/v1/evaluations", _order("e", ranking)), 409, "closed")
+    with database.session() as session:
+        session.execute(update(Evaluation).where(Evaluation.id == late).values(finished=now() - timedelta(days=9)))
+        bodies = [one.body for one in session.scalars(select(Delivery))]
+    assert rows(eve, ranking) == rows(stored.client, ranking) == expected
+    board = stored.client.get("/v1/leaderboard", params={"ranking": ranking}).json()
+    assert board["final"] is True
+    assert board["ranking"]["state"] == "final"
+    assert [body["phase"] for body in bodies if body["event"] == "phase.final"] == ["final"]
+    (news,) = ann.get("/v1/challenges/cup").json()["announcements"]
+    assert (news["phase"], news["places"]) == ("final", 3)
+    assert [(one["team"], one["score"]) for one in news["winners"]] == [("blue", pytest.approx(90.0))]
+
+
+def _order(agent: str, ranking: str) -> dict[str, Any]:
+    return {"agent": agent, "benchmark": "quickstart", "ranked": True, "ranking": ranking}
+
+
+def test_a_run_that_was_ordered_in_time_may_end_within_the_grace(service: Harness) -> None:
+    organiser = service.caller("lab", Role.ORGANISER)
+    ranking = make_challenge(organiser, grace_s=3600)
+    ann = admit(service, organiser, "ann")
+    ann.agent("a")
+    run = enter(ann, "a", ranking)["id"]
+    with service.services.database.session() as session:
+        session.execute(update(Ranking).where(Ranking.id == ranking).values(closes=now() - timedelta(minutes=1)))
+    assert organiser.get("/v1/challenges/cup").json()["phases"][0]["state"] == "closed"
+    complete(service.services.database, run, 70.0)
+    assert [row[2] for row in rows(ann, ranking)] == ["a"]
+
+
+def test_only_its_organiser_changes_a_challenge(service: Harness) -> None:
+    organiser, rival = service.caller("lab", Role.ORGANISER), service.caller("rival", Role.ORGANISER)
+    ranking = make_challenge(organiser)
+    others = (rival, service.caller("lab"), service.caller("ann"), service.caller("lab", Role.READER))
+    requests: list[tuple[str, str, Any]] = [
+        ("PATCH", "/v1/challenges/cup", {"rules": "mine"}),
+        ("POST", "/v1/challenges/cup/phases", {"name": "x", "benchmark": "quickstart", "closes": in_days(1)}),
+        ("PATCH", f"/v1/challenges/cup/phases/{ranking}", {"closes": in_days(2)}),
+        ("POST", "/v1/challenges/cup/invitations", {}),
+        ("GET", "/v1/challenges/cup/invitations", None),
+        ("DELETE", "/v1/challenges/cup/invitations/in-0", None),
+        ("POST", "/v1/challenges/cup/baselines", {"agent": "a"}),
+        ("DELETE", "/v1/challenges/cup/baselines/sub-0", None),
+    ]
+    for method, path, body in requests:
+        for caller in others:
+            answer = service.client.request(method, path, json=body, headers=caller.headers)
+            assert answer.status_code == 403, (method, path, answer.text)
+        assert service.client.request(method, path, json=body).status_code == 401
+    assert_problem(service.caller("ann").post("/v1/challenges", {"name": "mine", "title": "t"}), 403, "organiser")
+    assert service.client.get("/v1/challenges/cup").json()["rules"] == "# Rules\n<b>Drive.</b>"
+
+
+def test_the_end_of_a_phase_can_only_be_postponed(service: Harness) -> None:
+    organiser = service.caller("lab", Role.ORGANISER)
+    ranking = make_challenge(organiser, grace_s=60)
+    path = f"/v1/challenges/cup/phases/{ranking}"
+    assert_problem(organiser.client.patch(path, json={"closes": in_days(0.5)}, headers=organiser.headers), 409)
+    moved = organiser.client.patch(path, json={"closes": in_days(3)}, headers=organiser.headers).json()
+    assert moved["closes"] > in_days(2.9)
+    assert moved["ends"] > moved["closes"]
+    end(service.services.database, ranking)
+    assert_problem(organiser.client.patch(path, json={"closes": in_days(9)}, headers=organiser.headers), 409)
+
+
+# Invitations
+
+
+def test_a_code_admits_one_owner_once(stored: Harness) -> None:
+    organiser = stored.caller("lab", Role.ORGANISER)
+    make_challenge(organiser)
+    made = organiser.post("/v1/challenges/cup/invitations", {"note": "for Ann"}).json()
+    redeem: dict[str, Any] = {"code": made["code"], "owner": "ann"}
+    first = stored.client.post("/v1/invitations/redeem", json=redeem)
+    assert first.status_code == 201
+    ann = Caller(stored.client, first.json()["token"])
+    assert (ann.get("/v1/me").json()["role"], ann.get("/v1/me").json()["owner"]) == ("submitter", "ann")
+    assert ann.get("/v1/challenges/cup").json()["my_team"] == "ann"
+    assert_problem(stored.client.post("/v1/invitations/redeem", json=redeem | {"owner": "eve"}), 404, "used")
+    (listed,) = organiser.get("/v1/challenges/cup/invitations").json()["items"]
+    assert (listed["redeemed_by"], listed["note"], "code" in listed) == ("ann", "for Ann", False)
+    assert made["code"] not in organiser.get("/v1/challenges/cup/invitations").text
+
+
+@pytest.mark.parametrize("name", ["ann", "ANN", "lab", "blue"])
+def test_a_code_never_opens_the_data_of_an_owner_who_exists(service: Harness, name: str) -> None:
+    organiser = service.caller("lab", Role.ORGANISER)
+    make_challenge(organiser)
+    service.caller("ann")
+    admit(service, organiser, "bob", team="blue")
+    code = organiser.post("/v1/challenges/cup/invitations", {}).json()["code"]
+    answer = service.client.post("/v1/invitations/redeem", json={"code": code, "owner": name})
+    assert_problem(answer, 409, "choose another name")
+    assert service.client.post("/v1/invitations/redeem", json={"code": code, "owner": "new"}).status_code == 201
+
+
+def test_codes_that_admit_nobody(service: Harness) -> None:
+    organiser, ann = service.caller("lab", Role.ORGANISER), service.caller("ann")
+    make_challenge(organiser)
+
+    def code(**order: Any) -> dict[str, Any]:
+        made: dict[str, Any] = organiser.post("/v1/challenges/cup/invitations", order).json()
+        return made
+
+    revoked, expired, mine, second = code(), code(), code(), code()
+    assert organiser.delete(f"/v1/challenges/cup/invitations/{revoked['id']}").status_code == 204
+    with service.services.database.session() as session:
+        session.get_one(Invitation, expired["id"]).expires = now() - timedelta(seconds=1)
+    for one in (revoked["code"], expired["code"], "dohyo_invitation_guess", mine["code"] + "x"):
+        assert_problem(ann.post("/v1/invitations/redeem", {"code": one}), 404, "no open invitation")
+    assert_problem(organiser.post("/v1/invitations/redeem", {"code": mine["code"]}), 403, "cannot take part")
+    assert ann.post("/v1/invitations/redeem", {"code": mine["code"], "team": "red"}).json()["token"] is None
+    assert_problem(ann.post("/v1/invitations/redeem", {"code": second["code"]}), 409, "takes part")
+    reader = service.caller("eve", Role.READER)
+    assert_problem(reader.post("/v1/invitations/redeem", {"code": second["code"]}), 403, "submitter")
+    bob = {"code": second["code"], "owner": "bob", "team": "RED"}
+    assert_problem(service.client.post("/v1/invitations/redeem", json=bob), 409, "team 'RED' exists")
+
+
+# Who may enter
+
+
+def test_what_may_not_enter_a_phase(service: Harness) -> None:
+    organiser = service.caller("lab", Role.ORGANISER)
+    ranking = make_challenge(organiser, verified_only=True, track="sensors")
+    planned = organiser.post(
+        "/v1/challenges/cup/phases",
+        {"name": "later", "benchmark": "quickstart", "opens": in_days(1), "closes": in_days(2)},
+    ).json()["id"]
+    ann, stranger = admit(service, organiser, "ann"), service.caller("stranger")
+    ann.agent("a")
+    stranger.agent("s")
+    organiser.agent("own")
+    assert "remote" in enter(ann, "a", ranking, 403)["detail"] or "track" in enter(ann, "a", ranking, 403)["detail"]
+    assert "opens" in enter(ann, "a", planned, 409)["detail"]
+    open_phase = organiser.post(
+        "/v1/challenges/cup/phases", {"name": "open", "benchmark": "quickstart", "closes": in_days(2)}
+    ).json()["id"]
+    assert "no team" in enter(stranger, "s", open_phase, 403)["detail"]
+    assert "no team" in enter(organiser, "own", open_phase, 403)["detail"]  # not a baseline
+    assert_problem(ann.post("/v1/evaluations", _order("a", open_phase) | {"benchmark": "val14"}), 422, "quickstart")
+    assert_problem(ann.post("/v1/evaluations", _order("a", "rk-none")), 404)
+    assert_problem(organiser.post("/v1/challenges/cup/baselines", {"agent": "a"}), 404)
+
+
+@pytest.mark.parametrize(
+    ("change", "where"),
+    [
+        ({"secret": True, "draw_seeds": None}, "body.secret"),
+        ({"seeds": [1], "draw_seeds": 2}, "body.draw_seeds"),
+        ({"opens": "2030-01-02T00:00:00Z", "closes": "2030-01-01T00:00:00Z"}, "body.closes"),
+        ({"closes": "2020-01-01T00:00:00Z"}, "closes"),
+        ({"closes": "2030-01-01T00:00:00"}, "body.closes"),
+        ({"runs_per_period": 0}, "body.runs_per_period"),
+        ({"board": "nobody"}, "body.board"),
+        ({"color": "red"}, "body.color"),
+    ],
+)
+def test_an_impossible_phase_is_refused_with_its_place(service: Harness, change: dict[str, Any], where: str) -> None:
+    organiser = service.caller("lab", Role.ORGANISER)
+    assert organiser.post("/v1/challenges", {"name": "cup", "title": "t"}).status_code == 201
+    order = {"name": "p", "benchmark": "quickstart", "draw_seeds": 1, "closes": in_days(1)} | change
+    assert_problem(organiser.post("/v1/challenges/cup/phases", order), 422, where)
