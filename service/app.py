@@ -40,6 +40,7 @@ from dohyo.service.scheduling.scheduler import Scheduler
 from dohyo.service.settings import Settings
 from dohyo.service.signing import routes as signing
 from dohyo.service.state import Broadcast, Services
+from dohyo.service.storage.retention import Retention
 from dohyo.service.submissions import (
     agent_routes as agents,
 )
@@ -142,6 +143,9 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         closer = Closer(services)
         await closer.start()
         stack.push_async_callback(closer.stop)
+        retention = Retention(services)
+        await retention.start()
+        stack.push_async_callback(retention.stop)
         stack.push_async_callback(services.drain)
         await services.jobs.start(services, KINDS)
         await services.scheduler.start()

@@ -55,6 +55,9 @@ class Settings(BaseSettings):
         queue_limit: Most waiting episodes over all submitters.
         queued_per_owner: Most waiting episodes of one owner.
         evaluations_per_owner: Most unfinished evaluations of one owner.
+        bytes_per_owner: Most bytes that one owner keeps: records, policies, networks, uploads that wait.
+        records_kept_days: Days after the end of an evaluation after which its records' files are removed, of ranked
+            runs too; rows and scores stay. None: never.
         jobs: Jobs done at once, such as checks of uploads; each has about one process.
         jobs_per_owner: Most unfinished jobs of one owner.
         jobs_limit: Most unfinished jobs of all owners.
@@ -94,6 +97,8 @@ class Settings(BaseSettings):
     queue_limit: Annotated[int, Field(ge=1)] = 100_000
     queued_per_owner: Annotated[int, Field(ge=1)] = 20_000
     evaluations_per_owner: Annotated[int, Field(ge=1)] = 20
+    bytes_per_owner: Annotated[int, Field(ge=1)] = 50_000_000_000
+    records_kept_days: Annotated[float | None, Field(gt=0)] = None
     jobs: Annotated[int, Field(ge=1, le=64)] = 2
     jobs_per_owner: Annotated[int, Field(ge=1)] = 20
     jobs_limit: Annotated[int, Field(ge=1)] = 1000

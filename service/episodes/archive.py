@@ -27,6 +27,12 @@ def archived_path(settings: Settings, record_hash: str) -> Path:
     return settings.records / record_hash[:2] / f"{record_hash}.json"
 
 
+def archived_size(settings: Settings, record_hash: str) -> int:
+    """Size of a record's files, bytes."""
+    facts = archived_path(settings, record_hash)
+    return sum(file.stat().st_size for file in (facts, facts.with_suffix(".parquet")) if file.exists())
+
+
 def shelve(settings: Settings, staged: Path, scenario: Scenario) -> EpisodeRecord:
     """Links a staged record into the archive, unless the same hash is there already.
 

@@ -7,7 +7,7 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Any
 
-from sqlalchemy import ForeignKey, Index, String, UniqueConstraint
+from sqlalchemy import BigInteger, ForeignKey, Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from dohyo.service.boards.model import Ranking
@@ -114,7 +114,7 @@ class Episode(Base):
 
     `attempts` counts the starts, without those that ended as UNCLAIMED or DRAINED; nothing resets it.
     `summary` holds the numbers that pages sort and count by (`dohyo.service.evaluations.scoring.summary_of`),
-    recomputable from the record.
+    recomputable from the record. `kept_bytes` is the size of the record's files, 0 once they are removed.
     """
 
     __tablename__ = "episodes"
@@ -129,6 +129,7 @@ class Episode(Base):
     status: Mapped[EpisodeStatus] = mapped_column(default=EpisodeStatus.QUEUED)
     attempts: Mapped[int] = mapped_column(default=0)
     record_hash: Mapped[str | None] = mapped_column(String(64), index=True)
+    kept_bytes: Mapped[int] = mapped_column(BigInteger, default=0)
     summary: Mapped[dict[str, Any] | None]
     failure: Mapped[str | None] = mapped_column(String(2000))
     started: Mapped[datetime | None]

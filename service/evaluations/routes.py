@@ -29,6 +29,8 @@ from dohyo.service.evaluations.access import Aspect, find_visible, require, seen
 from dohyo.service.evaluations.model import BenchmarkVersion, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.views import EvaluationView, view_evaluation
 from dohyo.service.state import Services, ServicesOf
+from dohyo.service.storage import deletion
+from dohyo.service.storage.usage import check_bytes
 from dohyo.service.submissions.agent_routes import IdempotencyKey, owned_agent
 from dohyo.service.submissions.model import Submission
 from dohyo.service.submissions.queries import find_submission
@@ -236,6 +238,15 @@ async def cancel_evaluation(identifier: Identifier, caller: Submitter, services:
     return await run_in_threadpool(_state, services, caller, identifier)
 
 
+@router.delete("/{identifier}", status_code=204, responses=problems(403, 404, 409))
+def delete_evaluation(identifier: Identifier, caller: Submitter, services: ServicesOf) -> None:
+    """Deletes a practice run that has ended, with its episodes and records; ranked runs stay."""
+    with services.database.session() as session:
+        serialise(session)
+        hashes = deletion.delete_evaluation(session, _owned(session, caller, identifier))
+    deletion.remove_records(services.settings, hashes)
+
+
 @router.post("/{identifier}/resume", responses=problems(403, 404, 409, 507))
 async def resume_evaluation(identifier: Identifier, caller: Submitter, services: ServicesOf) -> EvaluationView:
     """Queues lost and cancelled episodes again; finished ones are kept. Has no effect where none is missing."""
@@ -360,6 +371,7 @@ def _check_room(session: Session, services: Services, owner: str, episodes_more:
         raise TooManyRequestsError(
             f"you have {settings.evaluations_per_owner} unfinished evaluations, the most there may be", retry_s=60
         )
+    check_bytes(session, owner, settings.bytes_per_owner)
     if evaluations.count_waiting(session, owner) + episodes_more > settings.queued_per_owner:
         raise TooManyRequestsError(
             f"the queue holds at most {settings.queued_per_owner} episodes of one owner; this order has"

@@ -27,6 +27,7 @@ from dohyo.service.jobs.model import JobStatus
 from dohyo.service.jobs.runner import upload_path
 from dohyo.service.jobs.views import JobView, view_job
 from dohyo.service.state import Services
+from dohyo.service.storage.usage import check_bytes
 from dohyo.service.web.documents import problems
 from dohyo.sumo_networks.scenario import content_hash
 
@@ -164,6 +165,8 @@ def _order(
             if last is not None and not last.status.finished:
                 return last.id
             _check_room(session, services, owner)
+            if file is not None:
+                check_bytes(session, owner, services.settings.bytes_per_owner, size)
             queries.add_job(session, job_id, kind, owner, arguments, subject=subject, upload_bytes=size)
             remember(session, owner, key, request, job_id)
     except BaseException:

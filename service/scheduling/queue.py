@@ -174,14 +174,20 @@ def unfinished(session: Session) -> list[str]:
 
 
 def finish(
-    session: Session, ticket: Ticket, record_hash: str, summary: dict[str, Any], ended: AttemptEnd
+    session: Session,
+    ticket: Ticket,
+    record_hash: str,
+    summary: dict[str, Any],
+    ended: AttemptEnd,
+    kept_bytes: int = 0,
 ) -> Progress | None:
-    """Stores an episode's record; None: the episode no longer runs."""
+    """Stores an episode's record, with the size of its files; None: the episode no longer runs."""
     changed = _change(
         session,
         ticket.episode_id,
         status=EpisodeStatus.DONE,
         record_hash=record_hash,
+        kept_bytes=kept_bytes,
         summary=summary,
         failure=None,
         finished=now(),

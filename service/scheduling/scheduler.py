@@ -24,7 +24,7 @@ from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
 from dohyo.evaluation.records.specifications import Status
 from dohyo.service.accounts.model import Token
 from dohyo.service.accounts.queries import is_valid
-from dohyo.service.episodes.archive import archived_path, discard, lost_because, shelve, staged_folder
+from dohyo.service.episodes.archive import archived_path, archived_size, discard, lost_because, shelve, staged_folder
 from dohyo.service.evaluations.model import AttemptOutcome
 from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.process import End, EpisodeProcess, Outcome
@@ -33,6 +33,7 @@ from dohyo.service.scheduling.attempts import CHARGED_ATTEMPTS, AttemptEnd
 from dohyo.service.scheduling.queue import Next, Progress, Ticket, Waiting
 from dohyo.service.scheduling.turns import Turns
 from dohyo.service.settings import Settings
+from dohyo.service.storage.usage import check_bytes
 from dohyo.service.submissions.model import AgentKind
 from dohyo.service.wire.messages import Format, encode
 from dohyo.service.workers.lease import RemoteEpisode
@@ -238,6 +239,7 @@ class Scheduler:
         ticket = live.ticket
         self._publish(ticket, "running")
         try:
+            await asyncio.to_thread(self._check_bytes, ticket)
             order = await asyncio.to_thread(self._order, ticket)
         except DohyoError as error:
             await self._fail(ticket, str(error))
@@ -256,6 +258,11 @@ class Scheduler:
             await self._fail(ticket, outcome.text)
         elif outcome.end is not End.FINISHED:
             await self._give_up(live, outcome)
+
+    def _check_bytes(self, ticket: Ticket) -> None:
+        """An evaluation whose owner keeps too much fails; it can be resumed after a deletion."""
+        with self._database.reading() as session:
+            check_bytes(session, ticket.waiting.owner, self._settings.bytes_per_owner)
 
     def _order(self, ticket: Ticket) -> EpisodeOrder:
         scenarios = self._scenarios.get(ticket.evaluation_id)
@@ -336,8 +343,9 @@ class Scheduler:
         ended = AttemptEnd(AttemptOutcome.AGENT_FAILED if failed else AttemptOutcome.DONE, processor_s=live.processor_s)
         path, rules = archived_path(self._settings, record.record_hash), ticket.document.get("rules", "2.0")
         summary = await asyncio.to_thread(summary_at, path, record, rules)
+        kept = await asyncio.to_thread(archived_size, self._settings, record.record_hash)
         progress = await self._transaction(
-            lambda session: queue.finish(session, ticket, record.record_hash, summary, ended)
+            lambda session: queue.finish(session, ticket, record.record_hash, summary, ended, kept)
         )
         await self._tell(progress, ticket, "done")
 

@@ -43,14 +43,14 @@ def try_onnx(task: Task) -> Made:
     if task.stop.is_set():
         raise InvalidInputError("it was cancelled")
     _keep(task.services.settings.policies, content)
-    return _store(task, AgentKind.ONNX, info, policy.sha256)
+    return _store(task, AgentKind.ONNX, info, policy.sha256, len(content))
 
 
 BUILTIN: Final = Kind("builtin_submission", try_builtin, limit_s=120.0)
 ONNX: Final = Kind("onnx_submission", try_onnx, limit_s=300.0)
 
 
-def _store(task: Task, kind: AgentKind, info: AgentInfo, policy_sha256: str | None = None) -> Made:
+def _store(task: Task, kind: AgentKind, info: AgentInfo, policy_sha256: str | None = None, kept_bytes: int = 0) -> Made:
     """Stores the submission under the job's identifier, so that a job that is repeated stores it once."""
     name, identifier = task.arguments["agent"], task.id.replace("job-", "sub-")
     with task.services.database.session() as session:
@@ -59,7 +59,9 @@ def _store(task: Task, kind: AgentKind, info: AgentInfo, policy_sha256: str | No
             agent = queries.find_agent(session, name)
             if agent is None:
                 raise InvalidInputError(f"agent '{name}' was deleted meanwhile")
-            submission = queries.add_submission(session, agent, kind, info, policy_sha256, identifier)
+            submission = queries.add_submission(
+                *(session, agent, kind, info, policy_sha256), identifier=identifier, kept_bytes=kept_bytes
+            )
         view = view_submission(submission, name)
     return Made(view.model_dump(mode="json"), f"/v1/agents/{name}/submissions/{view.version}")
 

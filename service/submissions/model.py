@@ -6,7 +6,7 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Any
 
-from sqlalchemy import ForeignKey, String, UniqueConstraint
+from sqlalchemy import BigInteger, ForeignKey, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from dohyo.service.database.base import Base, now
@@ -21,7 +21,7 @@ class AgentKind(StrEnum):
 
 
 class Agent(Base):
-    """A named line of submissions of one owner."""
+    """A named line of submissions of one owner; `newest` is the last version that was ever given."""
 
     __tablename__ = "agents"
 
@@ -29,6 +29,7 @@ class Agent(Base):
     name: Mapped[str] = mapped_column(String(100), unique=True)
     owner: Mapped[str] = mapped_column(String(100), index=True)
     description: Mapped[str] = mapped_column(String(2000), default="")
+    newest: Mapped[int] = mapped_column(default=0)
     created: Mapped[datetime] = mapped_column(default=now)
     submissions: Mapped[list[Submission]] = relationship(back_populates="agent", order_by="Submission.version")
 
@@ -46,5 +47,6 @@ class Submission(Base):
     track: Mapped[str] = mapped_column(String(20), index=True)
     info: Mapped[dict[str, Any]]
     policy_sha256: Mapped[str | None] = mapped_column(String(64))
+    kept_bytes: Mapped[int] = mapped_column(BigInteger, default=0)
     created: Mapped[datetime] = mapped_column(default=now)
     agent: Mapped[Agent] = relationship(back_populates="submissions", lazy="joined")

@@ -85,19 +85,24 @@ def add_submission(
     kind: AgentKind,
     info: AgentInfo,
     policy_sha256: str | None = None,
+    *,
     identifier: str | None = None,
+    kept_bytes: int = 0,
 ) -> Submission:
     """Adds the next version of an agent, under a new identifier unless one is given."""
     serialise(session)
-    newest = session.scalar(select(func.max(Submission.version)).where(Submission.agent_id == agent.id)) or 0
+    session.refresh(agent)
+    last = session.scalar(select(func.max(Submission.version)).where(Submission.agent_id == agent.id)) or 0
+    agent.newest = max(agent.newest, last) + 1
     submission = Submission(
         id=identifier or new_id("sub"),
         agent_id=agent.id,
-        version=newest + 1,
+        version=agent.newest,
         kind=kind,
         track=info.track,
         info=info.model_dump(mode="json"),
         policy_sha256=policy_sha256,
+        kept_bytes=kept_bytes,
     )
     session.add(submission)
     session.flush()

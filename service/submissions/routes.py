@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Body, Request
+from fastapi import APIRouter, Body, Path, Request
 from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 from sqlalchemy.orm import Session
@@ -13,9 +13,10 @@ from dohyo.evaluation.agent import AgentSpec
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.accounts.access import Caller, Reader, Submitter
 from dohyo.service.database.idempotency import made_before, remember
-from dohyo.service.errors import TooManyRequestsError
+from dohyo.service.errors import NotFoundError, TooManyRequestsError
 from dohyo.service.jobs.orders import Wait, answer_job, check_room, order_job, ordered
 from dohyo.service.state import Services, ServicesOf
+from dohyo.service.storage import deletion
 from dohyo.service.submissions import queries
 from dohyo.service.submissions.agent_routes import IdempotencyKey, owned_agent, visible_agent
 from dohyo.service.submissions.builtin_routes import check_builtin
@@ -173,6 +174,20 @@ def list_submissions(
         rows = queries.list_submissions(session, visible_agent(session, caller, name), limit + 1, after)
     items = [view_submission(submission, name) for submission in rows[:limit]]
     return Page(items=items, next=str(items[-1].version) if len(rows) > limit else None)
+
+
+@router.delete("/{version}", status_code=204, responses=problems(403, 404, 409))
+def delete_submission(
+    name: Name, version: Annotated[int, Path(ge=1, le=2**31 - 1)], caller: Submitter, services: ServicesOf
+) -> None:
+    """Deletes a version that no evaluation names; its number is never given again."""
+    with services.database.session() as session:
+        submission = queries.find_submission(session, owned_agent(session, caller, name), version)
+        if submission is None:
+            raise NotFoundError(f"agent '{name}' has no version {version}")
+        policy = deletion.delete_submission(session, submission)
+        if policy is not None:
+            (services.settings.policies / f"{policy}.onnx").unlink(missing_ok=True)
 
 
 def _remote(order: RemoteOrder, agent: str) -> AgentInfo:

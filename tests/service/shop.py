@@ -164,6 +164,7 @@ class Shop:
                         seed=record.scenario.seed,
                         status=EpisodeStatus.DONE,
                         record_hash=sealed.record_hash,
+                        kept_bytes=path.stat().st_size,
                         summary=json.loads(json.dumps(summary_of(sealed, "2.0"))),
                     )
                 )

@@ -1,0 +1,99 @@
+"""Deletion: of evaluations and submissions, and of record files that nothing names any more.
+
+A ranked run is a row that nothing erases; only the files of its records may go, by retention.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from datetime import datetime
+
+from sqlalchemy import delete, func, select, update
+from sqlalchemy.orm import Session
+
+from dohyo.service.episodes.archive import archived_path
+from dohyo.service.errors import ConflictError
+from dohyo.service.evaluations.model import Attempt, Episode, Evaluation, EvaluationStatus
+from dohyo.service.settings import Settings
+from dohyo.service.submissions.model import Submission
+
+UNFINISHED = (EvaluationStatus.QUEUED, EvaluationStatus.RUNNING)
+
+
+def delete_evaluation(session: Session, evaluation: Evaluation) -> list[str]:
+    """Deletes a practice run with its episodes.
+
+    Returns:
+        Hashes of records that nothing names any more; their files are removed after the transaction.
+
+    Raises:
+        ConflictError: The run is ranked, or it or a run that may make the same records has not ended.
+    """
+    if evaluation.ranking_id is not None:
+        raise ConflictError(f"evaluation '{evaluation.id}' is ranked: ranked runs stay for ever")
+    alike = (
+        Evaluation.submission_id == evaluation.submission_id,
+        Evaluation.benchmark_sha256 == evaluation.benchmark_sha256,
+        Evaluation.status.in_(UNFINISHED),
+    )
+    if other := session.scalars(select(Evaluation.id).where(*alike).limit(1)).first():
+        raise ConflictError(f"evaluation '{other}' has not ended; cancel it first, or wait")
+    of_this = Episode.evaluation_id == evaluation.id
+    hashes = list(session.scalars(select(Episode.record_hash).where(of_this, Episode.record_hash.is_not(None))))
+    session.execute(delete(Attempt).where(Attempt.episode_id.in_(select(Episode.id).where(of_this))))
+    session.execute(delete(Episode).where(of_this))
+    session.delete(evaluation)
+    session.flush()
+    return _unnamed(session, [one for one in hashes if one is not None])
+
+
+def delete_submission(session: Session, submission: Submission) -> str | None:
+    """Deletes a submission that no evaluation names; its version is never given again.
+
+    Returns:
+        Hash of its policy, where no other submission has the same.
+
+    Raises:
+        ConflictError: An evaluation names it.
+    """
+    used = session.scalars(select(Evaluation.id).where(Evaluation.submission_id == submission.id).limit(1)).first()
+    if used is not None:
+        raise ConflictError(f"evaluation '{used}' is of version {submission.version}; delete it first")
+    policy = submission.policy_sha256
+    session.delete(submission)
+    session.flush()
+    if policy is None:
+        return None
+    others = select(func.count()).select_from(Submission).where(Submission.policy_sha256 == policy)
+    return None if session.scalar(others) else policy
+
+
+def retire_records(session: Session, before: datetime) -> list[str]:
+    """Marks the records of evaluations that finished before a moment as no longer kept; all rows stay.
+
+    Returns:
+        Hashes of records that no newer evaluation names.
+    """
+    old = select(Evaluation.id).where(Evaluation.status.not_in(UNFINISHED), Evaluation.finished < before)
+    kept = (Episode.evaluation_id.in_(old), Episode.kept_bytes > 0)
+    hashes = [one for one in session.scalars(select(Episode.record_hash).where(*kept)) if one is not None]
+    session.execute(update(Episode).where(*kept).values(kept_bytes=0).execution_options(synchronize_session=False))
+    return _unnamed(session, hashes)
+
+
+def remove_records(settings: Settings, hashes: Iterable[str]) -> None:
+    """Removes the files of records, and those derived from them."""
+    for one in hashes:
+        facts = archived_path(settings, one)
+        for file in (facts, *facts.parent.glob(f"{one}.*")):  # a record exists as long as its JSON file does
+            file.unlink(missing_ok=True)
+
+
+def _unnamed(session: Session, hashes: Sequence[str]) -> list[str]:
+    """Those records that no episode keeps."""
+    named: set[str | None] = set()
+    for begin in range(0, len(hashes), 500):
+        some = hashes[begin : begin + 500]
+        query = select(Episode.record_hash).where(Episode.record_hash.in_(some), Episode.kept_bytes > 0)
+        named.update(session.scalars(query))
+    return [one for one in dict.fromkeys(hashes) if one not in named]

@@ -1,0 +1,128 @@
+"""What an owner keeps: limited, deleted, and removed with time; ranked runs stay as rows."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sqlalchemy import select
+
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.service.database.base import now
+from dohyo.service.errors import StorageFullError
+from dohyo.service.evaluations.model import Attempt, Episode, EpisodeStatus, Evaluation, EvaluationStatus
+from dohyo.service.scheduling import queue
+from dohyo.service.storage import deletion, retention
+from dohyo.service.storage.usage import check_bytes, kept_bytes
+from dohyo.service.submissions.model import AgentKind
+from tests.evaluation.builders import ego, episode
+from tests.service.harness import Caller, Harness, assert_problem, finish, running
+from tests.service.policies.models import identity
+from tests.service.served import STEADY, Service, info_of, short, wait_until
+from tests.service.shop import Shop
+
+SPEC = '{"track": "map", "sensors": ["speedometer"], "control": "target_speed_steering"}'
+
+
+def one_record(number: int = 0) -> EpisodeRecord:
+    return episode(ego(progress_m=100.0), name=f"scenario{number}")
+
+
+def upload(team: Caller, agent: str, content: bytes) -> Any:
+    files = {"spec": (None, SPEC), "file": ("policy.onnx", content)}
+    return team.post(f"/v1/agents/{agent}/submissions/onnx", files=files)
+
+
+def test_a_tenant_that_has_filled_its_share_deletes_first_and_others_go_on(tmp_path: Path) -> None:
+    content = identity().SerializeToString()
+    with running(tmp_path / "data", bytes_per_owner=len(content) + 10) as service:
+        hog, other = service.caller("hog"), service.caller("other")
+        for team, agent in ((hog, "h"), (other, "o")):
+            assert team.post("/v1/agents", {"name": agent}).status_code == 201
+        assert upload(hog, "h", content).status_code == 201
+        assert_problem(upload(hog, "h", content), 507, "delete evaluations, submissions or networks first")
+        assert list(service.services.settings.uploads.iterdir()) == [], "nothing of it is kept"
+        assert upload(other, "o", content).status_code == 201
+        policies = service.services.settings.policies
+        assert hog.delete("/v1/agents/h/submissions/1").status_code == 204
+        assert len(list(policies.glob("*.onnx"))) == 1, "the other owner has the same policy"
+        assert_problem(other.delete("/v1/agents/h/submissions/1"), 403)
+        assert other.delete("/v1/agents/o/submissions/1").status_code == 204
+        assert list(policies.glob("*.onnx")) == []
+        again = upload(hog, "h", content)
+        assert (again.status_code, again.json()["version"]) == (201, 2), "a version is never given twice"
+
+
+def test_an_evaluation_of_a_full_tenant_fails_with_the_reason_and_can_be_resumed(tmp_path: Path) -> None:
+    service = Service(tmp_path / "data", processes=1, bytes_per_owner=1)
+    try:
+        full = service.submit(info_of(STEADY), short(2), kind=AgentKind.BUILTIN, owner="full")
+        service.start()
+        wait_until(lambda: service.evaluation(full).status.finished, "it does not end")
+        assert service.evaluation(full).status is EvaluationStatus.FAILED
+        assert "you keep" in str(service.evaluation(full).failure)
+        statuses = [one.status for one in service.episodes(full)]
+        assert statuses == [EpisodeStatus.DONE, EpisodeStatus.CANCELLED], "what was driven is kept"
+        with service.database.reading() as session:
+            assert kept_bytes(session, "full") > 1000
+            with pytest.raises(StorageFullError):
+                check_bytes(session, "full", 1)
+            check_bytes(session, "other", 1)
+            assert queue.waiting(session) == []
+    finally:
+        service.close()
+
+
+def test_a_practice_run_is_deleted_once_it_has_ended(stored: Harness) -> None:
+    team, other = stored.caller("team"), stored.caller("other")
+    team.agent("a")
+    evaluation = team.evaluation("a")
+    path = f"/v1/evaluations/{evaluation}"
+    assert_problem(team.delete(path), 409, "not ended")
+    finish(stored.services.database, evaluation, EvaluationStatus.CANCELLED, EpisodeStatus.CANCELLED)
+    assert_problem(other.delete(path), 403)
+    assert_problem(team.delete("/v1/agents/a/submissions/1"), 409, evaluation)
+    assert team.delete(path).status_code == 204
+    assert_problem(team.get(path), 404)
+    assert_problem(team.delete(path), 404)
+    with stored.services.database.reading() as session:
+        assert session.scalars(select(Episode)).all() == []
+        assert session.scalars(select(Attempt)).all() == []
+    assert team.delete("/v1/agents/a/submissions/1").status_code == 204
+
+
+def test_a_ranked_run_is_never_deleted(stored: Harness) -> None:
+    team = stored.caller("team")
+    team.agent("a")
+    ranked = team.evaluation("a", ranked=True)
+    finish(stored.services.database, ranked, EvaluationStatus.DONE, EpisodeStatus.DONE)
+    assert_problem(team.delete(f"/v1/evaluations/{ranked}"), 409, "ranked runs stay")
+
+
+def test_a_record_that_two_runs_name_stays_until_the_last(shop: Shop) -> None:
+    submission = shop.submission("agent")
+    (first, (one,)), (second, (two,)) = (shop.evaluation(submission, [one_record()], ranked=False) for _ in range(2))
+    path, derived = shop.path(one), shop.path(one).with_suffix(".replay-1-x.json.gz")
+    derived.write_bytes(b"x")
+    assert path == shop.path(two)
+    for evaluation, stays in ((first, True), (second, False)):
+        with shop.services.database.session() as session:
+            hashes = deletion.delete_evaluation(session, session.get_one(Evaluation, evaluation))
+        deletion.remove_records(shop.services.settings, hashes)
+        assert (path.exists(), path.with_suffix(".parquet").exists(), derived.exists()) == (stays, stays, stays)
+
+
+def test_old_records_go_and_their_rows_and_scores_stay(shop: Shop) -> None:
+    ranked, (gone,) = shop.evaluation(shop.submission("old"), [one_record(1)])
+    _, (kept,) = shop.evaluation(shop.submission("new"), [one_record(2)])
+    with shop.services.database.session() as session:
+        session.get_one(Evaluation, ranked).finished = now() - timedelta(days=40)
+    assert retention.remove_old_records(shop.services) == 0, "without the setting, for ever"
+    object.__setattr__(shop.services.settings, "records_kept_days", 30.0)
+    assert retention.remove_old_records(shop.services) == 1
+    assert retention.remove_old_records(shop.services) == 0
+    assert shop.client.get(f"/v1/episodes/{gone}/record").status_code == 410
+    assert shop.client.get(f"/v1/episodes/{kept}/record").status_code == 200
+    assert shop.client.get(f"/v1/episodes/{gone}").json()["summary"] is not None
