@@ -36,6 +36,7 @@ from dohyo.service.confinement.seccomp import is_filtered
 from dohyo.service.confinement.tasks import TASKS, Rights
 
 START_S: Final = 60.0
+END_S: Final = 10.0
 LOOK_S: Final = 0.2
 PIPE_BYTES: Final = 1 << 20
 START: Final = (
@@ -252,7 +253,8 @@ def _end(process: subprocess.Popen[bytes], own_group: bool) -> None:
             os.killpg(process.pid, signal.SIGKILL)
         else:
             process.kill()
-    process.wait()
+    with suppress(subprocess.TimeoutExpired):  # in a confined process, whose own end ends this one too
+        process.wait(END_S)
 
 
 def _widen(pipe: int) -> None:

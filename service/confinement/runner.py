@@ -19,6 +19,7 @@ from pathlib import Path
 from threading import BoundedSemaphore, Event
 from typing import Any, Final
 
+from dohyo.service.confinement.environment import of_task
 from dohyo.service.confinement.errors import TaskBrokenError, TaskDiskFullError, TaskError
 from dohyo.service.confinement.folders import private_folder, size_of
 from dohyo.service.confinement.limits import MEGABYTE, Limits
@@ -29,7 +30,6 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.network import cache_folder
 
 WAIT_S: Final = 20.0
-PASSED_ON: Final = ("LANG", "LC_ALL", "TZ", "LD_LIBRARY_PATH", "NUMBA_CACHE_DIR", "NUMBA_CPU_NAME")
 _PAGE: Final = os.sysconf("SC_PAGE_SIZE")
 
 logger = logging.getLogger("dohyo.confinement")
@@ -76,7 +76,7 @@ def run(
     try:
         with ExitStack() as stack:
             own = folder or stack.enter_context(private_folder())
-            variables = _environment(own) | dict(environment or {})
+            variables = of_task(own) | dict(environment or {})
             known = [*reads, *_caches(variables)]
             process = ConfinedProcess(task, limits, folder=own, reads=known, imports=imports, environment=variables)
             stack.callback(process.end)
@@ -106,22 +106,6 @@ def _reason(error: Exception) -> str:
     if isinstance(error, TaskBrokenError):
         return f"it could not be checked: {error}"
     return str(error) if isinstance(error, TaskError) else "its process answered nonsense"
-
-
-def _environment(folder: Path) -> dict[str, str]:
-    """Variables of a task that reads files: none of the service's but those of an allow-list."""
-    given = {name: os.environ[name] for name in PASSED_ON if name in os.environ}
-    caches = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return {
-        **given,
-        "PATH": "/usr/bin:/bin",
-        "HOME": str(folder),
-        "TMPDIR": str(folder),
-        "DOHYO_HOME": str(folder / "home"),
-        "DOHYO_CACHE": str(cache_folder()),
-        "XDG_CACHE_HOME": caches,
-        "MPLCONFIGDIR": str(folder),
-    }
 
 
 def _caches(environment: Mapping[str, str]) -> list[Path]:

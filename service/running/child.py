@@ -17,6 +17,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from dohyo.evaluation.running.executors import drive_job, lost_episode
+from dohyo.service.confinement.rights import confine_episodes
 from dohyo.service.running.channel import Channel, Kind
 from dohyo.service.running.gauge import Gauge
 from dohyo.service.running.order import EpisodeOrder, checked_job
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
 def main() -> None:
     """Drives orders until the server is gone."""
+    if len(sys.argv) <= 3:  # a cluster's client needs the network
+        confine_episodes()
     channel = Channel(socket.socket(fileno=int(sys.argv[1])))
     gauge = Gauge(int(sys.argv[2]))
     threading.Thread(target=end_with_server, args=(channel.fileno(),), daemon=True).start()

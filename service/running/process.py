@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import math
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -21,13 +22,13 @@ from enum import StrEnum
 from pathlib import Path
 
 from dohyo.evaluation.running.executors import KILL_GRACE_S, POLL_S
+from dohyo.service.confinement.environment import of_episodes, without_secrets
 from dohyo.service.freeway.order import FreewayOrder
 from dohyo.service.running.channel import Frames, Kind
 from dohyo.service.running.gauge import GAUGE_BYTES, Gauge
 from dohyo.service.running.order import EpisodeOrder
 
 PROGRAM = "dohyo.service.running.child"
-SECRETS = ("DOHYO_DATABASE",)  # agents have no use for it
 
 
 class End(StrEnum):
@@ -106,7 +107,8 @@ class EpisodeProcess:
         self.alive = True
 
     def _spawn(self, channel: int, gauge: int) -> subprocess.Popen[bytes]:
-        environment = {key: value for key, value in os.environ.items() if key not in SECRETS}
+        # A cluster's client needs variables that only its administrator knows.
+        environment = without_secrets() if self._options else of_episodes()
         return subprocess.Popen(
             [sys.executable, "-m", self._program, str(channel), str(gauge), *self._options],
             pass_fds=(channel, gauge),
@@ -151,8 +153,9 @@ class EpisodeProcess:
         if why is not None:
             self._end(why)
         self.alive = False
-        if self._process is not None:
-            self._process.kill()
+        if self._process is not None and self._process.returncode is None:
+            with contextlib.suppress(ProcessLookupError):  # with all that it has started
+                os.killpg(self._process.pid, signal.SIGKILL)
         self._frames.close()
 
     async def close(self) -> None:

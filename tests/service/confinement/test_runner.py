@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 from dohyo.service.confinement import folders, runner
+from dohyo.service.confinement.environment import OF_TASKS
 from dohyo.service.confinement.limits import Limits
 from dohyo.service.confinement.process import ENVIRONMENT
 from dohyo.service.confinement.runner import run, run_async
@@ -73,7 +74,7 @@ def test_a_task_has_no_variable_of_the_service(monkeypatch: pytest.MonkeyPatch) 
     assert "secret" not in told
     same = {name for name, value in seen.items() if os.environ.get(name) == value}
     libraries = {name for name in same if name.startswith(("SUMO", "PROJ", "SDL", "PYGAME"))}  # they set their own
-    assert same - libraries <= {*ENVIRONMENT, *runner.PASSED_ON, "DOHYO_CACHE", "XDG_CACHE_HOME"}
+    assert same - libraries <= {*ENVIRONMENT, *OF_TASKS, "DOHYO_CACHE", "XDG_CACHE_HOME"}
 
 
 @pytest.mark.parametrize(

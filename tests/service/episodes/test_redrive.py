@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import asyncio
+import hashlib
 import math
 import subprocess
 import sys
@@ -8,19 +10,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import pytest
+from dohyo.service.episodes.redrives import Redrives
 
 from dohyo.agents.experts.autopilot import Autopilot
 from dohyo.evaluation.agent import Observation, agent_info
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.records.record import EpisodeRecord
-from dohyo.evaluation.records.store import seal, write_record
+from dohyo.evaluation.records.store import read_record, seal, write_record
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.service.accounts.model import Role
 from dohyo.service.episodes.redrive import Trace, explanation_at
+from dohyo.service.policies.agent import ENTRY, FOLDER_VARIABLE, OnnxPolicy
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Mission, Traffic
+from tests.service.policies import models
 from tests.service.served import wait_until
 from tests.service.shop import Shop
 
@@ -170,6 +176,26 @@ def test_a_redrive_ends_with_its_parent(tmp_path: Path, driven: Driven) -> None:
     parent.stdout.close()
     wait_until(lambda: not Path(f"/proc/{child}").exists(), "the confined process outlives its parent", 20.0)
     assert not (tmp_path / "explanations.jsonl.gz").exists()
+
+
+def test_a_policys_episode_is_driven_again_in_a_process_within_the_confined_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = models.model([onnx.helper.make_node("Identity", ["speedometer"], ["action"])]).SerializeToString()
+    sha256, other = hashlib.sha256(model).hexdigest(), tmp_path / f"{'0' * 64}.onnx"
+    (tmp_path / f"{sha256}.onnx").write_bytes(model)
+    other.write_bytes(b"of another tenant")
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    agent = OnnxPolicy(sha256, sensors=["speedometer"])
+    scenario = load_benchmark("quickstart").scenarios([0])[0]
+    scenario = scenario.model_copy(update={"traffic": Traffic(vehicles=0, pedestrians=0), "time_limit_s": 2.0})
+    infos = {"ego": agent_info(agent, ENTRY, agent.settings, "onnx")}
+    record, trajectory = drive_episode(scenario, {"ego": agent}, infos=infos, benchmark=("made", "0" * 64))
+    agent.close()
+    path = write_record(tmp_path, "policy", seal(record), trajectory)
+    answer = asyncio.run(Redrives(tmp_path).verify(path))
+    assert answer["same"]
+    assert answer["replayed"] == read_record(path).record_hash
 
 
 def test_explanations_that_are_no_json_are_told_as_text(tmp_path: Path) -> None:
