@@ -133,7 +133,7 @@ def _plain(value: object) -> object:
 
 
 def drive_again(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Drives a record's episode once, in a confined process; see `redrives`.
+    """Drives a record's episode once, in a confined process; see `kinds`.
 
     Args:
         arguments: `record`: path of the record.

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import asyncio
 import hashlib
 import math
 import subprocess
@@ -12,7 +11,6 @@ from typing import Any
 import numpy as np
 import onnx
 import pytest
-from dohyo.service.episodes.redrives import Redrives
 
 from dohyo.agents.experts.autopilot import Autopilot
 from dohyo.evaluation.agent import Observation, agent_info
@@ -22,6 +20,8 @@ from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.store import read_record, seal, write_record
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.service.accounts.model import Role
+from dohyo.service.confinement.runner import run
+from dohyo.service.episodes import kinds
 from dohyo.service.episodes.redrive import Trace, explanation_at
 from dohyo.service.policies.agent import ENTRY, FOLDER_VARIABLE, OnnxPolicy
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -193,7 +193,10 @@ def test_a_policys_episode_is_driven_again_in_a_process_within_the_confined_one(
     record, trajectory = drive_episode(scenario, {"ego": agent}, infos=infos, benchmark=("made", "0" * 64))
     agent.close()
     path = write_record(tmp_path, "policy", seal(record), trajectory)
-    answer = asyncio.run(Redrives(tmp_path).verify(path))
+    reads, _ = kinds._needs(path, tmp_path)
+    assert other not in reads
+    variables = {FOLDER_VARIABLE: str(tmp_path)}
+    answer = run("redrive", {"record": str(path)}, kinds.LIMITS, reads=reads, environment=variables)
     assert answer["same"]
     assert answer["replayed"] == read_record(path).record_hash
 
