@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from dohyo.evaluation.agent import AgentSpec
+from dohyo.service.wire.enumerations import enumeration_documents
 from dohyo.sumo_networks.ego.control import CONTROLS, make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import UnknownNameError
@@ -74,6 +75,7 @@ def observation_spec(spec: AgentSpec) -> dict[str, Any]:
         "rules": RULES,
         "inputs": [_sensor_document(name) for name in spec.sensors],
         "outputs": [_control_document(spec.control) | {"name": ACTION}],
+        "enumerations": enumeration_documents(),
     }
 
 
@@ -83,6 +85,7 @@ def published_spec() -> dict[str, Any]:
         "rules": RULES,
         "sensors": {name: _sensor_document(name) for name in SENSORS},
         "controls": {name: _control_document(name) for name in CONTROLS},
+        "enumerations": enumeration_documents(),
     }
 
 

@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
+from dohyo.service.wire.enumerations import ENUMERATIONS, in_words
+
 LONGEST_CAPACITY = 64
 LONGEST_TEXT = 500
 
@@ -29,7 +31,8 @@ BY_EGO: dict[str, Any] = {"type": "object", "additionalProperties": ARRAY}
 Observations = Annotated[
     msgspec.Raw,
     Meta(
-        description="Arrays by ego and sensor; `GET /v1/observations` has shapes, units and enumerations.",
+        description="Arrays by ego and sensor; `GET /v1/observations` has shapes and units. "
+        + "; ".join(f"{what}: {in_words(members)}" for what, members in ENUMERATIONS.items()),
         extra_json_schema={"type": "object", "additionalProperties": BY_EGO},
     ),
 ]

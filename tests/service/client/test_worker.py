@@ -93,12 +93,12 @@ def test_dohyo_worker_submits_drives_and_gives_back_when_it_is_stopped(
         benchmark = load_benchmark("quickstart")
         evaluation = client.evaluate("cli-steady", "quickstart", seeds=[0])
         service.wait_done(evaluation["id"], 1)
-        first = next(client.episodes(evaluation["id"]))
+        first = next(one for one in client.episodes(evaluation["id"]) if one["status"] == "done")
         record = client.record(first["id"])
     info = info_of(STEADY)
     assert AgentInfo.model_validate(record["egos"][0]["agent"]) == info
     local = run_episode(
-        benchmark.scenarios([0])[0],
+        benchmark.scenarios([0])[first["position"]],
         {"ego": make_agent(STEADY)},
         infos={"ego": info},
         benchmark=(benchmark.name, benchmark.sha256),
