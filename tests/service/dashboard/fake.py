@@ -82,6 +82,7 @@ class Fake:
         queued: Ids of episodes of evaluation "ev-live" that are not done.
         lost: Number of lost drives of every evaluation, by cell.
         empty: Whether to know nothing at all.
+        second: Whether the reckless agent has a second version.
         explained: Whether the reasons of an episode have been found out.
         events: Server-sent events of "ev-live", in their order.
     """
@@ -90,6 +91,7 @@ class Fake:
     queued: list[str] = field(default_factory=list)
     lost: dict[str, int] = field(default_factory=dict)
     empty: bool = False
+    second: bool = False
     explained: bool = False
     events: list[dict[str, Any]] = field(default_factory=list)
 
@@ -119,12 +121,12 @@ class Fake:
 
     def evaluation(self, name: str) -> EvaluationView:
         live = name == "ev-live"
-        agent = "autopilot" if live else name.removeprefix("ev-")
+        agent, _, version = ("autopilot" if live else name.removeprefix("ev-")).partition("@")
         if agent not in self.agents():
             raise HTTPException(404, f"no evaluation '{name}'")
         rows, entry = self.episodes(name), self.entry(agent)
         return EvaluationView(
-            id=name, owner="lab", agent=agent, version=1, kind=entry.kind, track=entry.track,
+            id=name, owner="lab", agent=agent, version=int(version or 1), kind=entry.kind, track=entry.track,
             benchmark="quickstart", benchmark_version=VERSION, seeds=[0, 1], slow_policy="wait", act_deadline_s=10.0,
             ranking="rk-0", withheld=False,
             status="running" if live and self.queued else "done", failure=None,
@@ -133,7 +135,7 @@ class Fake:
         )  # fmt: skip
 
     def episodes(self, name: str) -> list[EpisodeView]:
-        agent = "autopilot" if name == "ev-live" else name.removeprefix("ev-")
+        agent = "autopilot" if name == "ev-live" else name.removeprefix("ev-").partition("@")[0]
         return [self.episode(one, name) for one in self.records if one.startswith(agent)]
 
     def episode(self, name: str, evaluation: str) -> EpisodeDetail:
@@ -233,11 +235,12 @@ def create() -> FastAPI:
         info = fake.records[f"{name}-through-east-s0"].egos[0].agent.model_dump()
         about = {key: info[key] for key in SubmissionView.model_fields.keys() & info.keys()}
         one = {"id": "su-1", "agent": name, "version": 1, "kind": "builtin", "policy_sha256": None, "created": WHEN}
-        return Page(items=[SubmissionView(**one, **about)])
+        return Page(items=[SubmissionView(**about | one)])
 
     @app.get("/v1/evaluations")
     def evaluations(agent: str | None = None, status: str | None = None) -> Page[EvaluationView]:
-        rows = [fake.evaluation(name) for name in ("ev-live", "ev-autopilot", "ev-reckless") if not fake.empty]
+        names = ["ev-live", "ev-autopilot", "ev-reckless", *(["ev-reckless@2"] if fake.second else [])]
+        rows = [fake.evaluation(name) for name in names if not fake.empty]
         return Page(items=[row for row in rows if agent in (None, row.agent) and status in (None, row.status.value)])
 
     @app.get("/v1/evaluations/{name}")
@@ -254,7 +257,7 @@ def create() -> FastAPI:
 
     @app.get("/v1/evaluations/{name}/metrics")
     def metrics(name: str) -> MetricsView:
-        agent = "autopilot" if name == "ev-live" else name.removeprefix("ev-")
+        agent = "autopilot" if name == "ev-live" else name.removeprefix("ev-").partition("@")[0]
         return MetricsView.model_validate(metrics_document(fake.entry(agent)))
 
     @app.get("/v1/evaluations/{name}/progress")

@@ -42,7 +42,7 @@ def test_the_leaderboard_shows_mean_interval_and_n_best_first(visit: Visitor) ->
     page = visit().go("/")
     rows = page.locator("tbody tr")
     assert [rows.nth(i).locator("th a").inner_text() for i in range(2)] == ["autopilot", "reckless"]
-    score = rows.nth(0).locator("td").first
+    score = rows.nth(0).locator("td.estimate").first
     expect(score).to_contain_text("n=12")
     assert score.locator("circle").count() == 1
     expect(rows.nth(1).locator(".verdict")).to_have_text("< P(A > B) < 0.001")

@@ -59,3 +59,38 @@ def test_twelve_drives_fit_on_six_screens_of_a_phone(visit: Visitor) -> None:
 def test_side_by_side_replays_carry_the_names_of_their_submissions(visit: Visitor, site: Site) -> None:
     page = visit().go("/compare?evaluation=ev-autopilot&evaluation=ev-reckless&scenario=right-to-south-s0")
     expect(page.locator(".timelines h3")).to_have_text(["autopilot", "reckless"])
+
+
+def test_the_comparison_has_a_matrix_of_missions_by_agents(visit: Visitor) -> None:
+    page = visit().go("/compare?evaluation=ev-autopilot&evaluation=ev-reckless")
+    matrix = page.locator("#matrix")
+    expect(matrix.locator("tbody tr")).to_have_count(6)
+    worst = matrix.locator("tbody tr", has_text="right-to-south").locator("td").nth(1)
+    expect(worst).to_contain_text("12.0 n=2")
+    matrix.locator("th .sorter").nth(2).click()
+    assert "missions.sort=-reckless-2" in page.url
+
+
+def test_the_score_of_each_version_is_drawn_and_zooms(visit: Visitor, site: Site) -> None:
+    site.fake.second = True
+    page = visit().go("/agents/reckless")
+    chart = page.locator(".versions-chart")
+    expect(chart.locator("a")).to_have_count(2)
+    assert "v2: 31.0" in str(chart.get_attribute("aria-label"))
+    before = chart.locator(".reach").first.bounding_box()
+    page.get_by_role("button", name="zoom the scale", exact=True).click()
+    after = chart.locator(".reach").first.bounding_box()
+    assert before is not None
+    assert after is not None
+    assert after["height"] > 2 * before["height"]
+
+
+def test_plots_of_a_replay_zoom_to_the_seconds_around_now(visit: Visitor) -> None:
+    page = visit().go("/episodes/reckless-right-to-south-s0#t=14")
+    plot = page.locator(".plot:not(.scrubber) svg").first
+    whole = str(plot.get_attribute("viewBox")).split()
+    page.get_by_label("plots show").select_option("5")
+    expect(plot).not_to_have_attribute("viewBox", " ".join(whole))
+    start, _, width, height = map(float, str(plot.get_attribute("viewBox")).split())
+    assert (start, width) == (115, 50)
+    assert height < float(whole[3])

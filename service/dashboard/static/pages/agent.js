@@ -8,7 +8,10 @@ import { moment, number, short } from "../format.js";
 import { scoreOf } from "../scores.js";
 import { colours, subject } from "../subject.js";
 import { copyButton, table } from "../table.js";
+import { overVersions } from "../versions.js";
 import { label, words } from "../words.js";
+
+const MOST_VERSIONS = 12;
 
 page(async () => {
   const name = subject();
@@ -28,7 +31,7 @@ page(async () => {
         .map((one) => [one.benchmark, one]),
     ).values(),
   ];
-  const parts = await Promise.all(latest.map(benchmarkPart));
+  const parts = await Promise.all(latest.map((one) => benchmarkPart(one, evaluations)));
   byId("content").style.setProperty("--agent", colour[name] ?? "var(--accent)");
   fill(
     byId("content"),
@@ -57,13 +60,14 @@ page(async () => {
   );
 });
 
-async function benchmarkPart(evaluation) {
+async function benchmarkPart(evaluation, evaluations) {
   const name = evaluation.benchmark;
   const [metrics, board] = await Promise.all([
     get(`/v1/evaluations/${encodeURIComponent(evaluation.id)}/metrics`).catch(() => null),
     get(`/v1/leaderboard?benchmark=${encodeURIComponent(name)}`).catch(() => ({ rows: [] })),
   ]);
   if (!metrics) return null;
+  const versions = await scoresByVersion(evaluation, evaluations);
   const whole = metrics.all;
   return h(
     "section",
@@ -75,8 +79,26 @@ async function benchmarkPart(evaluation) {
       h("a", { href: `/evaluations/${encodeURIComponent(evaluation.id)}` }, "latest evaluation"),
     ),
     measures(whole, 6),
+    versions.length > 1 && overVersions(versions, headline(whole)),
     h("div", { class: "columns" }, infractionsPart(whole, board.rows), cellsPart(Object.entries(metrics.cells))),
   );
+}
+
+const headline = (summary) => scoreOf(summary.scores.closed_loop ? "closed_loop" : "driving_score");
+
+/** The headline of the latest finished evaluation of each version on the same benchmark version, for the newest ones. */
+async function scoresByVersion(evaluation, evaluations) {
+  const same = evaluations.filter((one) => one.status === "done" && one.benchmark_version === evaluation.benchmark_version);
+  const newest = new Map([...same].reverse().map((one) => [one.version, one])); // `evaluations` has the newest first
+  const some = [...newest.values()].sort((a, b) => a.version - b.version).slice(-MOST_VERSIONS);
+  const points = await Promise.all(
+    some.map(async (one) => {
+      const metrics = await get(`/v1/evaluations/${encodeURIComponent(one.id)}/metrics`).catch(() => null);
+      const estimate = metrics?.all.scores[headline(metrics.all).key];
+      return { version: one.version, href: `/evaluations/${encodeURIComponent(one.id)}`, estimate };
+    }),
+  );
+  return points.filter(({ estimate }) => typeof estimate?.mean === "number");
 }
 
 function infractionsPart(whole, field) {

@@ -1,6 +1,6 @@
 /** Evaluations side by side: paired differences, the scenarios with the largest ones, and two replays in lockstep. */
 
-import { ApiError, get, page } from "../api.js";
+import { ApiError, get, getAll, page } from "../api.js";
 import { byId, fill, h } from "../dom.js";
 import { agentName, estimateCells, scale, verdict, whisker } from "../estimate.js";
 import { number, short } from "../format.js";
@@ -30,9 +30,7 @@ page(async () => {
     );
     return;
   }
-  const given = await get(`/v1/comparison?${ids.map((id) => `evaluation=${encodeURIComponent(id)}`).join("&")}`).catch(
-    refused,
-  );
+  const given = await get(comparison(ids)).catch(refused);
   if (!given) return;
   const colour = await colours(given.evaluations.map((one) => one.agent));
   fill(
@@ -46,17 +44,23 @@ page(async () => {
         { class: "byline quiet" },
         `on ${given.benchmark}`,
         h("code", {}, short(given.benchmark_sha256)),
-        h("a", { href: `/v1/comparison${location.search}` }, "JSON"),
+        h("a", { href: comparison(ids) }, "JSON"),
       ),
     ),
     scores(given, colour),
     pairs(given, colour),
     scenarios(given, colour),
+    h("section", { id: "matrix" }),
     h("section", { id: "lockstep", hidden: true }),
   );
+  await matrix(given);
   const chosen = given.scenarios.find((one) => key(one) === query.get("scenario"));
   if (chosen) await watch(given, chosen, colour, false);
 });
+
+function comparison(ids) {
+  return `/v1/comparison?${ids.map((id) => `evaluation=${encodeURIComponent(id)}`).join("&")}`;
+}
 
 /** Says why the evaluations cannot be compared; any other error is raised again. */
 function refused(error) {
@@ -207,6 +211,49 @@ function scenarios(given, colour) {
     h("div", { class: "panel wide" }, table(columns, given.scenarios, { name: "scenarios" })),
   );
 }
+
+/** Missions by agents: the mean headline score over seeds; the higher the score, the stronger the shade. */
+async function matrix(given) {
+  const sides = await Promise.all(
+    given.evaluations.map((one) => getAll(`/v1/evaluations/${encodeURIComponent(one.evaluation)}/episodes`).catch(() => [])),
+  );
+  const scoresOf = (side, mission) =>
+    side
+      .filter((one) => one.scenario === mission && one.status === "done")
+      .flatMap((one) => one.summary?.egos ?? [])
+      .map((ego) => (closed(given) ? ego.closed_loop?.closed_loop : ego.ds))
+      .filter((score) => score !== undefined && score !== null);
+  const mean = (scores) => (scores.length ? scores.reduce((sum, one) => sum + one, 0) / scores.length : null);
+  const missions = [...new Set(sides.flat().map((one) => one.scenario))];
+  const rows = missions.map((mission) => ({ mission, scores: sides.map((side) => scoresOf(side, mission)) }));
+  if (!rows.length) return;
+  const columns = [
+    { title: "mission", cell: (row) => row.mission, csv: (row) => row.mission },
+    ...given.evaluations.map((one, i) => ({
+      title: `${one.agent} v${one.version}`,
+      unit: closed(given) ? "closed loop, %" : "DS, %",
+      key: `${one.agent}-${i + 1}`,
+      numeric: true,
+      css: "shaded",
+      cell: (row) => shaded(mean(row.scores[i]), row.scores[i].length),
+      csv: (row) => mean(row.scores[i]) ?? "",
+    })),
+  ];
+  fill(
+    byId("matrix"),
+    h("div", { class: "heading" }, h("h2", {}, "Missions by agents"), copyButton(columns, rows)),
+    h("div", { class: "panel wide" }, table(columns, rows, { name: "missions", caption: "Missions by agents" })),
+    h("p", { class: "note" }, "Mean over the drives of a mission; the higher, the stronger the shade."),
+  );
+}
+
+const shaded = (score, n) =>
+  h(
+    "span",
+    { class: "shade", style: { "--share": (0.4 * Math.max(0, score ?? 0)) / 100 }, title: `n=${n}` },
+    number(score),
+    h("span", { class: "quiet" }, ` n=${n}`),
+  );
 
 function how(statuses) {
   if (!statuses?.length) return "";

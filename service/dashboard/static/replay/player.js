@@ -6,7 +6,7 @@ import { address, readAddress, writer } from "./address.js";
 import { Clock } from "./clock.js";
 import { Controls } from "./controls.js";
 import { Drive } from "./drive.js";
-import { Timeline } from "./timeline.js";
+import { Timeline, Zoom } from "./timeline.js";
 import { View } from "./view.js";
 
 const AROUND_M = 120;
@@ -54,10 +54,11 @@ export function play(place, loaded) {
   const controls = new Controls(clock, views, link);
   for (const view of views) follow(view, given);
   let shown = [];
+  const zoom = new Zoom(() => clock.request());
   const show = () => {
-    shown = views.map((view) => new Timeline(view.ego, clock));
+    shown = views.map((view) => new Timeline(view.ego, clock, zoom));
     const name = (i) => (views.length > 1 ? h("h3", {}, loaded[i].agent) : "");
-    timelines.replaceChildren(...shown.flatMap((one, i) => [name(i), one.element]));
+    timelines.replaceChildren(zoom.element, ...shown.flatMap((one, i) => [name(i), one.element]));
   };
   show();
   clock.onFrame((time_s) => {

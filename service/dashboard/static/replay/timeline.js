@@ -11,10 +11,29 @@ const STRIPS = [
   { key: "lateral", title: "from route", unit: "m", zero: true },
 ];
 
+/** A choice of how much of the drive the plots show, s; null: all of it. Their values fill the height. */
+export class Zoom {
+  constructor(changed) {
+    this.span_s = null;
+    this.choice = h(
+      "select",
+      {
+        change: () => {
+          this.span_s = Number(this.choice.value) || null;
+          changed();
+        },
+      },
+      ["", 60, 20, 5].map((span) => h("option", { value: span }, span ? `${span} s around now` : "the whole drive")),
+    );
+    this.element = h("p", { class: "note zoom-choice" }, h("label", {}, "plots show ", this.choice));
+  }
+}
+
 export class Timeline {
-  /** @param ego of the replay @param {import("./clock.js").Clock} clock */
-  constructor(ego, clock) {
+  /** @param ego of the replay @param {import("./clock.js").Clock} clock @param {Zoom} zoom */
+  constructor(ego, clock, zoom) {
     this.clock = clock;
+    this.zoom = zoom;
     this.ego = ego;
     this.first = ego.track?.first ?? 0;
     this.slider = h("input", {
@@ -27,7 +46,7 @@ export class Timeline {
       "aria-label": "time, s",
       input: () => clock.seek(Number(this.slider.value)),
     });
-    this.cursors = [];
+    this.plots = [];
     this.values = [];
     this.element = h(
       "div",
@@ -40,9 +59,8 @@ export class Timeline {
 
   /** Moves the cursor to a time; numbers change once per tick. */
   show(time_s) {
-    const share = this.clock.duration ? time_s / this.clock.duration : 0;
-    for (const cursor of this.cursors)
-      cursor.style.setProperty("transform", `translateX(${(share * cursor.parentElement.clientWidth).toFixed(1)}px)`);
+    const [from, to] = this._window(time_s);
+    for (const plot of this.plots) this._showPart(plot, time_s, from, to);
     const tick = Math.floor(time_s / this.clock.dt + 1e-6);
     if (tick === this._shown) return;
     this._shown = tick;
@@ -52,6 +70,29 @@ export class Timeline {
       const value = values[tick - this.first];
       node.textContent = value === undefined || value === null ? "—" : value.toFixed(Math.abs(value) < 10 ? 2 : 1);
     }
+  }
+
+  /** First and last time that the plots show, s. */
+  _window(time_s) {
+    const { duration } = this.clock;
+    const span = Math.min(this.zoom.span_s ?? duration, duration);
+    const from = Math.min(Math.max(0, time_s - span / 2), duration - span);
+    return [from, from + span];
+  }
+
+  /** Moves a plot's cursor, and where the window has changed its view box: the values in it fill the height. */
+  _showPart(plot, time_s, from, to) {
+    const share = to > from ? (time_s - from) / (to - from) : 0;
+    plot.cursor.style.setProperty("transform", `translateX(${(share * plot.element.clientWidth).toFixed(1)}px)`);
+    const [a, b] = [from, to].map((time) => Math.round(time / this.clock.dt));
+    if (plot.from === a && plot.to === b) return;
+    Object.assign(plot, { from: a, to: b });
+    const whole = this.zoom.span_s === null;
+    const seen = whole ? [] : plot.heights.slice(Math.max(0, a - this.first), Math.max(0, b - this.first + 1));
+    const [[low], [high]] = seen.length ? extremes(seen) : [[0], [100]];
+    const room = Math.max(0.06 * (high - low), 0.5);
+    plot.svg.setAttribute("viewBox", `${a} ${low - room} ${Math.max(1, b - a)} ${high - low + 2 * room}`);
+    plot.element.title = whole ? "" : `from ${number(plot.value(high))} to ${number(plot.value(low))} ${plot.unit}`;
   }
 
   _markRow() {
@@ -85,15 +126,12 @@ export class Timeline {
     const high = Math.max(zero ? 0 : -Infinity, ...extremes(finite)[1]);
     const reach = Math.max(high - low, 1e-3);
     const total = Math.max(1, Math.round(this.clock.duration / this.clock.dt));
-    const points = values.map((value, i) => `${i + this.first} ${(100 - (100 * (value - low)) / reach).toFixed(1)}`);
+    const heights = values.map((value) => 100 - (100 * (value - low)) / reach);
+    const points = heights.map((height, i) => `${i + this.first} ${height.toFixed(2)}`);
     const cursor = h("div", { class: "cursor" });
     const node = h("b", {}, "");
-    this.cursors.push(cursor);
     this.values.push({ node, values });
-    const plot = h(
-      "div",
-      { class: "plot" },
-      s(
+    const svg = s(
         "svg",
         {
           viewBox: `0 -6 ${total} 112`,
@@ -113,9 +151,9 @@ export class Timeline {
           s("line", { class: "when", x1: one.time_s / this.clock.dt, x2: one.time_s / this.clock.dt, y1: -6, y2: 106 }),
         ),
         s("polyline", { points: points.join(" ") }),
-      ),
-      cursor,
     );
+    const plot = h("div", { class: "plot" }, svg, cursor);
+    this.plots.push({ element: plot, svg, cursor, heights, unit, value: (height) => low + ((100 - height) / 100) * reach });
     this._scrubBy(plot);
     return h(
       "div",
@@ -130,7 +168,8 @@ export class Timeline {
   _scrubBy(plot) {
     const go = (event) => {
       const box = plot.getBoundingClientRect();
-      this.clock.seek(((event.clientX - box.left) / box.width) * this.clock.duration);
+      const [from, to] = this._window(this.clock.time);
+      this.clock.seek(from + ((event.clientX - box.left) / box.width) * (to - from));
     };
     plot.addEventListener("pointerdown", (event) => {
       plot.setPointerCapture(event.pointerId);
