@@ -2,8 +2,9 @@
 
     python examples/planner.py http://127.0.0.1:8000 TOKEN my-planner [MORNINGS]
 
-It claims mornings from the service (POST /v1/freeway/mornings creates them). Once per simulated minute it publishes the
-mean speed over the next kilometre as the target speed, so that vehicles approach a slow area slowly.
+It claims mornings from the service: episodes of its evaluations on the benchmark `dissipation`. Once per simulated
+minute it publishes the mean speed over the next kilometre as the target speed, so that vehicles approach a slow area
+slowly.
 """
 
 from __future__ import annotations

@@ -30,7 +30,6 @@ from dohyo.service.episodes import routes as episodes
 from dohyo.service.evaluations import metrics_routes as metrics
 from dohyo.service.evaluations import rescoring_routes as rescoring
 from dohyo.service.evaluations import routes as evaluations
-from dohyo.service.freeway import routes as freeway
 from dohyo.service.jobs import routes as jobs
 from dohyo.service.jobs.kinds import KINDS
 from dohyo.service.monitoring import health_routes as health
@@ -65,7 +64,7 @@ ROUTERS = tuple(
     for module in (
         *(health, tokens, jobs, networks, benchmarks, observations, builtin_agents, agents, submissions),
         *(evaluations, episodes, leaderboard, comparison, challenges, invitations, metrics, rescoring),
-        *(webhooks, workers, freeway, signing, service_metrics),
+        *(webhooks, workers, signing, service_metrics),
     )
 )
 

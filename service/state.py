@@ -13,7 +13,6 @@ from fastapi import Depends, Request
 
 from dohyo.service.database.base import now
 from dohyo.service.database.engine import Database
-from dohyo.service.freeway.mornings import FreewayMornings
 from dohyo.service.jobs.runner import JobRunner
 from dohyo.service.monitoring.metrics import Metrics
 from dohyo.service.settings import Settings
@@ -151,7 +150,6 @@ class Services:
         lost: Called, in a thread, once another server has this one's database.
         metrics: Counts and durations for Prometheus.
         jobs: Runner of jobs.
-        freeway: Freeway mornings with a policy worker as planner.
         signing: Keys that sign records.
     """
 
@@ -164,13 +162,11 @@ class Services:
     lost: Callable[[], None] = lambda: None
     metrics: Metrics = field(default_factory=Metrics)
     jobs: JobRunner = field(init=False)
-    freeway: FreewayMornings = field(init=False)
     signing: SigningKeys = field(init=False)
 
     def __post_init__(self) -> None:
         self.events.watch(self.metrics.note_event)
         self.jobs = JobRunner(self.settings, self.database, self.events)
-        self.freeway = FreewayMornings(self.settings, self.scheduler)
         self.signing = SigningKeys(self.settings.signing_key, self.settings.retired_signing_keys)
 
     async def drain(self) -> None:
@@ -178,7 +174,6 @@ class Services:
         if not self.draining:
             self.draining = True
             await self.jobs.stop()
-            await self.freeway.stop()
             await self.scheduler.stop()
             self.events.close()
 

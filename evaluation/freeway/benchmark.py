@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
@@ -15,6 +16,7 @@ from dohyo.sumo_networks.networks.entries import user_catalog
 from dohyo.sumo_networks.scenario import content_hash
 
 if TYPE_CHECKING:
+    from dohyo.evaluation.freeway.morning import MorningScenario
     from dohyo.sumo_networks.freeway.dataset import DatasetRequest
 
 
@@ -82,7 +84,7 @@ class TrafficBenchmark(_Named):
         seeds: Seeds that are driven by default.
     """
 
-    headline = "speed_std"
+    headline = "speed_std_mps"
 
     kind: Literal["traffic"]
     start_s: Annotated[float, Field(ge=0, lt=86400)]
@@ -90,6 +92,17 @@ class TrafficBenchmark(_Named):
     warm_up_s: Annotated[float, Field(ge=0)]
     penetration: Annotated[float, Field(ge=0, le=1)]
     seeds: Annotated[tuple[int, ...], Field(min_length=1)]
+
+    @property
+    def size(self) -> int:
+        """Number of mornings per seed."""
+        return 1
+
+    def scenarios(self, seeds: Sequence[int] | None = None) -> tuple[MorningScenario, ...]:
+        """One morning for each seed; None: for the default seeds."""
+        from dohyo.evaluation.freeway.morning import MorningScenario
+
+        return tuple(MorningScenario(benchmark=self, seed=seed) for seed in (self.seeds if seeds is None else seeds))
 
 
 FreewayBenchmark = ForecastBenchmark | TrafficBenchmark

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from fastapi import APIRouter
 
-from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
-from dohyo.evaluation.benchmarks.documents import benchmark_names
+from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.freeway.morning import MORNING
 from dohyo.service.accounts.access import Reader
+from dohyo.service.benchmarks.catalog import AnyBenchmark, find_benchmark, offered_benchmarks
 from dohyo.service.benchmarks.views import BenchmarkVersionView, BenchmarkView
 from dohyo.service.evaluations.queries import count_by_version
 from dohyo.service.state import ServicesOf
 from dohyo.service.web.documents import Name, problems
-from dohyo.sumo_networks.errors import UnknownNameError
 
 router = APIRouter(prefix="/v1/benchmarks", tags=["benchmarks"])
 
@@ -19,7 +21,7 @@ router = APIRouter(prefix="/v1/benchmarks", tags=["benchmarks"])
 @router.get("", responses=problems())
 def list_benchmarks(caller: Reader) -> list[BenchmarkView]:
     """Lists the benchmarks."""
-    return [_view(load_benchmark(name)) for name in benchmark_names()]
+    return [_view(benchmark) for benchmark in offered_benchmarks()]
 
 
 @router.get("/{name}", responses=problems(404))
@@ -43,27 +45,23 @@ def list_benchmark_versions(name: Name, caller: Reader, services: ServicesOf) ->
     return [BenchmarkVersionView(version=current, current=True, first_evaluated=None, evaluations=0), *known]
 
 
-def find_benchmark(name: str) -> Benchmark:
-    """A benchmark of the catalog by its name; a name is never used as a path.
-
-    Raises:
-        UnknownNameError: There is none.
-    """
-    if name not in benchmark_names():
-        raise UnknownNameError("benchmark", name, benchmark_names())
-    return load_benchmark(name)
-
-
-def _view(benchmark: Benchmark) -> BenchmarkView:
+def _view(benchmark: AnyBenchmark) -> BenchmarkView:
+    if isinstance(benchmark, Benchmark):
+        facts: dict[str, Any] = {
+            "kind": "driving",
+            "rules": benchmark.rules,
+            "networks": list(benchmark.networks),
+            "cells": [cell.name for cell in benchmark.cells],
+        }
+    else:
+        facts = {"kind": "freeway", "rules": None, "networks": [benchmark.network], "cells": [MORNING]}
     return BenchmarkView(
         name=benchmark.name,
         version=benchmark.sha256,
         description=benchmark.description,
         headline=benchmark.headline,
         metric=benchmark.metric,
-        rules=benchmark.rules,
-        networks=list(benchmark.networks),
-        cells=[cell.name for cell in benchmark.cells],
         scenarios=benchmark.size,
         seeds=list(benchmark.seeds),
+        **facts,
     )

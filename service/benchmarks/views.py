@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -17,9 +17,15 @@ class BenchmarkView(View):
     name: Annotated[str, Field(examples=["quickstart"])]
     version: Version
     description: str
-    headline: Annotated[Headline, Field(description="The score that ranks agents.")]
+    kind: Annotated[
+        Literal["driving", "freeway"],
+        Field(
+            description="driving: agents drive cars. freeway: planners of connected cars smooth a morning's traffic."
+        ),
+    ]
+    headline: Annotated[Headline | Literal["speed_std_mps"], Field(description="The score that ranks agents.")]
     metric: Annotated[str, Field(description="How that score is computed, in words.")]
-    rules: Annotated[str, Field(description="Of the driving score.")]
+    rules: Annotated[str | None, Field(description="Of the driving score; null where no car is driven.")]
     networks: list[str]
     cells: list[str]
     scenarios: Annotated[int, Field(description="Per seed.")]

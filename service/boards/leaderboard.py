@@ -15,6 +15,7 @@ from dohyo.evaluation.statistics import Estimate, significantly_below
 from dohyo.service.boards.model import Counts
 from dohyo.service.evaluations.scoring import (
     CLOSED_LOOP_SCORES,
+    MORNING_SCORES,
     Drive,
     estimate,
     rates_per_km,
@@ -23,8 +24,8 @@ from dohyo.service.evaluations.scoring import (
 from dohyo.sumo_networks.arrays import FloatArray
 
 COLUMNS = ("driving_score", "route_completion", "infraction_penalty", "irs", "success", "nocrash_success")
-OF_SOME = ("drove_2500m", *CLOSED_LOOP_SCORES)
-"""Columns of benchmarks that rank by nuPlan's score or one of its terms."""
+OF_SOME = ("drove_2500m", *CLOSED_LOOP_SCORES, *MORNING_SCORES)
+"""Columns of benchmarks that rank by nuPlan's score or one of its terms, and of freeway mornings."""
 
 
 @dataclass(frozen=True)
@@ -168,6 +169,8 @@ _LARGEST_BLOCK: Final = 512
 
 def columns_of(metric: str) -> tuple[str, ...]:
     """The scores that a leaderboard shows."""
+    if metric in MORNING_SCORES:
+        return MORNING_SCORES
     if metric in CLOSED_LOOP_SCORES:
         return (*CLOSED_LOOP_SCORES, *COLUMNS)
     return COLUMNS if metric in COLUMNS else (metric, *COLUMNS)

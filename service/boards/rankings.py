@@ -8,8 +8,8 @@ from typing import Final
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.service.accounts.access import Caller
+from dohyo.service.benchmarks.catalog import AnyBenchmark
 from dohyo.service.boards.model import Counts, Ranking
 from dohyo.service.boards.ranking_views import RankingView, view_ranking
 from dohyo.service.challenges.model import Baseline, Challenge, Member
@@ -29,7 +29,7 @@ def open_ranking_id(benchmark_sha256: str) -> str:
     return f"rk-{benchmark_sha256[:16]}"
 
 
-def open_ranking(session: Session, benchmark: Benchmark, settings: Settings) -> Ranking:
+def open_ranking(session: Session, benchmark: AnyBenchmark, settings: Settings) -> Ranking:
     """The open ranking of a benchmark version, made at its first use.
 
     Seeds and deadline are fixed from then on; the number of runs per day follows the settings. `serialise` first.

@@ -13,6 +13,7 @@ from dohyo.service.boards.model import Ranking, Result
 from dohyo.service.boards.queries import entries
 from dohyo.service.database.engine import serialise
 from dohyo.service.evaluations.model import Evaluation, EvaluationStatus
+from dohyo.service.evaluations.scoring import rank_sign
 
 AT_ONCE: Final = 50
 
@@ -57,7 +58,7 @@ def facts_of(entry: Entry, headline: str) -> dict[str, Any]:
         "per_km": entry.per_km,
         "episodes": len({drive.episode for drive in entry.drives}),
         "drives": len(entry.drives),
-        "values": [drive.score(headline) for drive in drives] if headline in entry.scores else [],
+        "values": [rank_sign(headline) * drive.score(headline) for drive in drives] if headline in entry.scores else [],
     }
 
 
@@ -67,7 +68,7 @@ def _result(run: Evaluation, entry: Entry, headline: str) -> Result:
         ranking_id=run.ranking_id,
         entrant=run.team_id or run.submission_id,
         track=entry.track,
-        score=(entry.scores[headline].mean or 0.0) if headline in entry.scores else 0.0,
+        score=rank_sign(headline) * (entry.scores[headline].mean or 0.0) if headline in entry.scores else 0.0,
         ordered=run.created,
         finished=run.finished,
         facts=facts_of(entry, headline),

@@ -9,8 +9,8 @@ import msgspec
 from fastapi import APIRouter, Query, Response
 from sqlalchemy.orm import Session
 
-from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.service.accounts.access import Caller, Reader
+from dohyo.service.benchmarks.catalog import AnyBenchmark, find_benchmark
 from dohyo.service.boards import queries as reading
 from dohyo.service.boards.board import rows_of
 from dohyo.service.boards.leaderboard import as_csv
@@ -56,7 +56,7 @@ CSV: dict[int | str, dict[str, Any]] = {
 class _Board:
     """The requested benchmark version, its ranking, and a page of the rows."""
 
-    benchmark: Benchmark
+    benchmark: AnyBenchmark
     version: str
     versions: list[str]
     ranking: RankingView | None
@@ -177,7 +177,7 @@ def _page(rows: list[Any], ids: list[str], limit: int | None, after: str | None)
     return slice(start, end), len(rows), ids[end - 1] if end < len(rows) else None
 
 
-def _ranked_benchmark(session: Session, readers: Readers, asked: _Question) -> tuple[Benchmark, str]:
+def _ranked_benchmark(session: Session, readers: Readers, asked: _Question) -> tuple[AnyBenchmark, str]:
     """The benchmark version and the ranking's identifier.
 
     Raises:
@@ -190,18 +190,18 @@ def _ranked_benchmark(session: Session, readers: Readers, asked: _Question) -> t
         ranking = session.get(Ranking, asked.ranking)
         if ranking is None:
             raise UnknownNameError("ranking", asked.ranking, [])
-        return readers.benchmark(session.get_one(BenchmarkVersion, ranking.benchmark_sha256)), ranking.id
+        return readers.stored(session.get_one(BenchmarkVersion, ranking.benchmark_sha256)), ranking.id
     name, version = asked.benchmark or "", asked.version
     found = [one for one in reading.benchmark_versions(session, name) if one.sha256.startswith(version or "")]
     if version and len(found) > 1:
         raise InvalidInputError(f"version '{version}' of benchmark '{name}' could be any of {len(found)}")
     if found:
-        return readers.benchmark(found[0]), open_ranking_id(found[0].sha256)
+        return readers.stored(found[0]), open_ranking_id(found[0].sha256)
     benchmark = _unevaluated(name, version, reading.benchmark_names(session))
     return benchmark, open_ranking_id(benchmark.sha256)
 
 
-def _unevaluated(name: str, version: str | None, evaluated: list[str]) -> Benchmark:
+def _unevaluated(name: str, version: str | None, evaluated: list[str]) -> AnyBenchmark:
     """A benchmark that has no evaluation yet.
 
     Raises:
@@ -209,7 +209,7 @@ def _unevaluated(name: str, version: str | None, evaluated: list[str]) -> Benchm
     """
     if name.endswith(".toml"):
         raise UnknownNameError("benchmark", name, evaluated)
-    benchmark = load_benchmark(name)
+    benchmark = find_benchmark(name)
     if version and not benchmark.sha256.startswith(version):
         raise UnknownNameError(f"version of benchmark '{name}'", version, [benchmark.sha256])
     return benchmark

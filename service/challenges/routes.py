@@ -10,7 +10,7 @@ from fastapi import APIRouter, Path
 from sqlalchemy.orm import Session
 
 from dohyo.service.accounts.access import Caller, Organiser, Reader
-from dohyo.service.benchmarks.routes import find_benchmark
+from dohyo.service.benchmarks.catalog import find_benchmark
 from dohyo.service.boards.model import Ranking
 from dohyo.service.boards.ranking_views import RankingView, view_ranking
 from dohyo.service.challenges import queries as challenges

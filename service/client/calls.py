@@ -131,15 +131,6 @@ class Calls(ABC, Generic[Answer]):
         """Record of an episode."""
         return self.get(path_of("episodes", episode_id, "record"))
 
-    def begin_morning(self, agent: str, *, seed: int = 0, minutes: float | None = None) -> Answer:
-        """Starts a freeway morning with an agent's policy worker as planner."""
-        body = {"agent": agent, "seed": seed, "minutes": minutes}
-        return self._json(Call("POST", "/v1/freeway/mornings", body=body))
-
-    def morning(self, morning_id: str) -> Answer:
-        """State of a freeway morning, with the outcome of all traffic at its end."""
-        return self.get(path_of("freeway", "mornings", morning_id))
-
     def leaderboard(
         self,
         benchmark: str | None = None,

@@ -10,11 +10,14 @@ import os
 import shutil
 from pathlib import Path
 
+from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario, read_morning
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.store import read_record
 from dohyo.service.settings import Settings
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Scenario
+
+Record = EpisodeRecord | MorningRecord
 
 
 def staged_folder(settings: Settings, evaluation_id: str) -> Path:
@@ -33,7 +36,7 @@ def archived_size(settings: Settings, record_hash: str) -> int:
     return sum(file.stat().st_size for file in (facts, facts.with_suffix(".parquet")) if file.exists())
 
 
-def shelve(settings: Settings, staged: Path, scenario: Scenario) -> EpisodeRecord:
+def shelve(settings: Settings, staged: Path, scenario: Scenario | MorningScenario) -> Record:
     """Links a staged record into the archive, unless the same hash is there already.
 
     A record lost to the infrastructure is returned but not archived.
@@ -47,20 +50,24 @@ def shelve(settings: Settings, staged: Path, scenario: Scenario) -> EpisodeRecor
         InvalidInputError: The record is missing, incomplete, or of another scenario.
         OSError: A file operation failed.
     """
-    record = read_record(staged)
+    is_morning = isinstance(scenario, MorningScenario)
+    record: Record = read_morning(staged) if is_morning else read_record(staged)
     if record.scenario != scenario:
         raise InvalidInputError(f"{staged}: expected a record of scenario '{scenario.name}', seed {scenario.seed}")
     facts = archived_path(settings, record.record_hash)
     if lost_because(record) is None and not facts.exists():
         facts.parent.mkdir(parents=True, exist_ok=True)
         # A record exists once its JSON file does, so that file comes last.
-        _link(staged.with_suffix(".parquet"), facts.with_suffix(".parquet"))
+        if not is_morning:
+            _link(staged.with_suffix(".parquet"), facts.with_suffix(".parquet"))
         _link(staged, facts)
     return record
 
 
-def lost_because(record: EpisodeRecord) -> str | None:
+def lost_because(record: Record) -> str | None:
     """Infrastructure fault of a record; None for a record that counts."""
+    if isinstance(record, MorningRecord):
+        return None
     return next((ego.failure or ego.status.value for ego in record.egos if ego.status.infrastructure_fault), None)
 
 

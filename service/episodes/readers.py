@@ -13,10 +13,12 @@ from typing import Annotated, Final
 from fastapi import Depends, Request
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.freeway.morning import MORNING, read_morning
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.store import read_record, read_trajectory
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.service.accounts.access import Caller
+from dohyo.service.benchmarks.catalog import AnyBenchmark, read_benchmark
 from dohyo.service.boards import queries as reading
 from dohyo.service.boards.standings import Recent, Standings
 from dohyo.service.episodes.archive import archived_path
@@ -45,21 +47,35 @@ class Readers:
     """
 
     standings: Standings
-    benchmarks: Recent[str, Benchmark] = field(default_factory=lambda: Recent(50))
+    benchmarks: Recent[str, AnyBenchmark] = field(default_factory=lambda: Recent(50))
     _counts: tuple[float, tuple[Mapping[str, int], Mapping[str, int]]] | None = None
     _stripes: list[threading.Lock] = field(default_factory=lambda: [threading.Lock() for _ in range(STRIPES)])
 
-    def benchmark(self, version: BenchmarkVersion) -> Benchmark:
+    def stored(self, version: BenchmarkVersion) -> AnyBenchmark:
         """A benchmark as it was when it was evaluated."""
         benchmark = self.benchmarks.get(version.sha256)
         if benchmark is None:
-            benchmark = Benchmark.model_validate(version.document)
+            benchmark = read_benchmark(version.document)
             self.benchmarks.put(version.sha256, benchmark)
+        return benchmark
+
+    def benchmark(self, version: BenchmarkVersion) -> Benchmark:
+        """The same, of a benchmark of drives.
+
+        Raises:
+            ConflictError: It is one of freeway mornings.
+        """
+        benchmark = self.stored(version)
+        if not isinstance(benchmark, Benchmark):
+            raise ConflictError(f"benchmark '{version.name}' has freeway mornings, and no drives")
         return benchmark
 
     def network_of(self, version: BenchmarkVersion, cell: str) -> str:
         """Network of a benchmark's cell; empty for an unknown cell."""
-        return next((one.network for one in self.benchmark(version).cells if one.name == cell), "")
+        benchmark = self.stored(version)
+        if not isinstance(benchmark, Benchmark):
+            return benchmark.network
+        return next((one.network for one in benchmark.cells if one.name == cell), "")
 
     def counts(self, services: Services) -> tuple[Mapping[str, int], Mapping[str, int]]:
         """Counts of episodes and evaluations by status, at most a few seconds old."""
@@ -150,6 +166,7 @@ def record_of(settings: Settings, episode: Episode) -> EpisodeRecord:
         GoneError: The record can no longer be read.
     """
     path = record_path(settings, episode)
+    _refuse_morning(path, episode)
     try:
         record = read_record(path)
     except InvalidInputError as error:
@@ -166,10 +183,41 @@ def trajectory_of(settings: Settings, episode: Episode) -> Trajectory:
         ConflictError: The episode has no record yet.
         GoneError: The record can no longer be read.
     """
+    path = record_path(settings, episode)
+    _refuse_morning(path, episode)
     try:
-        return read_trajectory(record_path(settings, episode))
+        return read_trajectory(path)
     except InvalidInputError as error:
         raise unreadable(episode, error) from error
+
+
+def check_record(settings: Settings, episode: Episode) -> None:
+    """Checks the hash of an episode's record, or of a morning's.
+
+    Raises:
+        ConflictError: The episode has no record yet.
+        GoneError: The record can no longer be read.
+    """
+    path = record_path(settings, episode)
+    if not _is_morning(path, episode):
+        record_of(settings, episode)
+        return
+    try:
+        found = read_morning(path).record_hash
+    except InvalidInputError as error:
+        raise unreadable(episode, error) from error
+    if found != episode.record_hash:
+        raise unreadable(episode)
+
+
+def _is_morning(path: Path, episode: Episode) -> bool:
+    """Whether a record is of a freeway morning, which has no trajectories."""
+    return episode.cell == MORNING and not path.with_suffix(".parquet").exists()
+
+
+def _refuse_morning(path: Path, episode: Episode) -> None:
+    if _is_morning(path, episode):
+        raise ConflictError(f"episode '{episode.id}' is a freeway morning: it has a record, but no trajectories")
 
 
 def unreadable(episode: Episode, error: Exception | None = None) -> GoneError:

@@ -41,7 +41,7 @@ class EpisodeDetail(EpisodeView):
     agent_version: Annotated[int, Field(description="Version of the agent.")]
     benchmark: Annotated[str, Field(description="Name of the benchmark.")]
     benchmark_version: Version
-    rules: Annotated[str, Field(description="Of the driving score.")]
+    rules: Annotated[str | None, Field(description="Of the driving score; null in freeway mornings.")]
     network: Annotated[str | None, Field(description="Network of the scenario; null where withheld.")]
 
 

@@ -10,6 +10,7 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse, JSONResponse
 
+from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.service.accounts.access import Caller, Holder, Reader
 from dohyo.service.client.downloads import SIGNATURE_HEADER, signature_header
@@ -17,6 +18,7 @@ from dohyo.service.episodes.kinds import REDRIVE, trace_path
 from dohyo.service.episodes.readers import (
     Readers,
     ReadersOf,
+    check_record,
     episode_for,
     record_of,
     record_path,
@@ -55,14 +57,14 @@ def get_episode(identifier: Identified, caller: Reader, services: ServicesOf, re
     episode, evaluation, version = episode_for(services, caller, identifier, Aspect.RUN)
     with services.database.reading() as session:
         told = bool(visible_among(session, caller, (evaluation.id,), Aspect.RECORDS))
-    benchmark = readers.benchmark(version)
+    benchmark = readers.stored(version)
     return EpisodeDetail(
         **view_episode(episode, told=told, hidden=evaluation.hides_drives).model_dump(),
         agent=evaluation.submission.agent.name,
         agent_version=evaluation.submission.version,
         benchmark=version.name,
         benchmark_version=version.sha256,
-        rules=benchmark.rules,
+        rules=benchmark.rules if isinstance(benchmark, Benchmark) else None,
         network=readers.network_of(version, episode.cell) if told else None,
     )
 
@@ -79,7 +81,7 @@ def get_episode_record(identifier: Identified, request: Request, caller: Reader,
     headers[SIGNATURE_HEADER] = signature_header(services.signing.sign(path.stem))
     if already_has(request, headers):
         return Response(status_code=304, headers=headers)
-    record_of(services.settings, episode)
+    check_record(services.settings, episode)
     return Response(_read(path, episode), media_type="application/json", headers=headers)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 from datetime import datetime
 from enum import StrEnum
-from typing import Any
+from typing import Any, Literal
 
 from sqlalchemy import BigInteger, ForeignKey, Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column, relationship
@@ -69,6 +69,11 @@ class BenchmarkVersion(Base):
     name: Mapped[str] = mapped_column(String(100), index=True)
     document: Mapped[dict[str, Any]]
     created: Mapped[datetime] = mapped_column(default=now)
+
+    @property
+    def kind(self) -> Literal["driving", "freeway"]:
+        """Whether agents drive cars in it, or planners set the speeds of connected cars."""
+        return "freeway" if self.document.get("kind") == "traffic" else "driving"
 
 
 class Evaluation(Base):

@@ -9,7 +9,8 @@ from typing import Any
 from sqlalchemy import ColumnElement, func, select, tuple_, update
 from sqlalchemy.orm import Session
 
-from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.freeway.morning import MorningScenario
+from dohyo.service.benchmarks.catalog import AnyBenchmark
 from dohyo.service.database.base import new_id, now
 from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.submissions.model import Agent, Submission
@@ -21,7 +22,7 @@ AGAIN = (EpisodeStatus.LOST, EpisodeStatus.CANCELLED)
 Counts = dict[EpisodeStatus, int]
 
 
-def save_benchmark(session: Session, benchmark: Benchmark) -> BenchmarkVersion:
+def save_benchmark(session: Session, benchmark: AnyBenchmark) -> BenchmarkVersion:
     """The stored form of a benchmark as it is now."""
     version = session.get(BenchmarkVersion, benchmark.sha256)
     if version is None:
@@ -36,9 +37,9 @@ def add_evaluation(
     session: Session,
     owner: str,
     submission: Submission,
-    benchmark: Benchmark,
+    benchmark: AnyBenchmark,
     seeds: Sequence[int],
-    scenarios: Sequence[Scenario],
+    scenarios: Sequence[Scenario | MorningScenario],
     *,
     slow_policy: str,
     act_deadline_s: float,
@@ -51,7 +52,7 @@ def add_evaluation(
         session: To write in.
         owner: Owner of the evaluation.
         submission: Submission that drives.
-        benchmark: Benchmark to drive.
+        benchmark: AnyBenchmark to drive.
         seeds: Of the benchmark's scenarios.
         scenarios: `benchmark.scenarios(seeds)`: an episode's position is its place in there.
         slow_policy: "wait" or "realtime".

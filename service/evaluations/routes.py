@@ -16,7 +16,7 @@ from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.running.run import Manifest
 from dohyo.service.accounts.access import Caller, Reader, Submitter
-from dohyo.service.benchmarks.routes import find_benchmark
+from dohyo.service.benchmarks.catalog import AnyBenchmark, find_benchmark, read_benchmark
 from dohyo.service.boards.model import Ranking
 from dohyo.service.boards.rankings import check_entry, open_ranking
 from dohyo.service.challenges.queries import find_phase
@@ -28,6 +28,7 @@ from dohyo.service.evaluations import queries as evaluations
 from dohyo.service.evaluations.access import Aspect, find_visible, require, seen_by, visible_among
 from dohyo.service.evaluations.model import BenchmarkVersion, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.views import EvaluationView, view_evaluation
+from dohyo.service.freeway.planner import check_kind
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.storage import deletion
 from dohyo.service.storage.usage import check_bytes
@@ -181,15 +182,18 @@ async def stream_evaluation_progress(
     return StreamingResponse(events, media_type=MEDIA_TYPE, headers={"cache-control": "no-store"})
 
 
-@router.get("/{identifier}/manifest", responses=problems(403, 404))
+@router.get("/{identifier}/manifest", responses=problems(403, 404, 409))
 def get_evaluation_manifest(identifier: Identifier, caller: Reader, services: ServicesOf) -> Manifest:
     """Manifest of an evaluation with the whole benchmark; with the records it makes a result folder."""
     with services.database.reading() as session:
         evaluation = find_visible(session, caller, identifier)
         require(session, caller, evaluation, Aspect.RECORDS)
+        benchmark = read_benchmark(evaluation.benchmark.document)
+        if not isinstance(benchmark, Benchmark):
+            raise ConflictError(f"evaluation '{identifier}' has freeway mornings: each has a record, but no manifest")
         return Manifest(
             agent=AgentInfo.model_validate(evaluation.submission.info),
-            benchmark=Benchmark.model_validate(evaluation.benchmark.document),
+            benchmark=benchmark,
             benchmark_sha256=evaluation.benchmark_sha256,
         )
 
@@ -280,7 +284,7 @@ class _Plan:
         ranking_id: Ranking that the run enters; None in practice.
     """
 
-    benchmark: Benchmark
+    benchmark: AnyBenchmark
     seeds: list[int]
     slow_policy: str
     act_deadline_s: float
@@ -295,6 +299,7 @@ def _create(order: EvaluationOrder, caller: Caller, services: Services, key: str
         submission = _submission(session, caller, order)
     # Planning routes is slow the first time, so it happens outside of any transaction; only what has room is planned.
     plan = _ranked_plan(order, submission, services) if order.ranked else _practice_plan(order, services)
+    check_kind(submission.info, plan.benchmark)
     with services.database.reading() as session:
         _check_room(session, services, caller.owner, plan.benchmark.size * len(plan.seeds))
     scenarios = plan.benchmark.scenarios(plan.seeds)
@@ -346,7 +351,7 @@ def _ranked_plan(order: EvaluationOrder, submission: Submission, services: Servi
             ranking = find_phase(session, order.ranking, order.benchmark)
         check_entry(session, ranking, submission)
         document = session.get_one(BenchmarkVersion, ranking.benchmark_sha256).document
-    benchmark = Benchmark.model_validate(document)
+    benchmark = read_benchmark(document)
     return _Plan(benchmark, ranking.seeds, ranking.slow_policy, ranking.act_deadline_s, ranking.id)
 
 

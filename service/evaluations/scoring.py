@@ -10,6 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
+from dohyo.evaluation.freeway.morning import LOWER_IS_BETTER, PLANNER, MorningRecord
 from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord, Infraction
 from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.scores.driving import MIN_KM, Rules
@@ -33,6 +34,10 @@ SCORE_KEYS: Final[Mapping[str, str]] = {
 
 CLOSED_LOOP_SCORES: Final = ("closed_loop", *TERMS)
 """Scores of drives whose scenario has a reference, in percent: nuPlan's score, and its terms."""
+
+
+MORNING_SCORES: Final = ("speed_std_mps", "throughput_vph", "speed_mps", "speed_std_within_mps", "fuel_circles_g_km")
+"""Scores of freeway mornings: measures of all vehicles, the headline first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,18 +70,34 @@ class Drive:
 
     def score(self, name: str) -> float:
         """A score by its name, see `scores_of`: percent, but the infraction penalty in [0, 1]."""
+        if name in MORNING_SCORES:
+            return float(self.facts["morning"][name])
         if name in CLOSED_LOOP_SCORES:
             return float(self.facts["closed_loop"][name])
         value = float(self.facts[SCORE_KEYS[name]])
         return 100.0 * value if name in SHARES else value
 
 
-def summary_at(path: Path, record: EpisodeRecord, rules: Rules) -> dict[str, Any]:
+def is_agent_fault(record: EpisodeRecord | MorningRecord) -> bool:
+    """Whether an agent failed as a program."""
+    if isinstance(record, MorningRecord):
+        return record.failure is not None
+    return any(ego.status.agent_fault for ego in record.egos)
+
+
+def rank_sign(headline: str) -> float:
+    """-1 for a headline of which lower values rank higher, else 1."""
+    return -1.0 if headline in LOWER_IS_BETTER else 1.0
+
+
+def summary_at(path: Path, record: EpisodeRecord | MorningRecord, rules: Rules) -> dict[str, Any]:
     """`summary_of` a record on disk, with the closed-loop score where its scenario has a reference.
 
     Raises:
         InvalidInputError: As `summary_of`, or the trajectory that this score reads is missing or damaged.
     """
+    if isinstance(record, MorningRecord):
+        return summary_of_morning(record)
     scored = score_records([(record, path)]) if applies(record) else []
     return summary_of(record, rules, {drive.ego: drive.terms for drive in scored})
 
@@ -109,9 +130,28 @@ def summary_of(
     }
 
 
+def summary_of_morning(record: MorningRecord) -> dict[str, Any]:
+    """A morning as the summary of one drive, that of its planner, with `morning`: the measures of all vehicles."""
+    failed = record.failure is not None
+    planner = {
+        "name": PLANNER,
+        "status": (Status.AGENT_RAISED if failed else Status.FINISHED).value,
+        "success": not failed,
+        "morning": record.outcome,
+        "infractions": {},
+        "marks": [],
+        **dict.fromkeys(("km", "route_m", "driven_m"), 0.0),
+        "duration_s": 0.0 if failed else record.scenario.benchmark.duration_s,
+    }
+    return {"egos": [planner], "decision_ms": None, "wall_s": record.wall_s}
+
+
 def scores_of(drives: Iterable[Drive]) -> tuple[str, ...]:
     """Names of the scores that all of some drives have; without any drive, those that every drive has."""
     drives = tuple(drives)
+    if any("morning" in drive.facts for drive in drives):
+        measured = all(drive.facts["morning"].get(name) is not None for drive in drives for name in MORNING_SCORES)
+        return MORNING_SCORES if measured else ()
     closed_loop = bool(drives) and all("closed_loop" in drive.facts for drive in drives)
     return (*SCORE_KEYS, *(CLOSED_LOOP_SCORES if closed_loop else ()))
 
@@ -139,7 +179,9 @@ def summarise_drives(drives: Sequence[Drive], lost: int = 0) -> dict[str, Any]:
         "lost": lost,
         "km": math.fsum(km),
         "scores": {name: asdict(estimate(name, drives)) for name in names},
-        "scores_lost_as_zero": {name: asdict(estimate(name, drives, lost)) for name in names} if lost else None,
+        "scores_lost_as_zero": {name: asdict(estimate(name, drives, lost)) for name in names}
+        if lost and not set(names) <= set(MORNING_SCORES)
+        else None,
         "per_km": {
             kind.value: asdict(
                 ratio_estimate([drive.facts["infractions"].get(kind.value, 0) for drive in drives], km, floor=MIN_KM)

@@ -1,1 +1,1 @@
-"""Freeway mornings with a policy worker as planner."""
+"""Freeway mornings as episodes: a policy worker plans the speeds of connected cars."""

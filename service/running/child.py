@@ -16,6 +16,7 @@ import traceback
 from functools import cache
 from typing import TYPE_CHECKING
 
+from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario, write_morning
 from dohyo.evaluation.running.executors import drive_job, lost_episode
 from dohyo.service.confinement.rights import confine_episodes
 from dohyo.service.running.channel import Channel, Kind
@@ -43,6 +44,8 @@ def main() -> None:
 
 def _drive(order: EpisodeOrder, channel: Channel, gauge: Gauge) -> tuple[Kind, bytes]:
     try:
+        if isinstance(order.scenario, MorningScenario):
+            return Kind.FINISHED, _plan_morning(order, order.scenario, channel, gauge)
         if order.verdict is not None:
             lost_episode(order.job, *order.verdict)
         elif order.remote:
@@ -59,6 +62,16 @@ def _drive(order: EpisodeOrder, channel: Channel, gauge: Gauge) -> tuple[Kind, b
         traceback.print_exc()
         return Kind.FAILED, f"{type(error).__name__}: {error}"[:1000].encode()
     return Kind.FINISHED, b""
+
+
+def _plan_morning(order: EpisodeOrder, scenario: MorningScenario, channel: Channel, gauge: Gauge) -> bytes:
+    if order.verdict is not None:
+        record = MorningRecord(scenario=scenario, benchmark=order.benchmark, agent=order.info, failure=order.verdict[1])
+        write_morning(order.directory, order.stem, record)
+        return b""
+    from dohyo.service.freeway.drive import drive_morning  # the freeway's simulation takes a second to import
+
+    return drive_morning(order, scenario, channel, gauge.watch_worker)
 
 
 @cache

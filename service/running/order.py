@@ -9,9 +9,11 @@ from typing import Any, Literal
 
 from dohyo.agents.registry import resolve
 from dohyo.evaluation.agent import agent_info, make_agent
+from dohyo.evaluation.freeway.morning import MorningScenario
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.running.executors import Job
+from dohyo.service.freeway.planner import DECIDES_EVERY_S
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Config, Mission, Scenario
 from dohyo.sumo_networks.units import TICK_S
@@ -21,7 +23,7 @@ class EpisodeOrder(Config):
     """One episode to drive, and the folder of its record.
 
     Attributes:
-        scenario: Scenario to drive.
+        scenario: Scenario to drive, or a morning on the freeway to plan.
         info: Agent, as its record will name it.
         benchmark: Name and content hash.
         directory: Folder for the record.
@@ -33,7 +35,7 @@ class EpisodeOrder(Config):
         verdict: Status and reason of an episode that is recorded without driving.
     """
 
-    scenario: Scenario
+    scenario: Scenario | MorningScenario
     info: AgentInfo
     benchmark: tuple[str, str]
     directory: Path
@@ -52,7 +54,7 @@ class EpisodeOrder(Config):
         """
         info = self.info
         return {
-            "dt_s": TICK_S,
+            "dt_s": self.decision_s,
             "spec": {
                 "name": info.name,
                 "version": version,
@@ -61,7 +63,7 @@ class EpisodeOrder(Config):
                 "control": info.control,
                 "settings": info.settings,
             },
-            "missions": [self._told_mission(mission) for mission in self.scenario.missions],
+            "missions": [self._told_mission(mission) for mission in self.missions],
             "seed": self.agent_seed,
         }
 
@@ -74,8 +76,18 @@ class EpisodeOrder(Config):
     @property
     def wire_names(self) -> dict[str, str]:
         """Name of each ego on the wire: a name in the scenario may be that of a public mission."""
-        egos = [mission.name for mission in self.scenario.missions]
+        egos = [mission.name for mission in self.missions]
         return {ego: "ego" if len(egos) == 1 else f"ego-{number}" for number, ego in enumerate(egos)}
+
+    @property
+    def decision_s(self) -> float:
+        """Simulated time between two decisions, s."""
+        return DECIDES_EVERY_S if isinstance(self.scenario, MorningScenario) else TICK_S
+
+    @property
+    def missions(self) -> tuple[Mission, ...]:
+        """Missions of the egos; none in a morning."""
+        return () if isinstance(self.scenario, MorningScenario) else self.scenario.missions
 
     @property
     def agent(self) -> str:
@@ -84,7 +96,13 @@ class EpisodeOrder(Config):
 
     @property
     def job(self) -> Job:
-        """The order as a job of `dohyo.evaluation.running.executors`."""
+        """The order as a job of `dohyo.evaluation.running.executors`.
+
+        Raises:
+            InvalidInputError: The order is of a morning, which only policy workers plan.
+        """
+        if isinstance(self.scenario, MorningScenario):
+            raise InvalidInputError("a morning on the freeway is planned by policy workers only")
         return Job(self.scenario, self.info, self.benchmark, self.directory, self.stem, self.act_deadline_s)
 
 

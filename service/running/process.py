@@ -23,7 +23,6 @@ from pathlib import Path
 
 from dohyo.evaluation.running.executors import KILL_GRACE_S, POLL_S
 from dohyo.service.confinement.environment import of_episodes, without_secrets
-from dohyo.service.freeway.order import FreewayOrder
 from dohyo.service.running.channel import Frames, Kind
 from dohyo.service.running.gauge import GAUGE_BYTES, Gauge
 from dohyo.service.running.order import EpisodeOrder
@@ -117,7 +116,7 @@ class EpisodeProcess:
             env=environment | {"DOHYO_POLICIES": str(self._policies.resolve())},
         )
 
-    async def drive(self, order: EpisodeOrder | FreewayOrder, limit_s: float = math.inf) -> Outcome:
+    async def drive(self, order: EpisodeOrder, limit_s: float = math.inf) -> Outcome:
         """Drives one order to its end; a cancellation ends the process.
 
         Args:

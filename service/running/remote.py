@@ -190,14 +190,14 @@ def drive_remotely(order: EpisodeOrder, channel: Channel, watch: Callable[[float
     Raises:
         InvalidInputError: The order cannot be driven.
     """
-    info = order.info
+    info, scenario = order.info, order.job.scenario
     spec = AgentSpec(name=info.name, track=info.track, sensors=info.sensors, control=info.control)
     make_sensors(spec.sensors, Track[spec.track.upper()])
     control = make_control(spec.control, VehicleParameters(), TICK_S)
     bridge = Bridge(channel, order.wire_names, tuple(control.space.shape), control.checked, order.slow_policy)
-    agents = {mission.name: RemoteAgent(bridge, spec, mission.name) for mission in order.scenario.missions}
+    agents = {mission.name: RemoteAgent(bridge, spec, mission.name) for mission in order.missions}
     record, trajectory = drive_episode(
-        order.scenario,
+        scenario,
         agents,
         infos=dict.fromkeys(agents, info),
         benchmark=order.benchmark,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, repeat
@@ -19,12 +19,21 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 from sqlalchemy.exc import OperationalError, SQLAlchemyError
 from sqlalchemy.orm import Session
 
-from dohyo.evaluation.benchmarks.benchmark import Benchmark
-from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
+from dohyo.evaluation.freeway.morning import MorningScenario
+from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.records.specifications import Status
 from dohyo.service.accounts.model import Token
 from dohyo.service.accounts.queries import is_valid
-from dohyo.service.episodes.archive import archived_path, archived_size, discard, lost_because, shelve, staged_folder
+from dohyo.service.benchmarks.catalog import read_benchmark
+from dohyo.service.episodes.archive import (
+    Record,
+    archived_path,
+    archived_size,
+    discard,
+    lost_because,
+    shelve,
+    staged_folder,
+)
 from dohyo.service.evaluations.model import AttemptOutcome
 from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.process import End, EpisodeProcess, Outcome
@@ -99,7 +108,7 @@ class Scheduler:
         self._live: dict[str, Live] = {}
         self._idle: list[EpisodeProcess] = []
         self._turns = Turns()
-        self._scenarios: dict[str, list[Scenario]] = {}
+        self._scenarios: dict[str, Sequence[Scenario | MorningScenario]] = {}
         self._woken = asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
         self._draining = self._stopped = False
@@ -267,7 +276,7 @@ class Scheduler:
     def _order(self, ticket: Ticket) -> EpisodeOrder:
         scenarios = self._scenarios.get(ticket.evaluation_id)
         if scenarios is None:
-            scenarios = Benchmark.model_validate(ticket.document).scenarios(ticket.seeds)
+            scenarios = read_benchmark(ticket.document).scenarios(ticket.seeds)
             self._scenarios[ticket.evaluation_id] = scenarios
         order = EpisodeOrder(
             scenario=scenarios[ticket.position],
@@ -336,10 +345,10 @@ class Scheduler:
         await asyncio.to_thread(discard, self._settings, ticket.evaluation_id, ticket.stem)
         return Outcome(End.FINISHED) if lost is None else Outcome(End.FAILED, lost)
 
-    async def _remember(self, live: Live, record: EpisodeRecord) -> None:
-        from dohyo.service.evaluations.scoring import summary_at
+    async def _remember(self, live: Live, record: Record) -> None:
+        from dohyo.service.evaluations.scoring import is_agent_fault, summary_at
 
-        ticket, failed = live.ticket, any(ego.status.agent_fault for ego in record.egos)
+        ticket, failed = live.ticket, is_agent_fault(record)
         ended = AttemptEnd(AttemptOutcome.AGENT_FAILED if failed else AttemptOutcome.DONE, processor_s=live.processor_s)
         path, rules = archived_path(self._settings, record.record_hash), ticket.document.get("rules", "2.0")
         summary = await asyncio.to_thread(summary_at, path, record, rules)

@@ -14,6 +14,8 @@ from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.accounts.access import Caller, Reader, Submitter
 from dohyo.service.database.idempotency import made_before, remember
 from dohyo.service.errors import NotFoundError, TooManyRequestsError
+from dohyo.service.freeway.planner import CONTROL as PLANNER_CONTROL
+from dohyo.service.freeway.planner import check_planner
 from dohyo.service.jobs.orders import Wait, answer_job, check_room, order_job, ordered
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.storage import deletion
@@ -192,9 +194,12 @@ def delete_submission(
 
 def _remote(order: RemoteOrder, agent: str) -> AgentInfo:
     try:
-        make_sensors(order.sensors, Track[order.track.upper()])
-        if order.control not in CONTROLS:
-            raise UnknownNameError("control", order.control, CONTROLS)
+        if order.control == PLANNER_CONTROL:
+            check_planner(order.track, order.sensors)
+        else:
+            make_sensors(order.sensors, Track[order.track.upper()])
+        if order.control not in (*CONTROLS, PLANNER_CONTROL):
+            raise UnknownNameError("control", order.control, [*CONTROLS, PLANNER_CONTROL])
     except UnknownNameError as error:
         raise InvalidInputError(str(error)) from error
     name = order.name or agent

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from dataclasses import dataclass, field
 
-from dohyo.service.freeway.order import FreewayOrder
 from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.process import EpisodeProcess
 from dohyo.service.wire.bodies import Reply
@@ -64,7 +63,7 @@ class RemoteEpisode:
     agent: str
     version: int
     attempt: int
-    order: EpisodeOrder | FreewayOrder
+    order: EpisodeOrder
     process: EpisodeProcess
     offered: float | None = None
     frame: bytes = b""

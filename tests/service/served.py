@@ -21,6 +21,7 @@ from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
 from dohyo.evaluation.records.store import read_record
 from dohyo.service.accounts.model import Role
 from dohyo.service.accounts.queries import create_token
+from dohyo.service.benchmarks.catalog import AnyBenchmark
 from dohyo.service.database.base import new_id
 from dohyo.service.database.engine import Database
 from dohyo.service.episodes.archive import archived_path
@@ -143,7 +144,7 @@ class Service:
     def submit(
         self,
         info: AgentInfo,
-        benchmark: Benchmark,
+        benchmark: AnyBenchmark,
         *,
         kind: AgentKind = AgentKind.REMOTE,
         seeds: Sequence[int] = (0,),

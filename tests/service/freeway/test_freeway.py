@@ -1,21 +1,41 @@
-"""Mornings on the freeway over HTTP: a planner in a process of its own, and what is refused."""
+"""Mornings on the freeway as evaluations: a planner in a process of its own, and orders that are refused."""
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from dohyo.evaluation.freeway.benchmark import TrafficBenchmark, load_freeway_benchmark
+from dohyo.evaluation.freeway.morning import MorningRecord
+from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.client.client import Client, ServiceError
 from dohyo.service.client.worker_session import BadActionError, WorkerSession
-from dohyo.service.freeway.child import FASTEST_MPS, checked, last_report, vehicles
+from dohyo.service.evaluations.model import EvaluationStatus
+from dohyo.service.freeway.drive import FASTEST_MPS, checked, last_report, vehicles
 from dohyo.sumo_networks.errors import InvalidInputError
-from tests.service.served import ROOT, Service, wait_until
+from tests.service.harness import Harness, assert_problem, running
+from tests.service.served import ROOT, Service
+
+PLANNER = {"kind": "remote", "track": "privileged", "sensors": ["speeds"], "control": "target_speeds"}
+NIGHT_S = 7200.0
+"""Hardly anybody drives, so that a morning is simulated in seconds."""
+
+
+def benchmark(minutes: int) -> TrafficBenchmark:
+    found = load_freeway_benchmark("dissipation")
+    assert isinstance(found, TrafficBenchmark)
+    return found.model_copy(update={"name": f"night-{minutes}", "duration_s": 60.0 * minutes, "start_s": NIGHT_S})
+
+
+def planner(name: str) -> AgentInfo:
+    facts = {"track": "privileged", "sensors": ("speeds",), "control": "target_speeds"}
+    return AgentInfo(name=name, kind="remote", entry=f"remote:{name}", **facts)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
@@ -26,35 +46,35 @@ def service(running_service: Service) -> Service:
 @pytest.fixture(scope="module")
 def client(service: Service) -> Any:
     with Client(service.url, service.submitter_token) as one:
-        one.register_agent("planner")
         yield one
 
 
-def status(client: Client, name: str) -> str:
-    return str(client.morning(name)["status"])
-
-
 @pytest.mark.slow
-def test_a_planner_in_a_process_of_its_own(client: Client, service: Service) -> None:
-    name = client.begin_morning("planner", seed=3, minutes=2)["id"]
-    assert status(client, name) == "waiting"
-    command = [sys.executable, "examples/planner.py", service.url, service.token, "planner", "1"]
+def test_a_planner_in_a_process_of_its_own_has_records_and_scores(client: Client, service: Service) -> None:
+    evaluation = service.submit(planner("even"), benchmark(2), seeds=(3, 4))
+    command = [sys.executable, "examples/planner.py", service.url, service.token, "even", "2"]
     worker = subprocess.run(command, cwd=ROOT, env={"PYTHONPATH": str(ROOT)}, timeout=300, capture_output=True)
     assert worker.returncode == 0, worker.stderr.decode()
-    benchmark = load_freeway_benchmark("dissipation")
-    assert isinstance(benchmark, TrafficBenchmark)
-    told = [f"{(benchmark.start_s + 60 * minute) / 3600:.2f} h" for minute in (1, 2)]
-    assert worker.stdout.decode().splitlines() == told
-    wait_until(lambda: status(client, name) == "finished", "the morning does not end")
-    outcome = client.morning(name)["outcome"]
-    assert outcome["throughput_vph"] > 3000
-    assert outcome["travelled_km"] > 100
+    told = [f"{(NIGHT_S + 60 * minute) / 3600:.2f} h" for minute in (1, 2)]
+    assert worker.stdout.decode().splitlines() == told * 2
+    assert service.wait(evaluation).status is EvaluationStatus.DONE
+    for episode in service.episodes(evaluation):
+        record = MorningRecord.model_validate(client.record(episode.id))
+        assert record.content_hash() == record.record_hash == episode.record_hash
+        assert (record.scenario.seed, record.plans, record.failure) == (episode.seed, 2, None)
+        for part in ("trajectory", "replay", "events"):
+            with pytest.raises(ServiceError) as refused:
+                client.get(f"/v1/episodes/{episode.id}/{part}")
+            assert refused.value.status == 409
+    summary = client.get(f"/v1/evaluations/{evaluation}/metrics")["all"]
+    assert summary["scores"]["speed_mps"]["mean"] > 10.0
+    assert summary["scores"].keys() >= {"speed_std_mps", "throughput_vph"}
 
 
 @pytest.mark.slow
-def test_a_bad_plan_is_refused_and_a_failed_planner_fails_the_morning(client: Client, service: Service) -> None:
-    name = client.begin_morning("planner", minutes=1)["id"]
-    with WorkerSession(service.url, service.token, "planner") as session:
+def test_a_bad_plan_is_refused_and_a_failed_planner_is_the_agents_fault(client: Client, service: Service) -> None:
+    evaluation = service.submit(planner("failing"), benchmark(1))
+    with WorkerSession(service.url, service.token, "failing") as session:
         drive = None
         while drive is None:
             drive = session.acquire()
@@ -65,31 +85,55 @@ def test_a_bad_plan_is_refused_and_a_failed_planner_fails_the_morning(client: Cl
         ):
             session.step(drive, {"planner": speeds[:, :5]})
         session.release(drive, "the planner failed", "ran out of ideas")
-    wait_until(lambda: status(client, name) == "failed", "the morning does not end")
-    assert "ran out of ideas" in client.morning(name)["detail"]
+    assert service.wait(evaluation).status is EvaluationStatus.DONE
+    (episode,) = service.episodes(evaluation)
+    assert client.record(episode.id)["failure"] == "ran out of ideas"
+    assert episode.summary is not None
+    assert episode.summary["egos"][0]["status"] == "failed: agent raised"
 
 
-def test_orders_are_checked(client: Client, service: Service) -> None:
-    for agent, minutes, code in (("nobody", None, 404), ("planner", 0.0, 422)):
-        with pytest.raises(ServiceError) as told:
-            client.begin_morning(agent, minutes=minutes)
-        assert told.value.status == code
-    for name in ("fm-0123456789abcdef", "..%2Fdohyo", "fm-x"):
-        with pytest.raises(ServiceError) as told:
-            client.morning(name)
-        assert told.value.status == 404
-    with Client(service.url, service.token) as worker, pytest.raises(ServiceError) as told:
-        worker.begin_morning("planner")
-    assert told.value.status == 403
+def test_orders_that_nobody_plans_close_nothing_for_anybody(service: Service, client: Client) -> None:
+    """Each waits in the queue of its owner, takes no process, and can be cancelled."""
+    waiting = [service.submit(planner(f"idle-{number}"), benchmark(1), seeds=range(3)) for number in range(12)]
+    other = service.submit(planner("busy"), benchmark(1), owner="somebody-else")
+    with WorkerSession(service.url, service.other_token, "busy") as session:
+        drive = None
+        while drive is None:
+            drive = session.acquire()
+        while not drive.done:
+            speeds = drive.observations["planner"]["speeds"]
+            session.step(drive, {"planner": np.full_like(speeds, 30.0)})
+    assert service.wait(other).status is EvaluationStatus.DONE
+    for one in waiting:
+        assert client.cancel(one)["status"] == "cancelled"
+        client.resume(one)
+        assert client.get(f"/v1/evaluations/{one}")["status"] == "queued"
 
 
-def test_what_was_waiting_when_the_service_ended_is_lost(service: Service, client: Client) -> None:
-    folder = service.data / "freeway"
-    folder.mkdir(exist_ok=True)
-    facts = {"agent": "planner", "benchmark": "dissipation", "version": "0", "seed": 1, "owner": "owner"}
-    left = facts | {"status": "waiting", "detail": "", "outcome": None}
-    (folder / "fm-00000000000000ff.json").write_text(json.dumps(left))
-    assert status(client, "fm-00000000000000ff") == "lost"
+@pytest.fixture
+def drives_nothing(tmp_path: Path) -> Iterator[Harness]:
+    with running(tmp_path / "data") as harness:
+        yield harness
+
+
+def test_planners_plan_and_drivers_drive(drives_nothing: Harness) -> None:
+    team = drives_nothing.caller("team")
+    for name in ("mine", "driver"):
+        team.post("/v1/agents", {"name": name})
+    for wrong in ({"track": "map"}, {"sensors": ["speedometer"]}, {"sensors": ["speeds", "speeds"]}):
+        assert_problem(team.post("/v1/agents/mine/submissions", PLANNER | wrong), 422, "planner of freeway mornings")
+    assert team.post("/v1/agents/mine/submissions", PLANNER).status_code == 201
+    assert team.post("/v1/agents/driver/submissions", {"kind": "remote"}).status_code == 201
+    assert_problem(team.post("/v1/evaluations", {"agent": "mine", "benchmark": "quickstart"}), 422, "drive cars")
+    assert_problem(team.post("/v1/evaluations", {"agent": "driver", "benchmark": "dissipation"}), 422, "planners")
+    ordered = team.post("/v1/evaluations", {"agent": "mine", "benchmark": "dissipation", "ranked": True})
+    assert ordered.status_code == 201, ordered.text
+    assert ordered.json()["progress"]["total"] == 10
+    assert_problem(team.get(f"/v1/evaluations/{ordered.json()['id']}/manifest"), 409, "freeway mornings")
+    board = team.get("/v1/leaderboard", params={"benchmark": "dissipation"}).json()
+    assert (board["metric"], board["rows"]) == ("speed_std_mps", [])
+    listed = {one["name"]: one for one in team.get("/v1/benchmarks").json()}
+    assert (listed["dissipation"]["kind"], listed["quickstart"]["kind"]) == ("freeway", "driving")
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,6 @@ ORDERS: dict[str, dict[str, Any]] = {
     "/v1/evaluations": {"agent": "mine", "version": 1, "benchmark": "quickstart", "seeds": [1], "name": "mine"},
     "/v1/rescore": {"evaluation": "ev-0000000000000000", "rules": "2.0"},
     "/v1/webhooks": {"url": "https://example.org/hook", "secret": "0123456789abcdef"},
-    "/v1/freeway/mornings": {"agent": "mine", "seed": 3, "minutes": 5},
 }  # fmt: skip
 LISTS = (
     *("/v1/tokens", "/v1/agents", "/v1/agents/mine", "/v1/agents/mine/submissions", "/v1/evaluations"),

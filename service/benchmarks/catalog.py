@@ -1,0 +1,45 @@
+"""Benchmarks by name and from their stored documents: of drives, and of freeway mornings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
+from dohyo.evaluation.benchmarks.documents import benchmark_names, freeway_benchmark_names
+from dohyo.evaluation.freeway.benchmark import TrafficBenchmark, load_freeway_benchmark
+from dohyo.sumo_networks.errors import UnknownNameError
+
+AnyBenchmark = Benchmark | TrafficBenchmark
+
+
+def offered_benchmarks() -> list[AnyBenchmark]:
+    """All benchmarks that this service evaluates."""
+    return [find_benchmark(name) for name in _names()]
+
+
+def find_benchmark(name: str) -> AnyBenchmark:
+    """A benchmark of the catalog by its name; a name is never used as a path.
+
+    Raises:
+        UnknownNameError: There is none, or the service does not evaluate it.
+    """
+    if name in benchmark_names():
+        return load_benchmark(name)
+    if name in freeway_benchmark_names():
+        found = load_freeway_benchmark(name)
+        if isinstance(found, TrafficBenchmark):
+            return found
+    raise UnknownNameError("benchmark", name, _names())
+
+
+def read_benchmark(document: Mapping[str, Any]) -> AnyBenchmark:
+    """A benchmark from its stored document."""
+    if document.get("kind") == "traffic":
+        return TrafficBenchmark.model_validate(document)
+    return Benchmark.model_validate(document)
+
+
+def _names() -> list[str]:
+    freeway = [name for name in freeway_benchmark_names() if isinstance(load_freeway_benchmark(name), TrafficBenchmark)]
+    return [*benchmark_names(), *freeway]
