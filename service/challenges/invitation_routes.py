@@ -17,10 +17,11 @@ from dohyo.service.database.engine import serialise
 from dohyo.service.errors import ForbiddenError, TooManyRequestsError
 from dohyo.service.state import ServicesOf
 from dohyo.service.web.documents import After, Identifier, Limit, problems
+from dohyo.service.web.strict_json import StrictRoute
 from dohyo.service.web.views import Page
 from dohyo.sumo_networks.errors import InvalidInputError
 
-router = APIRouter(prefix="/v1", tags=["challenges"])
+router = APIRouter(prefix="/v1", tags=["challenges"], route_class=StrictRoute)
 
 OPEN_INVITATIONS = 500
 MAY_ENTER = (Role.SUBMITTER, Role.ORGANISER, Role.ADMIN)
