@@ -9,7 +9,7 @@ from importlib.metadata import version
 from typing import Any
 
 from anyio import to_thread
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from fastapi.middleware.cors import CORSMiddleware
 
 from dohyo.service import errors
@@ -53,7 +53,9 @@ from dohyo.service.submissions import (
     routes as submissions,
 )
 from dohyo.service.web import limits
-from dohyo.service.web.documents import SUMMARY, TAGS, describe, operation_id, problems
+from dohyo.service.web.documents import DESCRIPTION, SUMMARY, TAGS, describe, operation_id, problems
+from dohyo.service.web.head import HeadAsGet
+from dohyo.service.web.parameters import refuse_unknown
 from dohyo.service.web.proxies import TrustedProxies
 from dohyo.service.webhooks import routes as webhooks
 from dohyo.service.webhooks.delivery import Deliverer
@@ -86,6 +88,8 @@ def create_app(
     app = FastAPI(
         title="dohyo",
         summary=SUMMARY,
+        description=DESCRIPTION,
+        servers=[{"url": "/", "description": "The service that this document was read from."}],
         version=version("dohyo"),
         openapi_tags=TAGS,
         docs_url=None,
@@ -98,7 +102,7 @@ def create_app(
     errors.install(app)
     app.router.routes.insert(0, workers.step_route)
     for router in ROUTERS:
-        app.include_router(router)
+        app.include_router(router, dependencies=[Depends(refuse_unknown)])
     describe(app)
     app.include_router(pages.router)
     app.include_router(challenge_pages.router)
@@ -122,6 +126,7 @@ def _add_layers(app: FastAPI, services: Services) -> None:
             allow_headers=["authorization", "content-type", "idempotency-key", "prefer"],
         )
     app.add_middleware(limits.SecurityHeaders, tls=settings.tls_certificate is not None)
+    app.add_middleware(HeadAsGet)
     app.add_middleware(limits.AccessLog, metrics=services.metrics)
     app.add_middleware(TrustedProxies, trusted=settings.trusted_proxies)
 

@@ -39,7 +39,7 @@ def list_builtin_agents(caller: Reader) -> list[BuiltinAgentView]:
 
 
 @router.get("/{name}", responses=problems(404))
-def show_builtin_agent(name: Name, caller: Reader) -> BuiltinAgentView:
+def get_builtin_agent(name: Name, caller: Reader) -> BuiltinAgentView:
     """One built-in agent."""
     views = agent_views()
     if name not in views:

@@ -10,9 +10,21 @@ from fastapi.openapi.utils import get_openapi
 from fastapi.routing import APIRoute
 
 from dohyo.service.errors import PROBLEM
+from dohyo.service.web.glossary import describe_parameters, describe_schemas
 from dohyo.service.web.views import Problem
 
 SUMMARY = "Submit driving agents, let them drive in SUMO traffic, read reproducible scores."
+DESCRIPTION = """\
+Submit an agent, order an evaluation, read its records, scores and replays.
+
+* **Tokens.** `Authorization: Bearer TOKEN`; `dohyo tokens create` or an invitation gives one. Public results need none.
+* **Errors** are problem documents (RFC 9457): `detail` says in one line what was expected and what came, `errors` names
+  each place of a body.
+* **Pages.** A list has `items` and `next`; pass `next` as `after` to get the next page.
+* **Waiting.** 429 and 503 have `Retry-After` in seconds. Heavy work is a job: 202 with its `Location`.
+* **Repeating.** A POST with an `Idempotency-Key` has one effect, however often it is sent.
+* **Methods.** Every GET answers HEAD too. Unknown query parameters are refused with 422.
+"""
 TAGS = [
     {"name": "health", "description": "Whether the service lives, and whether it takes work."},
     {"name": "tokens", "description": "Who may do what."},
@@ -45,8 +57,10 @@ MEANINGS = {
 }
 COMMON = (401, 422, 429, 503)
 
-Name = Annotated[str, Path(min_length=1, max_length=100, examples=["quickstart"])]
-Identifier = Annotated[str, Path(min_length=1, max_length=40, examples=["ev-9f86d081884c7d65"])]
+Name = Annotated[str, Path(min_length=1, max_length=100, examples=["quickstart"], description="Its name.")]
+Identifier = Annotated[
+    str, Path(min_length=1, max_length=40, examples=["ev-9f86d081884c7d65"], description="Its identifier.")
+]
 Limit = Annotated[int, Query(ge=1, le=500, description="At most so many items.")]
 After = Annotated[str | None, Query(max_length=200, description="The `next` of the page before.")]
 
@@ -77,6 +91,8 @@ def describe(app: FastAPI) -> None:
                 title=app.title,
                 version=app.version,
                 summary=app.summary,
+                description=app.description,
+                servers=app.servers,
                 routes=app.routes,
                 tags=app.openapi_tags,
             )
@@ -84,6 +100,8 @@ def describe(app: FastAPI) -> None:
             schemas["Problem"] = Problem.model_json_schema()
             schemas.pop("HTTPValidationError", None)
             schemas.pop("ValidationError", None)
+            describe_schemas(schemas)
+            describe_parameters(document["paths"])
             app.openapi_schema = document
         return app.openapi_schema
 
