@@ -97,6 +97,7 @@ PARAMETERS: Final = {
     "sensors": "Names of sensors; by default all.",
     "status": "Only those of this status.",
     "track": "Only those of this track.",
+    "version": "Number of the version.",
     "worker_id": "Identifier of the worker.",
 }
 

@@ -13,7 +13,7 @@ const TRACKS = ["", "sensors", "map", "privileged"];
 
 page(async () => {
   const query = new URLSearchParams(location.search);
-  const benchmarks = await getAll("/v1/benchmarks");
+  const benchmarks = await get("/v1/benchmarks");
   const name = query.get("benchmark") ?? (await firstDriven(benchmarks)) ?? "quickstart";
   const asked = new URLSearchParams({ benchmark: name });
   for (const key of ["version", "track"]) if (query.get(key)) asked.set(key, query.get(key));

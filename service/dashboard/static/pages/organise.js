@@ -14,7 +14,7 @@ const base = `/v1/challenges/${encodeURIComponent(name)}`;
 const AUDIENCES = [["public", "everybody"], ["participants", "participants"], ["organisers", "organisers"]];
 
 page(async () => {
-  const [challenge, benchmarks] = await Promise.all([get(base), getAll("/v1/benchmarks")]);
+  const [challenge, benchmarks] = await Promise.all([get(base), get("/v1/benchmarks")]);
   fill(
     byId("content"),
     h(
