@@ -37,7 +37,8 @@ def main() -> None:
     try:
         function, layers = _prepare(task, launch)
     except Exception as error:  # reported to the parent, which then runs nothing
-        stream.write(BAD, str(error))
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        stream.write(BAD, f"{type(error).__name__}: {lines[0] if lines else 'no reason'}")
         return
     stream.write(GOOD, json.dumps(layers))
     _run(task, function, stream)

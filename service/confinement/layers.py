@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from functools import cache
 from typing import Any
 
@@ -32,7 +33,10 @@ def layers() -> dict[str, Any]:
         return nothing | {"missing": [str(error)]}
     found, missing = process.layers, []
     if not found["landlock"]:
-        missing.append("Landlock (Linux 5.13): a confined task could read whatever the service's user can")
+        reads = (
+            "whatever the service's user can read" if os.geteuid() else "as 'nobody', who may not see the installation"
+        )
+        missing.append(f"Landlock (Linux 5.13): a confined task reads {reads}")
     if not found["own_network"]:
         missing.append("network namespaces: only the filter of system calls keeps a confined task off the network")
     return {
