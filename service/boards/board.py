@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from functools import lru_cache
 from typing import Any
 
 from sqlalchemy import func, select
@@ -89,6 +90,7 @@ def _thrown_away(session: Session, ranking: Ranking, entrants: Sequence[str]) ->
     return {row[0]: row[1] for row in session.execute(query.group_by(_ENTRANT))}
 
 
+@lru_cache(maxsize=20_000)  # contenders are compared by identity, and live as long as their ranking is in memory
 def compare_places(contender: Contender, above: Contender) -> dict[str, Any] | None:
     """Paired comparison of a place with the one above it, as plain JSON; None without the same drives."""
     if contender.values.shape != above.values.shape:
