@@ -6,11 +6,11 @@ import { copyText } from "./table.js";
 /** Commands that submit the built-in autopilot and evaluate it, with curl alone. */
 export function startCommand(benchmark) {
   const post = (path, body) =>
-    `curl -s ${location.origin}/v1/${path} -H "Authorization: Bearer $TOKEN" --json '${JSON.stringify(body)}'`;
+    `curl -s ${location.origin}/v1/${path} -H "Authorization: Bearer $TOKEN" -H "Prefer: wait=30" --json '${JSON.stringify(body)}'`;
   const text = [
     post("agents", { name: "autopilot" }),
     post("agents/autopilot/submissions", { kind: "builtin", entry: "autopilot" }),
-    post("evaluations", { agent: "autopilot", benchmark }),
+    post("evaluations", { agent: "autopilot", benchmark, ranked: true }),
   ].join(" &&\n");
   const button = h("button", { type: "button", class: "copy" }, "copy");
   button.addEventListener("click", async () => {

@@ -22,6 +22,7 @@ PAGES = {
     "waiting": "/episodes/waiting",
     "api": "/api",
     "login": "/login",
+    "join": "/join",
 }
 
 

@@ -145,7 +145,18 @@ def test_names_in_addresses_cannot_leave_their_place(client: httpx.Client) -> No
 
 
 def test_pages_hold_no_inline_script_or_style(client: httpx.Client) -> None:
-    for path in ("/", "/evaluations", "/episodes/x", "/compare", "/api", "/login", "/agents/a", "/nothing"):
+    for path in (
+        "/",
+        "/evaluations",
+        "/episodes/x",
+        "/compare",
+        "/api",
+        "/login",
+        "/agents/a",
+        "/challenges/a",
+        "/join",
+        "/nothing",
+    ):
         text = client.get(path, headers=HTML).text
         assert "style=" not in text
         assert not re.search(r"\son\w+=", text)
