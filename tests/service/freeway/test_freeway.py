@@ -10,16 +10,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sqlalchemy import select
 
 from dohyo.evaluation.freeway.benchmark import TrafficBenchmark, load_freeway_benchmark
-from dohyo.evaluation.freeway.morning import MorningRecord
+from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.client.client import Client, ServiceError
 from dohyo.service.client.worker_session import BadActionError, WorkerSession
-from dohyo.service.evaluations.model import EvaluationStatus
+from dohyo.service.database.engine import Database
+from dohyo.service.evaluations.model import Episode, EpisodeStatus, EvaluationStatus
+from dohyo.service.evaluations.scoring import MORNING_SCORES, summary_of_morning
 from dohyo.service.freeway.drive import FASTEST_MPS, checked, last_report, vehicles
 from dohyo.sumo_networks.errors import InvalidInputError
-from tests.service.harness import Harness, assert_problem, running
+from tests.service.harness import Harness, assert_problem, finish, running
 from tests.service.served import ROOT, Service
 
 PLANNER = {"kind": "remote", "track": "privileged", "sensors": ["speeds"], "control": "target_speeds"}
@@ -81,7 +84,7 @@ def test_a_bad_plan_is_refused_and_a_failed_planner_is_the_agents_fault(client: 
         assert (drive.spec["control"], drive.missions) == ("target_speeds", {})
         speeds = drive.observations["planner"]["speeds"]
         with pytest.raises(
-            BadActionError, match="expected a list of 5 lists of .* numbers, got a list of 5 lists of 5 numbers"
+            BadActionError, match=r"expected a list of 5 lists of .* numbers, got a list of 5 lists of 5 numbers"
         ):
             session.step(drive, {"planner": speeds[:, :5]})
         session.release(drive, "the planner failed", "ran out of ideas")
@@ -134,6 +137,36 @@ def test_planners_plan_and_drivers_drive(drives_nothing: Harness) -> None:
     assert (board["metric"], board["rows"]) == ("speed_std_mps", [])
     listed = {one["name"]: one for one in team.get("/v1/benchmarks").json()}
     assert (listed["dissipation"]["kind"], listed["quickstart"]["kind"]) == ("freeway", "driving")
+
+
+def test_the_most_even_traffic_is_first_on_the_board(drives_nothing: Harness) -> None:
+    """And a run with a morning that its planner failed has no place."""
+    team = drives_nothing.caller("team")
+    for name, deviation in (("rough", 9.0), ("smooth", 5.0), ("failed", None)):
+        team.post("/v1/agents", {"name": name})
+        team.post(f"/v1/agents/{name}/submissions", PLANNER)
+        order = {"agent": name, "benchmark": "dissipation", "ranked": True}
+        plan(drives_nothing.services.database, team.post("/v1/evaluations", order).json()["id"], deviation)
+    board = team.get("/v1/leaderboard", params={"benchmark": "dissipation"}).json()
+    assert [(row["agent"], row["rank"]) for row in board["rows"]] == [("smooth", 1), ("rough", 2)]
+    assert [row["scores"]["speed_std_mps"]["mean"] for row in board["rows"]] == pytest.approx([5.45, 9.45])
+    assert "driving_score" not in board["rows"][0]["scores"]
+
+
+def plan(database: Database, evaluation_id: str, deviation: float | None) -> None:
+    """Ends a run as if it had been driven, with a deviation of speed that grows with the seed; None: it failed."""
+    with database.session() as session:
+        for episode in session.scalars(select(Episode).where(Episode.evaluation_id == evaluation_id)):
+            measures = dict.fromkeys(MORNING_SCORES, 1.0) | {"speed_std_mps": (deviation or 0.0) + 0.1 * episode.seed}
+            record = MorningRecord(
+                scenario=MorningScenario(benchmark=benchmark(1), seed=episode.seed),
+                benchmark=("dissipation", "0"),
+                agent=planner("p"),
+                failure="it broke" if deviation is None else None,
+                outcome={} if deviation is None else measures,
+            )
+            episode.summary, episode.record_hash = summary_of_morning(record), record.content_hash()
+    finish(database, evaluation_id, EvaluationStatus.DONE, EpisodeStatus.DONE)
 
 
 @pytest.mark.parametrize(
