@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Annotated, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from dohyo.service.boards.model import Audience, Counts
 
+YEARS = range(2000, 2200)
+
+
+def _in_utc(given: datetime) -> datetime:
+    """The same moment in UTC, since SQLite drops the zone."""
+    if given.year not in YEARS:
+        raise ValueError(f"expected a year from {YEARS.start} to {YEARS.stop - 1}")
+    return given.astimezone(UTC)
+
+
+Time = Annotated[AwareDatetime, AfterValidator(_in_utc)]
 Seed = Annotated[int, Field(ge=0, le=2**31 - 1)]
 Owner = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9][A-Za-z0-9._@-]*$")]
 TeamName = Annotated[
@@ -79,8 +90,8 @@ class PhaseOrder(BaseModel):
     ] = 5
     period_s: Annotated[float, Field(gt=0, le=366 * 86_400, description="Length of that period, s.")] = 86_400.0
     counts: Annotated[Counts, Field(description="Which complete run of a team is its place.")] = Counts.BEST
-    opens: Annotated[AwareDatetime | None, Field(description="Earliest time of an order; default: at once.")] = None
-    closes: Annotated[AwareDatetime, Field(description="Latest time of an order.")]
+    opens: Annotated[Time | None, Field(description="Earliest time of an order; default: at once.")] = None
+    closes: Annotated[Time, Field(description="Latest time of an order.")]
     grace_s: Annotated[
         float,
         Field(ge=0, le=30 * 86_400, description="Time after `closes` in which runs may still end and count, s."),
@@ -134,7 +145,7 @@ class PhaseChange(BaseModel):
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"closes": "2026-12-07T12:00:00Z"}]})
 
-    closes: Annotated[AwareDatetime, Field(description="New latest time of an order; never earlier than before.")]
+    closes: Annotated[Time, Field(description="New latest time of an order; never earlier than before.")]
 
 
 class BaselineOrder(BaseModel):

@@ -118,6 +118,13 @@ def test_the_end_of_a_phase_can_only_be_postponed(service: Harness) -> None:
     assert_problem(organiser.client.patch(path, json={"closes": in_days(9)}, headers=organiser.headers), 409)
 
 
+def test_times_of_any_zone_are_the_same_moments(stored: Harness) -> None:
+    organiser = stored.caller("lab", Role.ORGANISER)
+    make_challenge(organiser, closes="2031-05-01T12:00:00+02:00", grace_s=3600)
+    (phase,) = stored.client.get("/v1/challenges/cup").json()["phases"]
+    assert (phase["closes"], phase["ends"]) == ("2031-05-01T10:00:00Z", "2031-05-01T11:00:00Z")
+
+
 # Invitations
 
 
@@ -206,6 +213,7 @@ def test_what_may_not_enter_a_phase(service: Harness) -> None:
         ({"opens": "2030-01-02T00:00:00Z", "closes": "2030-01-01T00:00:00Z"}, "body.closes"),
         ({"closes": "2020-01-01T00:00:00Z"}, "closes"),
         ({"closes": "2030-01-01T00:00:00"}, "body.closes"),
+        ({"closes": "9999-12-31T23:59:59Z", "grace_s": 86400}, "body.closes"),
         ({"runs_per_period": 0}, "body.runs_per_period"),
         ({"board": "nobody"}, "body.board"),
         ({"color": "red"}, "body.color"),
