@@ -55,6 +55,8 @@ class Settings(BaseSettings):
         queue_limit: Most waiting episodes over all submitters.
         queued_per_owner: Most waiting episodes of one owner.
         evaluations_per_owner: Most unfinished evaluations of one owner.
+        read_seconds_per_minute: Processor seconds a minute that one owner, or one address without a token, may use for
+            maps, replays, comparisons and rescoring.
         bytes_per_owner: Most bytes that one owner keeps: records, policies, networks, uploads that wait.
         records_kept_days: Days after the end of an evaluation after which its records' files are removed, of ranked
             runs too; rows and scores stay. None: never.
@@ -97,6 +99,7 @@ class Settings(BaseSettings):
     queue_limit: Annotated[int, Field(ge=1)] = 100_000
     queued_per_owner: Annotated[int, Field(ge=1)] = 20_000
     evaluations_per_owner: Annotated[int, Field(ge=1)] = 20
+    read_seconds_per_minute: Annotated[float, Field(gt=0)] = 30.0
     bytes_per_owner: Annotated[int, Field(ge=1)] = 50_000_000_000
     records_kept_days: Annotated[float | None, Field(gt=0)] = None
     jobs: Annotated[int, Field(ge=1, le=64)] = 2

@@ -17,6 +17,7 @@ from dohyo.service.jobs.runner import JobRunner
 from dohyo.service.monitoring.metrics import Metrics
 from dohyo.service.settings import Settings
 from dohyo.service.signing.keys import SigningKeys
+from dohyo.service.web.heavy import HeavyReads
 
 if TYPE_CHECKING:
     from dohyo.service.scheduling.scheduler import Scheduler
@@ -150,6 +151,8 @@ class Services:
         lost: Called, in a thread, once another server has this one's database.
         metrics: Counts and durations for Prometheus.
         jobs: Runner of jobs.
+        reads: Threads of heavy reads.
+        freeway: Freeway mornings with a policy worker as planner.
         signing: Keys that sign records.
     """
 
@@ -162,10 +165,13 @@ class Services:
     lost: Callable[[], None] = lambda: None
     metrics: Metrics = field(default_factory=Metrics)
     jobs: JobRunner = field(init=False)
+    reads: HeavyReads = field(init=False)
+    freeway: FreewayMornings = field(init=False)
     signing: SigningKeys = field(init=False)
 
     def __post_init__(self) -> None:
         self.events.watch(self.metrics.note_event)
+        self.reads = HeavyReads(self.settings.read_seconds_per_minute)
         self.jobs = JobRunner(self.settings, self.database, self.events)
         self.signing = SigningKeys(self.settings.signing_key, self.settings.retired_signing_keys)
 

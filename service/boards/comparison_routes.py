@@ -8,16 +8,17 @@ import msgspec
 from fastapi import APIRouter, Query, Response
 from pydantic import StringConstraints
 
-from dohyo.service.accounts.access import Reader
+from dohyo.service.accounts.access import Caller, Reader
 from dohyo.service.boards import queries as reading
 from dohyo.service.boards.comparison import MOST, compare_entries
 from dohyo.service.boards.views import ComparedView
-from dohyo.service.episodes.readers import ReadersOf, evaluation_for
+from dohyo.service.episodes.readers import Readers, ReadersOf, evaluation_for
 from dohyo.service.errors import NotFoundError
 from dohyo.service.evaluations.access import Aspect
-from dohyo.service.state import ServicesOf
+from dohyo.service.state import Services, ServicesOf
 from dohyo.service.web.caching import ID
 from dohyo.service.web.documents import problems
+from dohyo.service.web.heavy import Heavy
 
 router = APIRouter(prefix="/v1", tags=["comparison"], responses=problems(403, 404))
 
@@ -28,8 +29,14 @@ Chosen = Annotated[
 
 
 @router.get("/comparison", response_model=ComparedView)
-def compare_evaluations(caller: Reader, services: ServicesOf, readers: ReadersOf, evaluation: Chosen) -> Response:
+async def compare_evaluations(
+    caller: Reader, services: ServicesOf, readers: ReadersOf, heavy: Heavy, evaluation: Chosen
+) -> Response:
     """Compares evaluations drive by drive: paired difference of every score, and the scenarios that differ most."""
+    return await heavy(lambda: _compared(caller, services, readers, evaluation))
+
+
+def _compared(caller: Caller, services: Services, readers: Readers, evaluation: list[str]) -> Response:
     seen = [evaluation_for(services, caller, one, Aspect.RECORDS) for one in evaluation]
     with services.database.reading() as session:
         found = reading.entries(session, evaluation)

@@ -43,6 +43,7 @@ from dohyo.service.jobs.orders import Wait, answer_job, last_about, order_job, o
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.web.caching import Cached, Identified, already_has, immutable
 from dohyo.service.web.documents import problems
+from dohyo.service.web.heavy import Heavy
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 
@@ -117,20 +118,25 @@ def get_episode_events(identifier: Identified, caller: Reader, services: Service
 
 
 @router.get("/replay", responses=problems(403, 404, 409, 410) | Cached.json())
-def get_episode_replay(
-    identifier: Identified, request: Request, caller: Reader, services: ServicesOf, readers: ReadersOf
+async def get_episode_replay(
+    identifier: Identified, request: Request, caller: Reader, services: ServicesOf, readers: ReadersOf, heavy: Heavy
 ) -> Response:
     """Data of a replay except the roads (`/v1/networks/{name}/map`): poses, lights, infractions, series."""
-    episode, _, version = episode_for(services, caller, identifier, Aspect.REPLAYS)
+    episode, _, version = await run_in_threadpool(episode_for, services, caller, identifier, Aspect.REPLAYS)
     path = record_path(services.settings, episode)
     headers = immutable(f"{episode.record_hash}-{episode.id}-replay{FORMAT}", services)
     headers |= {"vary": "Accept-Encoding", "content-encoding": "gzip"}
     if already_has(request, headers):
         return Response(status_code=304, headers=headers)
     kept = path.with_name(f"{path.stem}.replay-{FORMAT}-{episode.id}.json.gz")
-    content = readers.derived(kept, lambda: _replay(services, readers, episode, version))
-    if "gzip" not in request.headers.get("accept-encoding", ""):
-        content = gzip.decompress(content)
+    packed = "gzip" in request.headers.get("accept-encoding", "")
+
+    def read() -> bytes:
+        content = readers.derived(kept, lambda: _replay(services, readers, episode, version))
+        return content if packed else gzip.decompress(content)
+
+    content = await (run_in_threadpool(read) if kept.exists() else heavy(read))
+    if not packed:
         del headers["content-encoding"]
     return Response(content, media_type="application/json", headers=headers)
 

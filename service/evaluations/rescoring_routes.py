@@ -8,16 +8,17 @@ import msgspec
 from fastapi import APIRouter, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from dohyo.service.accounts.access import Reader
+from dohyo.service.accounts.access import Caller, Reader
 from dohyo.service.boards import queries as reading
-from dohyo.service.episodes.readers import ReadersOf, evaluation_for, record_of
+from dohyo.service.episodes.readers import Readers, ReadersOf, evaluation_for, record_of
 from dohyo.service.errors import ConflictError
 from dohyo.service.evaluations.access import Aspect
 from dohyo.service.evaluations.metrics_views import RescoredView
 from dohyo.service.evaluations.rescoring import LAMBDA, rescore
-from dohyo.service.state import ServicesOf
+from dohyo.service.state import Services, ServicesOf
 from dohyo.service.web.caching import ID
 from dohyo.service.web.documents import problems
+from dohyo.service.web.heavy import Heavy
 from dohyo.service.web.strict_json import StrictRoute
 
 router = APIRouter(prefix="/v1", tags=["metrics"], responses=problems(404), route_class=StrictRoute)
@@ -40,8 +41,14 @@ class RescoringOrder(BaseModel):
 
 
 @router.post("/rescore", response_model=RescoredView, responses=problems(403, 404, 409, 410, 413))
-def rescore_evaluations(order: RescoringOrder, caller: Reader, services: ServicesOf, readers: ReadersOf) -> Response:
+async def rescore_evaluations(
+    order: RescoringOrder, caller: Reader, services: ServicesOf, readers: ReadersOf, heavy: Heavy
+) -> Response:
     """Recomputes every score from the records; stored data does not change."""
+    return await heavy(lambda: _rescored(order, caller, services, readers))
+
+
+def _rescored(order: RescoringOrder, caller: Caller, services: Services, readers: Readers) -> Response:
     _, version = evaluation_for(services, caller, order.evaluation, Aspect.RECORDS)
     with services.database.reading() as session:
         episodes = reading.recorded_episodes(session, order.evaluation)

@@ -21,6 +21,7 @@ from dohyo.service.networks.views import NetworkView
 from dohyo.service.state import ServicesOf
 from dohyo.service.submissions.agent_routes import IdempotencyKey
 from dohyo.service.web.documents import Name, problems
+from dohyo.service.web.heavy import Heavy
 from dohyo.service.web.uploads import Upload, form_body, receive_upload
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.entries import builtin_names, network_names
@@ -72,9 +73,10 @@ def get_network(name: Name, caller: Reader) -> NetworkView:
         304: {"description": "As the caller has it."},
     },
 )
-def get_network_map(
+async def get_network_map(
     name: Name,
     caller: Reader,
+    heavy: Heavy,
     x0: Coordinate = None,
     y0: Coordinate = None,
     x1: Coordinate = None,
@@ -83,7 +85,12 @@ def get_network_map(
     if_none_match: Annotated[str, Header(include_in_schema=False)] = "",
 ) -> Response:
     """Roads of a network, or of a part of it, for a replay; metres in the network frame."""
-    network, box = find_network(name), _box(x0, y0, x1, y1)
+    box = _box(x0, y0, x1, y1)
+    return await heavy(lambda: _map(name, box, accept_encoding, if_none_match))
+
+
+def _map(name: str, box: Box | None, accept_encoding: str, if_none_match: str) -> Response:
+    network = find_network(name)
     etag = f'"{network.sha256[:32]}"'
     headers = {"etag": etag, "cache-control": "no-cache", "vary": "accept-encoding"}
     if etag in if_none_match.replace("W/", ""):

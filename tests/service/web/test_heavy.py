@@ -1,0 +1,106 @@
+"""Heavy reads: few at once, paid by each caller in processor seconds, and nobody else waits for them."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import httpx
+import pytest
+
+from dohyo.service.errors import BusyError, TooManyRequestsError
+from dohyo.service.web import heavy
+from dohyo.service.web.heavy import HeavyReads
+from tests.service.served import Service
+
+
+def burn() -> int:
+    """About 20 ms of a processor."""
+    return sum(number * number for number in range(400_000))
+
+
+def test_an_empty_purse_is_refused_until_it_is_refilled() -> None:
+    clock = [0.0]
+    reads = HeavyReads(0.001, lambda: clock[0])
+
+    async def run() -> None:
+        await reads.compute(burn, "address a", True)
+        with pytest.raises(TooManyRequestsError) as refused:
+            await reads.compute(burn, "address a", True)
+        assert int(refused.value.headers["retry-after"]) >= 1
+        await reads.compute(burn, "address b", True)
+        clock[0] += 1e9
+        await reads.compute(burn, "address a", True)
+
+    asyncio.run(run())
+
+
+def test_anonymous_callers_leave_a_thread_to_those_with_a_token() -> None:
+    reads, free = HeavyReads(60.0), threading.Event()
+
+    async def run() -> None:
+        held = [asyncio.create_task(reads.compute(lambda: free.wait(60), f"address {n}", True)) for n in range(5)]
+        await asyncio.sleep(0)
+        assert await reads.compute(lambda: 7, "owner team", False) == 7
+        free.set()
+        assert all(await asyncio.gather(*held))
+
+    asyncio.run(run())
+
+
+def test_a_read_that_fails_is_paid_for_and_a_long_queue_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(heavy, "MOST_WAITING", 1)
+    reads, free = HeavyReads(0.001), threading.Event()
+
+    def fail() -> None:
+        burn()
+        raise ValueError("no such road")
+
+    async def run() -> None:
+        with pytest.raises(ValueError, match="no such road"):
+            await reads.compute(fail, "owner a", False)
+        with pytest.raises(TooManyRequestsError):
+            await reads.compute(burn, "owner a", False)
+        held = asyncio.create_task(reads.compute(lambda: free.wait(60), "owner b", False))
+        await asyncio.sleep(0)
+        with pytest.raises(BusyError):
+            await reads.compute(burn, "owner c", False)
+        free.set()
+        await held
+
+    asyncio.run(run())
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    shared = Service(
+        tmp_path_factory.mktemp("data"), read_seconds_per_minute=0.2, requests_per_minute=100_000, processes=1
+    )
+    shared.start()
+    yield shared
+    shared.close()
+
+
+def test_maps_of_boxes_that_nobody_asked_for_before_keep_nobody_waiting(service: Service) -> None:
+    with httpx.Client(base_url=service.url, timeout=60.0, limits=httpx.Limits(max_connections=100)) as client:
+
+        def draw(number: int) -> httpx.Response:
+            box = {"x0": -10_000.0 - number, "y0": -10_000, "x1": 10_000, "y1": 10_000}
+            return client.get("/v1/networks/ingolstadt/map", params=box)
+
+        me = {"authorization": f"Bearer {service.submitter_token}"}
+        asked = 0
+        with ThreadPoolExecutor(40) as threads:
+            sent = [threads.submit(draw, number) for number in range(120)]
+            while not all(one.done() for one in sent):
+                assert client.get("/v1/me", headers=me, timeout=5.0).json()["owner"] == "owner"
+                assert client.get("/health/ready", timeout=5.0).status_code == 200
+                asked += 1
+        answers = [one.result() for one in sent]
+        statuses = Counter(answer.status_code for answer in answers)
+        assert set(statuses) == {200, 429}, statuses
+        assert asked > 0
+        assert client.get("/v1/networks/ingolstadt/map", headers=me).status_code == 200, "others have their own purse"
