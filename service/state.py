@@ -152,7 +152,6 @@ class Services:
         metrics: Counts and durations for Prometheus.
         jobs: Runner of jobs.
         reads: Threads of heavy reads.
-        freeway: Freeway mornings with a policy worker as planner.
         signing: Keys that sign records.
     """
 
@@ -166,7 +165,6 @@ class Services:
     metrics: Metrics = field(default_factory=Metrics)
     jobs: JobRunner = field(init=False)
     reads: HeavyReads = field(init=False)
-    freeway: FreewayMornings = field(init=False)
     signing: SigningKeys = field(init=False)
 
     def __post_init__(self) -> None:

@@ -25,11 +25,12 @@ from dohyo.service.database.base import Base, new_id, now
 from dohyo.service.database.engine import Database
 from dohyo.service.episodes import routes as episodes
 from dohyo.service.episodes.archive import archived_path
+from dohyo.service.evaluations import metrics_routes as metrics
 from dohyo.service.evaluations import rescoring_routes as rescoring
 from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.scoring import summary_of
 from dohyo.service.jobs.kinds import KINDS
-from dohyo.service.monitoring import routes as metrics
+from dohyo.service.monitoring import routes as monitoring
 from dohyo.service.settings import Settings
 from dohyo.service.state import Broadcast, Services
 from dohyo.service.submissions.model import Agent, AgentKind, Submission
@@ -68,7 +69,7 @@ class Shop:
         self.services = Services(settings, database, cast(Any, FakeScheduler()), Broadcast())
         app = FastAPI(lifespan=self._lifespan)
         errors.install(app)
-        for module in (comparison, episodes, leaderboard, metrics, rescoring):
+        for module in (comparison, episodes, leaderboard, metrics, monitoring, rescoring):
             app.include_router(module.router)
         app.state.services = self.services
         self.client = TestClient(app, raise_server_exceptions=False)
