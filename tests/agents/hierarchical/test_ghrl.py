@@ -142,7 +142,7 @@ def test_the_named_configurations_exist():
 
 
 def test_an_unknown_arm_is_refused(runs):
-    with pytest.raises(InvalidInputError, match=r"no arm named 'ghrl-q'; did you mean"):
+    with pytest.raises(InvalidInputError, match=r"setting 'arm': expected one of .*'ghrl-r'.*, got 'ghrl-q'"):
         make_agent(ENTRY, {"arm": "ghrl-q", "checkpoint": str(runs)})
 
 

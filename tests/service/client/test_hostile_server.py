@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.signature import public_key
 from dohyo.evaluation.records.store import write_record
 from dohyo.evaluation.running.run import Manifest
 from dohyo.service.client import downloads
@@ -158,7 +160,8 @@ def test_an_answer_without_end_is_cut(
 
 
 def test_a_signature_of_something_else_is_refused(hostile: Hostile, url: str, tmp_path: Path) -> None:
-    for value, why in (("Ed25519 a b", "expected 'dohyo-signature"), (f"Ed25519 {'A' * 43}= {'A' * 86}==", "not made")):
+    key = public_key(Ed25519PrivateKey.generate())
+    for value, why in (("Ed25519 a b", "expected 'dohyo-signature"), (f"Ed25519 {key} {'A' * 86}==", "not made")):
         hostile.headers["dohyo-signature"] = value
         with Client(url) as client, pytest.raises(InvalidInputError, match=why):
             client.download("ev-1", tmp_path / "records")
