@@ -41,11 +41,12 @@ ORDERS: dict[str, dict[str, Any]] = {
     },
     "/v1/evaluations": {"agent": "mine", "version": 1, "benchmark": "quickstart", "seeds": [1], "name": "mine"},
     "/v1/rescore": {"evaluation": "ev-0000000000000000", "rules": "2.0"},
+    "/v1/challenges": {"name": "cup", "title": "A cup", "rules": "Be fair."},
     "/v1/webhooks": {"url": "https://example.org/hook", "secret": "0123456789abcdef"},
 }  # fmt: skip
 LISTS = (
     *("/v1/tokens", "/v1/agents", "/v1/agents/mine", "/v1/agents/mine/submissions", "/v1/evaluations"),
-    *("/v1/webhooks", "/v1/leaderboard?benchmark=quickstart", "/v1/networks", "/v1/benchmarks"),
+    *("/v1/webhooks", "/v1/challenges", "/v1/leaderboard?benchmark=quickstart", "/v1/networks", "/v1/benchmarks"),
 )
 
 
