@@ -77,7 +77,7 @@ def test_lists_are_newest_first_filtered_and_paged(stored: Harness) -> None:
         ({"benchmark": "quickstat"}, 404),
         ({"benchmark": "../benchmarks/quickstart"}, 404),
         ({"benchmark": "/etc/passwd.toml"}, 404),
-        ({"benchmark": "quickstart\x00"}, 404),
+        ({"benchmark": "quickstart\x00"}, 422),
         ({"only": ["through-east"]}, 422),  # evaluations are of whole benchmarks, since they are ranked
         ({"sample": 2}, 422),
         ({"seeds": []}, 422),
