@@ -83,7 +83,7 @@ def start(
     token: Token = None,
     json: Json = False,
 ) -> None:
-    """Queues an evaluation: a practice run, or a ranked run under the conditions of its ranking."""
+    """Queues an evaluation: a practice run or a ranked one."""
     wanted = parse_seeds(seeds) if seeds is not None else None
     entered = ranked or ranking is not None
     with Client(server, token) as client:
