@@ -77,7 +77,7 @@ def _freeway_benchmark(name: str) -> dict[str, Any]:
         "cells": 1,
         "scenarios": benchmark.number if isinstance(benchmark, ForecastBenchmark) else len(benchmark.seeds),
         "networks": [benchmark.network],
-        "headline": benchmark.headline.replace("_", " "),
+        "headline": benchmark.headline.removesuffix("_mps").replace("_", " "),
         "metric": benchmark.metric,
         "description": benchmark.description,
     }
