@@ -1,8 +1,9 @@
 """How fast the wire is: `python tests/performance/wire.py [--json FILE] [--quick]`.
 
 1. Steps over loopback against a null simulation, 12 kB each way, through the whole service: one worker, then 32.
-2. A real episode locally and through the service: the share of a tick that HTTP costs.
-3. The same real episode's steps alone, and while 200 readers look at the service.
+2. The same bytes through a bare ASGI application on uvicorn, in the same run: what HTTP alone costs on this machine.
+3. A real episode locally and through the service: the share of a tick that HTTP costs.
+4. The same real episode's steps alone, and while 200 readers look at the service.
 """
 
 from __future__ import annotations
@@ -96,6 +97,42 @@ def serve_null(data: str, port: int, episodes: int) -> None:
     app = create_app(settings, NullScheduler)
     with server.listen(settings) as own:
         server.DrainingServer(server.configuration(settings, app), app.state.services).run(sockets=[own])
+
+
+def serve_echo(port: int) -> None:
+    """A bare ASGI application that answers every request with its body, on the service's server and event loop."""
+    import uvicorn
+
+    async def echo(scope: Any, receive: Any, send: Any) -> None:
+        body, more = b"", True
+        while more:
+            message = await receive()
+            body, more = body + message.get("body", b""), message.get("more_body", False)
+        about = [(b"content-type", b"application/msgpack"), (b"content-length", str(len(body)).encode())]
+        await send({"type": "http.response.start", "status": 200, "headers": about})
+        await send({"type": "http.response.body", "body": body})
+
+    uvicorn.run(echo, port=port, log_level="critical", access_log=False, lifespan="off")
+
+
+def measure_echo(steps: int) -> dict[str, float]:
+    """Round trips of one client to the bare application, with a step's body both ways."""
+    port = free_port()
+    server = multiprocessing.get_context("spawn").Process(target=serve_echo, args=(port,))
+    server.start()
+    try:
+        wait_for(ROOT, port)
+        http, taken = HTTPConnection("127.0.0.1", port, timeout=60), []
+        body = encode({"tick": 0, "actions": {"ego": pack(BODY["vector"])}}, Format.MSGPACK)
+        for _ in range(steps):
+            began = time.perf_counter()
+            http.request("POST", "/", body, {"content-type": Format.MSGPACK.value})
+            http.getresponse().read()
+            taken.append(time.perf_counter() - began)
+    finally:
+        server.terminate()
+        server.join()
+    return table_row(taken)
 
 
 class Stepper:
@@ -298,9 +335,12 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="a tenth of the steps")
     options = parser.parse_args()
     steps = 1000 if options.quick else 10_000
+    load, null, echo = os.getloadavg()[0], measure_null(1, steps), measure_echo(steps)
     numbers = {
-        "load_before": os.getloadavg()[0],
-        "null_1_worker": measure_null(1, steps),
+        "load_before": load,
+        "null_1_worker": null,
+        "echo": echo,
+        "null_to_echo": {"p50": round(null["p50_ms"] / echo["p50_ms"], 2)},
         "null_32_workers": measure_null(32, max(100, steps // 32)),
         "real": measure_real(options.quick),
     }

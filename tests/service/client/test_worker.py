@@ -95,7 +95,7 @@ def test_dohyo_worker_submits_drives_and_gives_back_when_it_is_stopped(
         service.wait_done(evaluation["id"], 1)
         first = next(one for one in client.episodes(evaluation["id"]) if one["status"] == "done")
         record = client.record(first["id"])
-    info = info_of(STEADY)
+    info = info_of(STEADY).model_copy(update={"kind": "remote"})
     assert AgentInfo.model_validate(record["egos"][0]["agent"]) == info
     local = run_episode(
         benchmark.scenarios([0])[first["position"]],
