@@ -19,17 +19,24 @@ const SCORES = {
   progress: ["progress EP", ...PERCENT],
   comfort: ["comfort C", ...PERCENT],
 };
+const FREEWAY = {
+  speed_std_mps: ["spread of speeds", "m/s", 10],
+  throughput_vph: ["throughput", "vehicles/h", 8000],
+  speed_mps: ["mean speed", "m/s", 40],
+  speed_std_within_mps: ["spread within segments", "m/s", 10],
+  fuel_circles_g_km: ["fuel of the connected cars", "g/km", 100],
+};
 const OPEN = ["driving_score", "route_completion", "irs", "success", "infraction_penalty", "nocrash_success"];
 const CLOSED = ["closed_loop", "no_collision", "drivable_area", "progress", "time_to_collision", "comfort"];
 
 /** Title, unit and upper end of the axis of a score. */
 export function scoreOf(key) {
-  const [title, unit, top] = SCORES[key] ?? [key, ...PERCENT];
+  const [title, unit, top] = SCORES[key] ?? FREEWAY[key] ?? [key, ...PERCENT];
   return { key, title, unit, top };
 }
 
 /** The scores to show, at most `most`, the most important first; `headline`, if given, before all others. */
 export function shown(scores, most, headline = null) {
-  const keys = scores.closed_loop ? CLOSED : OPEN;
+  const keys = scores.closed_loop ? CLOSED : scores.speed_std_mps ? Object.keys(FREEWAY) : OPEN;
   return [...new Set([headline ?? keys[0], ...keys])].slice(0, most).map(scoreOf);
 }

@@ -57,7 +57,7 @@ SEARCH = {
 VERSION = "3f9c" + "0" * 60
 BENCHMARKS = [
     BenchmarkView(
-        name=name, version=VERSION, description=description, headline=Headline.DRIVING_SCORE,
+        name=name, version=VERSION, description=description, kind="driving", headline=Headline.DRIVING_SCORE,
         metric="driving score: RC times IP", rules="2.0",
         networks=["ingolstadt"], cells=["all"], scenarios=6, seeds=[0, 1, 2],
     )
@@ -202,8 +202,8 @@ def create() -> FastAPI:
         return MeView(owner="lab", role="submitter", token="tok-1")
 
     @app.get("/v1/benchmarks")
-    def benchmarks() -> Page[BenchmarkView]:
-        return Page(items=BENCHMARKS)
+    def benchmarks() -> list[BenchmarkView]:
+        return BENCHMARKS
 
     @app.get("/v1/leaderboard")
     def leaderboard(benchmark: str, track: str | None = None) -> LeaderboardView:
