@@ -182,7 +182,7 @@ class Services:
             self.events.close()
 
 
-def services_of(request: Request) -> Services:
+async def services_of(request: Request) -> Services:
     """The services of the app that got a request."""
     return cast(Services, request.app.state.services)
 

@@ -7,19 +7,24 @@ an `Organiser` changes its own challenges; an `Admin` may do everything. Data th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated
 
+from anyio import CapacityLimiter, to_thread
+from anyio.lowlevel import RunVar
 from fastapi import Depends, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
-from dohyo.service.accounts.model import Role
+from dohyo.service.accounts.model import Role, Token
 from dohyo.service.accounts.queries import find_token
+from dohyo.service.database.engine import Database
 from dohyo.service.errors import ForbiddenError, UnauthorisedError
 from dohyo.service.state import ServicesOf
 
 LONGEST_TOKEN = 200
+THREADS = 8
 
 _bearer = HTTPBearer(auto_error=False, description="A token, as `dohyo tokens create` or `POST /v1/tokens` gives it.")
 
@@ -66,7 +71,7 @@ class Caller:
 Credentials = Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)]
 
 
-def identify(request: Request, credentials: Credentials, services: ServicesOf) -> Caller | None:
+async def identify(request: Request, credentials: Credentials, services: ServicesOf) -> Caller | None:
     """Caller that a token identifies; None without a token.
 
     Raises:
@@ -79,8 +84,8 @@ def identify(request: Request, credentials: Credentials, services: ServicesOf) -
         return None
     if len(credentials.credentials) > LONGEST_TOKEN:
         raise UnauthorisedError()
-    with services.database.reading() as session:
-        token = find_token(session, credentials.credentials)
+    find = partial(_find, services.database, credentials.credentials)
+    token = await to_thread.run_sync(find, limiter=_threads())
     if token is None:
         raise UnauthorisedError()
     caller = Caller(token.owner, token.role, token.id, public)
@@ -88,10 +93,26 @@ def identify(request: Request, credentials: Credentials, services: ServicesOf) -
     return caller
 
 
+def _find(database: Database, secret: str) -> Token | None:
+    with database.reading() as session:
+        return find_token(session, secret)
+
+
+_limiter: RunVar[CapacityLimiter] = RunVar("threads for tokens")
+
+
+def _threads() -> CapacityLimiter:
+    """Threads for tokens only, so that a check never waits behind uploads and other long requests."""
+    limiter = _limiter.get(None)
+    if limiter is None:
+        _limiter.set(limiter := CapacityLimiter(THREADS))
+    return limiter
+
+
 Identified = Annotated[Caller | None, Depends(identify)]
 
 
-def _reader(caller: Identified, services: ServicesOf) -> Caller:
+async def _reader(caller: Identified, services: ServicesOf) -> Caller:
     if caller is not None:
         return caller
     if not services.settings.public:
@@ -99,14 +120,14 @@ def _reader(caller: Identified, services: ServicesOf) -> Caller:
     return Caller("", Role.READER, None, public=True)
 
 
-def _holder(caller: Identified) -> Caller:
+async def _holder(caller: Identified) -> Caller:
     if caller is None:
         raise UnauthorisedError()
     return caller
 
 
-def _requiring(*roles: Role) -> Callable[[Caller], Caller]:
-    def check(caller: Annotated[Caller, Depends(_holder)]) -> Caller:
+def _requiring(*roles: Role) -> Callable[[Caller], Coroutine[None, None, Caller]]:
+    async def check(caller: Annotated[Caller, Depends(_holder)]) -> Caller:
         if caller.role not in roles:
             wanted = " or ".join(roles)
             raise ForbiddenError(f"expected a token of role {wanted}, yours is {caller.role}")

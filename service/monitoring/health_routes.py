@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from anyio import CapacityLimiter, to_thread
 from fastapi import APIRouter
-from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 from sqlalchemy.exc import SQLAlchemyError
 
@@ -31,12 +31,13 @@ async def get_readiness(services: ServicesOf) -> dict[str, Any] | JSONResponse:
     if services.database.fenced:
         return problem(503, "this server has lost its lock on the database", {"retry-after": "5"})
     try:
-        await run_in_threadpool(services.database.check)
+        # Threads of its own: the others may all be busy with long requests.
+        await to_thread.run_sync(services.database.check, limiter=CapacityLimiter(1))
     except SQLAlchemyError:
         return problem(503, "the database does not answer", {"retry-after": "5"})
     return {
         "status": "ready",
         "started": services.started.isoformat(),
         "episodes": services.scheduler.snapshot(),
-        "confinement": await run_in_threadpool(layers),
+        "confinement": await to_thread.run_sync(layers, limiter=CapacityLimiter(1)),
     }

@@ -25,13 +25,13 @@ TEXT: dict[int | str, dict[str, Any]] = {
 router = APIRouter(tags=["health"])
 
 
-def _check(request: Request, credentials: Credentials, services: ServicesOf) -> None:
+async def _check(request: Request, credentials: Credentials, services: ServicesOf) -> None:
     """Lets in administrators and the token of the settings: the counts are of all owners."""
     own = services.settings.metrics_token
     sent = credentials.credentials if credentials is not None else ""
     if own is not None and hmac.compare_digest(own.get_secret_value().encode(), sent.encode()):
         return
-    caller = identify(request, credentials, services)
+    caller = await identify(request, credentials, services)
     if caller is None:
         raise UnauthorisedError()
     if caller.role is not Role.ADMIN:
