@@ -4,7 +4,7 @@
     python -m dohyo.agents.studies peers table --rows out/studies/peers
 
 Updates are counted per second of the core that a training took, with the environment's steps, so that other processes
-disturb little. Hopper-v5 needs the package mujoco. Settings are the libraries' defaults, or those of RL Zoo, in both.
+disturb little. Settings are the libraries' defaults, or those of RL Zoo, in both.
 """
 
 from __future__ import annotations
