@@ -1,4 +1,4 @@
-"""Episodes: record, trajectory, events, replay, explanation; and driving one again."""
+"""Episodes: attempts, record, trajectory, events, replay, explanation; and driving one again."""
 
 from __future__ import annotations
 
@@ -35,15 +35,17 @@ from dohyo.service.episodes.reading_views import (
 )
 from dohyo.service.episodes.redrive import explanation_at
 from dohyo.service.episodes.replay import FORMAT, encode, infraction_document, replay_of
-from dohyo.service.episodes.views import view_episode
+from dohyo.service.episodes.views import AttemptView, view_attempt, view_episode
 from dohyo.service.errors import ConflictError, UnauthorisedError
+from dohyo.service.evaluations import queries as evaluations
 from dohyo.service.evaluations.access import Aspect, visible_among
-from dohyo.service.evaluations.model import BenchmarkVersion, Episode, Evaluation
+from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation
 from dohyo.service.jobs.orders import Wait, answer_job, last_about, order_job, ordered
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.web.caching import Cached, Identified, already_has, immutable
-from dohyo.service.web.documents import problems
+from dohyo.service.web.documents import Limit, problems
 from dohyo.service.web.heavy import Heavy
+from dohyo.service.web.views import Page
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 
@@ -68,6 +70,25 @@ def get_episode(identifier: Identified, caller: Reader, services: ServicesOf, re
         rules=benchmark.rules if isinstance(benchmark, Benchmark) else None,
         network=readers.network_of(version, episode.cell) if told else None,
     )
+
+
+@router.get("/attempts")
+def list_attempts(
+    identifier: Identified,
+    caller: Reader,
+    services: ServicesOf,
+    limit: Limit = 100,
+    after: Annotated[int, Query(ge=0, le=2**31 - 1, description="The `next` of the page before.")] = 0,
+) -> Page[AttemptView]:
+    """Lists the starts of an episode; none of a remote agent's episode that is not done, while its evaluation lasts."""
+    episode, evaluation, _ = episode_for(services, caller, identifier, Aspect.RUN)
+    if evaluation.hides_drives and episode.status is not EpisodeStatus.DONE:
+        return Page(items=[])
+    with services.database.reading() as session:
+        told = bool(visible_among(session, caller, (evaluation.id,), Aspect.RECORDS))
+        rows = evaluations.list_attempts(session, episode.id, limit=limit + 1, after=after)
+    items = [view_attempt(one, told=told) for one in rows[:limit]]
+    return Page(items=items, next=str(items[-1].number) if len(rows) > limit else None)
 
 
 @router.get("/record", responses=problems(403, 404, 409, 410) | Cached.json(EpisodeRecord))

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from dohyo.service.evaluations.model import Episode, EpisodeStatus
+from dohyo.service.evaluations.model import Attempt, AttemptOutcome, Episode, EpisodeStatus
 from dohyo.service.web.views import View
 
 UNTOLD = {"status": EpisodeStatus.QUEUED, "attempts": 0, "failure": None, "started": None, "finished": None}
@@ -56,3 +56,36 @@ def view_episode(episode: Episode, *, told: bool = True, hidden: bool = False) -
     if hidden and episode.status is not EpisodeStatus.DONE:
         facts |= UNTOLD
     return EpisodeView(evaluation=episode.evaluation_id, **facts)
+
+
+class AttemptView(View):
+    """One start of an episode."""
+
+    number: Annotated[int, Field(description="In the order of the starts, from 1.")]
+    started: Annotated[datetime, Field(description="Its start.")]
+    ended: Annotated[datetime | None, Field(description="Its end; null while it runs.")]
+    outcome: Annotated[
+        AttemptOutcome | None,
+        Field(
+            description="Kind of its end; null while it runs. done: a record that counts. agent_failed: the same, with "
+            "a fault of the agent; shown as done where the records are withheld. worker_gone: the policy worker fell "
+            "silent. given_back: the policy worker released the episode. machine: the process died. simulation: SUMO "
+            "failed, or the disk. unclaimed: no worker came. drained: the service ended. cancelled: the evaluation was "
+            "cancelled."
+        ),
+    ]
+    why: Annotated[str | None, Field(description="Reason of the end, for people; null where withheld.")]
+    charged: Annotated[bool, Field(description="Whether it counts against the submission.")]
+    processor_s: Annotated[
+        float | None, Field(description="Processor time of the episode's process, s; null where withheld.")
+    ]
+
+
+def view_attempt(attempt: Attempt, *, told: bool) -> AttemptView:
+    """An attempt; without `told`, nothing in it says how the drive went."""
+    facts = {name: getattr(attempt, name) for name in AttemptView.model_fields}
+    if not told:
+        facts |= {"why": None, "processor_s": None}
+        if attempt.outcome is AttemptOutcome.AGENT_FAILED:
+            facts["outcome"] = AttemptOutcome.DONE
+    return AttemptView(**facts)

@@ -12,7 +12,14 @@ from sqlalchemy.orm import Session
 from dohyo.evaluation.freeway.morning import MorningScenario
 from dohyo.service.benchmarks.catalog import AnyBenchmark
 from dohyo.service.database.base import new_id, now
-from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation, EvaluationStatus
+from dohyo.service.evaluations.model import (
+    Attempt,
+    BenchmarkVersion,
+    Episode,
+    EpisodeStatus,
+    Evaluation,
+    EvaluationStatus,
+)
 from dohyo.service.submissions.model import Agent, Submission
 from dohyo.sumo_networks.scenario import Scenario
 
@@ -182,6 +189,12 @@ def count_by_version(session: Session, benchmark: str) -> Sequence[tuple[str, da
         .order_by(BenchmarkVersion.created.desc())
     )
     return [(sha256, created, count) for sha256, created, count in session.execute(query)]
+
+
+def list_attempts(session: Session, episode_id: str, *, limit: int, after: int = 0) -> Sequence[Attempt]:
+    """Attempts of an episode in the order of their starts, those past number `after`."""
+    query = select(Attempt).where(Attempt.episode_id == episode_id, Attempt.number > after)
+    return session.scalars(query.order_by(Attempt.number).limit(limit)).all()
 
 
 def list_episodes(

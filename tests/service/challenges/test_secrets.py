@@ -15,14 +15,15 @@ from sqlalchemy import select, update
 from dohyo.service.accounts.model import Role
 from dohyo.service.boards.model import Audience, Ranking
 from dohyo.service.database.base import now
-from dohyo.service.evaluations.model import Episode, Evaluation, EvaluationStatus
+from dohyo.service.evaluations.model import Attempt, AttemptOutcome, Episode, Evaluation, EvaluationStatus
 from dohyo.service.webhooks.model import Delivery
 from dohyo.service.webhooks.queries import announce
 from tests.service.challenges.driving import admit, complete, end, enter, make_challenge
 from tests.service.harness import Harness, running
 
 READINGS = {
-    "run": ("/v1/evaluations/{ev}", "/v1/evaluations/{ev}/episodes", "/v1/episodes/{ep}", "/v1/evaluations"),
+    "run": ("/v1/evaluations/{ev}", "/v1/evaluations/{ev}/episodes", "/v1/episodes/{ep}", "/v1/evaluations",
+            "/v1/episodes/{ep}/attempts"),
     "replays": ("/v1/evaluations/{ev}/infractions", "/v1/episodes/{ep}/events", "/v1/episodes/{ep}/replay",
                 "/v1/episodes/{ep}/explanation?tick=0"),
     "records": ("/v1/evaluations/{ev}/manifest", "/v1/evaluations/{ev}/metrics", "/v1/evaluations/{ev}/metrics.csv",
@@ -71,6 +72,10 @@ def stage(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         with service.services.database.reading() as session:
             seeds = session.get_one(Ranking, ranking).seeds
             found = session.scalars(select(Episode).where(Episode.evaluation_id == runs[0])).all()
+        with service.services.database.session() as session:
+            why = f"seed {found[0].seed}: the agent raised"
+            facts = {"outcome": AttemptOutcome.AGENT_FAILED, "why": why, "processor_s": 7.5, "ended": now()}
+            session.add(Attempt(id="at-1", episode_id=found[0].id, number=1, **facts))
         names = {"ev": runs[0], "ev2": runs[1], "ep": found[0].id, "rk": ranking}
         yield Stage(service, ranking, list(seeds), [one.scenario for one in found], names, callers)
 
@@ -106,6 +111,16 @@ def test_the_runner_still_sees_status_and_progress(stage: Stage, who: str) -> No
     items = stage.get(who, "/v1/evaluations/{ev}/episodes").json()["items"]
     assert len(items) == 6
     assert {(one["scenario"], one["seed"], one["summary"], one["record_hash"]) for one in items} == {(None,) * 4}
+
+
+def test_attempts_tell_why_to_insiders_only(stage: Stage) -> None:
+    stage.restart(secret=True)
+    path = "/v1/episodes/{ep}/attempts"
+    (seen,) = stage.get("ann", path).json()["items"]
+    assert (seen["number"], seen["outcome"], seen["why"], seen["processor_s"]) == (1, "done", None, None)
+    (seen,) = stage.get("organiser", path).json()["items"]
+    assert (seen["outcome"], seen["processor_s"]) == ("agent_failed", 7.5)
+    assert str(stage.seeds[0]) in seen["why"]
 
 
 @pytest.mark.parametrize("who", INSIDERS)

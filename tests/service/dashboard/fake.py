@@ -33,7 +33,7 @@ from dohyo.service.boards.views import ComparedView, LeaderboardView
 from dohyo.service.dashboard import challenge_pages, pages
 from dohyo.service.dashboard.session import SessionCookie, show_errors_as_pages
 from dohyo.service.episodes.reading_views import EpisodeDetail, InfractionsView
-from dohyo.service.episodes.views import EpisodeView
+from dohyo.service.episodes.views import AttemptView, EpisodeView
 from dohyo.service.evaluations.metrics import as_document as metrics_document
 from dohyo.service.evaluations.metrics_views import MetricsView
 from dohyo.service.evaluations.scoring import Drive, summary_of
@@ -81,6 +81,7 @@ class Fake:
         records: Episodes by id, such as "reckless-right-to-south-s0".
         queued: Ids of episodes of evaluation "ev-live" that are not done.
         lost: Number of lost drives of every evaluation, by cell.
+        attempts: Those of the episodes that were started more than once, by the episode's id.
         empty: Whether to know nothing at all.
         second: Whether the reckless agent has a second version.
         explained: Whether the reasons of an episode have been found out.
@@ -90,6 +91,7 @@ class Fake:
     records: dict[str, EpisodeRecord] = field(default_factory=dict)
     queued: list[str] = field(default_factory=list)
     lost: dict[str, int] = field(default_factory=dict)
+    attempts: dict[str, list[AttemptView]] = field(default_factory=dict)
     empty: bool = False
     second: bool = False
     explained: bool = False
@@ -143,7 +145,8 @@ class Fake:
         waits = evaluation == "ev-live" and name in self.queued
         return EpisodeDetail(
             id=name, evaluation=evaluation, position=list(self.records).index(name), scenario=record.scenario.name,
-            cell=record.scenario.cell, seed=record.scenario.seed, attempts=1, failure=None, started=WHEN, finished=WHEN,
+            cell=record.scenario.cell, seed=record.scenario.seed, attempts=len(self.attempts.get(name, "1")),
+            failure=None, started=WHEN, finished=WHEN,
             status="done" if not waits else "running" if name == self.queued[0] else "queued",
             record_hash=None if waits else record.record_hash, summary=None if waits else summary_of(record, "2.0"),
             agent=record.egos[0].agent.name, agent_version=1, benchmark="quickstart", benchmark_version=VERSION,
@@ -283,6 +286,10 @@ def create() -> FastAPI:
         if name not in fake.records:
             raise HTTPException(404, f"no episode '{name}'")
         return fake.episode(name, "ev-" + name.split("-")[0])
+
+    @app.get("/v1/episodes/{name}/attempts")
+    def attempts(name: str) -> Page[AttemptView]:
+        return Page(items=fake.attempts.get(name, []))
 
     @app.get("/v1/episodes/{name}/replay")
     def replay(name: str) -> Any:

@@ -7,6 +7,8 @@ import itertools
 import pytest
 from playwright.sync_api import expect
 
+from dohyo.service.episodes.views import AttemptView
+from dohyo.service.evaluations.model import AttemptOutcome
 from tests.service.dashboard import fake as fakes
 from tests.service.dashboard.conftest import Site, Visitor
 
@@ -110,6 +112,22 @@ def test_an_evaluation_lists_its_worst_episode_first_with_marks_that_open_the_re
     marks = rows.first.locator(".route a")
     assert marks.count() == 5
     assert marks.first.get_attribute("href") == "/episodes/reckless-right-to-south-s0#t=12.6"
+
+
+def test_an_evaluation_lists_the_attempts_that_failed_with_their_reasons(visit: Visitor, site: Site) -> None:
+    page = visit().go("/evaluations/ev-autopilot")
+    expect(page.locator("#attempts")).to_be_empty()
+    gone = AttemptView(
+        number=1, started=fakes.WHEN, ended=fakes.WHEN, outcome=AttemptOutcome.WORKER_GONE,
+        why="the worker fell silent", charged=True, processor_s=1.5,
+    )  # fmt: skip
+    done = gone.model_copy(update={"number": 2, "outcome": AttemptOutcome.DONE, "why": None, "charged": False})
+    site.fake.attempts = {site.fake.queued[0]: [gone, done]}
+    page.reload()
+    rows = page.locator("#attempts tbody tr")
+    expect(rows).to_have_count(1)
+    expect(rows).to_contain_text("worker gone")
+    expect(rows).to_contain_text("the worker fell silent")
 
 
 def test_an_evaluation_that_lost_drives_also_shows_the_means_that_count_them_as_0(visit: Visitor, site: Site) -> None:

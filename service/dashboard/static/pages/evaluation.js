@@ -10,6 +10,8 @@ import { copyButton, refresh, table } from "../table.js";
 import { SIGNS, ending, label, meaning, words } from "../words.js";
 
 const REFRESH_MS = 1500;
+const MOST_TROUBLED = 20;
+const FAULTS = /agent could not be set up|agent raised|agent's action|agent did not answer/;
 
 const id = subject();
 const base = `/v1/evaluations/${encodeURIComponent(id)}`;
@@ -34,6 +36,7 @@ page(async () => {
     ),
     h("section", { id: "scores" }),
     h("section", { id: "episodes" }),
+    h("section", { id: "attempts" }),
   );
   byId("content").style.setProperty("--agent", colour[agent] ?? "var(--accent)");
   show();
@@ -73,6 +76,7 @@ function show() {
   showProgress();
   showScores();
   showEpisodes();
+  showAttempts().catch((error) => console.info(error));
 }
 
 function title(agent, colour) {
@@ -155,7 +159,7 @@ function showEpisodes() {
   const columns = [
     {
       title: "scenario",
-      cell: (row) => h("a", { href: `/episodes/${encodeURIComponent(row.id)}` }, row.scenario),
+      cell: (row) => h("a", { href: `/episodes/${encodeURIComponent(row.id)}` }, named(row)),
       csv: (row) => row.scenario,
     },
     { title: "seed", numeric: true, cell: (row) => row.seed },
@@ -193,6 +197,44 @@ function showEpisodes() {
     h("div", { class: "marks-key" }, key(rows)),
   );
 }
+
+/** The attempts without a good end, of the first episodes that have some. */
+async function showAttempts() {
+  const troubled = state.episodes.filter(hasTrouble);
+  const read = troubled.slice(0, MOST_TROUBLED);
+  const lists = await Promise.all(read.map((one) => getAll(`/v1/episodes/${encodeURIComponent(one.id)}/attempts`)));
+  const rows = lists.flatMap((list, i) => list.map((one) => ({ ...one, episode: read[i] }))).filter((one) => one.outcome !== "done");
+  if (!rows.length) return fill(byId("attempts"));
+  const columns = [
+    {
+      title: "episode",
+      cell: ({ episode }) => h("a", { href: `/episodes/${encodeURIComponent(episode.id)}` }, named(episode)),
+      csv: ({ episode }) => named(episode),
+    },
+    { title: "attempt", numeric: true, cell: (row) => row.number },
+    { title: "ending", choice: true, cell: (row) => (row.outcome ?? "running").replaceAll("_", " ") },
+    { title: "reason", cell: (row) => h("span", { class: "reason" }, reason(row) ?? "—"), csv: reason },
+    { title: "charged", choice: true, cell: (row) => (row.charged ? "yes" : "no") },
+    { title: "processor", unit: "s", numeric: true, cell: (row) => (row.processor_s === null ? "—" : number(row.processor_s)), csv: (row) => row.processor_s },
+    { title: "started", cell: (row) => moment(row.started), sort: (row) => row.started, csv: (row) => row.started },
+  ];
+  fill(
+    byId("attempts"),
+    h("div", { class: "heading" }, h("h2", {}, "Attempts and failures"), copyButton(columns, rows)),
+    h("div", { class: "panel wide" }, table(columns, rows, { name: "attempts", caption: "Attempts and failures" })),
+    troubled.length > read.length &&
+      h("p", { class: "note" }, `of the first ${read.length} of ${troubled.length} episodes with failed attempts`),
+  );
+}
+
+/** Whether an episode has an attempt that gave no record, or a fault of its agent. */
+const hasTrouble = (one) =>
+  one.attempts > 1 || ["lost", "cancelled"].includes(one.status) || (one.summary?.egos ?? []).some((ego) => FAULTS.test(ego.status));
+
+/** Why an attempt ended; of a fault of the agent, which is in the record, the drive's ending. */
+const reason = ({ why, episode }) => why ?? (episode.summary?.egos ?? []).map((ego) => ego.status).find((status) => FAULTS.test(status));
+
+const named = (episode) => episode.scenario ?? `episode ${episode.position + 1}`;
 
 /** A score of a drive; an unfinished or lost episode has none. */
 const score = (row, name, scores = row.ego) =>
