@@ -37,12 +37,15 @@ def final_rows(database: Database, standings: Standings, ranking: Ranking, headl
         headline: Score that ranks on its benchmark.
     """
     if ranking.final is None:
+        ranking = _after_last_runs(database, ranking)
         places = standings.places(database, ranking, headline)
         with database.session() as session:
             serialise(session)
             ranking = session.get_one(Ranking, ranking.id)
             if ranking.final is None:
                 rows = rows_of(session, ranking, places, 0, len(places))
+                if not ranking.ended():
+                    return rows  # it was postponed a moment ago
                 ranking.final, ranking.finalised = {"headline": headline, "rows": rows}, now()
                 _announce(session, ranking, len(rows))
                 logger.info("phase %s is final with %d places", ranking.id, len(rows))
@@ -84,6 +87,12 @@ class Closer:
             except (SQLAlchemyError, OSError) as error:
                 logger.warning("phases cannot be closed now, trying again: %s", error)
             await asyncio.sleep(POLL_S)
+
+
+def _after_last_runs(database: Database, ranking: Ranking) -> Ranking:
+    """The ranking as it is once all runs that ended in time are stored: each holds its ranking until then."""
+    with database.session() as session:
+        return session.get_one(Ranking, ranking.id, with_for_update=True)
 
 
 def _headline(session: Session, ranking: Ranking) -> str:

@@ -14,6 +14,7 @@ from typing import Any
 from sqlalchemy import exists, func, select, update
 from sqlalchemy.orm import Session
 
+from dohyo.service.boards.model import Ranking
 from dohyo.service.database.base import now
 from dohyo.service.evaluations.model import (
     AttemptOutcome,
@@ -232,10 +233,10 @@ def requeue(session: Session, episode_id: str, ended: AttemptEnd) -> None:
         attempts.end(session, episode_id, ended)
 
 
-def fail(session: Session, ticket: Ticket, why: str) -> Progress | None:
-    """Fails an evaluation that can never be driven; None: it has ended already."""
+def fail(session: Session, ticket: Ticket, why: str, charged: Collection[str] = ()) -> Progress | None:
+    """Fails an evaluation that cannot be driven; None: it has ended already. `charged` is that of `cancel`."""
     _change(session, ticket.episode_id, status=EpisodeStatus.CANCELLED, failure=why[:LONGEST_FAILURE], finished=now())
-    return _stop(session, ticket.evaluation_id, EvaluationStatus.FAILED, why)
+    return _stop(session, ticket.evaluation_id, EvaluationStatus.FAILED, why, charged)
 
 
 def cancel(session: Session, evaluation_id: str, charged: Collection[str] = ()) -> Progress | None:
@@ -295,10 +296,17 @@ def _settle(session: Session, evaluation_id: str) -> Progress | None:
     open_ones = count(EpisodeStatus.QUEUED) + count(EpisodeStatus.RUNNING)
     ends = evaluation.status in UNFINISHED and not open_ones
     if ends:
+        _hold_ranking(session, evaluation)
         evaluation.finished = now()
         evaluation.status = EvaluationStatus.DONE if done == total else EvaluationStatus.FAILED
         evaluation.failure = None if done == total else _why_not(session, evaluation_id, total - done, total)
     return Progress(evaluation_id, evaluation.status, done, total, ends)
+
+
+def _hold_ranking(session: Session, evaluation: Evaluation) -> None:
+    """Locks a run's ranking, so that its board cannot become final between the time of the run's end and the commit."""
+    if evaluation.ranking_id is not None:
+        session.get(Ranking, evaluation.ranking_id, with_for_update={"read": True, "of": Ranking})
 
 
 def _why_not(session: Session, evaluation_id: str, missing: int, total: int) -> str:

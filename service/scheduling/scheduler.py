@@ -157,7 +157,7 @@ class Scheduler:
 
         An attempt that a worker drives counts against the submission: a cancelled drive is no free second try.
         """
-        driven = [one.ticket.episode_id for one in self._live.values() if one.remote is not None and one.remote.stepped]
+        driven = self._driven()
         progress = await self._transaction(lambda session: queue.cancel(session, evaluation_id, driven), patient=False)
         self._abort(evaluation_id)
         if progress is not None:
@@ -376,11 +376,16 @@ class Scheduler:
         await self._transaction(lambda session: queue.requeue(session, ticket.episode_id, ended))
 
     async def _fail(self, ticket: Ticket, why: str) -> None:
-        """Fails an evaluation that can never be driven."""
+        """Fails an evaluation that cannot be driven, such as one whose owner has filled the disk to end bad drives."""
         logger.warning("evaluation %s cannot be driven: %s", ticket.evaluation_id, why)
-        progress = await self._transaction(lambda session: queue.fail(session, ticket, why))
+        driven = self._driven()
+        progress = await self._transaction(lambda session: queue.fail(session, ticket, why, driven))
         self._abort(ticket.evaluation_id, but=ticket.episode_id)
         await self._tell(progress, ticket, "cancelled")
+
+    def _driven(self) -> list[str]:
+        """Identifiers of episodes in which a worker has made a step."""
+        return [one.ticket.episode_id for one in self._live.values() if one.remote is not None and one.remote.stepped]
 
     def _abort(self, evaluation_id: str, but: str = "") -> None:
         for live in self._live.values():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from datetime import timedelta
 from typing import Any
 
@@ -13,10 +14,12 @@ from dohyo.service.boards.model import Ranking
 from dohyo.service.challenges.closing import close_ended
 from dohyo.service.challenges.model import Invitation
 from dohyo.service.database.base import now
-from dohyo.service.evaluations.model import Evaluation
+from dohyo.service.evaluations.model import Evaluation, EvaluationStatus
+from dohyo.service.scheduling import queue
 from dohyo.service.webhooks.model import Delivery
 from tests.service.challenges.driving import admit, complete, end, enter, in_days, make_challenge
 from tests.service.harness import Caller, Harness, assert_problem
+from tests.service.served import wait_until
 
 
 def rows(caller: Any, ranking: str) -> list[tuple[Any, ...]]:
@@ -224,3 +227,26 @@ def test_an_impossible_phase_is_refused_with_its_place(service: Harness, change:
     assert organiser.post("/v1/challenges", {"name": "cup", "title": "t"}).status_code == 201
     order = {"name": "p", "benchmark": "quickstart", "draw_seeds": 1, "closes": in_days(1)} | change
     assert_problem(organiser.post("/v1/challenges/cup/phases", order), 422, where)
+
+
+def test_a_run_that_ended_in_time_counts_though_it_is_stored_after_the_end(stored: Harness) -> None:
+    database = stored.services.database
+    organiser = stored.caller("lab", Role.ORGANISER)
+    ranking = make_challenge(organiser)
+    ann = admit(stored, organiser, "ann")
+    ann.agent("a")
+    run = enter(ann, "a", ranking)["id"]
+    complete(database, run, 50.0)
+    with database.session() as session:
+        driving = {"status": EvaluationStatus.RUNNING, "finished": None}
+        session.execute(update(Evaluation).where(Evaluation.id == run).values(driving))
+    end(database, ranking, ago=timedelta(seconds=-1))
+    closing = threading.Thread(target=close_ended, args=(stored.services,))
+    with database.session() as session:
+        queue.settle(session, run)
+        session.flush()
+        wait_until(session.get_one(Ranking, ranking).ended, "the phase does not end")
+        closing.start()
+        closing.join(0.5)  # it waits for this transaction
+    closing.join()
+    assert [one[1] for one in rows(ann, ranking)] == ["ann"]

@@ -19,7 +19,8 @@ from dohyo.evaluation.episode.runner import drive_episode, run_episode
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.store import write_record
 from dohyo.service.episodes.archive import archived_path, staged_folder
-from dohyo.service.evaluations.model import Attempt, Episode, EpisodeStatus, EvaluationStatus
+from dohyo.service.evaluations.model import Attempt, Episode, EpisodeStatus, Evaluation, EvaluationStatus
+from dohyo.service.networks.model import UploadedNetwork
 from dohyo.service.submissions.model import AgentKind
 from tests.service.conftest import MakeService
 from tests.service.served import ROOT, STEADY, Service, info_of, short, wait_until
@@ -120,6 +121,21 @@ def test_a_drive_that_its_owner_cancels_counts_as_an_attempt(service: Service) -
     worker.post(f"/v1/workers/{worker.worker}/acquire?wait=2")  # a worker waits, so that the episode is taken
     (ego,) = service.record(evaluation).egos
     assert (ego.status, ego.progress_m) == (Status.AGENT_DEADLINE, 0.0)
+
+
+def test_a_drive_that_ends_since_its_owner_fills_the_disk_counts_as_an_attempt(service: Service) -> None:
+    evaluation = service.submit(info_of(STEADY), short(missions=2))
+    worker = hire(service)
+    worker.drive(worker.acquire(), steps=2)
+    with service.database.session() as session:
+        owner = session.get_one(Evaluation, evaluation).owner
+        session.add(UploadedNetwork(name="ballast", owner=owner, kept_bytes=10**15))
+    other = hire(service)
+    other.post(f"/v1/workers/{other.worker}/acquire?wait=2")
+    assert service.wait(evaluation).status is EvaluationStatus.FAILED
+    with service.database.session() as session:
+        session.delete(session.get_one(UploadedNetwork, "ballast"))
+    assert [one.outcome for one in attempts_of(service, evaluation) if one.charged] == ["cancelled"]
 
 
 def attempts_of(service: Service, evaluation: str) -> list[Attempt]:
