@@ -13,7 +13,11 @@ from dohyo.service.database.base import Base, now
 
 
 class Counts(StrEnum):
-    """Which complete run of an entrant is its place. FIRST: the oldest. BEST: the one of the highest headline score."""
+    """Which run of an entrant is its place, once it is complete.
+
+    FIRST: the one ordered first, also where it was cancelled: it may be resumed. BEST: the one of the highest headline
+    score.
+    """
 
     BEST = "best"
     FIRST = "first"
@@ -48,7 +52,7 @@ class Ranking(Base):
         verified_only: Whether only agents that the service itself runs (built-in, ONNX) may enter.
         runs_per_period: Most runs that an entrant may order in a period.
         period_s: Length of that period, s, which ends now.
-        counts: Which complete run is an entrant's place.
+        counts: Which run is an entrant's place, once it is complete.
         opens: Earliest time of an order; None: at once.
         closes: Latest time of an order; None: never.
         ends: Latest time at which a run is complete and counts; the board is final from then on. None: never.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from typing import Any
 
 from sqlalchemy import ColumnElement, func, select
@@ -25,6 +26,13 @@ def recorded_episodes(session: Session, evaluation_id: str) -> list[Episode]:
     """Episodes of an evaluation with a record that counts, in the benchmark's order."""
     query = select(Episode).where(Episode.evaluation_id == evaluation_id, Episode.status == EpisodeStatus.DONE)
     return list(session.scalars(query.where(Episode.record_hash.is_not(None)).order_by(Episode.position)))
+
+
+def first_orders(session: Session, ranking_id: str) -> dict[str, datetime]:
+    """Time of the first order of each entrant of a ranking, whatever became of that run."""
+    entrant = func.coalesce(Evaluation.team_id, Evaluation.submission_id)
+    query = select(entrant, func.min(Evaluation.created)).where(Evaluation.ranking_id == ranking_id).group_by(entrant)
+    return {row[0]: row[1] for row in session.execute(query)}
 
 
 def benchmark_versions(session: Session, name: str) -> list[BenchmarkVersion]:

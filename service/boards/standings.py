@@ -13,7 +13,8 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from dohyo.service.boards.leaderboard import Contender, Place, Ranks, places_of
-from dohyo.service.boards.model import Ranking, Result
+from dohyo.service.boards.model import Counts, Ranking, Result
+from dohyo.service.boards.queries import first_orders
 from dohyo.service.boards.results import is_behind, store_results
 from dohyo.service.database.engine import Database
 from dohyo.service.evaluations.model import Evaluation
@@ -133,8 +134,10 @@ def _refresh(session: Session, standing: _Standing, ranking: Ranking) -> None:
     new = select(Result, Evaluation.team_id).join(Evaluation, Evaluation.id == Result.evaluation_id).where(mine)
     if standing.runs:
         new = new.where(Result.evaluation_id.in_(known - standing.runs.keys()))
+    # A run that was ordered first and cancelled leaves its place empty: an entrant must not choose among its runs.
+    first = first_orders(session, ranking.id) if ranking.counts is Counts.FIRST else {}
     for result, team in session.execute(new):
-        if result.facts["values"]:
+        if result.facts["values"] and result.ordered == first.get(result.entrant, result.ordered):
             standing.runs[result.evaluation_id] = _contender(result, ranking.challenge_id is not None and team is None)
     standing.state = state
     standing.places = Recent(20)

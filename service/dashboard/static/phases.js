@@ -49,7 +49,7 @@ export function conditions(phase) {
     ["benchmark", h("a", { href: `/?benchmark=${encodeURIComponent(phase.benchmark)}` }, phase.benchmark)],
     ["seeds", phase.seeds ? phase.seeds.join(", ") : `${phase.seed_count}, secret until ${moment(phase.ends)}`],
     ["ranked runs", `${phase.runs_per_period} per ${period(phase.period_s)} and team`],
-    ["place", phase.counts === "best" ? "the best complete run" : "the first complete run"],
+    ["place", phase.counts === "best" ? "the best complete run" : "the run ordered first, once complete"],
     ["opens", moment(phase.opens)],
     ["closes", moment(phase.closes)],
     ["track", phase.track ?? "any"],

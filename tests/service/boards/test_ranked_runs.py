@@ -122,3 +122,16 @@ def test_a_page_goes_on_after_the_last_row(service: Harness) -> None:
     assert seen == ["a4", "a3", "a2", "a1", "a0"]
     assert_problem(service.client.get("/v1/leaderboard?benchmark=quickstart&after=ev-0"), 422, "after")
     assert_problem(service.client.get("/v1/leaderboard?benchmark=quickstart&ranking=rk-0"), 422, "either")
+
+
+def test_cancelling_a_bad_first_run_gives_no_choice_among_runs(service: Harness) -> None:
+    eve, database = service.caller("eve"), service.services.database
+    eve.agent("a")
+    bad, lucky = (order(eve).json()["id"] for _ in range(2))
+    assert eve.post(f"/v1/evaluations/{bad}/cancel").status_code == 200
+    complete(database, lucky, 95.0)
+    assert board(service) == []
+    assert eve.post(f"/v1/evaluations/{bad}/resume").status_code == 200
+    complete(database, bad, 40.0)
+    (row,) = board(service)
+    assert (row["evaluation"], row["runs"]) == (bad, 2)

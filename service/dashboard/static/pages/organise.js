@@ -70,7 +70,7 @@ function phaseForm(benchmarks) {
       field("Secret", "secret", select([["", "no"], ["yes", "until the phase ends"]]), "Withholds seeds, scenarios, replays and records. Needs drawn seeds."),
       field("Ranked runs of a team", "runs_per_period", input("number", { min: 1, max: 1000, value: 3, required: true })),
       field("within hours", "period_s", input("number", { min: 0.01, step: "any", value: 24, required: true })),
-      field("A team's place", "counts", select([["best", "its best complete run"], ["first", "its first complete run"]])),
+      field("A team's place", "counts", select([["best", "its best complete run"], ["first", "the run that it orders first"]])),
       field("Opens", "opens", input("datetime-local", { step: 1 }), "Empty: at once."),
       field("Closes", "closes", input("datetime-local", { step: 1, required: true })),
       field("Grace, minutes", "grace_s", input("number", { min: 0, step: "any", value: 60 }), "Time after the closing in which runs may still end and count."),
