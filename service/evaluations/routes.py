@@ -258,6 +258,7 @@ async def resume_evaluation(identifier: Identifier, caller: Submitter, services:
 
     def again() -> None:
         with services.database.session() as session:
+            serialise(session)
             evaluation = _owned(session, caller, identifier)
             if not evaluation.status.finished or evaluation.status is EvaluationStatus.DONE:
                 return

@@ -44,7 +44,7 @@ def _wait_s(
     """Seconds that the caller prefers to wait (RFC 7240); other preferences are ignored."""
     for preference in (prefer or "").split(","):
         name, _, value = preference.partition("=")
-        if name.strip().lower() == "wait" and value.strip().isdigit():
+        if name.strip().lower() == "wait" and value.strip().isdecimal():
             return min(LONGEST_WAIT_S, float(value.strip()))
     return 0.0
 

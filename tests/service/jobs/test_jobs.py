@@ -251,3 +251,10 @@ def test_old_jobs_are_deleted_and_new_ones_kept(tmp_path: Path, desk: Desk) -> N
 def test_settings_without_places_are_refused() -> None:
     with pytest.raises(ValueError, match="greater than or equal to 1"):
         Settings(jobs=0)
+
+
+def test_a_digit_that_is_no_decimal_is_an_ignored_preference(service: Harness) -> None:
+    authorization = service.caller("team").headers["authorization"].encode()
+    headers = [(b"authorization", authorization), (b"prefer", b"wait=\xb2")]
+    answer = service.client.post("/v1/episodes/ep-none/verify", headers=headers)
+    assert_problem(answer, 404, "ep-none")
