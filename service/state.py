@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections import deque
+from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -153,6 +153,7 @@ class Services:
         jobs: Runner of jobs.
         reads: Threads of heavy reads.
         signing: Keys that sign records.
+        streams: Number of open event streams by caller.
     """
 
     settings: Settings
@@ -163,6 +164,7 @@ class Services:
     draining: bool = False
     lost: Callable[[], None] = lambda: None
     metrics: Metrics = field(default_factory=Metrics)
+    streams: Counter[str] = field(default_factory=Counter)
     jobs: JobRunner = field(init=False)
     reads: HeavyReads = field(init=False)
     signing: SigningKeys = field(init=False)

@@ -6,9 +6,8 @@ from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Header, Query, Response
+from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 from sqlalchemy.orm import Session
 
@@ -36,7 +35,7 @@ from dohyo.service.submissions.agent_routes import IdempotencyKey, owned_agent
 from dohyo.service.submissions.model import Submission
 from dohyo.service.submissions.queries import find_submission
 from dohyo.service.web.documents import After, Identifier, Limit, problems
-from dohyo.service.web.events import MEDIA_TYPE, stream
+from dohyo.service.web.events import MEDIA_TYPE, EventResponse, stream
 from dohyo.service.web.strict_json import StrictRoute
 from dohyo.service.web.views import Page
 from dohyo.sumo_networks.scenario import content_hash
@@ -162,6 +161,7 @@ def get_evaluation(identifier: Identifier, caller: Reader, services: ServicesOf)
 )
 async def stream_evaluation_progress(
     identifier: Identifier,
+    request: Request,
     caller: Reader,
     services: ServicesOf,
     last_event_id: Annotated[str, Header(include_in_schema=False)] = "",
@@ -179,7 +179,7 @@ async def stream_evaluation_progress(
         return await run_in_threadpool(_state, services, caller, identifier)
 
     events: AsyncIterator[str] = stream(services.events, f"evaluation:{identifier}", read)
-    return StreamingResponse(events, media_type=MEDIA_TYPE, headers={"cache-control": "no-store"})
+    return EventResponse(request, events)
 
 
 @router.get("/{identifier}/manifest", responses=problems(403, 404, 409))

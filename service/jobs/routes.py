@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Response
+from fastapi import APIRouter, Header, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import StreamingResponse
 from sqlalchemy.orm import Session
 
 from dohyo.service.accounts.access import Caller, Holder
@@ -18,7 +17,7 @@ from dohyo.service.jobs.orders import read_job
 from dohyo.service.jobs.views import JobView, view_job
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.web.documents import After, Identifier, Limit, problems
-from dohyo.service.web.events import MEDIA_TYPE, stream
+from dohyo.service.web.events import MEDIA_TYPE, EventResponse, stream
 from dohyo.service.web.views import Page
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
@@ -53,6 +52,7 @@ def get_job(identifier: Identifier, caller: Holder, services: ServicesOf) -> Job
 )
 async def stream_job_events(
     identifier: Identifier,
+    request: Request,
     caller: Holder,
     services: ServicesOf,
     last_event_id: Annotated[str, Header(include_in_schema=False)] = "",
@@ -66,7 +66,7 @@ async def stream_job_events(
         return await run_in_threadpool(read_job, services, identifier)
 
     events: AsyncIterator[str] = stream(services.events, f"job:{identifier}", read)
-    return StreamingResponse(events, media_type=MEDIA_TYPE, headers={"cache-control": "no-store"})
+    return EventResponse(request, events)
 
 
 @router.delete("/{identifier}", status_code=204, responses=problems(404))

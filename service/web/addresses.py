@@ -1,9 +1,11 @@
-"""Addresses: which of them count as one client."""
+"""Addresses: which of them count as one client, and who a request counts for."""
 
 from __future__ import annotations
 
 import ipaddress
 from functools import lru_cache
+
+from fastapi import Request
 
 
 @lru_cache(maxsize=4096)
@@ -18,3 +20,10 @@ def client_of(address: str) -> str:
     if parsed.ipv4_mapped is not None:
         return str(parsed.ipv4_mapped)
     return str(ipaddress.ip_network((int(parsed), 64), strict=False))
+
+
+def payer_of(request: Request) -> str:
+    """Owner whose token a request has; without a token, the client."""
+    caller = getattr(request.state, "caller", None)
+    host = request.client.host if request.client is not None else "unknown"
+    return f"address {client_of(host)}" if caller is None else f"owner {caller.owner}"

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable
-from typing import Protocol
+from typing import Final, Protocol
 
-from dohyo.service.state import Broadcast
+from fastapi import Request
+from fastapi.responses import StreamingResponse
+from starlette.types import Receive, Scope, Send
+
+from dohyo.service.errors import TooManyRequestsError
+from dohyo.service.state import Broadcast, Services
+from dohyo.service.web.addresses import payer_of
 
 MEDIA_TYPE = "text/event-stream"
 HEARTBEAT_S = 15.0
 RETRY_MS = 3000
+STREAMS_PER_CALLER: Final = 32
+FULL_RETRY_S = 30.0
 
 
 class _Status(Protocol):
@@ -27,6 +36,36 @@ class State(Protocol):
 
     def model_dump_json(self) -> str:
         """The state as JSON."""
+
+
+class EventResponse(StreamingResponse):
+    """Answer with events. One owner, or one client without a token, has at most `STREAMS_PER_CALLER` open.
+
+    A stream counts from its first byte to its end: the limit of connections closes only those that wait.
+    """
+
+    def __init__(self, request: Request, events: AsyncIterator[str]) -> None:
+        """An answer to a request, which counts for its caller."""
+        super().__init__(events, media_type=MEDIA_TYPE, headers={"cache-control": "no-store"})
+        services: Services = request.app.state.services
+        self._open: Counter[str] = services.streams
+        self._payer = payer_of(request)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Sends the events.
+
+        Raises:
+            TooManyRequestsError: The caller has too many streams open.
+        """
+        if self._open[self._payer] >= STREAMS_PER_CALLER:
+            raise TooManyRequestsError(f"at most {STREAMS_PER_CALLER} open event streams; end some", FULL_RETRY_S)
+        self._open[self._payer] += 1
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            self._open[self._payer] -= 1
+            if not self._open[self._payer]:
+                del self._open[self._payer]
 
 
 async def stream(events: Broadcast, topic: str, read: Callable[[], Awaitable[State]]) -> AsyncIterator[str]:

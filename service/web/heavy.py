@@ -18,7 +18,7 @@ from typing import Annotated, Final, Protocol, TypeVar
 from fastapi import Depends, Request
 
 from dohyo.service.errors import BusyError, TooManyRequestsError
-from dohyo.service.web.addresses import client_of
+from dohyo.service.web.addresses import payer_of
 
 AT_ONCE: Final = 2
 MOST_WAITING: Final = 64
@@ -102,10 +102,8 @@ class Compute(Protocol):
 def _heavy(request: Request) -> Compute:
     async def compute(work: Callable[[], T]) -> T:
         reads: HeavyReads = request.app.state.services.reads
-        caller = getattr(request.state, "caller", None)
-        host = request.client.host if request.client is not None else "unknown"
-        payer = f"address {client_of(host)}" if caller is None else f"owner {caller.owner}"
-        return await reads.compute(work, payer, caller is None)
+        anonymous = getattr(request.state, "caller", None) is None
+        return await reads.compute(work, payer_of(request), anonymous)
 
     return compute
 

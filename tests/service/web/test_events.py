@@ -3,7 +3,11 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import AsyncIterator
+from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
+
+import httpx
 
 from dohyo.service.database.base import now
 from dohyo.service.evaluations.model import EvaluationStatus
@@ -11,6 +15,7 @@ from dohyo.service.evaluations.views import EvaluationView, Progress
 from dohyo.service.state import BACKLOG, Broadcast
 from dohyo.service.submissions.model import AgentKind
 from dohyo.service.web import events as web_events
+from tests.service.served import Service, wait_until
 
 
 def state(done: int, status: EvaluationStatus = EvaluationStatus.RUNNING) -> EvaluationView:
@@ -28,6 +33,8 @@ def state(done: int, status: EvaluationStatus = EvaluationStatus.RUNNING) -> Eva
         act_deadline_s=10.0,
         status=status,
         failure=None,
+        ranking=None,
+        withheld=False,
         progress=Progress(total=9, done=done),
         created=now().replace(microsecond=0),
         started=None,
@@ -111,3 +118,32 @@ def test_a_subscription_ends_its_iteration_when_it_is_closed() -> None:
         return [message async for message in subscription]
 
     assert asyncio.run(listen()) == [{"n": 1}]
+
+
+def test_a_caller_that_opens_streams_without_end_is_refused_and_others_still_get_theirs(tmp_path: Path) -> None:
+    service = Service(tmp_path / "data")
+    service.start()
+    mine, others = ({"authorization": f"Bearer {token}"} for token in (service.submitter_token, service.other_token))
+    limits = httpx.Limits(max_connections=100)
+    try:
+        with httpx.Client(base_url=service.url, timeout=30.0, limits=limits) as http, ExitStack() as opened:
+            order = {"kind": "remote"}
+            http.post("/v1/agents", json={"name": "a"}, headers=mine).raise_for_status()
+            http.post("/v1/agents/a/submissions", json=order, headers=mine).raise_for_status()
+            run = http.post("/v1/evaluations", json={"agent": "a", "benchmark": "quickstart"}, headers=mine)
+            path = f"/v1/evaluations/{run.raise_for_status().json()['id']}/progress"
+
+            def follow(headers: dict[str, str]) -> httpx.Response:
+                return opened.enter_context(http.stream("GET", path, headers=headers))
+
+            streams = [follow(mine) for _ in range(web_events.STREAMS_PER_CALLER)]
+            assert {one.status_code for one in streams} == {200}
+            refused = follow(mine)
+            assert (refused.status_code, refused.headers["content-type"]) == (429, "application/problem+json")
+            assert int(refused.headers["retry-after"]) > 0
+            assert follow(others).status_code == 200
+            assert http.get("/v1/me", headers=mine).status_code == 200
+            streams[0].close()
+            wait_until(lambda: follow(mine).status_code == 200, "a stream that ended still counts")
+    finally:
+        service.close()
