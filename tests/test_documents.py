@@ -27,6 +27,7 @@ from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.scores.driving import infraction_penalty
 from dohyo.service.cli import app
 from dohyo.service.cli.lazy import LazyCommand
+from dohyo.service.settings import Settings
 from dohyo.sumo_networks.ego.control import CONTROLS
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.networks.entries import builtin_names
@@ -235,6 +236,18 @@ def test_the_page_of_benchmarks_has_all() -> None:
 
 def test_the_page_of_networks_has_all() -> None:
     assert set(table(text("docs/engineers/networks.md"), "network")) == set(builtin_names())
+
+
+def test_the_page_of_hosting_has_every_setting() -> None:
+    assert set(table(text("docs/organisers/hosting.md"), "setting")) == set(Settings.model_fields)
+
+
+def test_every_attack_of_the_threat_model_is_a_test() -> None:
+    named = re.findall(r"`([\w/]+\.py)::(test_\w+)`", text("docs/organisers/security.md"))
+    assert len(named) > 40
+    for path, name in named:
+        whole = ROOT / path if path.startswith("tests/") else ROOT / "tests/service" / path
+        assert re.search(rf"^(async )?def {name}\(", whole.read_text(), re.MULTILINE), f"{path}::{name}"
 
 
 def test_every_module_of_the_api_reference_exists() -> None:
