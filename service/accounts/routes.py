@@ -14,6 +14,7 @@ from dohyo.service.accounts.access import Caller, Holder
 from dohyo.service.accounts.model import Role, Token
 from dohyo.service.accounts.views import MeView, NewToken, TokenView, view_token
 from dohyo.service.database.base import now
+from dohyo.service.database.engine import serialise
 from dohyo.service.errors import ForbiddenError, NotFoundError, TooManyRequestsError
 from dohyo.service.state import ServicesOf
 from dohyo.service.web.documents import After, Identifier, Limit, problems
@@ -52,6 +53,7 @@ def create_token(order: TokenOrder, caller: Holder, services: ServicesOf) -> New
     if not _includes(caller.role, order.role):
         raise ForbiddenError(f"expected a role within yours, '{caller.role}', got '{order.role}'")
     with services.database.session() as session:
+        serialise(session)
         if not caller.is_admin and tokens.count_valid_tokens(session, owner) >= PER_OWNER:
             raise TooManyRequestsError(f"at most {PER_OWNER} valid tokens of one owner; revoke some", retry_s=3600)
         token, secret = tokens.create_token(session, owner, order.role, _lifetime(session, caller, order))

@@ -306,9 +306,9 @@ def _create(order: EvaluationOrder, caller: Caller, services: Services, key: str
     scenarios = plan.benchmark.scenarios(plan.seeds)
     _refuse_while_ending(services)  # the client may have disconnected
     with services.database.session() as session:
-        if before := made_before(session, caller.owner, key, request):
-            return _views(session, caller, [session.get_one(Evaluation, before)])[0]
         serialise(session)
+        if known := _known(session, caller, key, request):
+            return known
         _check_room(session, services, caller.owner, len(scenarios))
         team = None
         if plan.ranking_id is not None:
@@ -331,8 +331,14 @@ def _create(order: EvaluationOrder, caller: Caller, services: Services, key: str
 
 def _made_before(services: Services, caller: Caller, key: str | None, request: str) -> EvaluationView | None:
     with services.database.session() as session:
-        before = made_before(session, caller.owner, key, request)
-        return _views(session, caller, [session.get_one(Evaluation, before)])[0] if before else None
+        return _known(session, caller, key, request)
+
+
+def _known(session: Session, caller: Caller, key: str | None, request: str) -> EvaluationView | None:
+    """The evaluation that the same order has made, unless it was deleted since."""
+    before = made_before(session, caller.owner, key, request)
+    made = session.get(Evaluation, before) if before else None
+    return _views(session, caller, [made])[0] if made else None
 
 
 def _practice_plan(order: EvaluationOrder, services: Services) -> _Plan:

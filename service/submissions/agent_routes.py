@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.orm import Session
 
 from dohyo.service.accounts.access import Caller, Reader, Submitter
+from dohyo.service.database.engine import serialise
 from dohyo.service.database.idempotency import made_before, remember
 from dohyo.service.errors import ConflictError, ForbiddenError, NotFoundError, TooManyRequestsError
 from dohyo.service.state import ServicesOf
@@ -49,6 +50,7 @@ def create_agent(
     """Registers an agent; no other owner can use the name afterwards."""
     request = content_hash({"agent": order.model_dump()})
     with services.database.session() as session:
+        serialise(session)
         if made_before(session, caller.owner, idempotency_key, request):
             return view_agent(owned_agent(session, caller, order.name), None)
         if submissions.find_agent(session, order.name):

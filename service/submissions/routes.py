@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session
 from dohyo.evaluation.agent import AgentSpec
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.accounts.access import Caller, Reader, Submitter
+from dohyo.service.database.engine import serialise
 from dohyo.service.database.idempotency import made_before, remember
 from dohyo.service.errors import NotFoundError, TooManyRequestsError
 from dohyo.service.freeway.planner import CONTROL as PLANNER_CONTROL
@@ -249,9 +250,11 @@ def _declare(services: Services, caller: Caller, name: str, order: RemoteOrder, 
     """Stores a remote agent's declaration; there is nothing to try."""
     info, request = _remote(order, name), content_hash({"agent": name, "submission": order.model_dump()})
     with services.database.session() as session:
+        serialise(session)
         agent = owned_agent(session, caller, name)
-        if before := made_before(session, caller.owner, key, request):
-            return view_submission(session.get_one(Submission, before), name)
+        before = made_before(session, caller.owner, key, request)
+        if before and (made := session.get(Submission, before)):
+            return view_submission(made, name)
         _check_count(session, agent)
         submission = queries.add_submission(session, agent, AgentKind.REMOTE, info)
         remember(session, caller.owner, key, request, submission.id)

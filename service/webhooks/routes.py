@@ -8,6 +8,7 @@ from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict, Field
 
 from dohyo.service.accounts.access import Submitter
+from dohyo.service.database.engine import serialise
 from dohyo.service.errors import NotFoundError, TooManyRequestsError
 from dohyo.service.state import ServicesOf
 from dohyo.service.web.documents import After, Identifier, Limit, problems
@@ -40,6 +41,7 @@ def create_webhook(order: WebhookOrder, caller: Submitter, services: ServicesOf)
     """
     check_url(order.url, private_allowed=services.settings.webhook_private_addresses)
     with services.database.session() as session:
+        serialise(session)
         if queries.count_webhooks(session, caller.owner) >= PER_OWNER:
             raise TooManyRequestsError(f"at most {PER_OWNER} webhooks; delete one", retry_s=3600)
         webhook = queries.add_webhook(session, caller.owner, order.url)

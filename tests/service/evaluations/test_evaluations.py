@@ -288,3 +288,16 @@ def test_whoever_comes_back_after_the_end_is_told_to_stop(service: Harness) -> N
     assert "id: end" in team.get(path).text
     assert team.get(path, headers={"last-event-id": "end"}).status_code == 204
     assert team.get(path, headers={"last-event-id": "17"}).status_code == 200
+
+
+def test_the_key_of_a_deleted_evaluation_orders_a_new_one(stored: Harness) -> None:
+    team = stored.caller("team")
+    team.agent("a")
+    order, key = {"agent": "a", "benchmark": "quickstart"}, {"idempotency-key": "k"}
+    deleted = team.post("/v1/evaluations", order, headers=key).json()["id"]
+    assert team.post(f"/v1/evaluations/{deleted}/cancel").status_code == 200
+    assert team.delete(f"/v1/evaluations/{deleted}").status_code == 204
+    again = team.post("/v1/evaluations", order, headers=key)
+    assert again.status_code == 201, again.text
+    assert again.json()["id"] != deleted
+    assert team.post("/v1/evaluations", order, headers=key).json()["id"] == again.json()["id"]
