@@ -24,6 +24,9 @@ from dohyo.service.web.addresses import client_of
 WIRE = ("/v1/workers", "/v1/leases")
 FREE = ("/health", "/static")
 UPLOADS = ("/v1/networks", "/submissions/onnx")
+REDEMPTIONS = ("/v1/invitations/redeem", "/join")
+REDEMPTIONS_PER_DAY = 200  # of one address, behind which a whole class may sit
+DAY_S = 86_400.0
 FORM_BYTES = 100_000  # size of an upload's other fields
 SECURITY = {
     "content-security-policy": (
@@ -90,6 +93,11 @@ def _too_large(limit: int) -> Response:
     return problem(413, str(error), error.headers)
 
 
+def _too_many(detail: str, wait_s: float) -> Response:
+    seconds = math.ceil(wait_s)
+    return problem(429, f"{detail}; wait {seconds} s", {"retry-after": str(seconds)})
+
+
 def _ending() -> Response:
     error = BusyError("the service is shutting down", retry_s=30)
     return problem(503, str(error), error.headers)
@@ -105,6 +113,8 @@ class _Bucket:
 
 class RateLimit:
     """Limits the requests per minute of each token; callers without a valid token share the limit of their address.
+
+    An address also has a limit of redeemed invitations a day, each of which may make an owner.
 
     A token has its own limit only after it was accepted: attempts to guess tokens count for the address. Steps of
     policy workers and health checks are not counted; wrong tokens on the wire are.
@@ -130,6 +140,10 @@ class RateLimit:
             return
         if wait_s := self._take(token if token in self._accepted else address):
             await self._refusal(wait_s)(scope, receive, send)
+            return
+        redeems = scope["method"] == "POST" and scope["path"] in REDEMPTIONS
+        if redeems and (wait_s := self._take(f"redeem {address}", most=REDEMPTIONS_PER_DAY, period_s=DAY_S)):
+            await _too_many(f"more than {REDEMPTIONS_PER_DAY} redemptions a day", wait_s)(scope, receive, send)
             return
         state = scope.setdefault("state", {})
         await self.app(scope, receive, send)
@@ -157,16 +171,14 @@ class RateLimit:
         await self.app(scope, receive, judge)
 
     def _refusal(self, wait_s: float) -> Response:
-        seconds = math.ceil(wait_s)
-        detail = f"more than {self.per_minute} requests a minute; wait {seconds} s"
-        return problem(429, detail, {"retry-after": str(seconds)})
+        return _too_many(f"more than {self.per_minute} requests a minute", wait_s)
 
-    def _take(self, key: str, count: float = 1.0) -> float:
+    def _take(self, key: str, count: float = 1.0, most: int | None = None, period_s: float = 60.0) -> float:
         """Takes requests from a key's bucket; returns the seconds to wait if it is empty."""
-        now = self.clock()
-        bucket = self._buckets.pop(key, None) or _Bucket(float(self.per_minute), now)
-        rate = self.per_minute / 60.0
-        bucket.left = min(float(self.per_minute), bucket.left + (now - bucket.at) * rate)
+        now, full = self.clock(), float(most or self.per_minute)
+        bucket = self._buckets.pop(key, None) or _Bucket(full, now)
+        rate = full / period_s
+        bucket.left = min(full, bucket.left + (now - bucket.at) * rate)
         bucket.at = now
         self._buckets[key] = bucket
         while len(self._buckets) > self.remembered:

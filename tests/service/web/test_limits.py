@@ -15,6 +15,7 @@ from starlette.testclient import TestClient
 from dohyo.service.logs import JsonLines
 from dohyo.service.monitoring.metrics import Metrics
 from dohyo.service.settings import Settings
+from dohyo.service.web import limits
 from dohyo.service.web.limits import AccessLog, RateLimit
 from tests.service.harness import PASSWORD_OF_NOBODY, Caller, Harness, assert_problem, running
 
@@ -237,3 +238,15 @@ def test_two_services_on_one_folder_refuse(tmp_path: Path) -> None:
             pass
     with running(tmp_path / "data"):
         pass
+
+
+def test_an_address_redeems_so_many_invitations_a_day(service: Harness, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(limits, "REDEMPTIONS_PER_DAY", 3)
+    guess = {"code": "dohyo_invitation_none", "owner": "eve"}
+    answers = [service.client.post("/v1/invitations/redeem", json=guess) for _ in range(4)]
+    assert [answer.status_code for answer in answers] == [404, 404, 404, 429]
+    assert_problem(answers[-1], 429, "3 redemptions a day")
+    assert int(answers[-1].headers["retry-after"]) > 3600
+    assert service.client.post("/join", data=guess).status_code == 429
+    assert service.client.get("/join").status_code == 200
+    assert service.caller("team").get("/v1/me").status_code == 200
