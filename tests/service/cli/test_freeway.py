@@ -70,7 +70,7 @@ def test_a_forecaster_is_evaluated_and_its_result_written(
         (("--agent", "linear", "--seeds", "0"), "has fixed days"),
         (("--agent", "linear", "--executor", "ray"), "--executor: expected a benchmark of driving agents"),
         (("--agent", "linear", "--reverse"), "--reverse: expected a benchmark of driving agents"),
-        (("--agent", "linear", "--set", "depth=3"), "no setting but exported"),
+        (("--agent", "linear", "--set", "depth=3"), "unknown (its settings are exported)"),
         (("--agent", "autopilot"), "no trained forecaster named 'autopilot'"),
     ],
 )
