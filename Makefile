@@ -23,9 +23,9 @@ demo: $(INSTALLED)  ## Evaluate two agents on a real city junction and write rep
 	@$(BIN)/dohyo evaluate --agent reckless --benchmark quickstart --out $(RESULTS)/reckless
 	@$(BIN)/dohyo report $(RESULTS)/autopilot $(RESULTS)/reckless --out $(REPORT)
 
-# Two processes keep two cores busy: more threads of torch in each would only wait for each other.
-test: $(INSTALLED)  ## Run the whole test suite in two processes
-	@OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n 2 --dist worksteal
+# Three processes keep two cores busy, since tests of the service wait at times; torch has one thread in each.
+test: $(INSTALLED)  ## Run the whole test suite in three processes
+	@OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n 3 --dist worksteal
 
 lint: $(INSTALLED)  ## Check style, types, the four floors and the Dockerfile
 	@$(BIN)/ruff check --quiet .
