@@ -241,8 +241,8 @@ def test_a_record_that_a_dead_server_left_in_staging_is_kept_and_not_driven_agai
     source = (benchmark.name, benchmark.sha256)
     (scenario,) = benchmark.scenarios([0])
     record, trajectory = drive_episode(scenario, {"ego": make_agent(STEADY)}, infos={"ego": info}, benchmark=source)
-    write_record(folder, f"{episode.scenario}-s0", record, trajectory)
-    inode = (folder / f"{episode.scenario}-s0.json").stat().st_ino
+    write_record(folder, episode.id, record, trajectory)
+    inode = (folder / f"{episode.id}.json").stat().st_ino
     with service.database.session() as session:
         there = session.merge(episode)
         there.status, there.attempts = EpisodeStatus.RUNNING, 1
