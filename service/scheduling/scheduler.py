@@ -248,7 +248,7 @@ class Scheduler:
         ticket = live.ticket
         self._publish(ticket, "running")
         try:
-            await asyncio.to_thread(self._check_bytes, ticket)
+            await self._patiently(partial(self._check_bytes, ticket))
             order = await asyncio.to_thread(self._order, ticket)
         except DohyoError as error:
             await self._fail(ticket, str(error))
@@ -416,12 +416,16 @@ class Scheduler:
         await asyncio.to_thread(discard, self._settings, progress.evaluation_id)
 
     async def _transaction(self, change: Callable[[Session], T], patient: bool = True) -> T:
-        """Changes the database; repeats while it is locked, full, or unreachable, until the service stops."""
+        """Changes the database."""
 
         def once() -> T:
             with self._database.session() as session:
                 return change(session)
 
+        return await self._patiently(once, patient)
+
+    async def _patiently(self, once: Callable[[], T], patient: bool = True) -> T:
+        """Uses the database; repeats while it is locked, full, or unreachable, until the service stops."""
         for pause in chain(RETRY_S, repeat(RETRY_S[-1])):
             try:
                 return await asyncio.to_thread(once)

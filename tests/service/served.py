@@ -25,7 +25,7 @@ from dohyo.service.benchmarks.catalog import AnyBenchmark
 from dohyo.service.database.base import new_id
 from dohyo.service.database.engine import Database
 from dohyo.service.episodes.archive import archived_path
-from dohyo.service.evaluations.model import Episode, EpisodeStatus, Evaluation, EvaluationStatus
+from dohyo.service.evaluations.model import Attempt, Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.queries import add_evaluation
 from dohyo.service.settings import Settings
 from dohyo.service.submissions.model import Agent, AgentKind, Submission
@@ -189,6 +189,12 @@ class Service:
         with self.database.reading() as session:
             query = select(Episode).where(Episode.evaluation_id == evaluation_id).order_by(Episode.position)
             return list(session.scalars(query))
+
+    def attempts(self, evaluation_id: str) -> list[Attempt]:
+        """All attempts of an evaluation, in the order of their start."""
+        with self.database.reading() as session:
+            query = select(Attempt).join(Episode).where(Episode.evaluation_id == evaluation_id)
+            return list(session.scalars(query.order_by(Attempt.started)))
 
     def wait(self, evaluation_id: str, patience_s: float = PATIENCE_S) -> Evaluation:
         """Waits until an evaluation has ended."""

@@ -12,14 +12,13 @@ from pathlib import Path
 
 import httpx
 import pytest
-from sqlalchemy import select
 
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.episode.runner import drive_episode, run_episode
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.store import write_record
 from dohyo.service.episodes.archive import archived_path, staged_folder
-from dohyo.service.evaluations.model import Attempt, Episode, EpisodeStatus, Evaluation, EvaluationStatus
+from dohyo.service.evaluations.model import EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.networks.model import UploadedNetwork
 from dohyo.service.submissions.model import AgentKind
 from tests.service.conftest import MakeService
@@ -102,7 +101,7 @@ def test_workers_that_leave_twice_lose_the_episode_and_cannot_erase_it(service: 
     (failed,) = [one for position in (0, 1) if (one := service.record(evaluation, position).egos[0]).status.agent_fault]
     assert failed.status is Status.AGENT_DEADLINE
     assert "the worker left the episode in 2 attempts; the last: the worker was not heard of" in (failed.failure or "")
-    charged = [(one.outcome, one.why) for one in attempts_of(service, evaluation) if one.charged]
+    charged = [(one.outcome, one.why) for one in service.attempts(evaluation) if one.charged]
     assert [outcome for outcome, _ in charged] == ["given_back", "worker_gone"]
     assert "a bad draw" in (charged[0][1] or "")
 
@@ -135,14 +134,7 @@ def test_a_drive_that_ends_since_its_owner_fills_the_disk_counts_as_an_attempt(s
     assert service.wait(evaluation).status is EvaluationStatus.FAILED
     with service.database.session() as session:
         session.delete(session.get_one(UploadedNetwork, "ballast"))
-    assert [one.outcome for one in attempts_of(service, evaluation) if one.charged] == ["cancelled"]
-
-
-def attempts_of(service: Service, evaluation: str) -> list[Attempt]:
-    """All attempts of an evaluation, in the order of their start."""
-    with service.database.reading() as session:
-        query = select(Attempt).join(Episode).where(Episode.evaluation_id == evaluation)
-        return list(session.scalars(query.order_by(Attempt.started)))
+    assert [one.outcome for one in service.attempts(evaluation) if one.charged] == ["cancelled"]
 
 
 def test_kill_nine_of_an_episode_process_costs_its_worker_the_lease_only(
@@ -177,7 +169,7 @@ def test_an_episode_whose_process_is_killed_three_times_is_driven_again(
     last = hire(service)
     last.drive(last.acquire())
     assert service.hashes(evaluation) == undisturbed(1)
-    attempts = attempts_of(service, evaluation)
+    attempts = service.attempts(evaluation)
     assert [one.outcome for one in attempts if one.outcome != "unclaimed"] == ["machine"] * 3 + ["done"]
     assert not any(one.charged for one in attempts)
     assert all(one.processor_s > 0.0 for one in attempts if one.outcome == "done")

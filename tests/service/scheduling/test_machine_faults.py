@@ -13,6 +13,8 @@ import threading
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
+from datetime import datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,7 @@ from pydantic import SecretStr
 from sqlalchemy import create_engine, text
 
 from dohyo.service.database.engine import Database
-from dohyo.service.evaluations.model import EpisodeStatus, EvaluationStatus
+from dohyo.service.evaluations.model import Episode, EpisodeStatus, EvaluationStatus
 from dohyo.service.scheduling import scheduler as scheduling
 from dohyo.service.scheduling.scheduler import Scheduler
 from dohyo.service.state import Broadcast
@@ -81,10 +83,20 @@ def submit(shop: Service, name: str, missions: int = 1, owner: str = "owner") ->
     return shop.submit(info, short(missions), kind=AgentKind.BUILTIN, owner=owner)
 
 
-def test_a_locked_database_delays_a_result_and_loses_none(
-    shop: Service, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+@pytest.mark.parametrize("step", ["check_bytes", "shelve"])
+def test_a_locked_database_delays_a_start_or_a_result_and_loses_none(
+    shop: Service, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, step: str
 ) -> None:
+    """The lock comes just before the episode's first query, or between its drive and the storing of its result."""
     monkeypatch.setattr(scheduling, "RETRY_S", (0.1,))
+    reached, is_locked, real = threading.Event(), threading.Event(), getattr(scheduling, step)
+
+    def once_locked(*arguments: Any) -> Any:
+        reached.set()
+        assert is_locked.wait(60)
+        return real(*arguments)
+
+    monkeypatch.setattr(scheduling, step, once_locked)
     evaluation = submit(shop, "steady")
 
     def refused() -> int:
@@ -92,18 +104,25 @@ def test_a_locked_database_delays_a_result_and_loses_none(
 
     async def main() -> None:
         async with scheduled(shop):
-            await until(lambda: shop.episodes(evaluation)[0].status is EpisodeStatus.RUNNING)
+            await until(reached.is_set)
             with locked(shop):
+                is_locked.set()
                 await until(lambda: refused() >= 2)
             await until(lambda: shop.evaluation(evaluation).status.finished)
 
     asyncio.run(main())
     (episode,) = shop.episodes(evaluation)
     assert (episode.status, episode.attempts) == (EpisodeStatus.DONE, 1)
+    assert [one.outcome for one in shop.attempts(evaluation)] == ["done"]
     assert shop.record(evaluation).egos[0].status.completed
 
 
-def test_owners_take_turns_and_dropped_connections_cost_nothing(shop: Service) -> None:
+def began(episode: Episode) -> datetime:
+    assert episode.started is not None
+    return episode.started
+
+
+def test_owners_drive_side_by_side_and_dropped_connections_cost_nothing(shop: Service) -> None:
     first = submit(shop, "first", missions=3, owner="early")
     second = submit(shop, "second", missions=2, owner="late")
 
@@ -117,9 +136,14 @@ def test_owners_take_turns_and_dropped_connections_cost_nothing(shop: Service) -
             await until(lambda: all(shop.evaluation(one).status.finished for one in (first, second)))
 
     asyncio.run(main())
-    episodes = sorted([*shop.episodes(first), *shop.episodes(second)], key=lambda one: one.started or one.id)  # type: ignore[arg-type, return-value]
-    owners = ["early" if one.evaluation_id == first else "late" for one in episodes]
-    assert owners == ["early", "late", "early", "late", "early"]
+    early, late = shop.episodes(first), shop.episodes(second)
+    # One process, and one more for an owner of whom nothing runs: each owner drives in one, whatever a drive takes.
+    assert began(late[0]) < began(early[1]), "an owner waits for the other's whole evaluation"
+    for mine in (early, late):
+        for before, after in pairwise(mine):
+            assert before.finished is not None
+            assert before.finished <= began(after), "an owner holds two processes"
+    episodes = [*early, *late]
     assert {(one.status, one.attempts) for one in episodes} == {(EpisodeStatus.DONE, 1)}
     assert shop.hashes(first)[0] is not None
 
@@ -160,7 +184,6 @@ def test_a_full_disk_costs_an_attempt_and_nothing_that_was_done(small_disk: Path
             assert not reply["done"], "the record cannot be on the disk"
             status, reply = worker.step(episode["lease"], reply["tick"], {"ego": [6.0, 0.0]})
         assert (status, "the simulation failed" in reply["detail"]) == (410, True), reply
-        assert "No space left" in (service.episodes(evaluation)[0].failure or "")
         assert service.evaluation(evaluation).status is EvaluationStatus.RUNNING
         assert service.hashes(done) == hashes
         ballast.unlink()
@@ -168,6 +191,9 @@ def test_a_full_disk_costs_an_attempt_and_nothing_that_was_done(small_disk: Path
         assert (again["attempt"], again["tick"]) == (2, 0)
         worker.drive(again)
         assert service.hashes(evaluation) == hashes
+        attempts = [one for one in service.attempts(evaluation) if one.outcome != "unclaimed"]
+        assert [(one.outcome, one.charged) for one in attempts] == [("simulation", False), ("done", False)]
+        assert "No space left" in (attempts[0].why or "")
     finally:
         service.close()
 
