@@ -11,13 +11,15 @@ from pathlib import Path
 
 import httpx
 import pytest
+from sqlalchemy import select
 
 from dohyo.service.database.engine import Database
 from dohyo.service.evaluations.model import EpisodeStatus, Evaluation
-from dohyo.service.evaluations.queries import list_episodes, list_evaluations
+from dohyo.service.evaluations.queries import list_episodes
 from dohyo.service.server import check_exposure
 from dohyo.service.settings import Settings
 from dohyo.sumo_networks.errors import InvalidInputError
+from tests.service.served import wait_until
 from tests.service.serving import command, serving
 
 
@@ -92,7 +94,7 @@ import dohyo.service.server, time
 from dohyo.service.evaluations import routes as evaluations
 dohyo.service.server.CLOSE_S = 0.5
 find = evaluations.find_benchmark
-evaluations.find_benchmark = lambda name: (time.sleep(3.0), find(name))[1]
+evaluations.find_benchmark = lambda name: (print("ordering", flush=True), time.sleep(3.0), find(name))[2]
 """
 
 
@@ -110,7 +112,7 @@ def test_a_request_that_outlasts_the_shutdown_is_told_so_and_leaves_nothing(tmp_
 
         asking = threading.Thread(target=ask)
         asking.start()
-        time.sleep(0.5)
+        wait_until(lambda: "ordering" in served.printed, "the order does not come")
         assert served.end() == 0
         asking.join(30)
         assert not [line for line in served.log if "Traceback" in line.get("exception", "")]
@@ -119,7 +121,7 @@ def test_a_request_that_outlasts_the_shutdown_is_told_so_and_leaves_nothing(tmp_
     assert int(answer.headers["retry-after"]) > 0
     database = Database(Settings(data=tmp_path / "data").database_url)
     with database.reading() as session:
-        assert list_evaluations(session) == []
+        assert session.scalars(select(Evaluation)).all() == []
     database.close()
 
 

@@ -131,8 +131,8 @@ async def echo(scope: Any, receive: Any, send: Any) -> None:
 
 
 @contextmanager
-def limited(**limits: Any) -> Iterator[int]:
-    """The port of a bare application with these limits."""
+def limited(*, keep_alive_s: float = 5.0, **limits: Any) -> Iterator[int]:
+    """The port of a bare application with these limits, and this time between two requests, s."""
     given = {"header_s": 0.3, "body_s": 0.3, "unread_s": 0.3} | limits
     server = uvicorn.Server(
         uvicorn.Config(
@@ -140,6 +140,7 @@ def limited(**limits: Any) -> Iterator[int]:
             port=0,
             lifespan="off",
             log_config=None,
+            timeout_keep_alive=keep_alive_s,  # type: ignore[arg-type]
             loop=f"{Loop.__module__}:Loop",
             http=protocol(Connections(ConnectionLimits(**given), Metrics())),
         )
@@ -182,27 +183,36 @@ def drip_until_the_end(one: socket.socket, pieces: bytes) -> bytes:
     raise AssertionError("the connection goes on")
 
 
-@pytest.mark.parametrize(
-    ("begin", "piece"),
-    [
-        (b"", b""),
-        (b"", b"\r\n"),
-        (b"GET / HTTP/1.1\r\nx: ", b"x"),
-        (b"POST / HTTP/1.1\r\ncontent-length: 100000\r\n\r\n", b"x"),
-        (b"POST / HTTP/1.1\r\ntransfer-encoding: chunked\r\n\r\n", b"1\r\nx\r\n"),
-    ],
-    ids=["silent", "empty-lines", "headers", "body", "chunks"],
-)
+SLOW_REQUESTS = {
+    "empty-lines": (b"", b"\r\n"),
+    "headers": (b"GET / HTTP/1.1\r\nx: ", b"x"),
+    "body": (b"POST / HTTP/1.1\r\ncontent-length: 100000\r\n\r\n", b"x"),
+    "chunks": (b"POST / HTTP/1.1\r\ntransfer-encoding: chunked\r\n\r\n", b"1\r\nx\r\n"),
+}
+
+
+@pytest.mark.parametrize(("begin", "piece"), SLOW_REQUESTS.values(), ids=SLOW_REQUESTS)
 @pytest.mark.parametrize("answered_before", [False, True])
 def test_a_slow_request_has_limited_time(begin: bytes, piece: bytes, answered_before: bool) -> None:
     with limited() as port, connect(port) as one:
         if answered_before:
-            if not begin and not piece:
-                pytest.skip("an idle connection has the time between requests")
             one.send(b"GET / HTTP/1.1\r\n\r\n")
             assert b"200 OK" in one.recv(10_000)
         one.send(begin)
         assert drip_until_the_end(one, piece).startswith(b"HTTP/1.1 408")
+
+
+def test_a_connection_that_never_sends_a_byte_has_limited_time() -> None:
+    with limited() as port, connect(port) as one:
+        assert read(one).startswith(b"HTTP/1.1 408")
+
+
+def test_a_silent_connection_after_an_answer_has_the_time_between_requests() -> None:
+    with limited(header_s=PATIENCE_S, keep_alive_s=0.3) as port, connect(port) as one:
+        one.send(b"GET / HTTP/1.1\r\n\r\n")
+        answer = read(one)
+        assert b"200 OK" in answer
+        assert b"408" not in answer
 
 
 def test_a_long_body_that_comes_fast_enough_is_read_to_its_end() -> None:
