@@ -123,13 +123,14 @@ def test_a_drive_that_its_owner_cancels_counts_as_an_attempt(service: Service) -
 
 
 def test_a_drive_that_ends_since_its_owner_fills_the_disk_counts_as_an_attempt(service: Service) -> None:
-    evaluation = service.submit(info_of(STEADY), short(missions=2))
-    worker = hire(service)
+    info = info_of(STEADY).model_copy(update={"name": "filler"})  # no worker of another test waits for it
+    evaluation = service.submit(info, short(missions=2))
+    worker = hire(service, "filler")
     worker.drive(worker.acquire(), steps=2)
     with service.database.session() as session:
         owner = session.get_one(Evaluation, evaluation).owner
         session.add(UploadedNetwork(name="ballast", owner=owner, kept_bytes=10**15))
-    other = hire(service)
+    other = hire(service, "filler")
     other.post(f"/v1/workers/{other.worker}/acquire?wait=2")
     assert service.wait(evaluation).status is EvaluationStatus.FAILED
     with service.database.session() as session:
