@@ -66,8 +66,7 @@ class IqnPolicy(nn.Module):
 
     def greedy(self, features: Tensor) -> Tensor:
         """(B, F) -> (B,)."""
-        quantiles = self.network(features, self.levels[None])
-        action: Tensor = quantiles.mean(dim=1).argmax(dim=-1)
+        action: Tensor = self.network.mean(features, self.levels).argmax(dim=-1)
         return action
 
     def facts(self) -> Mapping[str, str]:

@@ -167,9 +167,21 @@ class QuantileNetwork(nn.Module):
 
     def forward(self, features: Tensor, levels: Tensor) -> Tensor:
         """(B, F) and (B, N) levels in [0, 1], or (1, N) the same for all -> (B, N, A)."""
-        embedded = self.embedding(torch.cos(levels[..., None] * self.frequencies))
-        quantiles: Tensor = self.head(self.body(features)[:, None] * embedded)
+        quantiles: Tensor = self.head(self.body(features)[:, None] * self._embedded(levels))
         return quantiles
+
+    def mean(self, features: Tensor, levels: Tensor) -> Tensor:
+        """(B, F) and (N,) levels -> (B, A) means over the levels.
+
+        The head is linear behind the embedding, so that the embeddings' mean gives the quantiles' mean, in one product.
+        """
+        mean: Tensor = self.head(self.body(features) * self._embedded(levels).mean(dim=0))
+        return mean
+
+    def _embedded(self, levels: Tensor) -> Tensor:
+        """(..., N) -> (..., N, last hidden width)."""
+        embedded: Tensor = self.embedding(torch.cos(levels[..., None] * self.frequencies))
+        return embedded
 
 
 @contextmanager

@@ -54,6 +54,12 @@ def test_it_finds_the_quantiles_of_a_known_distribution() -> None:
     assert network(torch.zeros(1, 1), levels)[0, :, 0].tolist() == pytest.approx([0.4, 2.0, 3.6], abs=0.25)
 
 
+def test_the_mean_over_levels_is_that_of_the_quantiles() -> None:
+    network = QuantileNetwork(3, 4, (16, 16)).double()
+    features, levels = torch.randn(5, 3).double(), torch.rand(7).double()
+    assert torch.allclose(network.mean(features, levels), network(features, levels[None]).mean(dim=1))
+
+
 def test_its_targets_are_the_target_networks_returns_of_its_best_action(tmp_path: Path) -> None:
     iqn = learner(Iqn, SMALL, Dial(), tmp_path)
     for parameter in iqn.target.parameters():
