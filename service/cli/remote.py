@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from json import dumps
 from pathlib import Path
@@ -18,7 +17,7 @@ from dohyo.evaluation.statistics import Estimate
 from dohyo.service.cli.evaluate import parse_seeds, parse_settings
 from dohyo.service.cli.output import DASH, SCORES, Json, console, interval, number, plain, print_json, print_rows
 from dohyo.service.client.calls import Document
-from dohyo.service.client.client import ENDED, POLL_S, Client
+from dohyo.service.client.client import Client
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
@@ -190,13 +189,9 @@ def _watch(client: Client, evaluation: str, json: bool) -> None:
     with Progress(*columns, console=console, disable=json) as bar:
         title = plain(f"{state['agent']} v{state['version']} on {state['benchmark']}")
         task = bar.add_task(title, total=None, status="")
-        while True:
+        for state in client.follow(evaluation):
             progress = state["progress"]
             bar.update(task, completed=progress["done"], total=progress["total"], status=plain(state["status"]))
-            if state["status"] in ENDED:
-                break
-            time.sleep(POLL_S)
-            state = client.evaluation(evaluation)
     metrics = client.metrics(evaluation) if not state["withheld"] else None
     if json:
         print_json({"evaluation": state, "metrics": metrics})

@@ -1,4 +1,5 @@
-"""Client and AsyncClient: access to the service from Python.
+# Generated from async_client.py by `python -m dohyo.service.client.generate`: edit that file.
+"""Client: access to the service from Python.
 
     with Client("http://127.0.0.1:8000", token) as client:
         client.register_agent("my-autopilot")
@@ -7,61 +8,51 @@
         client.wait(evaluation["id"])
         print(client.leaderboard("quickstart"))
 
-Both have the same methods; those of AsyncClient are awaited. Answers are the service's JSON documents. Policy workers
-use a faster connection: see `dohyo.service.client.worker_session`.
+Answers are the service's JSON documents. Policy workers use a faster connection: see
+`dohyo.service.client.worker_session`.
 """
 
 from __future__ import annotations
 
-import asyncio
+import json
 import time
-from collections.abc import AsyncIterator, Awaitable, Iterator
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import httpx
 
 from dohyo.evaluation.records.record import AgentInfo
-from dohyo.service.client.calls import Call, Calls, Document, path_of
-from dohyo.service.client.downloads import Download
+from dohyo.service.client.calls import ENDED, Call, Document, headers_of, path_of, remote_of, versions_like
+from dohyo.service.client.downloads import Download, check_size
+from dohyo.service.client.errors import ServiceError, check, retry_after_s
+from dohyo.service.client.events import HEARTBEAT_S, MEDIA_TYPE, SILENCE_S, Event, EventParser
 from dohyo.service.client.worker_session import WorkerSession
-from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
-ENDED = ("done", "failed", "cancelled")
-ACCEPTED = 202  # the answer is a job that has not ended
 TIMEOUT_S = 60.0
 POLL_S = 1.0
 
 
-class ServiceError(DohyoError):
-    """A refusal of the service, or a service that cannot be reached.
+class Client:
+    """Every method raises ServiceError where the service refuses or cannot be reached."""
 
-    Attributes:
-        status: HTTP status; 0 without an answer.
-        detail: The expected and the received input.
-        retry_s: Seconds to wait before a retry, where the service gave them.
-    """
-
-    def __init__(self, status: int, detail: str, retry_s: float | None = None) -> None:
-        super().__init__(f"{detail} (HTTP {status})" if status else detail)
-        self.status, self.detail, self.retry_s = status, detail, retry_s
-
-
-class Client(Calls[Document]):
-    """Blocking client. Every method raises ServiceError where the service refuses or cannot be reached."""
-
-    def __init__(self, url: str, token: str | None = None, *, timeout_s: float = TIMEOUT_S) -> None:
+    def __init__(
+        self, url: str, token: str | None = None, *, timeout_s: float = TIMEOUT_S, patience_s: float = 60.0
+    ) -> None:
         """Connects at the first call.
 
         Args:
             url: Such as "http://127.0.0.1:8000".
             token: None: read only what is public.
             timeout_s: For one answer.
+            patience_s: Longest Retry-After of a busy service that a call waits for, once.
         """
-        self._url, self._token = url, token
-        self._http = httpx.Client(base_url=url, headers=_headers(token), timeout=timeout_s)
+        self._url, self._token, self._patience_s = url, token, patience_s
+        self._http = httpx.Client(base_url=url, headers=headers_of(token), timeout=timeout_s)
 
     def close(self) -> None:
         """Closes the connections."""
@@ -73,50 +64,24 @@ class Client(Calls[Document]):
     def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
         self.close()
 
-    def _send(self, call: Call) -> httpx.Response:
-        try:
-            return _checked(self._http.request(**call.arguments()))
-        except httpx.HTTPError as error:
-            raise _unreachable(self._url, error) from error
-
-    def _load(self, call: Call, limit_bytes: int) -> tuple[bytes, httpx.Headers]:
-        """Content of an answer, unpacked and not larger than a limit, and its headers."""
-        content = bytearray()
-        try:
-            with self._http.stream(**call.arguments()) as response:
-                if not response.is_success:
-                    response.read()
-                _checked(response)
-                for chunk in response.iter_bytes():
-                    content += chunk
-                    _check_size(content, limit_bytes, call)
-        except httpx.HTTPError as error:
-            raise _unreachable(self._url, error) from error
-        return bytes(content), response.headers
-
-    def _json(self, call: Call) -> Document:
-        answer = self._send(call)
-        document: Document = answer.json()
-        if answer.status_code != ACCEPTED:
-            return document
-        while document["status"] not in ENDED:
-            time.sleep(POLL_S)
-            document = self.get(path_of("jobs", document["id"]))
-        return _made_by(document)
+    def get(self, path: str, **query: Any) -> Document:
+        """Any JSON document of the interface, such as `get("/v1/networks")`."""
+        return self._json(Call("GET", path, query))
 
     def items(self, path: str, **query: Any) -> Iterator[Document]:
         """All items of a paged list, such as `items("/v1/evaluations", agent="my-agent")`."""
         after: str | None = None
         while True:
             page = self.get(path, **query, after=after)
-            yield from page["items"]
+            for item in page["items"]:
+                yield item
             after = page["next"]
             if after is None:
                 return
 
-    def episodes(self, evaluation_id: str) -> Iterator[Document]:
-        """Episodes of an evaluation, in the benchmark's order."""
-        return self.items(path_of("evaluations", evaluation_id, "episodes"))
+    def register_agent(self, name: str, description: str = "") -> Document:
+        """Registers an agent of the token's owner."""
+        return self._json(Call("POST", "/v1/agents", body={"name": name, "description": description}))
 
     def ensure_agent(self, name: str, description: str = "") -> Document:
         """The agent of that name; registers it where it is missing."""
@@ -127,11 +92,70 @@ class Client(Calls[Document]):
                 raise
         return self.register_agent(name, description)
 
+    def submit_builtin(self, agent: str, entry: str, settings: Mapping[str, Any] | None = None) -> Document:
+        """Submits a built-in agent of the service."""
+        return self._submit(agent, {"kind": "builtin", "entry": entry, "settings": dict(settings or {})})
+
+    def submit_remote(self, agent: str, info: AgentInfo) -> Document:
+        """Declares an agent that drives through workers; `info` appears in its records."""
+        return self._submit(agent, remote_of(info))
+
+    def submit_onnx(self, agent: str, policy: Path, spec: Mapping[str, Any]) -> Document:
+        """Submits an ONNX file; `spec` gives its track, sensors and control.
+
+        Raises:
+            InvalidInputError: The file cannot be read.
+        """
+        try:
+            content = policy.read_bytes()
+        except OSError as error:
+            raise InvalidInputError(f"policy '{policy}' cannot be read: {error.strerror}") from error
+        files = {"spec": (None, json.dumps(dict(spec)), "application/json"), "file": (policy.name, content)}
+        return self._json(Call("POST", path_of("agents", agent, "submissions", "onnx"), files=files))
+
     def ensure_remote(self, agent: str, info: AgentInfo) -> int:
         """The version of an agent that declares `info`; registers and submits it where it is missing."""
         self.ensure_agent(agent)
-        there = _versions_like(self.get(path_of("agents", agent, "submissions")), info)
-        return there[-1] if there else int(self.submit_remote(agent, info)["version"])
+        there = versions_like(self.get(path_of("agents", agent, "submissions")), info)
+        return there[-1] if there else int((self.submit_remote(agent, info))["version"])
+
+    def evaluate(
+        self,
+        agent: str,
+        benchmark: str,
+        *,
+        version: int | None = None,
+        seeds: Sequence[int] | None = None,
+        slow_policy: Literal["wait", "realtime"] | None = None,
+        act_deadline_s: float | None = None,
+        ranked: bool = False,
+        ranking: str | None = None,
+    ) -> Document:
+        """Queues an evaluation, by default a practice run of the latest version with the benchmark's seeds.
+
+        A ranked run may enter a board, counts against a quota, and takes all conditions from its ranking: that of
+        `ranking`, a phase of a challenge, or the benchmark's open one.
+        """
+        body = {
+            "agent": agent,
+            "benchmark": benchmark,
+            "version": version,
+            "seeds": list(seeds) if seeds is not None else None,
+            "slow_policy": slow_policy,
+            "act_deadline_s": act_deadline_s,
+            "ranked": ranked,
+            "ranking": ranking,
+        }
+        return self._json(Call("POST", "/v1/evaluations", body=body))
+
+    def evaluation(self, evaluation_id: str) -> Document:
+        """State of an evaluation."""
+        return self.get(path_of("evaluations", evaluation_id))
+
+    def follow(self, evaluation_id: str) -> Iterator[Document]:
+        """States of an evaluation, each time that it changes; the last one is its end."""
+        path = path_of("evaluations", evaluation_id)
+        return self._follow(path, f"{path}/progress")
 
     def wait(self, evaluation_id: str, timeout_s: float | None = None) -> Document:
         """Waits until an evaluation has ended.
@@ -139,12 +163,32 @@ class Client(Calls[Document]):
         Raises:
             TimeoutError: The evaluation did not end in that time.
         """
-        ends = time.monotonic() + timeout_s if timeout_s is not None else None
-        while (evaluation := self.evaluation(evaluation_id))["status"] not in ENDED:
-            if ends is not None and time.monotonic() > ends:
-                raise TimeoutError(f"evaluation '{evaluation_id}' is still {evaluation['status']}")
-            time.sleep(POLL_S)
-        return evaluation
+        path = path_of("evaluations", evaluation_id)
+        return self._wait(path, f"{path}/progress", timeout_s)
+
+    def cancel(self, evaluation_id: str) -> Document:
+        """Cancels an evaluation; finished episodes are kept."""
+        return self._json(Call("POST", path_of("evaluations", evaluation_id, "cancel")))
+
+    def resume(self, evaluation_id: str) -> Document:
+        """Queues lost and cancelled episodes again."""
+        return self._json(Call("POST", path_of("evaluations", evaluation_id, "resume")))
+
+    def metrics(self, evaluation_id: str) -> Document:
+        """Scores of an evaluation with intervals, over the finished episodes."""
+        return self.get(path_of("evaluations", evaluation_id, "metrics"))
+
+    def manifest(self, evaluation_id: str) -> Document:
+        """Manifest of an evaluation, as in a result folder of `dohyo evaluate`."""
+        return self.get(path_of("evaluations", evaluation_id, "manifest"))
+
+    def episodes(self, evaluation_id: str) -> Iterator[Document]:
+        """Episodes of an evaluation, in the benchmark's order."""
+        return self.items(path_of("evaluations", evaluation_id, "episodes"))
+
+    def record(self, episode_id: str) -> Document:
+        """Record of an episode."""
+        return self.get(path_of("episodes", episode_id, "record"))
 
     def download(self, evaluation_id: str, folder: Path) -> list[Path]:
         """Saves the records of an evaluation with their signatures; `dohyo score` and `dohyo verify` read them.
@@ -166,153 +210,125 @@ class Client(Calls[Document]):
                 paths.append(download.path)
         return paths
 
+    def leaderboard(
+        self,
+        benchmark: str | None = None,
+        *,
+        version: str | None = None,
+        track: str | None = None,
+        ranking: str | None = None,
+        limit: int = 100,
+        after: str | None = None,
+    ) -> Document:
+        """A page of a benchmark's open leaderboard, or with `ranking` of a challenge's phase."""
+        query = {"version": version, "track": track, "ranking": ranking, "limit": limit, "after": after}
+        return self.get("/v1/leaderboard", benchmark=benchmark, **query)
+
+    def comparison(self, evaluation_ids: Sequence[str]) -> Document:
+        """Evaluations of one benchmark version side by side."""
+        return self.get("/v1/comparison", evaluation=list(evaluation_ids))
+
     def worker(self, agent: str, *, version: int | None = None, capacity: int = 1) -> WorkerSession:
-        """A session of a policy worker for an agent."""
+        """A session of a policy worker for an agent; it blocks, so an event loop runs it in another thread."""
         return WorkerSession(self._url, self._token or "", agent, version=version, capacity=capacity)
 
+    def _submit(self, agent: str, body: Mapping[str, Any]) -> Document:
+        return self._json(Call("POST", path_of("agents", agent, "submissions"), body=body))
 
-class AsyncClient(Calls[Awaitable[Document]]):
-    """`Client` for asyncio: the same methods, to be awaited."""
+    def _json(self, call: Call) -> Document:
+        """Document of an answer; where the answer is a job, waits for its end."""
+        answer = self._send(call)
+        while answer.status_code == httpx.codes.ACCEPTED:
+            path = path_of("jobs", answer.headers["location"].rpartition("/")[2])  # never another server's address
+            job = self._wait(path, f"{path}/events", None)
+            if job["status"] != "done":
+                raise ServiceError.of_job(job)
+            if call.method != "GET":
+                made: Document = job["answer"]
+                return made
+            answer = self._send(call)  # the job has made what was asked for
+        document: Document = answer.json()
+        return document
 
-    def __init__(self, url: str, token: str | None = None, *, timeout_s: float = TIMEOUT_S) -> None:
-        """See `Client`."""
-        self._url, self._token = url, token
-        self._http = httpx.AsyncClient(base_url=url, headers=_headers(token), timeout=timeout_s)
-
-    async def close(self) -> None:
-        """Closes the connections."""
-        await self._http.aclose()
-
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
-        await self.close()
-
-    async def _send(self, call: Call) -> httpx.Response:
+    def _send(self, call: Call) -> httpx.Response:
+        """Answer to a request. A busy service is asked once again, after its Retry-After."""
         try:
-            return _checked(await self._http.request(**call.arguments()))
+            answer = self._http.request(**call.arguments())
+            # 429 is a refusal before any work; a proxy's 503 may follow it, so an order is not repeated.
+            if answer.status_code == 429 or (answer.status_code == 503 and call.method == "GET"):
+                wait_s = retry_after_s(answer)
+                if wait_s is not None and wait_s <= self._patience_s:
+                    time.sleep(wait_s)
+                    answer = self._http.request(**call.arguments())
+            return check(answer)
         except httpx.HTTPError as error:
-            raise _unreachable(self._url, error) from error
+            raise ServiceError.unreachable(self._url, error) from error
 
-    async def _load(self, call: Call, limit_bytes: int) -> tuple[bytes, httpx.Headers]:
-        """See `Client._load`."""
+    def _load(self, call: Call, limit_bytes: int) -> tuple[bytes, httpx.Headers]:
+        """Content of an answer, unpacked and not larger than a limit, and its headers."""
         content = bytearray()
         try:
-            async with self._http.stream(**call.arguments()) as response:
+            with self._http.stream(**call.arguments()) as response:
                 if not response.is_success:
-                    await response.aread()
-                _checked(response)
-                async for chunk in response.aiter_bytes():
+                    response.read()
+                check(response)
+                for chunk in response.iter_bytes():
                     content += chunk
-                    _check_size(content, limit_bytes, call)
+                    check_size(content, limit_bytes, call)
         except httpx.HTTPError as error:
-            raise _unreachable(self._url, error) from error
+            raise ServiceError.unreachable(self._url, error) from error
         return bytes(content), response.headers
 
-    async def _json(self, call: Call) -> Document:
-        answer = await self._send(call)
-        document: Document = answer.json()
-        if answer.status_code != ACCEPTED:
-            return document
-        while document["status"] not in ENDED:
-            await asyncio.sleep(POLL_S)
-            document = await self.get(path_of("jobs", document["id"]))
-        return _made_by(document)
+    def _wait(self, path: str, events: str, timeout_s: float | None) -> Document:
+        """State of an evaluation or a job at its end.
 
-    async def items(self, path: str, **query: Any) -> AsyncIterator[Document]:
-        """See `Client.items`."""
-        after: str | None = None
+        Raises:
+            TimeoutError: It did not end in that time.
+        """
+        for state in self._follow(path, events, timeout_s):
+            if state["status"] in ENDED:
+                return state
+        raise TimeoutError(f"'{path}' has not ended in {timeout_s:g} s")
+
+    def _follow(self, path: str, events: str, timeout_s: float | None = None) -> Iterator[Document]:
+        """States of an evaluation or a job until its end, by events, and by polling where there are none."""
+        ends = time.monotonic() + timeout_s if timeout_s is not None else float("inf")
+        parser = EventParser(retry_s=POLL_S)
         while True:
-            page = await self.get(path, **query, after=after)
-            for item in page["items"]:
-                yield item
-            after = page["next"]
-            if after is None:
+            pause_s = POLL_S
+            # A stream wakes its reader with each heartbeat, so the last seconds before a time limit are polled.
+            if time.monotonic() + HEARTBEAT_S < ends:
+                try:
+                    with closing(self._events(events, parser, ends)) as stream:
+                        for event in stream:
+                            state = event.document if event.has_state else self.get(path)
+                            yield state
+                            if state["status"] in ENDED:
+                                return
+                    pause_s = parser.retry_s
+                except ServiceError as error:
+                    pause_s = parser.retry_s if error.retry_s is None else error.retry_s
+            state = self.get(path)
+            yield state
+            left_s = ends - time.monotonic()
+            if state["status"] in ENDED or left_s <= 0.0:
                 return
+            time.sleep(min(pause_s, left_s))
 
-    def episodes(self, evaluation_id: str) -> AsyncIterator[Document]:
-        """See `Client.episodes`."""
-        return self.items(path_of("evaluations", evaluation_id, "episodes"))
-
-    async def ensure_agent(self, name: str, description: str = "") -> Document:
-        """See `Client.ensure_agent`."""
+    def _events(self, path: str, parser: EventParser, ends: float) -> Generator[Event, None, None]:
+        """Events of a stream until it closes, is silent for too long, or a time limit is near."""
+        timeout = httpx.Timeout(TIMEOUT_S, read=min(SILENCE_S, ends - time.monotonic()))
         try:
-            return await self.get(path_of("agents", name))
-        except ServiceError as error:
-            if error.status != 404:
-                raise
-        return await self.register_agent(name, description)
-
-    async def ensure_remote(self, agent: str, info: AgentInfo) -> int:
-        """See `Client.ensure_remote`."""
-        await self.ensure_agent(agent)
-        there = _versions_like(await self.get(path_of("agents", agent, "submissions")), info)
-        return there[-1] if there else int((await self.submit_remote(agent, info))["version"])
-
-    async def wait(self, evaluation_id: str, timeout_s: float | None = None) -> Document:
-        """See `Client.wait`."""
-        async with asyncio.timeout(timeout_s):
-            while (evaluation := await self.evaluation(evaluation_id))["status"] not in ENDED:
-                await asyncio.sleep(POLL_S)
-        return evaluation
-
-    async def download(self, evaluation_id: str, folder: Path) -> list[Path]:
-        """See `Client.download`."""
-        await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)
-        paths: list[Path] = []
-        async for episode in self.episodes(evaluation_id):
-            if episode["record_hash"]:
-                download = Download(episode, folder)
-                if download.path in paths:
-                    raise InvalidInputError(f"the server lists '{download.path.name}' twice")
-                for part, call, limit in download.parts:
-                    for path, content in download.files(part, *await self._load(call, limit)):
-                        await asyncio.to_thread(write_atomically, path, content)
-                paths.append(download.path)
-        return paths
-
-    def worker(self, agent: str, *, version: int | None = None, capacity: int = 1) -> WorkerSession:
-        """See `Client.worker`; the session blocks, so it belongs into a thread of its own."""
-        return WorkerSession(self._url, self._token or "", agent, version=version, capacity=capacity)
-
-
-def _made_by(job: Document) -> Document:
-    """What an ended job gave."""
-    if job["status"] == "done":
-        answer: Document = job["answer"]
-        return answer
-    failure = job["failure"] or {"status": 409, "detail": f"job '{job['id']}' was cancelled"}
-    raise ServiceError(failure["status"], failure["detail"])
-
-
-def _headers(token: str | None) -> dict[str, str]:
-    return {"authorization": f"Bearer {token}"} if token else {}
-
-
-def _checked(response: httpx.Response) -> httpx.Response:
-    if response.is_success:
-        return response
-    try:
-        detail = str(response.json()["detail"])
-    except (ValueError, KeyError, TypeError):
-        detail = response.text[:200] or "no reason given"
-    told = response.headers.get("retry-after", "")
-    raise ServiceError(response.status_code, detail, float(told) if told.isdigit() else None)
-
-
-def _unreachable(url: str, error: httpx.HTTPError) -> ServiceError:
-    return ServiceError(0, f"no answer from {url}: {type(error).__name__}: {error}")
-
-
-def _versions_like(listed: Document, info: AgentInfo) -> list[int]:
-    """Versions among an agent's submissions that declare exactly this remote agent."""
-    wanted = {**info.model_dump(mode="json"), "kind": "remote"}
-    return [one["version"] for one in listed["items"] if all(one.get(key) == value for key, value in wanted.items())]
-
-
-def _check_size(content: bytes | bytearray, limit_bytes: int, call: Call) -> None:
-    if len(content) > limit_bytes:
-        raise InvalidInputError(
-            f"{call.path}: expected at most {limit_bytes // 1_000_000} MB, and the server sent more"
-        )
+            with self._http.stream("GET", path, headers=parser.headers, timeout=timeout) as response:
+                if not response.is_success:
+                    response.read()
+                if not check(response).headers.get("content-type", "").startswith(MEDIA_TYPE):
+                    return
+                for line in response.iter_lines():
+                    event = parser.feed(line)
+                    if event is not None:
+                        yield event
+                    if time.monotonic() + HEARTBEAT_S >= ends:
+                        return
+        except httpx.HTTPError as error:
+            raise ServiceError.unreachable(self._url, error) from error

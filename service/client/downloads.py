@@ -82,3 +82,15 @@ def signature_of(headers: Mapping[str, str], record_hash: str) -> Signature | No
         )
     except (ValueError, ValidationError) as error:
         raise InvalidInputError(f"expected '{SIGNATURE_HEADER}: Ed25519 KEY SIGNATURE', got {value!r:.80}") from error
+
+
+def check_size(content: bytes | bytearray, limit_bytes: int, call: Call) -> None:
+    """Checks that an answer is not longer than a limit.
+
+    Raises:
+        InvalidInputError: It is longer.
+    """
+    if len(content) > limit_bytes:
+        raise InvalidInputError(
+            f"{call.path}: expected at most {limit_bytes // 1_000_000} MB, and the server sent more"
+        )

@@ -13,7 +13,8 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
-from dohyo.service.client.client import Client, ServiceError
+from dohyo.service.client.client import Client
+from dohyo.service.client.errors import ServiceError
 from dohyo.service.client.worker_session import WorkerSession
 from dohyo.service.evaluations.model import EpisodeStatus, EvaluationStatus
 from dohyo.service.webhooks import delivery

@@ -1,18 +1,20 @@
-"""Client and AsyncClient are one surface; the command line on top of them does all that a submitter needs."""
+"""One client, blocking and with asyncio; the command line on top of them does all that a submitter needs."""
 
 from __future__ import annotations
 
 import asyncio
-import inspect
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from dohyo.evaluation.records.record import AgentInfo
-from dohyo.service.client.calls import Calls
-from dohyo.service.client.client import AsyncClient, Client, ServiceError
+from dohyo.service.client import generate
+from dohyo.service.client.async_client import AsyncClient
+from dohyo.service.client.client import Client
+from dohyo.service.client.errors import ServiceError
 from dohyo.service.evaluations.model import EpisodeStatus, EvaluationStatus
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.harness import Harness, finish
@@ -22,21 +24,11 @@ from tests.service.serving import command
 INFO = AgentInfo(name="mine", entry="mine:Mine", track="map", sensors=("route",), control="target_speed_steering")
 
 
-def surface(client: type) -> dict[str, list[str]]:
-    """Public methods and their parameters."""
-    methods = {name: value for name, value in inspect.getmembers(client, callable) if not name.startswith("_")}
-    return {name: [str(one.replace(annotation="")) for one in _parameters(value)] for name, value in methods.items()}
-
-
-def _parameters(method: Any) -> list[inspect.Parameter]:
-    return list(inspect.signature(method).parameters.values())
-
-
-def test_both_clients_have_the_same_methods_with_the_same_parameters() -> None:
-    assert surface(Client) == surface(AsyncClient)
-    assert {"ensure_remote", "download", "worker", "wait", "manifest", "submit_onnx"} <= set(surface(AsyncClient))
-    assert set(surface(Calls)) < set(surface(Client))
-    assert _parameters(Client) == _parameters(AsyncClient)
+def test_the_blocking_client_is_generated_from_the_asynchronous_one() -> None:
+    assert generate.TARGET.read_text() == generate.blocking(generate.SOURCE.read_text()), (
+        "run `python -m dohyo.service.client.generate`"
+    )
+    assert not re.search("async|await", generate.TARGET.read_text().removeprefix(generate.NOTE))
 
 
 @pytest.fixture

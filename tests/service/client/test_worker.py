@@ -18,10 +18,12 @@ from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.episode.runner import run_episode
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.records.specifications import Status
-from dohyo.service.client.client import AsyncClient, Client, ServiceError
+from dohyo.service.client.async_client import AsyncClient
+from dohyo.service.client.client import Client
+from dohyo.service.client.errors import ServiceError
 from dohyo.service.client.worker import Driver, work
 from dohyo.service.client.worker_session import WorkerSession
-from dohyo.service.evaluations.model import EpisodeStatus, EvaluationStatus
+from dohyo.service.evaluations.model import EpisodeStatus
 from dohyo.service.submissions.model import AgentKind
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.conftest import MakeService
@@ -193,8 +195,8 @@ def test_the_clients_submit_cancel_resume_and_read(service: Service, tmp_path: P
         assert caught.value.status == 404
         assert client.get("/v1/me")["owner"] == "owner"
     evaluation = service.submit(info_of(STEADY).model_copy(update={"name": "read"}), short(), kind=AgentKind.BUILTIN)
-    assert service.wait(evaluation).status is EvaluationStatus.DONE
     with Client(service.url, service.submitter_token) as client:
+        assert [state["status"] for state in client.follow(evaluation)][-1] == "done"
         (path,) = client.download(evaluation, tmp_path / "records")
     assert json.loads(path.read_text())["record_hash"] == service.hashes(evaluation)[0]
     with pytest.raises(ServiceError, match="no answer"), Client("http://127.0.0.1:9", None, timeout_s=2) as client:

@@ -15,7 +15,8 @@ from sqlalchemy import select
 from dohyo.evaluation.freeway.benchmark import TrafficBenchmark, load_freeway_benchmark
 from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario
 from dohyo.evaluation.records.record import AgentInfo
-from dohyo.service.client.client import Client, ServiceError
+from dohyo.service.client.client import Client
+from dohyo.service.client.errors import ServiceError
 from dohyo.service.client.worker_session import BadActionError, WorkerSession
 from dohyo.service.database.engine import Database
 from dohyo.service.evaluations.model import Episode, EpisodeStatus, EvaluationStatus

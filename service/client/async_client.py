@@ -1,0 +1,334 @@
+"""AsyncClient: access to the service from Python with asyncio.
+
+    async with AsyncClient("http://127.0.0.1:8000", token) as client:
+        await client.register_agent("my-autopilot")
+        await client.submit_builtin("my-autopilot", "autopilot")
+        evaluation = await client.evaluate("my-autopilot", "quickstart", seeds=[0, 1])
+        await client.wait(evaluation["id"])
+        print(await client.leaderboard("quickstart"))
+
+Answers are the service's JSON documents. Policy workers use a faster connection: see
+`dohyo.service.client.worker_session`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import AsyncGenerator, AsyncIterator, Mapping, Sequence
+from contextlib import aclosing
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self
+
+import httpx
+
+from dohyo.evaluation.records.record import AgentInfo
+from dohyo.service.client.calls import ENDED, Call, Document, headers_of, path_of, remote_of, versions_like
+from dohyo.service.client.downloads import Download, check_size
+from dohyo.service.client.errors import ServiceError, check, retry_after_s
+from dohyo.service.client.events import HEARTBEAT_S, MEDIA_TYPE, SILENCE_S, Event, EventParser
+from dohyo.service.client.worker_session import WorkerSession
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
+
+TIMEOUT_S = 60.0
+POLL_S = 1.0
+
+
+class AsyncClient:
+    """Every method raises ServiceError where the service refuses or cannot be reached."""
+
+    def __init__(
+        self, url: str, token: str | None = None, *, timeout_s: float = TIMEOUT_S, patience_s: float = 60.0
+    ) -> None:
+        """Connects at the first call.
+
+        Args:
+            url: Such as "http://127.0.0.1:8000".
+            token: None: read only what is public.
+            timeout_s: For one answer.
+            patience_s: Longest Retry-After of a busy service that a call waits for, once.
+        """
+        self._url, self._token, self._patience_s = url, token, patience_s
+        self._http = httpx.AsyncClient(base_url=url, headers=headers_of(token), timeout=timeout_s)
+
+    async def close(self) -> None:
+        """Closes the connections."""
+        await self._http.aclose()
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+        await self.close()
+
+    async def get(self, path: str, **query: Any) -> Document:
+        """Any JSON document of the interface, such as `get("/v1/networks")`."""
+        return await self._json(Call("GET", path, query))
+
+    async def items(self, path: str, **query: Any) -> AsyncIterator[Document]:
+        """All items of a paged list, such as `items("/v1/evaluations", agent="my-agent")`."""
+        after: str | None = None
+        while True:
+            page = await self.get(path, **query, after=after)
+            for item in page["items"]:
+                yield item
+            after = page["next"]
+            if after is None:
+                return
+
+    async def register_agent(self, name: str, description: str = "") -> Document:
+        """Registers an agent of the token's owner."""
+        return await self._json(Call("POST", "/v1/agents", body={"name": name, "description": description}))
+
+    async def ensure_agent(self, name: str, description: str = "") -> Document:
+        """The agent of that name; registers it where it is missing."""
+        try:
+            return await self.get(path_of("agents", name))
+        except ServiceError as error:
+            if error.status != 404:
+                raise
+        return await self.register_agent(name, description)
+
+    async def submit_builtin(self, agent: str, entry: str, settings: Mapping[str, Any] | None = None) -> Document:
+        """Submits a built-in agent of the service."""
+        return await self._submit(agent, {"kind": "builtin", "entry": entry, "settings": dict(settings or {})})
+
+    async def submit_remote(self, agent: str, info: AgentInfo) -> Document:
+        """Declares an agent that drives through workers; `info` appears in its records."""
+        return await self._submit(agent, remote_of(info))
+
+    async def submit_onnx(self, agent: str, policy: Path, spec: Mapping[str, Any]) -> Document:
+        """Submits an ONNX file; `spec` gives its track, sensors and control.
+
+        Raises:
+            InvalidInputError: The file cannot be read.
+        """
+        try:
+            content = await asyncio.to_thread(policy.read_bytes)
+        except OSError as error:
+            raise InvalidInputError(f"policy '{policy}' cannot be read: {error.strerror}") from error
+        files = {"spec": (None, json.dumps(dict(spec)), "application/json"), "file": (policy.name, content)}
+        return await self._json(Call("POST", path_of("agents", agent, "submissions", "onnx"), files=files))
+
+    async def ensure_remote(self, agent: str, info: AgentInfo) -> int:
+        """The version of an agent that declares `info`; registers and submits it where it is missing."""
+        await self.ensure_agent(agent)
+        there = versions_like(await self.get(path_of("agents", agent, "submissions")), info)
+        return there[-1] if there else int((await self.submit_remote(agent, info))["version"])
+
+    async def evaluate(
+        self,
+        agent: str,
+        benchmark: str,
+        *,
+        version: int | None = None,
+        seeds: Sequence[int] | None = None,
+        slow_policy: Literal["wait", "realtime"] | None = None,
+        act_deadline_s: float | None = None,
+        ranked: bool = False,
+        ranking: str | None = None,
+    ) -> Document:
+        """Queues an evaluation, by default a practice run of the latest version with the benchmark's seeds.
+
+        A ranked run may enter a board, counts against a quota, and takes all conditions from its ranking: that of
+        `ranking`, a phase of a challenge, or the benchmark's open one.
+        """
+        body = {
+            "agent": agent,
+            "benchmark": benchmark,
+            "version": version,
+            "seeds": list(seeds) if seeds is not None else None,
+            "slow_policy": slow_policy,
+            "act_deadline_s": act_deadline_s,
+            "ranked": ranked,
+            "ranking": ranking,
+        }
+        return await self._json(Call("POST", "/v1/evaluations", body=body))
+
+    async def evaluation(self, evaluation_id: str) -> Document:
+        """State of an evaluation."""
+        return await self.get(path_of("evaluations", evaluation_id))
+
+    def follow(self, evaluation_id: str) -> AsyncIterator[Document]:
+        """States of an evaluation, each time that it changes; the last one is its end."""
+        path = path_of("evaluations", evaluation_id)
+        return self._follow(path, f"{path}/progress")
+
+    async def wait(self, evaluation_id: str, timeout_s: float | None = None) -> Document:
+        """Waits until an evaluation has ended.
+
+        Raises:
+            TimeoutError: The evaluation did not end in that time.
+        """
+        path = path_of("evaluations", evaluation_id)
+        return await self._wait(path, f"{path}/progress", timeout_s)
+
+    async def cancel(self, evaluation_id: str) -> Document:
+        """Cancels an evaluation; finished episodes are kept."""
+        return await self._json(Call("POST", path_of("evaluations", evaluation_id, "cancel")))
+
+    async def resume(self, evaluation_id: str) -> Document:
+        """Queues lost and cancelled episodes again."""
+        return await self._json(Call("POST", path_of("evaluations", evaluation_id, "resume")))
+
+    async def metrics(self, evaluation_id: str) -> Document:
+        """Scores of an evaluation with intervals, over the finished episodes."""
+        return await self.get(path_of("evaluations", evaluation_id, "metrics"))
+
+    async def manifest(self, evaluation_id: str) -> Document:
+        """Manifest of an evaluation, as in a result folder of `dohyo evaluate`."""
+        return await self.get(path_of("evaluations", evaluation_id, "manifest"))
+
+    def episodes(self, evaluation_id: str) -> AsyncIterator[Document]:
+        """Episodes of an evaluation, in the benchmark's order."""
+        return self.items(path_of("evaluations", evaluation_id, "episodes"))
+
+    async def record(self, episode_id: str) -> Document:
+        """Record of an episode."""
+        return await self.get(path_of("episodes", episode_id, "record"))
+
+    async def download(self, evaluation_id: str, folder: Path) -> list[Path]:
+        """Saves the records of an evaluation with their signatures; `dohyo score` and `dohyo verify` read them.
+
+        Raises:
+            InvalidInputError: The server sent a record of another episode, a wrong signature, or a name that cannot be
+                a file name. Records before it are saved.
+        """
+        await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)
+        paths: list[Path] = []
+        async for episode in self.episodes(evaluation_id):
+            if episode["record_hash"]:
+                download = Download(episode, folder)
+                if download.path in paths:
+                    raise InvalidInputError(f"the server lists '{download.path.name}' twice")
+                for part, call, limit in download.parts:
+                    for path, content in download.files(part, *await self._load(call, limit)):
+                        await asyncio.to_thread(write_atomically, path, content)
+                paths.append(download.path)
+        return paths
+
+    async def leaderboard(
+        self,
+        benchmark: str | None = None,
+        *,
+        version: str | None = None,
+        track: str | None = None,
+        ranking: str | None = None,
+        limit: int = 100,
+        after: str | None = None,
+    ) -> Document:
+        """A page of a benchmark's open leaderboard, or with `ranking` of a challenge's phase."""
+        query = {"version": version, "track": track, "ranking": ranking, "limit": limit, "after": after}
+        return await self.get("/v1/leaderboard", benchmark=benchmark, **query)
+
+    async def comparison(self, evaluation_ids: Sequence[str]) -> Document:
+        """Evaluations of one benchmark version side by side."""
+        return await self.get("/v1/comparison", evaluation=list(evaluation_ids))
+
+    def worker(self, agent: str, *, version: int | None = None, capacity: int = 1) -> WorkerSession:
+        """A session of a policy worker for an agent; it blocks, so an event loop runs it in another thread."""
+        return WorkerSession(self._url, self._token or "", agent, version=version, capacity=capacity)
+
+    async def _submit(self, agent: str, body: Mapping[str, Any]) -> Document:
+        return await self._json(Call("POST", path_of("agents", agent, "submissions"), body=body))
+
+    async def _json(self, call: Call) -> Document:
+        """Document of an answer; where the answer is a job, waits for its end."""
+        answer = await self._send(call)
+        while answer.status_code == httpx.codes.ACCEPTED:
+            path = path_of("jobs", answer.headers["location"].rpartition("/")[2])  # never another server's address
+            job = await self._wait(path, f"{path}/events", None)
+            if job["status"] != "done":
+                raise ServiceError.of_job(job)
+            if call.method != "GET":
+                made: Document = job["answer"]
+                return made
+            answer = await self._send(call)  # the job has made what was asked for
+        document: Document = answer.json()
+        return document
+
+    async def _send(self, call: Call) -> httpx.Response:
+        """Answer to a request. A busy service is asked once again, after its Retry-After."""
+        try:
+            answer = await self._http.request(**call.arguments())
+            # 429 is a refusal before any work; a proxy's 503 may follow it, so an order is not repeated.
+            if answer.status_code == 429 or (answer.status_code == 503 and call.method == "GET"):
+                wait_s = retry_after_s(answer)
+                if wait_s is not None and wait_s <= self._patience_s:
+                    await asyncio.sleep(wait_s)
+                    answer = await self._http.request(**call.arguments())
+            return check(answer)
+        except httpx.HTTPError as error:
+            raise ServiceError.unreachable(self._url, error) from error
+
+    async def _load(self, call: Call, limit_bytes: int) -> tuple[bytes, httpx.Headers]:
+        """Content of an answer, unpacked and not larger than a limit, and its headers."""
+        content = bytearray()
+        try:
+            async with self._http.stream(**call.arguments()) as response:
+                if not response.is_success:
+                    await response.aread()
+                check(response)
+                async for chunk in response.aiter_bytes():
+                    content += chunk
+                    check_size(content, limit_bytes, call)
+        except httpx.HTTPError as error:
+            raise ServiceError.unreachable(self._url, error) from error
+        return bytes(content), response.headers
+
+    async def _wait(self, path: str, events: str, timeout_s: float | None) -> Document:
+        """State of an evaluation or a job at its end.
+
+        Raises:
+            TimeoutError: It did not end in that time.
+        """
+        async for state in self._follow(path, events, timeout_s):
+            if state["status"] in ENDED:
+                return state
+        raise TimeoutError(f"'{path}' has not ended in {timeout_s:g} s")
+
+    async def _follow(self, path: str, events: str, timeout_s: float | None = None) -> AsyncIterator[Document]:
+        """States of an evaluation or a job until its end, by events, and by polling where there are none."""
+        ends = time.monotonic() + timeout_s if timeout_s is not None else float("inf")
+        parser = EventParser(retry_s=POLL_S)
+        while True:
+            pause_s = POLL_S
+            # A stream wakes its reader with each heartbeat, so the last seconds before a time limit are polled.
+            if time.monotonic() + HEARTBEAT_S < ends:
+                try:
+                    async with aclosing(self._events(events, parser, ends)) as stream:
+                        async for event in stream:
+                            state = event.document if event.has_state else await self.get(path)
+                            yield state
+                            if state["status"] in ENDED:
+                                return
+                    pause_s = parser.retry_s
+                except ServiceError as error:
+                    pause_s = parser.retry_s if error.retry_s is None else error.retry_s
+            state = await self.get(path)
+            yield state
+            left_s = ends - time.monotonic()
+            if state["status"] in ENDED or left_s <= 0.0:
+                return
+            await asyncio.sleep(min(pause_s, left_s))
+
+    async def _events(self, path: str, parser: EventParser, ends: float) -> AsyncGenerator[Event, None]:
+        """Events of a stream until it closes, is silent for too long, or a time limit is near."""
+        timeout = httpx.Timeout(TIMEOUT_S, read=min(SILENCE_S, ends - time.monotonic()))
+        try:
+            async with self._http.stream("GET", path, headers=parser.headers, timeout=timeout) as response:
+                if not response.is_success:
+                    await response.aread()
+                if not check(response).headers.get("content-type", "").startswith(MEDIA_TYPE):
+                    return
+                async for line in response.aiter_lines():
+                    event = parser.feed(line)
+                    if event is not None:
+                        yield event
+                    if time.monotonic() + HEARTBEAT_S >= ends:
+                        return
+        except httpx.HTTPError as error:
+            raise ServiceError.unreachable(self._url, error) from error
