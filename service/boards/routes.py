@@ -25,6 +25,7 @@ from dohyo.service.evaluations.access import own_runs
 from dohyo.service.evaluations.model import BenchmarkVersion
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.web.documents import After, Identifier, Limit, problems
+from dohyo.service.web.heavy import heavy_read
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 router = APIRouter(prefix="/v1", tags=["leaderboard"], responses=problems(403, 404))
@@ -66,6 +67,7 @@ class _Board:
 
 
 @router.get("/leaderboard", response_model=LeaderboardView)
+@heavy_read
 def get_leaderboard(
     caller: Reader,
     services: ServicesOf,
@@ -99,6 +101,7 @@ def get_leaderboard(
 
 
 @router.get("/leaderboard.csv", response_class=Response, responses=CSV)
+@heavy_read
 def get_leaderboard_csv(
     caller: Reader,
     services: ServicesOf,

@@ -27,7 +27,7 @@ import httpx
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.client.calls import ENDED, Call, Document, headers_of, path_of, remote_of, versions_like
 from dohyo.service.client.downloads import Download, check_size
-from dohyo.service.client.errors import ServiceError, check, retry_after_s
+from dohyo.service.client.errors import ServiceError, check
 from dohyo.service.client.events import HEARTBEAT_S, MEDIA_TYPE, SILENCE_S, Event, EventParser
 from dohyo.service.client.worker_session import WorkerSession
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -251,21 +251,36 @@ class Client:
         return document
 
     def _send(self, call: Call) -> httpx.Response:
-        """Answer to a request. A busy service is asked once again, after its Retry-After."""
+        """Answer to a request."""
         try:
-            answer = self._http.request(**call.arguments())
-            # 429 is a refusal before any work; a proxy's 503 may follow it, so an order is not repeated.
-            if answer.status_code == 429 or (answer.status_code == 503 and call.method == "GET"):
-                wait_s = retry_after_s(answer)
-                if wait_s is not None and wait_s <= self._patience_s:
-                    time.sleep(wait_s)
-                    answer = self._http.request(**call.arguments())
-            return check(answer)
-        except httpx.HTTPError as error:
-            raise ServiceError.unreachable(self._url, error) from error
+            return self._request(call)
+        except ServiceError as error:
+            self._pause(call, error)
+        return self._request(call)
 
     def _load(self, call: Call, limit_bytes: int) -> tuple[bytes, httpx.Headers]:
         """Content of an answer, unpacked and not larger than a limit, and its headers."""
+        try:
+            return self._receive(call, limit_bytes)
+        except ServiceError as error:
+            self._pause(call, error)
+        return self._receive(call, limit_bytes)
+
+    def _pause(self, call: Call, error: ServiceError) -> None:
+        """Waits as long as a busy service asks for; raises the error where a second request would be in vain."""
+        # 429 is a refusal before any work; a proxy's 503 may follow it, so an order is not repeated.
+        passes = error.status == 429 or (error.status == 503 and call.method == "GET")
+        if not passes or error.retry_s is None or error.retry_s > self._patience_s:
+            raise error
+        time.sleep(error.retry_s)
+
+    def _request(self, call: Call) -> httpx.Response:
+        try:
+            return check(self._http.request(**call.arguments()))
+        except httpx.HTTPError as error:
+            raise ServiceError.unreachable(self._url, error) from error
+
+    def _receive(self, call: Call, limit_bytes: int) -> tuple[bytes, httpx.Headers]:
         content = bytearray()
         try:
             with self._http.stream(**call.arguments()) as response:

@@ -46,10 +46,5 @@ def check(response: httpx.Response) -> httpx.Response:
         detail = str(response.json()["detail"])
     except (ValueError, KeyError, TypeError):
         detail = response.text[:200] or "no reason given"
-    raise ServiceError(response.status_code, detail, retry_after_s(response))
-
-
-def retry_after_s(response: httpx.Response) -> float | None:
-    """Seconds of the header Retry-After; None without the header, or if it has a date."""
-    value = response.headers.get("retry-after", "")
-    return float(value) if value.isdecimal() else None
+    wait = response.headers.get("retry-after", "")
+    raise ServiceError(response.status_code, detail, float(wait) if wait.isdecimal() else None)

@@ -44,7 +44,7 @@ from dohyo.service.jobs.orders import Wait, answer_job, last_about, order_job, o
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.web.caching import Cached, Identified, already_has, immutable
 from dohyo.service.web.documents import Limit, problems
-from dohyo.service.web.heavy import Heavy
+from dohyo.service.web.heavy import Heavy, heavy_read
 from dohyo.service.web.views import Page
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
@@ -92,6 +92,7 @@ def list_attempts(
 
 
 @router.get("/record", responses=problems(403, 404, 409, 410) | Cached.json(EpisodeRecord))
+@heavy_read
 def get_episode_record(identifier: Identified, request: Request, caller: Reader, services: ServicesOf) -> Response:
     """The record of an episode, as `dohyo verify` and `dohyo score` read it; it never changes.
 
@@ -108,6 +109,7 @@ def get_episode_record(identifier: Identified, request: Request, caller: Reader,
 
 
 @router.get("/trajectory", responses=problems(403, 404, 409, 410) | Cached.file("application/vnd.apache.parquet"))
+@heavy_read
 def get_episode_trajectory(identifier: Identified, request: Request, caller: Reader, services: ServicesOf) -> Response:
     """Trajectories of an episode as Parquet, one row per object and tick; byte ranges are supported."""
     episode, _, _ = episode_for(services, caller, identifier, Aspect.RECORDS)
@@ -121,6 +123,7 @@ def get_episode_trajectory(identifier: Identified, request: Request, caller: Rea
 
 
 @router.get("/events", responses=problems(403, 404, 409, 410))
+@heavy_read
 def get_episode_events(identifier: Identified, caller: Reader, services: ServicesOf, readers: ReadersOf) -> EventsView:
     """The infractions in the order of time, each with its own cost."""
     episode, _, version = episode_for(services, caller, identifier, Aspect.REPLAYS)

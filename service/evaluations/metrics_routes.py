@@ -18,6 +18,7 @@ from dohyo.service.evaluations.metrics_views import MetricsView
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.web.caching import Identified
 from dohyo.service.web.documents import problems
+from dohyo.service.web.heavy import heavy_read
 
 router = APIRouter(tags=["metrics"], responses=problems())
 CSV: dict[int | str, dict[str, Any]] = {
@@ -26,6 +27,7 @@ CSV: dict[int | str, dict[str, Any]] = {
 
 
 @router.get("/v1/evaluations/{identifier}/metrics", response_model=MetricsView, responses=problems(403, 404))
+@heavy_read
 def get_evaluation_metrics(identifier: Identified, caller: Reader, services: ServicesOf) -> Response:
     """Scores with intervals over all finished episodes, by cell, and for every drive."""
     evaluation_for(services, caller, identifier, Aspect.RECORDS)
@@ -34,6 +36,7 @@ def get_evaluation_metrics(identifier: Identified, caller: Reader, services: Ser
 
 
 @router.get("/v1/evaluations/{identifier}/metrics.csv", response_class=Response, responses=problems(403, 404) | CSV)
+@heavy_read
 def get_evaluation_metrics_csv(identifier: Identified, caller: Reader, services: ServicesOf) -> Response:
     """The metrics as CSV: a row per drive, one per cell, and one for all."""
     evaluation_for(services, caller, identifier, Aspect.RECORDS)
@@ -41,6 +44,7 @@ def get_evaluation_metrics_csv(identifier: Identified, caller: Reader, services:
 
 
 @router.get("/v1/evaluations/{identifier}/infractions", response_model=InfractionsView, responses=problems(403, 404))
+@heavy_read
 def get_evaluation_infractions(
     identifier: Identified, caller: Reader, services: ServicesOf, readers: ReadersOf
 ) -> Response:

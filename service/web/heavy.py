@@ -1,7 +1,7 @@
 """Heavy reads: computed in a few threads of their own, and paid by each caller in processor seconds.
 
-Threads that answer small requests therefore never wait behind them, and callers without a token, who have one of the
-threads at most, cannot keep it for long.
+Threads that answer small requests therefore never wait behind them. Callers take turns: each has one read at a time, so
+that a caller with many reads delays any other one by a single read. Callers without a token have one of the threads.
 """
 
 from __future__ import annotations
@@ -9,11 +9,13 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AsyncExitStack
-from dataclasses import dataclass
-from typing import Annotated, Final, Protocol, TypeVar
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass, field
+from functools import partial, wraps
+from inspect import Parameter, signature
+from typing import Annotated, Any, Final, Protocol, TypeVar
 
 from fastapi import Depends, Request
 
@@ -21,7 +23,8 @@ from dohyo.service.errors import BusyError, TooManyRequestsError
 from dohyo.service.web.addresses import payer_of
 
 AT_ONCE: Final = 2
-MOST_WAITING: Final = 64
+MOST_WAITING: Final = 256
+MOST_WAITING_PER_CALLER: Final = 32  # an address may be that of a whole class
 REMEMBERED: Final = 10_000
 T = TypeVar("T")
 
@@ -34,6 +37,14 @@ class _Purse:
     at: float
 
 
+@dataclass(slots=True)
+class _Queue:
+    """Reads of one caller that have not ended, and the turn that they take one after another."""
+
+    reads: int = 0
+    turn: asyncio.Lock = field(default_factory=asyncio.Lock)
+
+
 class HeavyReads:
     """The threads, and what each caller has used of them."""
 
@@ -43,7 +54,7 @@ class HeavyReads:
         self._purses: OrderedDict[str, _Purse] = OrderedDict()
         self._threads = ThreadPoolExecutor(AT_ONCE, "read")
         self._room, self._anonymous = asyncio.Semaphore(AT_ONCE), asyncio.Semaphore(AT_ONCE - 1)
-        self._waiting = 0
+        self._queues: dict[str, _Queue] = {}
 
     async def compute(self, work: Callable[[], T], payer: str, anonymous: bool) -> T:
         """Result of a computation in one of the threads.
@@ -54,26 +65,37 @@ class HeavyReads:
             anonymous: Whether the caller has no token.
 
         Raises:
-            TooManyRequestsError: The purse is empty.
+            TooManyRequestsError: The purse is empty, or too many reads of this payer wait.
             BusyError: Too many reads wait.
         """
         self._check(payer)
-        if self._waiting >= MOST_WAITING:
-            raise BusyError("too many costly reads are waiting")
-        self._waiting += 1
-        try:
-            async with AsyncExitStack() as stack:
-                if anonymous:
-                    await stack.enter_async_context(self._anonymous)
-                await stack.enter_async_context(self._room)
-                self._check(payer)  # again, since those before may have emptied the purse
-                result, seconds = await asyncio.get_running_loop().run_in_executor(self._threads, _timed, work)
-                self._purse(payer).left_s -= seconds
-        finally:
-            self._waiting -= 1
+        async with self._turn(payer), AsyncExitStack() as stack:
+            if anonymous:
+                await stack.enter_async_context(self._anonymous)
+            await stack.enter_async_context(self._room)
+            self._check(payer)  # again, since those before may have emptied the purse
+            result, seconds = await asyncio.get_running_loop().run_in_executor(self._threads, _timed, work)
+            self._purse(payer).left_s -= seconds
         if isinstance(result, Exception):
             raise result
         return result
+
+    @asynccontextmanager
+    async def _turn(self, payer: str) -> AsyncIterator[None]:
+        """Waits until no other read of the payer is computed or stands before a thread."""
+        if sum(queue.reads for queue in self._queues.values()) >= MOST_WAITING:
+            raise BusyError("too many costly reads are waiting")
+        queue = self._queues.setdefault(payer, _Queue())
+        if queue.reads >= MOST_WAITING_PER_CALLER:
+            raise TooManyRequestsError(f"at most {MOST_WAITING_PER_CALLER} costly reads at once")
+        queue.reads += 1
+        try:
+            async with queue.turn:
+                yield
+        finally:
+            queue.reads -= 1
+            if not queue.reads:
+                del self._queues[payer]
 
     def _check(self, payer: str) -> None:
         left_s = self._purse(payer).left_s
@@ -109,6 +131,19 @@ def _heavy(request: Request) -> Compute:
 
 
 Heavy = Annotated[Compute, Depends(_heavy)]
+
+
+def heavy_read(endpoint: Callable[..., T]) -> Callable[..., Awaitable[T]]:
+    """A route whose whole work is a heavy read."""
+
+    @wraps(endpoint)
+    async def route(*, heavy: Compute, **values: Any) -> T:
+        return await heavy(partial(endpoint, **values))
+
+    plain = signature(endpoint, eval_str=True)
+    paid = Parameter("heavy", Parameter.KEYWORD_ONLY, annotation=Heavy)
+    route.__signature__ = plain.replace(parameters=[*plain.parameters.values(), paid])  # type: ignore[attr-defined]
+    return route
 
 
 def _timed(work: Callable[[], T]) -> tuple[T | Exception, float]:

@@ -14,7 +14,9 @@ import pytest
 from dohyo.service.errors import BusyError, TooManyRequestsError
 from dohyo.service.web import heavy
 from dohyo.service.web.heavy import HeavyReads
+from tests.evaluation.builders import ego, episode
 from tests.service.served import Service
+from tests.service.shop import Shop
 
 
 def burn() -> int:
@@ -72,6 +74,41 @@ def test_a_read_that_fails_is_paid_for_and_a_long_queue_is_refused(monkeypatch: 
         await held
 
     asyncio.run(run())
+
+
+def test_a_caller_with_many_reads_delays_another_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And has no more than its share of those that wait."""
+    monkeypatch.setattr(heavy, "MOST_WAITING_PER_CALLER", 20)
+    reads, free, ended = HeavyReads(60.0), threading.Event(), list[str]()
+
+    async def read(payer: str) -> None:
+        await reads.compute(lambda: free.wait(60), payer, True)
+        ended.append(payer)
+
+    async def run() -> None:
+        greedy = [asyncio.create_task(read("address a")) for _ in range(20)]
+        await asyncio.sleep(0)
+        with pytest.raises(TooManyRequestsError, match="at most 20"):
+            await read("address a")
+        others = [asyncio.create_task(read(f"address {name}")) for name in "bc"]
+        await asyncio.sleep(0)
+        free.set()
+        await asyncio.gather(*greedy, *others)
+
+    asyncio.run(run())
+    assert ended[:3] == ["address a", "address b", "address c"]
+
+
+def test_a_reader_pays_for_boards_tables_and_records(shop: Shop) -> None:
+    evaluation, (one,) = shop.evaluation(shop.submission("made"), [episode(ego())])
+    paths = [f"/v1/leaderboard{suffix}?benchmark=made" for suffix in ("", ".csv")]
+    paths += [f"/v1/evaluations/{evaluation}/{what}" for what in ("metrics", "metrics.csv", "infractions")]
+    paths += [f"/v1/episodes/{one}/{what}" for what in ("record", "trajectory", "events")]
+    for path in paths:
+        shop.services.reads = HeavyReads(1e-9)
+        answers = [shop.client.get(path), shop.client.get(path), shop.client.get(path, headers=shop.token("ann"))]
+        assert [answer.status_code for answer in answers] == [200, 429, 200], path
+        assert int(answers[1].headers["retry-after"]) > 0
 
 
 @pytest.fixture(scope="module")
