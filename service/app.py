@@ -17,9 +17,9 @@ from dohyo.service.accounts import routes as tokens
 from dohyo.service.benchmarks import routes as benchmarks
 from dohyo.service.boards import comparison_routes as comparison
 from dohyo.service.boards import routes as leaderboard
+from dohyo.service.challenges import closing
 from dohyo.service.challenges import invitation_routes as invitations
 from dohyo.service.challenges import routes as challenges
-from dohyo.service.challenges.closing import Closer
 from dohyo.service.confinement.layers import prepare_confinement
 from dohyo.service.dashboard import challenge_pages, pages
 from dohyo.service.dashboard.session import SessionCookie, show_errors_as_pages
@@ -35,11 +35,12 @@ from dohyo.service.jobs.kinds import KINDS
 from dohyo.service.monitoring import health_routes as health
 from dohyo.service.monitoring import routes as service_metrics
 from dohyo.service.networks import routes as networks
+from dohyo.service.periodic import repeated
 from dohyo.service.scheduling.scheduler import Scheduler
 from dohyo.service.settings import Settings
 from dohyo.service.signing import routes as signing
 from dohyo.service.state import Broadcast, Services
-from dohyo.service.storage.retention import Retention
+from dohyo.service.storage import retention
 from dohyo.service.submissions import (
     agent_routes as agents,
 )
@@ -144,12 +145,11 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         deliverer = Deliverer(services)
         await deliverer.start()
         stack.push_async_callback(deliverer.stop)
-        closer = Closer(services)
-        await closer.start()
-        stack.push_async_callback(closer.stop)
-        retention = Retention(services)
-        await retention.start()
-        stack.push_async_callback(retention.stop)
+        for work, every_s, name in (
+            (lambda: closing.close_ended(services), closing.EVERY_S, "closing of phases"),
+            (lambda: retention.remove_old_records(services), retention.EVERY_S, "removal of old records"),
+        ):
+            await stack.enter_async_context(repeated(work, every_s, name))
         stack.push_async_callback(services.drain)
         await services.jobs.start(services, KINDS)
         await services.scheduler.start()

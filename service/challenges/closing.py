@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
 import logging
 from typing import Any, Final
 
 from sqlalchemy import select
-from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
@@ -22,7 +19,7 @@ from dohyo.service.evaluations.model import BenchmarkVersion
 from dohyo.service.state import Services
 from dohyo.service.webhooks.model import Delivery, Webhook
 
-POLL_S: Final = 2.0
+EVERY_S: Final = 2.0
 
 logger = logging.getLogger("dohyo.challenges")
 
@@ -60,33 +57,6 @@ def close_ended(services: Services) -> None:
         headlines = {one.id: _headline(session, one) for one in ended}
     for ranking in ended:
         final_rows(services.database, Standings(), ranking, headlines[ranking.id])
-
-
-class Closer:
-    """Closes phases in the background during the app's lifespan."""
-
-    def __init__(self, services: Services) -> None:
-        self._services = services
-        self._task: asyncio.Task[None] | None = None
-
-    async def start(self) -> None:
-        """Starts the background task."""
-        self._task = asyncio.create_task(self._run(), name="challenges")
-
-    async def stop(self) -> None:
-        """Stops the task; phases that end later are closed after the next start, with the same rows."""
-        if self._task is not None:
-            self._task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._task
-
-    async def _run(self) -> None:
-        while True:
-            try:
-                await asyncio.to_thread(close_ended, self._services)
-            except (SQLAlchemyError, OSError) as error:
-                logger.warning("phases cannot be closed now, trying again: %s", error)
-            await asyncio.sleep(POLL_S)
 
 
 def _after_last_runs(database: Database, ranking: Ranking) -> Ranking:

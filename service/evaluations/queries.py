@@ -6,12 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, func, select, tuple_, update
+from sqlalchemy import ColumnElement, func, select, update
 from sqlalchemy.orm import Session
 
 from dohyo.evaluation.freeway.morning import MorningScenario
 from dohyo.service.benchmarks.catalog import AnyBenchmark
 from dohyo.service.database.base import new_id, now
+from dohyo.service.database.pages import newest_first
 from dohyo.service.evaluations.model import (
     Attempt,
     BenchmarkVersion,
@@ -139,7 +140,7 @@ def list_evaluations(
         after: Identifier of an evaluation; an unknown one gives none.
     """
     query = select(Evaluation).join(Submission, Submission.id == Evaluation.submission_id)
-    query = query.where(seen).order_by(Evaluation.created.desc(), Evaluation.id.desc()).limit(limit)
+    query = newest_first(session, query.where(seen), Evaluation, limit, after)
     if agent is not None:
         query = query.join(Agent, Agent.id == Submission.agent_id).where(Agent.name == agent)
     if benchmark is not None:
@@ -149,11 +150,6 @@ def list_evaluations(
         query = query.where(Evaluation.status == status)
     if ranking is not None:
         query = query.where(Evaluation.ranking_id == ranking)
-    if after is not None:
-        last = session.get(Evaluation, after)
-        if last is None:
-            return []
-        query = query.where(tuple_(Evaluation.created, Evaluation.id) < tuple_(last.created, last.id))
     return session.scalars(query).unique().all()
 
 

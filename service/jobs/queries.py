@@ -10,6 +10,7 @@ from sqlalchemy import delete, func, select, tuple_, update
 from sqlalchemy.orm import Session
 
 from dohyo.service.database.base import now
+from dohyo.service.database.pages import newest_first
 from dohyo.service.jobs.kind import Made
 from dohyo.service.jobs.model import UNFINISHED, Job, JobStatus
 
@@ -59,16 +60,11 @@ def list_jobs(
         limit: Largest number of results.
         after: Identifier of a job; an unknown one gives none.
     """
-    query = select(Job).order_by(Job.created.desc(), Job.id.desc()).limit(limit)
+    query = newest_first(session, select(Job), Job, limit, after)
     if owner is not None:
         query = query.where(Job.owner == owner)
     if status is not None:
         query = query.where(Job.status == status)
-    if after is not None:
-        last = session.get(Job, after)
-        if last is None:
-            return []
-        query = query.where(tuple_(Job.created, Job.id) < tuple_(last.created, last.id))
     return session.scalars(query).all()
 
 
