@@ -19,7 +19,7 @@ from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 
 
 class ArrayVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
-    """N episodes of a fixed length, at whose end they are truncated.
+    """N episodes of at most a fixed length, at whose end they are truncated.
 
     Each row has its own time, and draws everything random at its reset, from a generator of its own seed. So an
     episode follows from its seed and its actions, whatever the other rows do. A row whose episode has ended ignores
@@ -29,12 +29,19 @@ class ArrayVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         num_envs: Number N of rows.
         length: Steps of an episode.
         measures: Names of the floats in `infos` at the end of an episode.
+        group_size: Rows of one simulation, which are reset together, with the seed of the first one.
         running: (N,) whether the row's episode has begun and not ended.
         metadata: "autoreset_mode" is DISABLED: the caller resets.
     """
 
     def __init__(
-        self, num_envs: int, observation_space: Box, action_space: Box, length: int, measures: tuple[str, ...] = ()
+        self,
+        num_envs: int,
+        observation_space: Box,
+        action_space: Box,
+        length: int,
+        measures: tuple[str, ...] = (),
+        group_size: int = 1,
     ) -> None:
         """Prepares; episodes begin with their reset.
 
@@ -44,13 +51,16 @@ class ArrayVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
             action_space: Of one row, a vector of float32.
             length: Steps of an episode.
             measures: See the class.
+            group_size: See the class.
 
         Raises:
-            InvalidInputError: There is no row.
+            InvalidInputError: There is no row, or the rows are no whole number of groups.
         """
-        if num_envs < 1:
-            raise InvalidInputError(f"expected at least one row, got num_envs={num_envs}")
-        self.num_envs, self.length, self.measures = num_envs, length, measures
+        if num_envs < 1 or num_envs % group_size:
+            raise InvalidInputError(
+                f"expected at least one row and whole groups of {group_size}, got num_envs={num_envs}"
+            )
+        self.num_envs, self.length, self.measures, self.group_size = num_envs, length, measures, group_size
         self.metadata = {"autoreset_mode": AutoresetMode.DISABLED}
         self.single_observation_space = named_space(observation_space)
         self.single_action_space = action_space
@@ -60,6 +70,10 @@ class ArrayVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         self._observation = np.zeros((num_envs, *observation_space.shape), np.float32)
         self._steps = np.zeros(num_envs, np.int64)
         self.running: BoolArray = np.zeros(num_envs, np.bool_)
+
+    def _begin_seeded(self, rows: IntArray, seeds: Sequence[int | None], options: Mapping[str, Any]) -> None:
+        """Begins episodes in R rows from one seed each (None: any), with the other options of `reset`."""
+        self._begin(rows, [np.random.default_rng(seed) for seed in seeds])
 
     @abstractmethod
     def _begin(self, rows: IntArray, generators: Sequence[np.random.Generator]) -> None:
@@ -73,6 +87,10 @@ class ArrayVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
     def _observed(self, rows: IntArray) -> FloatArray:
         """(R, O) observations of R rows, after `_begin` or `_advance`; `_steps` counts the steps so far."""
 
+    def _terminated(self, rows: IntArray) -> BoolArray:
+        """(R,) whether the episodes of R rows have terminated in the step just taken."""
+        return np.zeros(len(rows), np.bool_)
+
     @abstractmethod
     def _measured(self, rows: IntArray) -> Mapping[str, FloatArray]:
         """(R,) of each measure, of R rows whose episodes have just ended."""
@@ -82,7 +100,8 @@ class ArrayVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
 
         Args:
             seed: One seed or None per row; or s for s, s + 1, ...
-            options: "reset_mask": (N,) bool, the rows to reset; the others keep their episodes and observations.
+            options: "reset_mask": (N,) bool, the rows to reset, with all rows of their groups; the others keep their
+                episodes and observations.
 
         Returns:
             Observations of all rows, and no infos.
@@ -91,11 +110,13 @@ class ArrayVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
             InvalidInputError: Seeds or mask have a wrong length.
         """
         self._check_open()
-        mask = row_mask((options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_)), self.num_envs)
-        seeds, rows = row_seeds(seed, self.num_envs), np.flatnonzero(mask)
+        rest = dict(options or {})
+        mask = row_mask(rest.pop("reset_mask", np.ones(self.num_envs, np.bool_)), self.num_envs)
+        groups = np.repeat(mask.reshape(-1, self.group_size).any(axis=1), self.group_size)
+        seeds, rows = row_seeds(seed, self.num_envs), np.flatnonzero(groups)
         self._steps[rows], self.running[rows] = 0, True
         if len(rows):
-            self._begin(rows, [np.random.default_rng(seeds[row]) for row in rows.tolist()])
+            self._begin_seeded(rows, [seeds[row] for row in rows.tolist()], rest)
             self._observation[rows] = self._observed(rows)
         return self._observations(), {}
 
@@ -108,8 +129,8 @@ class ArrayVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         Returns:
             observations: (N, O) by name; at an end the last one of the episode.
             rewards: (N,) float64.
-            terminations: (N,) False.
-            truncations: (N,) whether the episode has ended.
+            terminations: (N,) whether the episode has terminated.
+            truncations: (N,) whether it has ended otherwise, at its length.
             infos: "active" (N,): whether the row acted; where episodes ended also the measures.
 
         Raises:
@@ -118,17 +139,20 @@ class ArrayVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         self._check_open()
         checked = checked_actions(actions, self.action_space.shape or (), np.float64)
         active, rewards = self.running.copy(), np.zeros(self.num_envs)
+        terminated = np.zeros(self.num_envs, np.bool_)
         rows = np.flatnonzero(active)
         if len(rows):
             rewards[rows] = self._advance(rows, checked[rows])
             self._steps[rows] += 1
             self._observation[rows] = self._observed(rows)
-        ended = active & (self._steps == self.length)
+            terminated[rows] = self._terminated(rows)
+        truncated = active & ~terminated & (self._steps == self.length)
+        ended = terminated | truncated
         self.running &= ~ended
         infos: dict[str, Any] = {"active": active}
         if ended.any():
             infos |= self._judgement(ended)
-        return self._observations(), rewards, np.zeros(self.num_envs, np.bool_), ended, infos
+        return self._observations(), rewards, terminated, truncated, infos
 
     def _judgement(self, ended: BoolArray) -> dict[str, Any]:
         judged: dict[str, Any] = {}

@@ -1,0 +1,101 @@
+"""Observation of a kart: the thesis's state, our additions to it, and the radar, one float32 per column.
+
+| columns | meaning | scale |
+|---|---|---|
+| 0 | heading in the lot's frame | pi |
+| 1-3 | position of the kart in the lot's frame (z is 0) | 80 m |
+| 4-5 | velocity in the lot's frame | 5.6 m/s, the highest speed |
+| 6-8 | position of the target spot in the lot's frame (z is 0) | 80 m |
+| 9-11 | spot minus kart (z is 0) | 80 m |
+| 12-13 | ours: cosine and sine of heading minus the spot's heading | 1 |
+| 14-15 | ours: the kart in the spot's frame, ahead of and left of its centre, cut at +-1 | 5 m |
+| 16 | ours: steering angle | 30 degrees |
+| 17 | ours: time in place, cut at 1 | 1 s |
+| 18 | ours: time since the episode began | time limit |
+| 19-63 | radar, ray by ray from -60 to +60 degrees: distance; 1 if wall; car; kart; pedestrian | 80 m |
+
+Columns 0-8 are the thesis's first state space and columns 0-11 its second one.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, Literal
+
+import numpy as np
+from gymnasium.spaces import Box
+from numba import njit
+
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.parking import kart
+from dohyo.sumo_networks.parking.radar import RANGE_M, RAYS, Kind
+
+State = Literal["v1", "v2", "oriented"]
+"""Columns beside the radar: those of the thesis's first or second state space, or also ours."""
+POSITION_SCALE_M: Final = 80.0
+NEAR_M: Final = 5.0
+RADAR: Final = 19
+"""First column of the radar."""
+PER_RAY: Final = len(Kind)
+COLUMNS: Final = RADAR + PER_RAY * RAYS
+
+HIGHEST: Final = np.float32(2.0)
+"""No column leaves +-2: a lot's coordinates end at 200 m, and a kart is cut there."""
+
+
+def columns(state: State) -> IntArray:
+    """Indices of the columns of an observation with a state, in their order."""
+    last = {"v1": 9, "v2": 12, "oriented": RADAR}[state]
+    return np.concatenate([np.arange(last), np.arange(RADAR, COLUMNS)])
+
+
+def observation_space(state: State = "oriented") -> Box:
+    """Space of one kart's observation."""
+    return Box(-HIGHEST, HIGHEST, (len(columns(state)),), np.float32)
+
+
+def action_space() -> Box:
+    """Motor torque (negative: backwards), steering angle (positive: left), brake torque (none below 0), as shares."""
+    return Box(-1.0, 1.0, (3,), np.float32)
+
+
+@njit(cache=True)
+def write_state(body: FloatArray, spot: FloatArray, held: float, elapsed: float, out: Float32Array) -> None:
+    """Writes columns 0 to 18.
+
+    Args:
+        body: (7,) state of the kart.
+        spot: (5,) box of its target spot.
+        held: Time in place, s.
+        elapsed: Share of the time limit.
+        out: (64,) observation.
+    """
+    cos, sin = math.cos(body[kart.HEADING]), math.sin(body[kart.HEADING])
+    x, y = _cut(body[kart.X] / POSITION_SCALE_M), _cut(body[kart.Y] / POSITION_SCALE_M)
+    out[0], out[1], out[2], out[3] = body[kart.HEADING] / math.pi, x, y, 0.0
+    speed = body[kart.SPEED] / kart.MAX_SPEED_MPS
+    out[4], out[5] = speed * cos, speed * sin
+    out[6], out[7], out[8] = spot[0] / POSITION_SCALE_M, spot[1] / POSITION_SCALE_M, 0.0
+    dx, dy = spot[0] - body[kart.X], spot[1] - body[kart.Y]
+    out[9], out[10], out[11] = _cut(dx / POSITION_SCALE_M), _cut(dy / POSITION_SCALE_M), 0.0
+    spot_cos, spot_sin = math.cos(spot[2]), math.sin(spot[2])
+    out[12], out[13] = cos * spot_cos + sin * spot_sin, sin * spot_cos - cos * spot_sin
+    ahead, left = -(dx * spot_cos + dy * spot_sin), -(dy * spot_cos - dx * spot_sin)
+    out[14], out[15] = min(max(ahead / NEAR_M, -1.0), 1.0), min(max(left / NEAR_M, -1.0), 1.0)
+    out[16] = body[kart.STEERING] / kart.MAX_STEERING_RAD
+    out[17], out[18] = min(held, 1.0), elapsed
+
+
+@njit(cache=True)
+def write_radar(distance: FloatArray, kind: IntArray, out: Float32Array) -> None:
+    """Writes columns 19 to 63 from (9,) distances [m] and kinds."""
+    for ray in range(RAYS):
+        first = RADAR + PER_RAY * ray
+        out[first] = distance[ray] / RANGE_M
+        for what in range(1, PER_RAY):
+            out[first + what] = 1.0 if kind[ray] == what else 0.0
+
+
+@njit(cache=True)
+def _cut(value: float) -> float:
+    return min(max(value, -2.0), 2.0)

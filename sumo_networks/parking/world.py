@@ -1,0 +1,198 @@
+"""ParkingWorld: N lots in one process, which advance together by one tick of 0.1 s."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.geometry import wrap_angle
+from dohyo.sumo_networks.parking import kart, kernel
+from dohyo.sumo_networks.parking.arrays import Episodes, Scenery
+from dohyo.sumo_networks.parking.generate import Scene, draw
+from dohyo.sumo_networks.parking.lot import Lot
+from dohyo.sumo_networks.parking.observation import COLUMNS
+from dohyo.sumo_networks.parking.radar import Kind, pack_box
+from dohyo.sumo_networks.parking.rules import (
+    ALIGNED_ANGLE_RAD,
+    ALIGNED_DEVIATION_M,
+    JUDGED,
+    Outcome,
+    Rules,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """How the karts of some lots stand, arrays (R, K).
+
+    Attributes:
+        outcome: `Outcome`.
+        success: Whether the kart is parked.
+        aligned: Whether it is parked within 3 degrees and 0.2 m (ISO 16787).
+        time_s: Time until the end of the kart's episode.
+        inclination_rad: Angle between the axes of kart and spot; spots may be entered backwards.
+        deviation_m: Distance of the kart's centre to the spot's axis.
+        distance_m: Distance of the kart's centre to the spot's centre.
+        driven_m: Distance driven.
+        shunts: Changes between forwards and backwards.
+        touched: Kind of what the kart has touched; `Kind.NOTHING`: nothing.
+    """
+
+    outcome: IntArray
+    success: BoolArray
+    aligned: BoolArray
+    time_s: FloatArray
+    inclination_rad: FloatArray
+    deviation_m: FloatArray
+    distance_m: FloatArray
+    driven_m: FloatArray
+    shunts: IntArray
+    touched: IntArray
+
+
+class ParkingWorld:
+    """N lots with up to K karts each. Every lot begins anew alone, and what happens in it depends on no other lot.
+
+    Attributes:
+        lots: Number N.
+        karts: Number K.
+        scenery: What stands in the lots.
+        episodes: How the episodes go.
+    """
+
+    def __init__(self, lots: int, karts: int = 1) -> None:
+        """Makes empty lots.
+
+        Args:
+            lots: Number of lots.
+            karts: Most karts in a lot.
+
+        Raises:
+            InvalidInputError: There is no lot or no kart.
+        """
+        if lots < 1 or karts < 1:
+            raise InvalidInputError(f"expected at least one lot and one kart, got {lots} and {karts}")
+        self.lots, self.karts = lots, karts
+        self.scenery, self.episodes = Scenery.empty(lots), Episodes.empty(lots, karts)
+        self._rewards = np.zeros((lots, karts))
+        self._observations = np.zeros((lots, karts, COLUMNS), np.float32)
+
+    @property
+    def running(self) -> BoolArray:
+        """(N, K) whether a kart's episode has begun and not ended."""
+        return np.asarray(self.episodes.outcome == Outcome.RUNNING)
+
+    def draw(
+        self, lots: Sequence[int] | IntArray, seeds: Sequence[int] | IntArray, scene: Scene, rules: Rules = JUDGED
+    ) -> None:
+        """Begins episodes in lots drawn from seeds, all with K karts.
+
+        Args:
+            lots: (R,) indices of the lots.
+            seeds: (R,) one each, in [0, 2^63).
+            scene: Kind of lot.
+            rules: When an episode ends.
+        """
+        rows = np.asarray(lots, np.int64)
+        self.episodes.rules[rows] = rules.row()
+        _draw_all(rows, np.asarray(seeds, np.int64), int(scene), self.scenery, self.episodes)
+        self._refresh(rows)
+
+    def place(self, lot: int, scene: Lot, rules: Rules = JUDGED) -> None:
+        """Begins an episode in a given lot.
+
+        Args:
+            lot: Index.
+            scene: The lot.
+            rules: When an episode ends.
+
+        Raises:
+            InvalidInputError: The lot has more karts than this world.
+        """
+        if len(scene.karts) > self.karts:
+            raise InvalidInputError(f"expected a lot with at most {self.karts} karts, got {len(scene.karts)}")
+        self.episodes.rules[lot] = rules.row()
+        _write_lot(lot, scene, self.scenery)
+        starts = np.array([[pose.x_m, pose.y_m, pose.heading_rad] for pose in scene.karts])
+        kernel.begin(lot, starts, self.scenery, self.episodes)
+        self._refresh(np.array([lot]))
+
+    def step(self, actions: FloatArray) -> FloatArray:
+        """Advances all lots in which an episode runs by 0.1 s.
+
+        Args:
+            actions: (N, K, 3) finite shares of motor torque, steering angle and brake torque; cut to [-1, 1].
+
+        Returns:
+            (N, K) rewards; 0 where no episode ran. They are overwritten by the next step.
+        """
+        which = self.running
+        kernel.advance(self.scenery, self.episodes, np.clip(actions, -1.0, 1.0), self._rewards)
+        kernel.observe(self.scenery, self.episodes, which, self._observations)
+        return self._rewards
+
+    @property
+    def observations(self) -> Float32Array:
+        """(N, K, 64) last observation of each kart's episode, see `observation`; overwritten by the next step."""
+        return self._observations
+
+    def results(self, lots: Sequence[int] | IntArray | slice = slice(None)) -> Results:
+        """How the karts of some lots stand."""
+        some = self.episodes
+        outcome, target = some.outcome[lots], some.target[lots]
+        spot = np.take_along_axis(self.scenery.spots[lots], target[..., None], axis=1)
+        body = some.karts[lots]
+        dx, dy = body[..., kart.X] - spot[..., 0], body[..., kart.Y] - spot[..., 1]
+        error = np.abs(wrap_angle(body[..., kart.HEADING] - spot[..., 2]))
+        inclination = np.minimum(error, np.pi - error)
+        deviation = np.abs(dy * np.cos(spot[..., 2]) - dx * np.sin(spot[..., 2]))
+        success = outcome == Outcome.PARKED
+        return Results(
+            outcome=outcome.copy(),
+            success=success,
+            aligned=success & (inclination <= ALIGNED_ANGLE_RAD) & (deviation < ALIGNED_DEVIATION_M),
+            time_s=some.ended_at[lots].astype(np.float64) * kart.TICK_S,
+            inclination_rad=inclination,
+            deviation_m=deviation,
+            distance_m=np.hypot(dx, dy),
+            driven_m=some.driven_m[lots].copy(),
+            shunts=some.shunts[lots].copy(),
+            touched=some.touched[lots].copy(),
+        )
+
+    def _refresh(self, lots: IntArray) -> None:
+        which = np.zeros((self.lots, self.karts), np.bool_)
+        which[lots] = self.running[lots]
+        self._observations[lots] = 0.0
+        kernel.observe(self.scenery, self.episodes, which, self._observations)
+
+
+@njit(cache=True)
+def _draw_all(lots: IntArray, seeds: IntArray, scene: int, scenery: Scenery, episodes: Episodes) -> None:
+    starts = np.empty((episodes.karts.shape[1], 3))
+    for row in range(lots.shape[0]):
+        draw(lots[row], scene, seeds[row], scenery, starts)
+        kernel.begin(lots[row], starts, scenery, episodes)
+
+
+def _write_lot(lot: int, given: Lot, scenery: Scenery) -> None:
+    """Writes a lot into a row of the arrays."""
+    scenery.wall_count[lot], scenery.box_count[lot] = len(given.walls), len(given.boxes)
+    scenery.spot_count[lot], scenery.walker_count[lot] = len(given.spots), len(given.pedestrians)
+    scenery.ticks[lot] = round(given.time_limit_s / kart.TICK_S)
+    for number, wall in enumerate(given.walls):
+        scenery.walls[lot, number] = wall.row()
+    for number, box in enumerate(given.boxes):
+        scenery.boxes[lot, number] = box.row()
+        pack_box(scenery.boxes[lot, number], scenery.packed[lot, number])
+        scenery.box_kind[lot, number] = Kind.WALL if number < len(given.blocks) else Kind.CAR
+    for number, spot in enumerate(given.spots):
+        scenery.spots[lot, number] = spot.row()
+        scenery.spot_free[lot, number] = number in given.free_spots
+    for number, walker in enumerate(given.pedestrians):
+        scenery.walkers[lot, number] = walker.row()
