@@ -33,7 +33,7 @@ from dohyo.sumo_networks.scenario import Mission, Place, Traffic
 
 ROOT = Path(__file__).parents[2]
 STEADY = "tests.evaluation.agents:Steady"
-PATIENCE_S = 90.0
+PATIENCE_S = 300.0
 
 
 def short(missions: int = 1, goal_m: float = 30.0, name: str = "short") -> Benchmark:

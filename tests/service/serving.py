@@ -23,7 +23,7 @@ from dohyo.service.cli.main import app
 
 MAIN = "from dohyo.service.cli import main; main()"
 DOHYO = [sys.executable, "-c", MAIN]
-START_S = 60.0
+START_S = 300.0
 
 
 class Served:
@@ -134,7 +134,7 @@ def serving(data: Path, *options: str, before: str = "", certificate: Path | Non
             served.process.wait()
 
 
-def run(*arguments: str, patience_s: float = 60) -> subprocess.CompletedProcess[str]:
+def run(*arguments: str, patience_s: float = 300) -> subprocess.CompletedProcess[str]:
     """A command in a process of its own."""
     return subprocess.run([*DOHYO, *arguments], capture_output=True, text=True, timeout=patience_s, check=False)
 

@@ -85,7 +85,7 @@ def test_a_command_that_is_stopped_has_its_trainings_write_checkpoints_and_goes_
         assert going.poll() is None, going.communicate()
         time.sleep(0.1)
     going.send_signal(signal.SIGTERM)
-    _, said = going.communicate(timeout=60)
+    _, said = going.communicate(timeout=300)
     assert (going.returncode, said.splitlines()[-1]) == (130, "stopped; the same command goes on")
     assert list(table.parent.glob("checkpoint-*"))
     assert not (tmp_path / "runs" / "hrl" / "seed-1").exists()  # what had not begun does not begin
