@@ -138,7 +138,7 @@ class Ppo:
         actor: Any = ppo_actor(features, task.action_space, config)
         self.actor = actor.to(device)
         self.policy: Exportable = self.actor if encoder is None else EncodedPolicy(self.encoder, self.actor)
-        self._value = _Value(self.actor, self.actor.sizes).to(device)
+        self._value = self._critic(task).to(device)
         self._moments = Moments(features)
         self.behaviour = EpisodeMixture(self._explore, seed, config.guided_share)
         learned: Any = parameter_groups(actor, self._value, self.encoder)
@@ -147,6 +147,10 @@ class Ppo:
         self._schedule = torch.optim.lr_scheduler.ExponentialLR(self._optimizer, config.learning_rate_decay)
         self._intrinsic_row: dict[str, Number] = {}
         self.updates, self.rounds = 0, 0
+
+    def _critic(self, task: Task) -> nn.Module:
+        """Critic on features."""
+        return _Value(self.actor, self.actor.sizes)
 
     def begin(self) -> None:
         """Imitates the expert, or demonstrations, if that is set."""
@@ -271,22 +275,28 @@ class Ppo:
 
     def _learn(self, batch: TensorDict) -> dict[str, Number]:
         """Several epochs over a round; means of the losses, and the variance that the critic explained."""
-        data, sums = batch.reshape(-1), defaultdict[str, float](float)
+        data = batch.reshape(-1)
         if not data["active"].all():
             data = data[data["active"]]
         # Rare infractions are in few rows; in a batch without one, normalised noise would count as much.
         if len(data) > 1:  # a single one has no variance
             advantage = data["advantage"]
             data["advantage"] = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
-        row: dict[str, Number] = {"explained_variance": _explained(data["state_value"], data["value_target"])}
-        seen, before = {name: data["observation", name] for name in self._names}, self.updates
+        row: dict[str, Number] = {"explained_variance": explained_variance(data["state_value"], data["value_target"])}
+        seen = {name: data["observation", name] for name in self._names}
         targets = [data[name] for name in ("action", "action_log_prob", "advantage", "value_target")]
+
+        def losses(rows: Tensor) -> dict[str, Tensor]:
+            return self._losses({name: one[rows] for name, one in seen.items()}, *(one[rows] for one in targets))
+
+        return row | self._descend(len(data), self._config.batch, losses)
+
+    def _descend(self, count: int, batch: int, losses_of: Callable[[Tensor], dict[str, Tensor]]) -> dict[str, Number]:
+        """Takes gradient steps on batches of `count` rows, in several epochs; means of the losses."""
+        sums, before = defaultdict[str, float](float), self.updates
         for _ in range(self._config.epochs):
-            for rows in torch.split(torch.randperm(len(data)), self._config.batch):
-                drawn = rows.to(self._device)
-                losses = self._losses(
-                    {name: one[drawn] for name, one in seen.items()}, *(one[drawn] for one in targets)
-                )
+            for rows in torch.split(torch.randperm(count), batch):
+                losses = losses_of(rows.to(self._device))
                 total = losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]
                 self._optimizer.zero_grad(set_to_none=True)
                 total.backward()  # type: ignore[no-untyped-call]
@@ -295,21 +305,25 @@ class Ppo:
                 self.updates += 1
                 for name in LOSSES:
                     sums[name] += losses[name].item()
-        return row | {name: value / (self.updates - before) for name, value in sums.items()}
+        return {name: value / (self.updates - before) for name, value in sums.items()}
 
     def _losses(
         self, observation: Mapping[str, Tensor], action: Tensor, log_prob: Tensor, advantage: Tensor, target: Tensor
     ) -> dict[str, Tensor]:
         """TorchRL's ClipPPOLoss, which a test compares; that class takes 2.9 times as long on small networks."""
-        config, features = self._config, self.encoder(observation)
-        distribution = distribution_at(self.actor, features)
+        features = self.encoder(observation)
+        loss_critic = self._config.value_scale * nn.functional.smooth_l1_loss(self._value(features), target)
+        return self._policy_losses(features, action, log_prob, advantage[:, 0]) | {"loss_critic": loss_critic}
+
+    def _policy_losses(self, features: Tensor, action: Tensor, log_prob: Tensor, gain: Tensor) -> dict[str, Tensor]:
+        """Losses of the actor at (B, O) features, with (B,) densities before the update and (B,) advantages."""
+        config, distribution = self._config, distribution_at(self.actor, features)
         log_ratio = distribution.log_prob(action) - log_prob
-        ratio, gain = log_ratio.exp(), advantage[:, 0]
+        ratio = log_ratio.exp()
         clipped = ratio.clamp(1.0 - config.clip, 1.0 + config.clip)
         entropy = _entropy(distribution)
         return {
             "loss_objective": -torch.min(ratio * gain, clipped * gain).mean(),
-            "loss_critic": config.value_scale * nn.functional.smooth_l1_loss(self._value(features), target),
             "loss_entropy": -config.entropy * entropy,
             "entropy": entropy.detach(),
             "kl_approx": -log_ratio.detach().mean(),
@@ -340,7 +354,7 @@ def _outcomes(finished: Sequence[Finished]) -> dict[str, Number]:
     return outcome(own) | {"guided_episodes": len(guided), "guided_return": outcome(guided)["return"]}
 
 
-def _explained(value: Tensor, target: Tensor) -> float | None:
+def explained_variance(value: Tensor, target: Tensor) -> float | None:
     """Share of the targets' variance that the values explain; None where there is none."""
     variance = float(target.var())
     return 1.0 - float((target - value).var()) / variance if np.isfinite(variance) and variance > 1e-12 else None

@@ -74,6 +74,7 @@ class Collector:
         lost_count: Episodes whose simulation failed.
         cut_at: The first round that ends at this number of steps or later ends with a cut.
         level: Of the curriculum, of episodes that begin now.
+        group_size: Rows of one simulation, which are reset together.
     """
 
     def __init__(self, environments: Environments, task: Task, seed: int) -> None:
@@ -86,7 +87,7 @@ class Collector:
         """
         self._environments, self._task, self._seed = environments, task, seed
         count = environments.num_envs
-        self._group: int = getattr(environments, "group_size", 1)
+        self.group_size: int = getattr(environments, "group_size", 1)
         self._asynchronous = hasattr(environments, "step_async")
         self.observation: dict[str, Array] = {}
         self._next, self.steps, self.finished_count, self.lost_count = 0, 0, 0, 0
@@ -184,8 +185,8 @@ class Collector:
             self._lose(lost)
             self._over |= ended
         if self._over.any() and not cut:
-            over = self._over.reshape(-1, self._group).all(axis=1)
-            self._reset(np.repeat(over, self._group))
+            over = self._over.reshape(-1, self.group_size).all(axis=1)
+            self._reset(np.repeat(over, self.group_size))
         self._fresh = cut
         return step
 
@@ -286,9 +287,9 @@ class Collector:
     def _reset(self, rows: BoolArray) -> None:
         """Begins the next episodes in some rows, group by group; after a failed simulation the one after it."""
         while rows.any():
-            groups = np.flatnonzero(rows.reshape(-1, self._group).any(axis=1))
+            groups = np.flatnonzero(rows.reshape(-1, self.group_size).any(axis=1))
             for group in groups.tolist():
-                members = slice(group * self._group, (group + 1) * self._group)
+                members = slice(group * self.group_size, (group + 1) * self.group_size)
                 self._numbers[members], self._next = self._next, self._next + 1
             numbers = self._numbers.tolist()
             seeds = [training_seed(self._seed, numbers[row]) if rows[row] else None for row in range(len(self))]
@@ -302,4 +303,4 @@ class Collector:
             self._over[rows], self._begun[rows] = False, True
             lost = rows & infos.get("lost", False)
             self._lose(lost)
-            rows = np.repeat(lost.reshape(-1, self._group).any(axis=1), self._group)
+            rows = np.repeat(lost.reshape(-1, self.group_size).any(axis=1), self.group_size)
