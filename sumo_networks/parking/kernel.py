@@ -71,6 +71,7 @@ def advance(scenery: Scenery, episodes: Episodes, actions: FloatArray, rewards: 
         if not any_runs:
             continue
         episodes.tick[lot] += 1
+        _drive_lot(lot, scenery, episodes, actions, boxes)
         for number in range(karts):
             if running[number]:
                 _judge(lot, number, scenery, episodes, actions[lot, number, 0])
