@@ -22,6 +22,13 @@ Start = Callable[[Scenario], tuple[Simulation, World]]
 MakeEnv = Callable[..., DrivingEnv]
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files with slow tests come first, so that no process has one left when the others have ended."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
+
+
 @pytest.fixture
 def start() -> Iterator[Start]:
     """Starts a scenario; the one started before is closed."""
