@@ -20,9 +20,15 @@ from dohyo.service.web.connections import ConnectionLimits, Connections, Loop, p
 from tests.service.served import wait_until
 from tests.service.serving import Served, serving
 
-ATTACKERS = 1500
+ATTACKERS, ROOM = 1500, 1000
 PATIENCE_S = 20.0
-FEW = "import os; os.environ['DOHYO_CONNECTIONS'] = '1000'; os.environ['DOHYO_TRUSTED_PROXIES'] = ''"
+# A slow request may take ten minutes: whoever is answered in this test is answered beside those that are open.
+FEW_AND_PATIENT = f"""
+import os, dohyo.service.server as server
+from functools import partial
+os.environ |= {{"DOHYO_CONNECTIONS": "{ROOM}", "DOHYO_TRUSTED_PROXIES": ""}}
+server.ConnectionLimits = partial(server.ConnectionLimits, header_s=600.0, body_s=600.0)
+"""
 
 
 class Dripping:
@@ -78,7 +84,7 @@ def mixed(number: int) -> bytes:
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    with serving(tmp_path_factory.mktemp("data"), before=FEW) as one:
+    with serving(tmp_path_factory.mktemp("data"), before=FEW_AND_PATIENT) as one:
         yield one
 
 
@@ -95,14 +101,11 @@ def test_1500_slow_connections_keep_nobody_out(served: Served, begin: Callable[[
     dripping = threading.Thread(target=drip)
     dripping.start()
     try:
-        quickest = float("inf")
         for _ in range(5):
-            answer = httpx.get(f"{served.url}/health/live", timeout=60)
-            assert answer.status_code == 200
-            quickest = min(quickest, answer.elapsed.total_seconds())
+            assert httpx.get(f"{served.url}/health/live", timeout=60).status_code == 200
             served.ask("GET", "/v1/me")
-        assert quickest < 1.0
-        assert len(attack.open) <= 1000
+        wait_until(lambda: len(attack.open) <= ROOM, "more connections are open than may be")
+        assert len(attack.open) > 0.8 * ROOM, "the slow ones have ended; the test shows nothing"
     finally:
         stop.set()
         dripping.join()
