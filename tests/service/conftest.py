@@ -9,7 +9,7 @@ from playwright.sync_api import Browser
 from pydantic import SecretStr
 
 from dohyo.service.database.engine import Database
-from tests.service import browsing, postgres
+from tests.service import browsing, postgres, tables
 from tests.service.harness import Harness, running
 from tests.service.served import Service
 from tests.service.shop import Shop
@@ -31,19 +31,25 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
-def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
-    """An empty database of each kind."""
+def empty_database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """A database of each kind, without tables."""
     if request.param == "sqlite":
-        return f"sqlite:///{tmp_path / 'dohyo.db'}"
-    server: str = request.getfixturevalue("postgres_server")
-    return postgres.fresh_database(server, f"test_{secrets.token_hex(6)}")
+        return f"sqlite:///{tmp_path / 'empty.db'}"
+    return postgres.fresh_database(request.getfixturevalue("postgres_server"), f"empty_{secrets.token_hex(6)}")
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """The same with its tables."""
+    if request.param == "sqlite":
+        return tables.sqlite_with_tables(tmp_path / "dohyo.db")
+    return tables.postgresql_with_tables(request.getfixturevalue("postgres_server"))
 
 
 @pytest.fixture
 def database(database_url: str) -> Iterator[Database]:
-    """The same with its tables."""
+    """The same, opened."""
     opened = Database(database_url, busy_s=0.5)
-    opened.migrate()
     yield opened
     opened.close()
 

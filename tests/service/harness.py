@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from sqlalchemy import update
 
@@ -20,6 +22,7 @@ from dohyo.service.evaluations.model import Episode, EpisodeStatus, Evaluation, 
 from dohyo.service.settings import Settings
 from dohyo.service.state import Broadcast, Services
 from dohyo.service.workers.leases import LeaseBook
+from tests.service.tables import sqlite_with_tables
 
 PASSWORD_OF_NOBODY = "dohyo_" + "A" * 43
 
@@ -113,11 +116,26 @@ class Caller:
         return self.client.request(method, path, headers=self.headers | prefer | (headers or {}), **options)
 
 
+@cache
+def routes_of_all() -> list[Any]:
+    """The routes of every app: FastAPI analyses them at the first request, which takes longer than most tests."""
+    return create_app(Settings(_env_file=None), IdleScheduler).router.routes
+
+
+def app_of(settings: Settings) -> FastAPI:
+    """A service of its own, with the routes of all."""
+    app = create_app(settings, IdleScheduler)
+    app.router.routes[:] = routes_of_all()
+    return app
+
+
 @contextmanager
 def running(data: Path, **settings: Any) -> Iterator[Harness]:
     """A service on a folder, until the end of the block."""
-    given = {"requests_per_minute": 100_000, "_env_file": None} | settings
-    app = create_app(Settings(data=data, **given), IdleScheduler)
+    given = Settings(data=data, **{"requests_per_minute": 100_000, "_env_file": None} | settings)
+    if given.database is None and not data.exists():
+        sqlite_with_tables(data / "dohyo.db")
+    app = app_of(given)
     with TestClient(app, raise_server_exceptions=False) as client:
         yield Harness(client, app.state.services)
 

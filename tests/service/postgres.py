@@ -70,10 +70,10 @@ def running() -> Iterator[str]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def fresh_database(url: str, name: str) -> str:
-    """The URL of a new, empty database of a server."""
+def fresh_database(url: str, name: str, like: str = "template1") -> str:
+    """The URL of a new database of a server, a copy of another one; that of `template1` is empty."""
     with psycopg.connect(url, autocommit=True) as connection:
-        connection.execute(f'CREATE DATABASE "{name}"')  # type: ignore[arg-type]  # a name of ours
+        connection.execute(f'CREATE DATABASE "{name}" TEMPLATE "{like}"')  # type: ignore[arg-type]  # names of ours
     return url.rsplit("/", 1)[0] + f"/{name}"
 
 

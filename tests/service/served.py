@@ -30,6 +30,7 @@ from dohyo.service.evaluations.queries import add_evaluation
 from dohyo.service.settings import Settings
 from dohyo.service.submissions.model import Agent, AgentKind, Submission
 from dohyo.sumo_networks.scenario import Mission, Place, Traffic
+from tests.service.tables import sqlite_with_tables
 
 ROOT = Path(__file__).parents[2]
 STEADY = "tests.evaluation.agents:Steady"
@@ -82,9 +83,9 @@ class Service:
         self.data = data
         self.environment = {f"DOHYO_{key.upper()}": str(value) for key, value in settings.items()}
         self.settings = Settings(data=data, **settings)
-        data.mkdir(parents=True, exist_ok=True)
+        if self.settings.database is None:
+            sqlite_with_tables(data / "dohyo.db")
         self.database = Database(self.settings.database_url)
-        self.database.migrate()
         with self.database.session() as session:
             self.token = create_token(session, "owner", Role.WORKER)[1]
             self.submitter_token = create_token(session, "owner", Role.SUBMITTER)[1]

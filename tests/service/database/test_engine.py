@@ -69,16 +69,16 @@ def _migrate(url: str, start: object) -> None:
     database.close()
 
 
-def test_services_that_start_at_once_do_not_race(database_url: str) -> None:
+def test_services_that_start_at_once_do_not_race(empty_database_url: str) -> None:
     spawn = multiprocessing.get_context("spawn")
     start = spawn.Barrier(3)
-    children = [spawn.Process(target=_migrate, args=(database_url, start)) for _ in range(3)]
+    children = [spawn.Process(target=_migrate, args=(empty_database_url, start)) for _ in range(3)]
     for child in children:
         child.start()
     for child in children:
         child.join(60)
     assert [child.exitcode for child in children] == [0, 0, 0]
-    database = Database(database_url)
+    database = Database(empty_database_url)
     with database.reading() as session:
         assert session.scalars(text("SELECT version_num FROM alembic_version")).all() == ["2026_11"]  # type: ignore[call-overload]
     database.close()
