@@ -1,7 +1,7 @@
 """Archive: moves a finished record from staging to a path by its hash, complete or not at all.
 
-A record is first linked into the archive, then stored in the database, then removed from staging. The steps can be
-repeated after an interruption at any point.
+A record is first linked into the archive, then stored in the database, then linked again if the deletion of an equal
+record has removed it meanwhile, then removed from staging. After an interruption the steps can be repeated.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario, rea
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.store import read_record
 from dohyo.service.settings import Settings
+from dohyo.service.storage.files import file_lock
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Scenario
 
@@ -30,9 +31,8 @@ def archived_path(settings: Settings, record_hash: str) -> Path:
     return settings.records / record_hash[:2] / f"{record_hash}.json"
 
 
-def archived_size(settings: Settings, record_hash: str) -> int:
+def record_size(facts: Path) -> int:
     """Size of a record's files, bytes."""
-    facts = archived_path(settings, record_hash)
     return sum(file.stat().st_size for file in (facts, facts.with_suffix(".parquet")) if file.exists())
 
 
@@ -54,14 +54,26 @@ def shelve(settings: Settings, staged: Path, scenario: Scenario | MorningScenari
     record: Record = read_morning(staged) if is_morning else read_record(staged)
     if record.scenario != scenario:
         raise InvalidInputError(f"{staged}: expected a record of scenario '{scenario.name}', seed {scenario.seed}")
+    if lost_because(record) is None:
+        ensure_archived(settings, staged, record)
+    return record
+
+
+def ensure_archived(settings: Settings, staged: Path, record: Record) -> None:
+    """Links a staged record into the archive, unless it is there.
+
+    Raises:
+        OSError: A file operation failed.
+    """
     facts = archived_path(settings, record.record_hash)
-    if lost_because(record) is None and not facts.exists():
+    with file_lock(record.record_hash):
+        if facts.exists():
+            return
         facts.parent.mkdir(parents=True, exist_ok=True)
         # A record exists once its JSON file does, so that file comes last.
-        if not is_morning:
+        if not isinstance(record, MorningRecord):
             _link(staged.with_suffix(".parquet"), facts.with_suffix(".parquet"))
         _link(staged, facts)
-    return record
 
 
 def lost_because(record: Record) -> str | None:

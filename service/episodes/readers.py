@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 import time
@@ -88,7 +89,7 @@ class Readers:
     def derived(self, path: Path, make: Callable[[], bytes]) -> bytes:
         """A derived file: read from the cache, or built and stored there. Built every time where the disk is full."""
         with self._stripes[hash(path) % STRIPES]:
-            if path.exists():
+            with contextlib.suppress(FileNotFoundError):
                 return path.read_bytes()
             content = make()
             try:

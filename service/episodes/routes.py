@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import FileResponse, JSONResponse
+from fastapi.responses import JSONResponse
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.records.record import EpisodeRecord
@@ -44,6 +44,7 @@ from dohyo.service.jobs.orders import Wait, answer_job, last_about, order_job, o
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.web.caching import Cached, Identified, already_has, immutable
 from dohyo.service.web.documents import Limit, problems
+from dohyo.service.web.files import OpenFileResponse
 from dohyo.service.web.heavy import Heavy, heavy_read
 from dohyo.service.web.views import Page
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -117,9 +118,13 @@ def get_episode_trajectory(identifier: Identified, request: Request, caller: Rea
     headers = immutable(f"{episode.record_hash}-trajectory", services)
     if already_has(request, headers):
         return Response(status_code=304, headers=headers)
+    try:
+        file = path.open("rb")
+    except FileNotFoundError as error:
+        raise unreadable(episode, error) from error
     trajectory_of(services.settings, episode)
     name = f"{episode.scenario}-s{episode.seed}.parquet"
-    return FileResponse(path, headers=headers, media_type="application/vnd.apache.parquet", filename=name)
+    return OpenFileResponse(file, headers=headers, media_type="application/vnd.apache.parquet", filename=name)
 
 
 @router.get("/events", responses=problems(403, 404, 409, 410))

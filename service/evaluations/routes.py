@@ -248,7 +248,7 @@ def delete_evaluation(identifier: Identifier, caller: Submitter, services: Servi
     with services.database.session() as session:
         serialise(session)
         hashes = deletion.delete_evaluation(session, _owned(session, caller, identifier))
-    deletion.remove_records(services.settings, hashes)
+    deletion.remove_records(services.settings, services.database, hashes)
 
 
 @router.post("/{identifier}/resume", responses=problems(403, 404, 409, 507))

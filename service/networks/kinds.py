@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 from dohyo.service.confinement.limits import MEGABYTE
-from dohyo.service.errors import ConflictError
 from dohyo.service.jobs.kind import Kind, Made, Task
-from dohyo.service.networks.finding import check_free, find_network, view_network
+from dohyo.service.networks import claims
+from dohyo.service.networks.finding import find_network, view_network
 from dohyo.service.networks.importing import LIMITS, import_confined
-from dohyo.service.networks.model import UploadedNetwork
 from dohyo.sumo_networks.networks.entries import network_folder, network_names
 
 
@@ -17,32 +16,37 @@ def import_roads(task: Task) -> Made:
     """Adds an uploaded network to the catalog and notes its owner.
 
     Raises:
-        ConflictError: A network of this name exists.
+        ConflictError: A network of this name exists, or another job imports one.
     """
-    given, name = task.arguments, str(task.arguments["name"])
-    services, file = task.services, task.file.with_name(f"{name}{given['suffix']}")
-    with services.database.reading() as session:
-        owned = session.get(UploadedNetwork, name) is not None
-    # A network without an owner was published by an earlier start of this job, since the order was refused otherwise.
-    if owned or name not in network_names():
-        check_free(name)
-        if not file.exists():
-            task.file.rename(file)
-        limit_mb = services.settings.upload_limit_bytes * 4 / MEGABYTE
-        import_confined(
-            file,
-            name,
-            lights=given["lights"],
-            limit_mb=limit_mb,
-            licence=given["licence"],
-            stopped=task.stop.is_set,
-        )
-    size = sum(one.stat().st_size for one in network_folder(name).iterdir())
-    with services.database.session() as session:
-        if session.get(UploadedNetwork, name) is not None:
-            raise ConflictError(f"network '{name}' exists, and networks never change; choose another name")
-        session.add(UploadedNetwork(name=name, owner=task.owner, kept_bytes=size))
+    name, database = str(task.arguments["name"]), task.services.database
+    with database.session() as session:
+        claimed = claims.claim_name(session, name, task.owner, task.id)
+    # A network under a claim of this job was published by an earlier start of it.
+    if not (claimed and name in network_names()):
+        try:
+            _convert(task, name)
+        except BaseException:
+            if name not in network_names():
+                with database.session() as session:
+                    claims.release(session, name)
+            raise
+    with database.session() as session:
+        claims.complete(session, name, sum(one.stat().st_size for one in network_folder(name).iterdir()))
     return Made(view_network(find_network(name)).model_dump(mode="json"), f"/v1/networks/{name}")
+
+
+def _convert(task: Task, name: str) -> None:
+    given, file = task.arguments, task.file.with_name(f"{name}{task.arguments['suffix']}")
+    if not file.exists():
+        task.file.rename(file)
+    import_confined(
+        file,
+        name,
+        lights=given["lights"],
+        limit_mb=task.services.settings.upload_limit_bytes * 4 / MEGABYTE,
+        licence=given["licence"],
+        stopped=task.stop.is_set,
+    )
 
 
 IMPORT: Final = Kind("network_import", import_roads, limit_s=LIMITS.wall_s + 60.0)

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, repeat
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 from sqlalchemy.exc import OperationalError, SQLAlchemyError
@@ -27,10 +28,10 @@ from dohyo.service.accounts.queries import is_valid
 from dohyo.service.benchmarks.catalog import read_benchmark
 from dohyo.service.episodes.archive import (
     Record,
-    archived_path,
-    archived_size,
     discard,
+    ensure_archived,
     lost_because,
+    record_size,
     shelve,
     staged_folder,
 )
@@ -341,21 +342,21 @@ class Scheduler:
             return Outcome(End.FAILED, f"the record cannot be kept: {error}")
         lost = lost_because(record)
         if lost is None:
-            await self._remember(live, record)
+            await self._remember(live, staged, record)
         await asyncio.to_thread(discard, self._settings, ticket.evaluation_id, ticket.stem)
         return Outcome(End.FINISHED) if lost is None else Outcome(End.FAILED, lost)
 
-    async def _remember(self, live: Live, record: Record) -> None:
+    async def _remember(self, live: Live, staged: Path, record: Record) -> None:
         from dohyo.service.evaluations.scoring import is_agent_fault, summary_at
 
         ticket, failed = live.ticket, is_agent_fault(record)
         ended = AttemptEnd(AttemptOutcome.AGENT_FAILED if failed else AttemptOutcome.DONE, processor_s=live.processor_s)
-        path, rules = archived_path(self._settings, record.record_hash), ticket.document.get("rules", "2.0")
-        summary = await asyncio.to_thread(summary_at, path, record, rules)
-        kept = await asyncio.to_thread(archived_size, self._settings, record.record_hash)
+        summary = await asyncio.to_thread(summary_at, staged, record, ticket.document.get("rules", "2.0"))
+        kept = await asyncio.to_thread(record_size, staged)
         progress = await self._transaction(
             lambda session: queue.finish(session, ticket, record.record_hash, summary, ended, kept)
         )
+        await asyncio.to_thread(ensure_archived, self._settings, staged, record)
         await self._tell(progress, ticket, "done")
 
     async def _give_up(self, live: Live, outcome: Outcome) -> Next:

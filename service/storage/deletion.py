@@ -8,13 +8,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from datetime import datetime
 
-from sqlalchemy import delete, func, select, update
+from sqlalchemy import delete, select, update
 from sqlalchemy.orm import Session
 
+from dohyo.service.database.engine import Database
 from dohyo.service.episodes.archive import archived_path
 from dohyo.service.errors import ConflictError
 from dohyo.service.evaluations.model import Attempt, Episode, Evaluation, EvaluationStatus
 from dohyo.service.settings import Settings
+from dohyo.service.storage.files import file_lock
 from dohyo.service.submissions.model import Submission
 
 UNFINISHED = (EvaluationStatus.QUEUED, EvaluationStatus.RUNNING)
@@ -51,7 +53,7 @@ def delete_submission(session: Session, submission: Submission) -> str | None:
     """Deletes a submission that no evaluation names; its version is never given again.
 
     Returns:
-        Hash of its policy, where no other submission has the same.
+        Hash of its policy, for `remove_policy` after the transaction; None without one.
 
     Raises:
         ConflictError: An evaluation names it.
@@ -59,13 +61,8 @@ def delete_submission(session: Session, submission: Submission) -> str | None:
     used = session.scalars(select(Evaluation.id).where(Evaluation.submission_id == submission.id).limit(1)).first()
     if used is not None:
         raise ConflictError(f"evaluation '{used}' is of version {submission.version}; delete it first")
-    policy = submission.policy_sha256
     session.delete(submission)
-    session.flush()
-    if policy is None:
-        return None
-    others = select(func.count()).select_from(Submission).where(Submission.policy_sha256 == policy)
-    return None if session.scalar(others) else policy
+    return submission.policy_sha256
 
 
 def retire_records(session: Session, before: datetime) -> list[str]:
@@ -81,12 +78,27 @@ def retire_records(session: Session, before: datetime) -> list[str]:
     return _unnamed(session, hashes)
 
 
-def remove_records(settings: Settings, hashes: Iterable[str]) -> None:
-    """Removes the files of records, and those derived from them."""
+def remove_records(settings: Settings, database: Database, hashes: Iterable[str]) -> None:
+    """Removes the files of records that nothing names, and those derived from them."""
     for one in hashes:
-        facts = archived_path(settings, one)
-        for file in (facts, *facts.parent.glob(f"{one}.*")):  # a record exists as long as its JSON file does
-            file.unlink(missing_ok=True)
+        with file_lock(one):
+            with database.reading() as session:
+                named = not _unnamed(session, [one])
+            if named:  # by an evaluation that has made the same record meanwhile
+                continue
+            facts = archived_path(settings, one)
+            for file in (facts, *facts.parent.glob(f"{one}.*")):  # a record exists as long as its JSON file does
+                file.unlink(missing_ok=True)
+
+
+def remove_policy(settings: Settings, database: Database, policy_sha256: str) -> None:
+    """Removes the file of a policy that no submission has."""
+    with file_lock(policy_sha256):
+        with database.reading() as session:
+            has = select(Submission.id).where(Submission.policy_sha256 == policy_sha256).limit(1)
+            named = session.scalars(has).first() is not None
+        if not named:
+            (settings.policies / f"{policy_sha256}.onnx").unlink(missing_ok=True)
 
 
 def _unnamed(session: Session, hashes: Sequence[str]) -> list[str]:

@@ -22,7 +22,7 @@ def remove_old_records(services: Services) -> int:
         return 0
     with services.database.session() as session:
         hashes = retire_records(session, now() - timedelta(days=days))
-    remove_records(services.settings, hashes)
+    remove_records(services.settings, services.database, hashes)
     if hashes:
         logger.info("removed %d records that are older than %g days", len(hashes), days)
     return len(hashes)

@@ -14,6 +14,7 @@ from dohyo.service.confinement.runner import run
 from dohyo.service.jobs.kind import Kind, Made, Task
 from dohyo.service.policies.agent import ENTRY, OnnxPolicy
 from dohyo.service.policies.limits import MEGABYTE, PolicyLimits
+from dohyo.service.storage.files import file_lock
 from dohyo.service.submissions import queries
 from dohyo.service.submissions.model import AgentKind, Submission
 from dohyo.service.submissions.views import view_submission
@@ -42,8 +43,9 @@ def try_onnx(task: Task) -> Made:
     info = agent_info(policy, ENTRY, policy.settings, "onnx")
     if task.stop.is_set():
         raise InvalidInputError("it was cancelled")
-    _keep(task.services.settings.policies, content)
-    return _store(task, AgentKind.ONNX, info, policy.sha256, len(content))
+    with file_lock(policy.sha256):
+        _keep(task.services.settings.policies, content)
+        return _store(task, AgentKind.ONNX, info, policy.sha256, len(content))
 
 
 BUILTIN: Final = Kind("builtin_submission", try_builtin, limit_s=120.0)

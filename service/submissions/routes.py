@@ -189,8 +189,8 @@ def delete_submission(
         if submission is None:
             raise NotFoundError(f"agent '{name}' has no version {version}")
         policy = deletion.delete_submission(session, submission)
-        if policy is not None:
-            (services.settings.policies / f"{policy}.onnx").unlink(missing_ok=True)
+    if policy is not None:
+        deletion.remove_policy(services.settings, services.database, policy)
 
 
 def _remote(order: RemoteOrder, agent: str) -> AgentInfo:

@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dohyo.service.errors import ConflictError
+from dohyo.service.jobs.kind import Task
+from dohyo.service.networks import kinds
 from dohyo.service.networks.map import map_document
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.entries import network_path
@@ -96,10 +99,23 @@ def test_boxes_that_are_none(service: Harness, query: str) -> None:
 
 
 @pytest.mark.slow
-def test_an_uploaded_network_lives_in_the_data_folder_and_never_changes(service: Harness) -> None:
-    team = service.caller("team")
+def test_an_uploaded_network_lives_in_the_data_folder_and_never_changes(
+    service: Harness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And another owner's job that was ordered at the same time does not take it."""
+    team, real, refusals = service.caller("team"), kinds.import_confined, list[str]()
+
+    def then_the_other(file: Path, name: str, **options: Any) -> None:
+        real(file, name, **options)
+        other = Task("job-other", "other", options | {"name": name, "suffix": ".net.xml"}, file, service.services)
+        with pytest.raises(ConflictError) as refused:
+            kinds.import_roads(other)
+        refusals.append(str(refused.value))
+
+    monkeypatch.setattr(kinds, "import_confined", then_the_other)
     made = upload(team, gzip.compress(PLAIN), "town.net.xml.gz", licence="CC0")
     assert made.status_code == 201, made.text
+    assert refusals == ["network 'my-town' exists or is being imported; choose another name"]
     body = made.json()
     assert (body["name"], body["origin"], body["licence"], body["lanes"]) == ("my-town", "upload", "CC0", 2)
     data = service.services.settings.data

@@ -21,10 +21,13 @@ from typing import Any
 import pytest
 from pydantic import SecretStr
 from sqlalchemy import create_engine, text
+from sqlalchemy.orm import Session
 
 from dohyo.service.database.engine import Database
+from dohyo.service.episodes.archive import archived_path
 from dohyo.service.evaluations.model import Episode, EpisodeStatus, EvaluationStatus
 from dohyo.service.scheduling import scheduler as scheduling
+from dohyo.service.scheduling.queue import Ticket
 from dohyo.service.scheduling.scheduler import Scheduler
 from dohyo.service.state import Broadcast
 from dohyo.service.submissions.model import AgentKind
@@ -115,6 +118,29 @@ def test_a_locked_database_delays_a_start_or_a_result_and_loses_none(
     assert (episode.status, episode.attempts) == (EpisodeStatus.DONE, 1)
     assert [one.outcome for one in shop.attempts(evaluation)] == ["done"]
     assert shop.record(evaluation).egos[0].status.completed
+
+
+def test_a_record_that_a_deletion_removes_as_it_is_stored_is_archived_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An evaluation with the same record may be deleted between the two."""
+    shop, real = Service(tmp_path / "data", processes=1), scheduling.queue.finish
+
+    def finish(session: Session, ticket: Ticket, record_hash: str, *rest: Any) -> Any:
+        for file in archived_path(shop.settings, record_hash).parent.glob(f"{record_hash}.*"):
+            file.unlink()
+        return real(session, ticket, record_hash, *rest)
+
+    monkeypatch.setattr(scheduling.queue, "finish", finish)
+    evaluation = submit(shop, "steady")
+
+    async def main() -> None:
+        async with scheduled(shop):
+            await until(lambda: shop.evaluation(evaluation).status.finished)
+
+    asyncio.run(main())
+    assert shop.record(evaluation).egos[0].status.completed
+    shop.close()
 
 
 def began(episode: Episode) -> datetime:

@@ -10,13 +10,15 @@ import pytest
 from sqlalchemy import select
 
 from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.service.database.base import now
+from dohyo.service.episodes import routes
 from dohyo.service.errors import StorageFullError
 from dohyo.service.evaluations.model import Attempt, Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.scheduling import queue
 from dohyo.service.storage import deletion, retention
 from dohyo.service.storage.usage import check_bytes, kept_bytes
-from dohyo.service.submissions.model import AgentKind
+from dohyo.service.submissions.model import AgentKind, Submission
 from tests.evaluation.builders import ego, episode
 from tests.service.harness import Caller, Harness, assert_problem, finish, running
 from tests.service.policies.models import identity
@@ -110,8 +112,46 @@ def test_a_record_that_two_runs_name_stays_until_the_last(shop: Shop) -> None:
     for evaluation, stays in ((first, True), (second, False)):
         with shop.services.database.session() as session:
             hashes = deletion.delete_evaluation(session, session.get_one(Evaluation, evaluation))
-        deletion.remove_records(shop.services.settings, hashes)
+        deletion.remove_records(shop.services.settings, shop.services.database, hashes)
         assert (path.exists(), path.with_suffix(".parquet").exists(), derived.exists()) == (stays, stays, stays)
+
+
+def test_a_file_that_a_new_row_names_meanwhile_stays(shop: Shop, tmp_path: Path) -> None:
+    """Between the deletion of rows and that of their files, others may bring the same content."""
+    settings, database = shop.services.settings, shop.services.database
+    submission = shop.submission("agent")
+    first, (one,) = shop.evaluation(submission, [one_record()], ranked=False)
+    path = shop.path(one)
+    with database.session() as session:
+        hashes = deletion.delete_evaluation(session, session.get_one(Evaluation, first))
+    shop.evaluation(submission, [one_record()], ranked=False)
+    deletion.remove_records(settings, database, hashes)
+    assert path.exists()
+    with running(tmp_path / "other") as service:
+        settings, database = service.services.settings, service.services.database
+        team, content = service.caller("team"), identity().SerializeToString()
+        team.post("/v1/agents", {"name": "a"})
+        assert upload(team, "a", content).status_code == 201
+        with database.session() as session:
+            policy = deletion.delete_submission(session, session.scalars(select(Submission)).one())
+        assert upload(team, "a", content).status_code == 201
+        assert policy is not None
+        deletion.remove_policy(settings, database, policy)
+        assert (settings.policies / f"{policy}.onnx").exists()
+
+
+def test_a_file_that_is_being_read_is_read_to_its_end(shop: Shop, monkeypatch: pytest.MonkeyPatch) -> None:
+    _, (one,) = shop.evaluation(shop.submission("agent"), [one_record()])
+    table = shop.path(one).with_suffix(".parquet")
+    content, real = table.read_bytes(), routes.trajectory_of
+
+    def read_before_the_deletion(*arguments: Any) -> Trajectory:
+        found = real(*arguments)
+        table.unlink()
+        return found
+
+    monkeypatch.setattr(routes, "trajectory_of", read_before_the_deletion)
+    assert shop.client.get(f"/v1/episodes/{one}/trajectory").content == content
 
 
 def test_old_records_go_and_their_rows_and_scores_stay(shop: Shop) -> None:

@@ -98,6 +98,7 @@ def upgrade() -> None:
         sa.Column("name", sa.String(length=63), nullable=False),
         sa.Column("owner", sa.String(length=100), nullable=False),
         sa.Column("kept_bytes", sa.BigInteger(), nullable=False),
+        sa.Column("claim", sa.String(length=40), nullable=True),
         sa.Column("created", MOMENT, nullable=False),
         sa.PrimaryKeyConstraint("name"),
     )
