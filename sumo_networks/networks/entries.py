@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tomllib
+from functools import lru_cache
 from pathlib import Path
 
 import sumo
@@ -99,9 +100,11 @@ def network_folder(name: str) -> Path:
     Raises:
         UnknownNameError: Neither catalog has such a name.
     """
-    for catalog in (CATALOG, user_catalog()):
-        if name in _names(catalog):
-            return catalog / name
+    if NAME.fullmatch(name):
+        if (CATALOG / name / ENTRY).exists():
+            return CATALOG / name
+        if (user_catalog() / name / ENTRY).exists():
+            return user_catalog() / name
     raise UnknownNameError("network", name, network_names())
 
 
@@ -112,11 +115,7 @@ def network_entry(name: str) -> NetworkEntry:
         UnknownNameError: The catalog has no such name.
         InvalidInputError: Its network.toml is broken.
     """
-    path = network_folder(name) / ENTRY
-    try:
-        return NetworkEntry.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (ValidationError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InvalidInputError(f"{path}: {error}") from error
+    return _entry_in(network_folder(name))
 
 
 def network_path(name: str) -> Path:
@@ -127,10 +126,25 @@ def network_path(name: str) -> Path:
     """
     if name.endswith((".net.xml", ".net.xml.gz")):
         return Path(name)
-    entry = network_entry(name)
+    folder = network_folder(name)
+    entry = _entry_in(folder)
     if entry.sumo_file:
         return Path(sumo.SUMO_HOME) / entry.sumo_file
-    return network_folder(name) / (entry.file or f"{name}.net.xml")
+    return folder / (entry.file or f"{name}.net.xml")
+
+
+def _entry_in(folder: Path) -> NetworkEntry:
+    path = folder / ENTRY
+    state = path.stat()
+    return _read_entry(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=64)  # a scenario is drawn from hundreds of attempts, and each loads its network by name
+def _read_entry(path: Path, _mtime_ns: int, _size: int) -> NetworkEntry:
+    try:
+        return NetworkEntry.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except (ValidationError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InvalidInputError(f"{path}: {error}") from error
 
 
 def _names(catalog: Path) -> list[str]:
