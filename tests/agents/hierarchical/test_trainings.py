@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
-import sys
-import time
 import tomllib
 from pathlib import Path
 
@@ -18,11 +15,13 @@ from dohyo.agents.learning.files.settings import as_toml, flat
 from dohyo.agents.studies.rows import cell_of, read_rows
 from dohyo.agents.studies.training_results import find_trainings
 from dohyo.sumo_networks.errors import InvalidInputError
+from tests.forked import Python
 
 ROOT = Path(__file__).parents[3]
 RESULTS = ROOT / "agents" / "hierarchical" / "results" / "training"
 TINY = ("steps=24", "held_out=1", "evaluate_every=1000", "ppo.horizon=12", "ppo.batch=12", "ppo.epochs=1")
-COMMAND = (sys.executable, "-m", "dohyo.agents.studies", "ghrl-trainings", "run", "--only", "training/right")
+STUDY = "from dohyo.agents.studies.__main__ import main; main()"
+COMMAND = (STUDY, "ghrl-trainings", "run", "--only", "training/right")
 
 
 @pytest.mark.parametrize("folder", sorted(RESULTS.glob("*/seed-*/*")), ids=lambda path: str(path.relative_to(RESULTS)))
@@ -61,14 +60,15 @@ def test_the_stored_trainings_are_the_cells_of_the_study_and_masters_come_last()
 def test_one_command_trains_two_arms_and_once_more_it_has_nothing_to_do(tmp_path):
     command = [*COMMAND, *choice(tmp_path, *TINY, "ppo.imitated_steps=12"), "--trainings", "0"]
     command += ["--arms", "ghrl", "hrl", "--workers", "2"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    assert "2 of 2" in done.stdout
+    done = Python(*command)
+    assert done.end() == 0, done.errors()
+    assert "2 of 2" in done.output()
     folders = {arm: tmp_path / "runs" / arm / "seed-0" / "right" for arm in ("ghrl", "hrl")}
     rows = read_rows(tmp_path / "out")
     assert {row["arm"]: row["folder"] for row in rows} == {arm: str(folder) for arm, folder in folders.items()}
     assert all(json.loads((folder / "result.json").read_text())["finished"] for folder in folders.values())
-    again = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    assert again.stdout == f"rows: {tmp_path / 'out'}\n"
+    again = Python(*command)
+    assert (again.end(), again.output()) == (0, f"rows: {tmp_path / 'out'}\n")
 
 
 @pytest.mark.slow
@@ -76,17 +76,11 @@ def test_a_command_that_is_stopped_has_its_trainings_write_checkpoints_and_goes_
     tiny = [setting for setting in TINY if not setting.startswith("steps")]
     tiny.append("checkpoint_every=24")
     command = [*COMMAND, "--arms", "hrl", "--trainings", "0", "1"]
-    going = subprocess.Popen(
-        [*command, *choice(tmp_path, *tiny, "steps=100000")], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        text=True,
-    )  # fmt: skip
     table = tmp_path / "runs" / "hrl" / "seed-0" / "right" / "metrics.csv"
-    while not table.exists() or len(table.read_text().splitlines()) < 6:
-        assert going.poll() is None, going.communicate()
-        time.sleep(0.1)
-    going.send_signal(signal.SIGTERM)
-    _, said = going.communicate(timeout=300)
-    assert (going.returncode, said.splitlines()[-1]) == (130, "stopped; the same command goes on")
+    going = Python(*command, *choice(tmp_path, *tiny, "steps=100000"))
+    going.wait_for(lambda: table.exists() and len(table.read_text().splitlines()) >= 6)
+    assert going.end(signal.SIGTERM) == 130
+    assert going.errors().splitlines()[-1] == "stopped; the same command goes on"
     assert list(table.parent.glob("checkpoint-*"))
     assert not (tmp_path / "runs" / "hrl" / "seed-1").exists()  # what had not begun does not begin
     assert read_rows(tmp_path / "out") == []

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import csv
-import os
 import random
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,18 +20,17 @@ from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.learning.gymnasium.task import GYMNASIUM, GymnasiumConfig
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.sumo_networks.errors import InvalidInputError
+from tests.forked import dohyo
 
-ROOT = Path(__file__).parents[4]
 POINT, DIAL = "tests.agents.learning.problems:Point-v0", "tests.agents.learning.problems:Dial-v0"
 PICTURE = "tests.agents.learning.problems:Picture-v0"
-SHORT = ("steps=800", "evaluate_every=400", "checkpoint_every=100", "episodes=2", "tensorboard=false")
+SHORT = ("steps=600", "evaluate_every=300", "checkpoint_every=100", "episodes=2", "tensorboard=false")
 ALGORITHMS = {
-    "sac": (POINT, "sac.round_steps=50", "sac.hidden=[32]", "sac.replay={capacity=500, steps=3, priority=0.6}"),
-    "ddpg": (POINT, "processes=1", "ddpg.round_steps=50", "ddpg.hidden=[32]", "ddpg.replay.capacity=400"),
-    "iqn": (DIAL, "iqn.round_steps=50", "iqn.target_every=20", "iqn.replay.capacity=400"),
+    "sac": (POINT, "sac.round_steps=50", "sac.hidden=[32]", "sac.replay={capacity=400, steps=3, priority=0.6}"),
+    "ddpg": (POINT, "ddpg.round_steps=50", "ddpg.hidden=[32]", "ddpg.replay.capacity=300"),
+    "iqn": (DIAL, "iqn.round_steps=50", "iqn.target_every=20", "iqn.replay.capacity=300"),
     "ppo": (DIAL, "ppo.horizon=50"),
 }
-PATIENCE_S = 120.0
 
 
 def settings_of(algorithm: str) -> list[str]:
@@ -64,18 +60,10 @@ def equal(one: object, other: object) -> bool:
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_a_killed_run_ends_bit_equal_to_one_that_was_not(algorithm: str, tmp_path: Path) -> None:
     settings, whole, out = settings_of(algorithm), tmp_path / "whole", tmp_path / "killed"
-    code = "from dohyo.service.cli import main; main()"
-    command = [sys.executable, "-c", code, "train", "gymnasium", "--out", str(out)]
-    command += [f"--set={setting}" for setting in settings]
-    child = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, env=os.environ | {"OMP_NUM_THREADS": "1"})
-    patience = time.monotonic() + PATIENCE_S
-    while checkpoints(out) == 0:
-        assert child.poll() is None
-        assert time.monotonic() < patience
-        time.sleep(0.005)
-    time.sleep(random.uniform(0.0, 0.3))
-    child.send_signal(signal.SIGKILL)
-    assert child.wait() == -signal.SIGKILL
+    child = dohyo("train", "gymnasium", "--out", str(out), *(f"--set={setting}" for setting in settings))
+    child.wait_for(lambda: checkpoints(out) > 0)
+    time.sleep(random.uniform(0.0, 0.1))
+    assert child.end(signal.SIGKILL) == -signal.SIGKILL
     train(settings, out, resume=True)
     train(settings, whole)
     for name in ("metrics.csv", "evaluations.csv", "policy.onnx", "best.onnx"):

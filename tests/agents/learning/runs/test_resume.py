@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import csv
 import signal
-import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -21,10 +19,9 @@ from dohyo.agents.learning.runs.run import RunStoppedError
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.service.cli import main
 from tests.agents.learning.toys import POINT, PointConfig
+from tests.forked import PATIENCE_S, dohyo
 
-ROOT = Path(__file__).parents[4]
 CURVES = ("metrics.csv", "evaluations.csv", "policy.onnx", "best.onnx")
-PATIENCE_S = 300.0
 
 
 def rows(folder: Path) -> int:
@@ -34,35 +31,6 @@ def rows(folder: Path) -> int:
 
 def order(toy: str, out: Path, *arguments: str) -> list[str]:
     return ["train", f"tests.agents.learning.toys:{toy}", "--out", str(out), *arguments]
-
-
-class Dohyo:
-    """A `dohyo train` of a toy in a process of its own."""
-
-    def __init__(self, toy: str, out: Path, *arguments: str) -> None:
-        self.out = out
-        command = order(toy, out, *arguments)
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", "from dohyo.service.cli import main; main()", *command],
-            cwd=ROOT,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-
-    def wait_for(self, condition: Callable[[], bool]) -> None:
-        patience = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert self.process.poll() is None, self.process.communicate()[0]
-            assert time.monotonic() < patience
-            time.sleep(0.01)
-
-    def end(self, name: signal.Signals | None = None) -> tuple[int, str]:
-        """Exit code and all that it said."""
-        if name is not None:
-            self.process.send_signal(name)
-        output = self.process.communicate(timeout=PATIENCE_S)[0]
-        return self.process.returncode, output
 
 
 def descendants(pid: int) -> list[int]:
@@ -78,6 +46,7 @@ def alive(pid: int) -> bool:
         return False
 
 
+GUIDED = ("--set=ppo.guided_share=0.3",)
 LEARNED_BEFORE = ("--set=ppo.imitated_steps=256", "--set=ppo.normalised=true")
 
 
@@ -85,8 +54,7 @@ LEARNED_BEFORE = ("--set=ppo.imitated_steps=256", "--set=ppo.normalised=true")
 @pytest.mark.parametrize(
     ("toy", "settings"),
     [
-        ("POINT", ("--set=slow_s=0.002", "--set=ppo.guided_share=0.3", "--set=processes=2", "--set=ppo.horizon=64")),
-        ("POINT", ("--set=slow_s=0.002", *LEARNED_BEFORE, "--set=processes=2", "--set=ppo.horizon=64")),
+        ("POINT", ("--set=slow_s=0.002", *GUIDED, *LEARNED_BEFORE, "--set=processes=2", "--set=ppo.horizon=64")),
         ("STREET", ("--set=processes=1", "--set=steps=640", "--set=evaluate_every=256", "--set=ppo.horizon=32")),
     ],
 )
@@ -97,27 +65,27 @@ def test_a_run_that_was_stopped_and_killed_gives_the_same_curve(toy, settings, t
         main()
     assert ended.value.code in (None, 0)
 
-    stopped = Dohyo(toy, out, *settings)
+    stopped = dohyo(*order(toy, out, *settings))
     stopped.wait_for(lambda: rows(out) >= 2)
-    code, said = stopped.end(signal.SIGTERM)
-    assert code == 130
+    assert stopped.end(signal.SIGTERM) == 130
+    said = stopped.errors()
     assert said.endswith("\n")
     last = said.splitlines()[-1]  # lines of progress may come before it
     assert last.startswith("dohyo: stopped at step ")
     assert f"--resume --out {out}" in last
 
-    killed, before = Dohyo(toy, out, "--resume"), rows(out)
+    killed, before = dohyo(*order(toy, out, "--resume")), rows(out)
     killed.wait_for(lambda: rows(out) >= before + 3)  # beyond a checkpoint
-    below = descendants(killed.process.pid)
+    below = descendants(killed.pid)
     assert len(below) >= 3
-    assert killed.end(signal.SIGKILL)[0] == -signal.SIGKILL
+    assert killed.end(signal.SIGKILL) == -signal.SIGKILL
     assert before + 3 <= rows(out) < rows(whole)
     patience = time.monotonic() + PATIENCE_S
     while any(map(alive, below)):
         assert time.monotonic() < patience
         time.sleep(0.01)
 
-    assert Dohyo(toy, out, "--resume").end()[0] == 0
+    assert dohyo(*order(toy, out, "--resume")).end() == 0
     for name in CURVES:
         assert (out / name).read_bytes() == (whole / name).read_bytes(), name
     one, other = load_file(out / "policy.safetensors"), load_file(whole / "policy.safetensors")
