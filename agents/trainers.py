@@ -64,6 +64,7 @@ TRAINERS: dict[str, Listed] = {
     "cruise-control": Listed(
         "dohyo.agents.speed_planning.cruise_control_training:CRUISE_CONTROL", "set-points of a car's cruise control"
     ),
+    "parking": Listed("dohyo.agents.parking.training:PARKING", "parking of karts, by PPO, SAC, MA-POCA or DPPO-IL"),
 }
 
 

@@ -22,9 +22,7 @@ from dohyo.sumo_networks.parking import kart
 
 RADIUS_M: Final = 2.2
 """Turning radius of the plans; the tightest one is 1.8 m, and the difference is left to the tracker."""
-SHAPE: Final = Shape(
-    RADIUS_M, 0.5 * kart.LENGTH_M + AXLE_M, 0.5 * kart.LENGTH_M - AXLE_M, 0.5 * kart.WIDTH_M
-)
+SHAPE: Final = Shape(RADIUS_M, 0.5 * kart.LENGTH_M + AXLE_M, 0.5 * kart.LENGTH_M - AXLE_M, 0.5 * kart.WIDTH_M)
 MARGINS_M: Final = (0.35, 0.2, 0.08)
 """Margins of the kart in a plan, the first that has a path."""
 WALL_M: Final = 0.02

@@ -66,7 +66,7 @@ def touches(x: float, y: float, heading: float, shape: Shape, boxes: FloatArray)
     kart = np.empty(5)
     kart[0], kart[1], kart[2] = x + ahead * math.cos(heading), y + ahead * math.sin(heading), heading
     kart[3], kart[4] = shape.front + shape.rear, 2.0 * shape.half_width
-    for i in range(len(boxes)):
+    for i in range(len(boxes)):  # noqa: SIM110 - numba compiles no generator expression
         if box_overlaps(kart, boxes[i]):
             return True
     return False
@@ -126,8 +126,8 @@ def plan(
 @njit(cache=True)
 def _key(pose: FloatArray) -> tuple[int, int, int]:
     """Cell of a pose."""
-    turn = int(round(pose[2] / (2.0 * math.pi) * HEADINGS)) % HEADINGS
-    return int(math.floor(pose[0] / CELL_M)), int(math.floor(pose[1] / CELL_M)), turn
+    turn = round(pose[2] / (2.0 * math.pi) * HEADINGS) % HEADINGS
+    return math.floor(pose[0] / CELL_M), math.floor(pose[1] / CELL_M), turn
 
 
 @njit(cache=True)
@@ -176,7 +176,7 @@ def _shot(start: FloatArray, goal: FloatArray, boxes: FloatArray, shape: Shape, 
 @njit(cache=True)
 def _free(poses: FloatArray, shape: Shape, boxes: FloatArray) -> bool:
     """Whether a kart touches nothing at any pose, the last ones first, since they are the narrow ones."""
-    for i in range(len(poses) - 1, -1, -1):
+    for i in range(len(poses) - 1, -1, -1):  # noqa: SIM110 - numba compiles no generator expression
         if touches(poses[i, 0], poses[i, 1], poses[i, 2], shape, boxes):
             return False
     return True

@@ -75,7 +75,7 @@ def _write(curve: FloatArray, word: int, lengths: _Lengths, direction: float, si
 
 @njit(cache=True)
 def _lengths(word: int, x: float, y: float, phi: float) -> _Lengths:
-    """Lengths of a word's segments to the pose (x, y, phi); the first is infinite where the word does not lead there."""
+    """Lengths of a word's segments to the pose (x, y, phi); the first one is infinite if it does not lead there."""
     sin, cos = math.sin(phi), math.cos(phi)
     same, other = (x - sin, y - 1.0 + cos), (x + sin, y - 1.0 - cos)  # between centres on the same, on other sides
     if word == 0:

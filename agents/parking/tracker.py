@@ -59,7 +59,8 @@ def left_over(pose: FloatArray, path: FloatArray, at: int) -> float:
         way += math.hypot(path[end + 1, 0] - path[end, 0], path[end + 1, 1] - path[end, 1])
         end += 1
     cos, sin = math.cos(path[at, 2]), math.sin(path[at, 2])
-    return way - path[at, 3] * ((pose[0] - path[at, 0]) * cos + (pose[1] - path[at, 1]) * sin)
+    left: float = way - path[at, 3] * ((pose[0] - path[at, 0]) * cos + (pose[1] - path[at, 1]) * sin)
+    return left
 
 
 @njit(cache=True)

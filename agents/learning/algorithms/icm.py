@@ -53,7 +53,7 @@ class IcmConfig(Config):
 class Icm(nn.Module):
     """Forward and inverse model of an environment; an `IntrinsicReward`."""
 
-    columns = ("icm_reward", "icm_inverse", "icm_forward")
+    columns: tuple[str, ...] = ("icm_reward", "icm_inverse", "icm_forward")
 
     def __init__(
         self,

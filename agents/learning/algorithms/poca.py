@@ -12,10 +12,10 @@ of the others, its last actions still get their credit. With K = 1 this is PPO w
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated
+from typing import Annotated, Any
 
+import gymnasium
 import torch
-from gymnasium.spaces import Box, Discrete
 from pydantic import Field
 from tensordict import TensorDict
 from torch import Tensor, nn
@@ -71,7 +71,7 @@ class GroupCritic(nn.Module):
         actor: Gives the normalisation of the observations.
     """
 
-    def __init__(self, actor: nn.Module, features: int, actions: Box | Discrete, config: PocaConfig) -> None:
+    def __init__(self, actor: nn.Module, features: int, actions: gymnasium.Space[Any], config: PocaConfig) -> None:
         super().__init__()
         size = config.embedding
         self._actor = [actor]  # in a list, since its weights are not the critic's
@@ -132,14 +132,14 @@ class Poca(Ppo):
         batch["action_log_prob"] = distribution_at(self.actor, features).log_prob(batch["action"])
         team, active = self._teams(features), self._teams(batch["active"])
         value = self._value(team.flatten(0, 1), active.flatten(0, 1)).reshape(*active.shape[:2], 1)
-        advantage, target = self._returns(batch, value)
+        target = self._returns(batch, value)
         actions = self._teams(self.actor.action_of(batch["action"]))
         baselines = self._value.baselines(team.flatten(0, 1), actions.flatten(0, 1), active.flatten(0, 1))  # type: ignore[operator]
         batch["state_value"], batch["value_target"] = self._rows(value), self._rows(target)
         batch["advantage"] = self._agent_rows(target - baselines.reshape(active.shape))
 
-    def _returns(self, batch: TensorDict, value: Tensor) -> tuple[Tensor, Tensor]:
-        """Generalised advantages and lambda-returns of the teams, (G, T, 1) each."""
+    def _returns(self, batch: TensorDict, value: Tensor) -> Tensor:
+        """(G, T, 1) lambda-returns of the teams."""
         after, active = batch["next"], self._teams(batch["active"])
         ended = self._teams(after["done"][..., 0])
         alive = active & ~self._teams(after["terminated"][..., 0])  # a truncated agent's future still counts
@@ -148,13 +148,15 @@ class Poca(Ppo):
         value_next = self._value(seen.flatten(0, 1), alive.flatten(0, 1)).reshape(value.shape)
         done, terminated = ~(active & ~ended).any(dim=-1, keepdim=True), ~alive.any(dim=-1, keepdim=True)
         config = self._config
-        return generalized_advantage_estimate(
+        _, target = generalized_advantage_estimate(
             config.gamma, config.gae_lambda, value, value_next, reward, done, terminated, time_dim=1
-        )  # type: ignore[return-value]
+        )
+        returns: Tensor = target
+        return returns
 
     def _teams(self, rows: Tensor) -> Tensor:
         """(G * K, T, ...) rows -> (G, T, K, ...)."""
-        return rows.unflatten(0, (-1, self._agents)).transpose(1, 2)
+        return rows.reshape(-1, self._agents, *rows.shape[1:]).transpose(1, 2)
 
     def _agent_rows(self, teams: Tensor) -> Tensor:
         """(G, T, K) values of agents -> (G * K, T, 1)."""

@@ -54,7 +54,7 @@ class GailConfig(Config):
 class Gail:
     """Discriminator between the expert and the policy; an `IntrinsicReward`."""
 
-    columns = ("gail_reward", "gail_loss", "gail_expert", "gail_policy")
+    columns: tuple[str, ...] = ("gail_reward", "gail_loss", "gail_expert", "gail_policy")
 
     def __init__(
         self,

@@ -1,0 +1,142 @@
+"""Training of parking: PPO, SAC, MA-POCA, and the parts of DPPO-IL on PPO (Albilani 2023, algorithm 9).
+
+    dohyo train parking --config agents/parking/configs/dppo_il.toml --out out/parking/dppo-il/seed-0
+
+DPPO-IL has two phases. First the policy imitates demonstrations without their actions, by BCO: an inverse dynamics
+model learns from the learner's own steps which action leads from one observation to the next. Then PPO maximises the
+task's reward, the surprise of a forward model (ICM) and the success in passing as the expert (GAIL).
+
+Where the thesis has no number, the default is that of Unity ML-Agents, with which it was made; others are marked.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+from tensordict import TensorDict
+
+from dohyo.agents.learning.algorithms.icm import Icm, IcmConfig
+from dohyo.agents.learning.algorithms.intrinsic import IntrinsicReward
+from dohyo.agents.learning.algorithms.off_policy import make_replay
+from dohyo.agents.learning.algorithms.poca import Poca, PocaConfig
+from dohyo.agents.learning.algorithms.ppo import Ppo
+from dohyo.agents.learning.algorithms.sac import Sac, SacConfig
+from dohyo.agents.learning.experience.collector import Collector
+from dohyo.agents.learning.experience.demonstrations import INDEX, Demonstrations, record_demonstrations
+from dohyo.agents.learning.imitation.bco import Bco, BcoConfig
+from dohyo.agents.learning.imitation.gail import Gail, GailConfig
+from dohyo.agents.learning.runs.config import Positive, RunConfig
+from dohyo.agents.learning.runs.run import TaskRun
+from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
+from dohyo.agents.learning.runs.training import Learner, train_task
+from dohyo.agents.learning.tasks.task import named
+from dohyo.agents.parking.task import ParkingTask, Reward, SceneName
+from dohyo.sumo_networks.config import Config
+
+LOTS = 256
+"""Agents that learn together in the thesis, after it had begun with 8."""
+_EXPERT = "hybrid A* on Dubins curves with a tracker, forwards only"
+
+
+class DemonstrationsConfig(Config):
+    """Demonstrations of the expert; the thesis has no number of them.
+
+    Attributes:
+        episodes: Recorded episodes, all of them successful.
+        seed: Of the recording.
+    """
+
+    episodes: Positive = 100
+    seed: int = 1_000_000
+
+
+class ParkingConfig(RunConfig):
+    """A training of parking karts.
+
+    Attributes:
+        environments: Karts, of all lots together.
+        scene: Kind of lot.
+        karts: In each lot.
+        reward: See `agents.parking.task.REWARDS`.
+        progress: Reward per metre towards the spot (ours).
+        gradual: Whether the curriculum is used.
+        lots: Held-out lots of an evaluation.
+        algorithm: What learns.
+        curiosity: Whether ICM rewards PPO or MA-POCA.
+        gail: Whether GAIL rewards PPO or MA-POCA.
+        bco: Whether PPO or MA-POCA begin by BCO.
+        ppo: Settings of PPO and MA-POCA.
+        sac: Settings of SAC.
+        icm: Settings of the curiosity.
+        adversarial: Settings of GAIL; by default without the expert's actions, as BCO.
+        cloning: Settings of BCO.
+        demonstrations: Settings of the demonstrations.
+    """
+
+    processes: Literal[0] = 0
+    environments: Positive = LOTS
+    scene: SceneName = "complex"
+    karts: Positive = 1
+    reward: Reward = "aligned"
+    progress: float = 0.0
+    gradual: bool = False
+    lots: Positive = 256
+    algorithm: Literal["ppo", "poca", "sac"] = "ppo"
+    curiosity: bool = False
+    gail: bool = False
+    bco: bool = False
+    ppo: PocaConfig = PocaConfig(
+        horizon=64, learning_rate=3e-4, learning_rate_decay=1.0, batch=1024, entropy=5e-3, hidden=(128, 128),
+        normalised=True, initial_std=0.5,
+    )  # fmt: skip
+    sac: SacConfig = SacConfig(learning_rate=3e-4, hidden=(128, 128), updates_per_step=0.05)
+    icm: IcmConfig = IcmConfig()
+    adversarial: GailConfig = GailConfig(strength=0.01, sees="next")
+    cloning: BcoConfig = BcoConfig(steps=65_536)
+    demonstrations: DemonstrationsConfig = DemonstrationsConfig()
+
+    @property
+    def task(self) -> ParkingTask:
+        """What is learned."""
+        return ParkingTask(self.scene, self.reward, self.progress, self.karts, self.gradual, self.lots)
+
+
+def make_learner(settings: ParkingConfig, collector: Collector, run: TaskRun) -> Learner:
+    """Learner that the settings name."""
+    task = settings.task
+    if settings.algorithm == "sac":
+        replay = make_replay(task, run, settings.sac, rows=len(collector))
+        return Sac(task, collector, replay, settings.sac, run.device)
+    shown = demonstrated(settings, run.folder) if settings.gail or settings.bco else None
+    spaces = named(task.observation_space), task.action_space
+    intrinsic: list[IntrinsicReward] = []
+    if settings.curiosity:
+        intrinsic.append(Icm(*spaces, settings.icm, run.device))
+    if settings.gail and shown is not None:
+        intrinsic.append(Gail(shown, *spaces, settings.adversarial, run.device))
+    cloning = Bco(shown, *spaces, settings.cloning, run.device) if settings.bco and shown is not None else None
+    kind: Any = {"ppo": Ppo, "poca": Poca}[settings.algorithm]
+    learner: Learner = kind(
+        task, collector, settings.ppo, run.device, settings.seed, intrinsic=intrinsic, cloning=cloning
+    )
+    return learner
+
+
+def demonstrated(settings: ParkingConfig, folder: Path) -> TensorDict:
+    """Transitions of the demonstrations in a run's folder, which are recorded where there are none."""
+    folder = folder / "demonstrations"
+    if not (folder / INDEX).exists():
+        wanted, plain = settings.demonstrations, settings.task
+        record_demonstrations(
+            plain, folder, wanted.episodes, expert=_EXPERT, seed=wanted.seed,
+            environments=16 * settings.karts, successes_only=True,
+        )  # fmt: skip
+    return Demonstrations(folder).transitions()
+
+
+def _train(settings: ParkingConfig, request: TrainRequest) -> Path:
+    return train_task(lambda collector, run: make_learner(settings, collector, run), settings.task, settings, request)
+
+
+PARKING = Trainer("parking of karts, by PPO, SAC, MA-POCA or DPPO-IL", ParkingConfig, _train)

@@ -1,0 +1,49 @@
+"""The curriculum: its tasks, and its rule of promotion by hand."""
+
+from __future__ import annotations
+
+import pytest
+
+from dohyo.agents.learning.tasks.curriculum import Progress
+from dohyo.agents.parking.curriculum import Doubling, levels
+from dohyo.agents.parking.task import ParkingTask
+from dohyo.sumo_networks.parking.generate import Scene
+from dohyo.sumo_networks.parking.rules import ALIGNED
+
+
+def episodes(progress: Progress, successes: int, of: int) -> None:
+    for number in range(of):
+        progress.add(progress.level, number < successes)
+
+
+@pytest.mark.parametrize(("first", "wanted"), [(0.0, 0.7), (0.3, 0.7), (0.4, 0.8), (0.5, 0.9), (0.8, 0.9)])
+def test_the_success_of_the_first_window_must_double_within_bounds(first, wanted):
+    assert Doubling().wanted(first) == pytest.approx(wanted)
+
+
+def test_a_learner_is_promoted_when_its_success_has_doubled():
+    progress = Progress(Doubling(window=10))
+    episodes(progress, 4, of=10)
+    episodes(progress, 7, of=10)
+    assert progress.level == 0
+    kept = progress.state()
+    again = Progress(Doubling(window=10))
+    again.restore(kept)
+    for one in (progress, again):
+        episodes(one, 8, of=10)
+        assert one.level == 1
+    episodes(progress, 9, of=10)
+    assert progress.level == 2
+    episodes(progress, 10, of=10)
+    assert progress.level == 2
+
+
+def test_obstacles_come_before_alignment_and_the_last_task_is_the_whole():
+    open_, crowded, whole = levels(Scene.COMPLEX, ALIGNED)
+    assert (open_.scene, crowded.scene, whole.scene) == (Scene.SIMPLE, Scene.COMPLEX, Scene.COMPLEX)
+    assert crowded.rules.error_degrees is None
+    assert whole.rules == ALIGNED
+    gradual = ParkingTask(gradual=True)
+    assert gradual.levels[-1] == ParkingTask().levels[0]
+    assert gradual.curriculum is not None
+    assert gradual.curriculum.levels == len(gradual.levels)

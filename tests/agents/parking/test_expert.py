@@ -1,0 +1,57 @@
+"""The expert parks, forwards and aligned, where nothing moves, and among karts and pedestrians."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dohyo.agents.parking.expert import Expert
+from dohyo.agents.parking.guided import GuidedVectorEnv, scene_of
+from dohyo.sumo_networks.parking.generate import Scene
+from dohyo.sumo_networks.parking.kernel import walker_place
+from dohyo.sumo_networks.parking.rules import JUDGED
+from dohyo.sumo_networks.parking.vector_env import Level
+
+SEEDS = [0, 1, 2]
+
+
+def driven(scene: Scene, karts: int = 1) -> GuidedVectorEnv:
+    """Three lots in which experts have driven to the end."""
+    lots = GuidedVectorEnv(len(SEEDS), [Level(scene, JUDGED)], karts)
+    lots.reset(seed=[seed for seed in SEEDS for _ in range(karts)])
+    while lots.running.any():
+        actions, known = lots.expert_actions(lots.running)
+        assert (known == lots.running).all()
+        assert lots.action_space.contains(actions)  # no reverse torque
+        lots.step(actions)
+    return lots
+
+
+@pytest.mark.parametrize(
+    ("scene", "karts"),
+    [(Scene.SIMPLE, 1), (Scene.COMPLEX, 1), (Scene.PARALLEL, 1), (Scene.ANGLED, 1), (Scene.COMPLEX, 3)],
+)
+def test_the_expert_parks_aligned(scene, karts):
+    results = driven(scene, karts).world.results()
+    assert results.aligned.all()
+    assert (results.shunts == 0).all()
+
+
+def test_the_expert_waits_for_pedestrians_and_sees_them_move():
+    lots = driven(Scene.PEDESTRIANS)
+    assert lots.world.results().success.all()
+    seen = scene_of(lots.world, 0, 0).moving
+    rows, walked = lots.world.scenery.walkers[0], lots.world.episodes.walked_m[0]
+    assert np.allclose(seen[0, :2], walker_place(rows[0], walked[0]))
+    assert np.hypot(seen[0, 5], seen[0, 6]) == pytest.approx(rows[0, 4], rel=1e-3)
+
+
+def test_an_expert_without_any_way_goes_on_a_bold_one():
+    lots = GuidedVectorEnv(1, [Level(Scene.SIMPLE, JUDGED)])
+    lots.reset(seed=[0])
+    scene = scene_of(lots.world, 0, 0)
+    spot = scene.spot
+    blocked = scene._replace(fixed=np.array([[spot[0], spot[1], 0.0, 4.0, 4.0]]))
+    expert = Expert()
+    expert.act(lots.world.episodes.karts[0, 0], blocked)
+    assert np.allclose(expert.path[-1, 2] % (2 * np.pi), spot[2])
