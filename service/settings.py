@@ -74,7 +74,8 @@ class Settings(BaseSettings):
         upload_limit_bytes: Largest uploaded policy or network.
         public: Whether leaderboards, episodes and replays are readable without a token.
         cors_origins: Origins of browsers that may call the API.
-        process_deaths: Deaths of an episode's process after which its evaluation waits for `resume`.
+        process_deaths: Deaths of an episode's process after which the episode is lost. Its evaluation fails with the
+            reason after its other episodes, and `resume` drives the lost ones once more.
         lease_ttl_s: Silence after which a worker loses its lease, s.
         act_deadline_s: Wall-clock limit of one decision while the simulation waits, s.
         webhook_private_addresses: Whether webhooks may call this machine and its private network.

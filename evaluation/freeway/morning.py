@@ -5,6 +5,7 @@ A record is one JSON file. Its hash covers everything in it except the wall-cloc
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -12,7 +13,9 @@ from typing import Any, ClassVar, Literal
 from pydantic import Field, ValidationError
 
 from dohyo.evaluation.freeway.benchmark import TrafficBenchmark
+from dohyo.evaluation.records.foreign_files import read_limited
 from dohyo.evaluation.records.record import AgentInfo
+from dohyo.evaluation.records.store import FACTS_LIMIT_BYTES
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
@@ -20,6 +23,7 @@ from dohyo.sumo_networks.scenario import content_hash
 
 MORNING, PLANNER = "morning", "planner"
 LARGEST_BYTES = 1_000_000
+WHAT = "the record of a morning"
 LOWER_IS_BETTER = frozenset(
     {"speed_std_mps", "speed_std_within_mps", "fuel_circles_g_km", "collisions", "close_share", "waiting"}
 )
@@ -89,14 +93,69 @@ def read_morning(path: Path) -> MorningRecord:
     Raises:
         InvalidInputError: The file is missing, or no such record, or its hash is another one.
     """
+    return parse_morning(read_limited(path, WHAT, LARGEST_BYTES), str(path))
+
+
+def parse_morning(content: bytes, path: str) -> MorningRecord:
+    """Parses the content of a record's file and checks its hash.
+
+    Args:
+        content: Content of the file.
+        path: Name of the file in messages.
+
+    Raises:
+        InvalidInputError: It is no record of a morning, or its hash is another one.
+    """
     try:
-        if path.stat().st_size > LARGEST_BYTES:
-            raise InvalidInputError(f"'{path}': expected the record of a morning of at most {LARGEST_BYTES} bytes")
-        record = MorningRecord.model_validate_json(path.read_bytes())
-    except OSError as error:
-        raise InvalidInputError(f"cannot read '{path}': {error.strerror}") from error
+        record = MorningRecord.model_validate_json(content)
     except ValidationError as error:
-        raise InvalidInputError(f"'{path}': expected the record of a morning: {error.errors()[0]['msg']}") from error
+        raise InvalidInputError(f"{path}: expected {WHAT}: {error.errors()[0]['msg']}") from error
     if record.record_hash != record.content_hash():
-        raise InvalidInputError(f"'{path}': the record has been changed: its hash is another one")
+        raise InvalidInputError(f"{path}: the record has been changed: its hash is another one")
     return record
+
+
+def is_morning(path: Path) -> bool:
+    """Whether a file looks like the record of a morning, and not like that of a drive.
+
+    Raises:
+        InvalidInputError: The file is missing or too large.
+    """
+    try:
+        document = json.loads(read_limited(path, "a record", FACTS_LIMIT_BYTES))
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(document, dict) and "plans" in document and "egos" not in document
+
+
+class MorningsManifest(Config):
+    """Description of a result folder of mornings.
+
+    Attributes:
+        agent: Description of the planner.
+        benchmark: Whole benchmark, so that the folder needs no other file.
+        benchmark_sha256: Content hash of the benchmark.
+    """
+
+    agent: AgentInfo
+    benchmark: TrafficBenchmark
+    benchmark_sha256: str
+
+
+def parse_mornings_manifest(content: bytes, path: str) -> MorningsManifest:
+    """Parses the content of a result folder's manifest.
+
+    Args:
+        content: Content of the file.
+        path: Name of the file in messages.
+
+    Raises:
+        InvalidInputError: It is no such manifest, or its benchmark has another content hash.
+    """
+    try:
+        manifest = MorningsManifest.model_validate_json(content)
+    except ValidationError as error:
+        raise InvalidInputError(f"{path}: {error.errors()[0]['msg']}") from error
+    if manifest.benchmark_sha256 != manifest.benchmark.sha256:
+        raise InvalidInputError(f"{path}: expected benchmark_sha256 {manifest.benchmark.sha256}, got another hash")
+    return manifest

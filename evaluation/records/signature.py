@@ -9,14 +9,13 @@ from __future__ import annotations
 import base64
 import binascii
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, Protocol
 
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from pydantic import Field, ValidationError
 
 from dohyo.evaluation.records.foreign_files import read_limited
-from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -27,6 +26,14 @@ _PURPOSE: Final = b"dohyo record\n"
 
 Key = Annotated[str, Field(pattern=r"^[A-Za-z0-9+/]{43}=$")]
 """A public key: its 32 bytes as base64."""
+
+
+class Sealed(Protocol):
+    """A record of any kind."""
+
+    @property
+    def record_hash(self) -> str:
+        """Hash of its facts, hex sha256."""
 
 
 class Signature(Config):
@@ -44,7 +51,7 @@ class Signature(Config):
     record_hash: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
     signature: Annotated[str, Field(pattern=r"^[A-Za-z0-9+/]{86}==$")]
 
-    def check(self, record: EpisodeRecord) -> None:
+    def check(self, record: Sealed) -> None:
         """Checks that the key's owner signed this record.
 
         Raises:

@@ -11,7 +11,9 @@ from typing import Annotated, Literal
 import typer
 
 from dohyo.evaluation.episode.runner import drive_episode
+from dohyo.evaluation.freeway.morning import is_morning, read_morning
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
+from dohyo.evaluation.records.signature import Sealed
 from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.report.page import write_report
 from dohyo.evaluation.report.rows import Evaluation
@@ -133,10 +135,13 @@ def verify(
     json: Json = False,
 ) -> None:
     """Checks a record's signature, drives the episode again and compares. Exit code 1 if the hashes differ."""
+    if is_morning(record):
+        _verify_morning(record, key, server, signature_only, json)
+        return
     old = read_record(record)
     signer = check_signature(record, old, key, server)
     if signature_only:
-        _print_verified(record, old, None, signer, json)
+        _print_verified(record, old, None, signer, part_of_record(record), json)
         return
     agents = trusted_agents(old, record, trust, policy)
     try:
@@ -144,14 +149,30 @@ def verify(
         new, _ = drive_episode(old.scenario, agents, infos=infos, benchmark=old.benchmark)
     finally:
         close_all(agents.values())
-    _print_verified(record, old, new.record_hash, signer, json)
+    _print_verified(record, old, new.record_hash, signer, part_of_record(record), json)
     if new.record_hash != old.record_hash:
         raise typer.Exit(DIFFERS)
 
 
-def _print_verified(path: Path, old: EpisodeRecord, replayed: str | None, signer: Signer, json: bool) -> None:
+def _verify_morning(path: Path, key: str | None, server: str | None, signature_only: bool, json: bool) -> None:
+    """Checks hash and signature of a freeway morning's record.
+
+    Raises:
+        InvalidInputError: It is to be driven again, and its planner was a policy worker.
+    """
+    morning = read_morning(path)
+    signer = check_signature(path, morning, key, server)
+    if not signature_only:
+        raise InvalidInputError(
+            f"'{path}': a policy worker planned this morning, so it cannot be driven again"
+            " (--signature-only checks the rest)"
+        )
+    _print_verified(path, morning, None, signer, "", json)
+
+
+def _print_verified(path: Path, old: Sealed, replayed: str | None, signer: Signer, part: str, json: bool) -> None:
     """Prints the outcome; `replayed` is the hash of the new drive, None if there was none."""
-    same, part = None if replayed is None else replayed == old.record_hash, part_of_record(path)
+    same = None if replayed is None else replayed == old.record_hash
     if json:
         hashes = {"expected": old.record_hash, "replayed": replayed, "same": same}
         print_json({"record": str(path), **hashes, "signature": signer.document, "part": part or None})

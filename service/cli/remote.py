@@ -10,9 +10,10 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from dohyo.evaluation.freeway.morning import MorningsManifest, parse_mornings_manifest
 from dohyo.evaluation.records.foreign_files import check_file_name
 from dohyo.evaluation.records.record import AgentInfo
-from dohyo.evaluation.running.run import MANIFEST, RECORDS, parse_manifest
+from dohyo.evaluation.running.run import MANIFEST, RECORDS, Manifest, parse_manifest
 from dohyo.evaluation.statistics import Estimate
 from dohyo.service.cli.evaluate import parse_seeds, parse_settings
 from dohyo.service.cli.output import DASH, SCORES, Json, console, interval, number, plain, print_json, print_rows
@@ -131,10 +132,12 @@ def fetch(
         folder = out or _default_folder(state)
         if (folder / MANIFEST).exists():
             raise InvalidInputError(f"'{folder}' holds results already: choose another --out")
-        manifest = parse_manifest(dumps(client.manifest(evaluation)).encode(), "the server's manifest")
+        manifest = _manifest(client.manifest(evaluation))
         paths = client.download(evaluation, folder / RECORDS)
         write_atomically(folder / MANIFEST, manifest.model_dump_json(indent=1).encode())
-    console.print(f"{len(paths)} records in {folder} (dohyo report {folder})", highlight=False, soft_wrap=True)
+    drives = isinstance(manifest, Manifest)
+    command = f"dohyo report {folder}" if drives else "dohyo verify --signature-only RECORD"
+    console.print(f"{len(paths)} records in {folder} ({command})", highlight=False, soft_wrap=True)
 
 
 def cancel(evaluation: Which, server: Server = LOCAL, token: Token = None, json: Json = False) -> None:
@@ -227,6 +230,14 @@ def _default_folder(state: Document) -> Path:
     """Result folder of an evaluation; the server's names must be file names."""
     names = (str(state["benchmark"]), f"{state['agent']}-v{state['version']}")
     return Path("out", *(check_file_name(name, "the server's name of benchmark and agent") for name in names))
+
+
+def _manifest(document: Document) -> Manifest | MorningsManifest:
+    """The server's manifest, of drives or of freeway mornings, after its checks."""
+    benchmark = document.get("benchmark")
+    mornings = isinstance(benchmark, dict) and benchmark.get("kind") == "traffic"
+    parse = parse_mornings_manifest if mornings else parse_manifest
+    return parse(dumps(document).encode(), "the server's manifest")
 
 
 def _done(state: Document) -> str:

@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 
 from dohyo.evaluation.records.foreign_files import read_limited
-from dohyo.evaluation.records.record import EpisodeRecord
-from dohyo.evaluation.records.signature import LIMIT_BYTES, Signature, parse_key, read_signature
+from dohyo.evaluation.records.signature import LIMIT_BYTES, Sealed, Signature, parse_key, read_signature
 from dohyo.service.client.known_keys import KnownKeys
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -48,7 +47,7 @@ class Signer:
         return f"by {self.key}, " + (self.owner or "a key that is not known here (--server, --key)")
 
 
-def check_signature(path: Path, record: EpisodeRecord, key: str | None, server: str | None) -> Signer:
+def check_signature(path: Path, record: Sealed, key: str | None, server: str | None) -> Signer:
     """Checks the signature beside a record.
 
     Args:

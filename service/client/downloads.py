@@ -8,6 +8,7 @@ from typing import Final
 
 from pydantic import ValidationError
 
+from dohyo.evaluation.freeway.morning import MORNING, parse_morning
 from dohyo.evaluation.records.foreign_files import check_file_name
 from dohyo.evaluation.records.signature import Signature, signature_path
 from dohyo.evaluation.records.store import FACTS_LIMIT_BYTES, TABLE_LIMIT_BYTES, parse_record
@@ -22,7 +23,8 @@ class Download:
 
     Attributes:
         path: Path of the record's JSON file.
-        parts: Path, request and largest size of each file; the facts come last, as in `write_record`.
+        parts: Path, request and largest size of each file; the facts come last, as in `write_record`. A freeway morning
+            has no trajectories.
     """
 
     def __init__(self, episode: Document, folder: Path) -> None:
@@ -32,15 +34,14 @@ class Download:
             InvalidInputError: Its names cannot be a file name.
         """
         stem = check_file_name(f"{episode['scenario']}-s{episode['seed']}", "the server's name of an episode")
-        self._episode = episode
+        self._episode, self._is_morning = episode, episode.get("cell") == MORNING
         self.path = folder / f"{stem}.json"
         record, trajectory = (
             Call("GET", path_of("episodes", str(episode["id"]), part)) for part in ("record", "trajectory")
         )
-        self.parts = (
-            (self.path.with_suffix(".parquet"), trajectory, TABLE_LIMIT_BYTES),
-            (self.path, record, FACTS_LIMIT_BYTES),
-        )
+        facts = (self.path, record, FACTS_LIMIT_BYTES)
+        table = (self.path.with_suffix(".parquet"), trajectory, TABLE_LIMIT_BYTES)
+        self.parts = (facts,) if self._is_morning else (table, facts)
 
     def files(self, path: Path, content: bytes, headers: Mapping[str, str]) -> list[tuple[Path, bytes]]:
         """Files to write for one answer: itself, and the signature of the facts before them.
@@ -50,7 +51,8 @@ class Download:
         """
         if path != self.path:
             return [(path, content)]
-        record, episode = parse_record(content, path.name), self._episode
+        parse = parse_morning if self._is_morning else parse_record
+        record, episode = parse(content, path.name), self._episode
         there = (record.scenario.name, record.scenario.seed, record.record_hash)
         if there != (episode["scenario"], episode["seed"], episode["record_hash"]):
             raise InvalidInputError(f"{path.name}: expected the record of this episode, got another episode's")

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, BinaryIO, Final
 
 from fastapi import Depends, Request
 
@@ -190,6 +190,25 @@ def trajectory_of(settings: Settings, episode: Episode) -> Trajectory:
         return read_trajectory(path)
     except InvalidInputError as error:
         raise unreadable(episode, error) from error
+
+
+def open_trajectory(settings: Settings, episode: Episode) -> BinaryIO:
+    """The file of an episode's trajectories, after a check of their hash; it can be read even if it is deleted.
+
+    Raises:
+        ConflictError: The episode has no record yet.
+        GoneError: The record can no longer be read.
+    """
+    path = record_path(settings, episode)
+    _refuse_morning(path, episode)
+    with contextlib.ExitStack() as stack:
+        try:
+            file = stack.enter_context(path.with_suffix(".parquet").open("rb"))
+        except FileNotFoundError as error:
+            raise unreadable(episode, error) from error
+        trajectory_of(settings, episode)
+        stack.pop_all()
+    return file
 
 
 def check_record(settings: Settings, episode: Episode) -> None:

@@ -20,6 +20,7 @@ from dohyo.service.episodes.readers import (
     ReadersOf,
     check_record,
     episode_for,
+    open_trajectory,
     record_of,
     record_path,
     refuse_unrepeatable,
@@ -114,15 +115,11 @@ def get_episode_record(identifier: Identified, request: Request, caller: Reader,
 def get_episode_trajectory(identifier: Identified, request: Request, caller: Reader, services: ServicesOf) -> Response:
     """Trajectories of an episode as Parquet, one row per object and tick; byte ranges are supported."""
     episode, _, _ = episode_for(services, caller, identifier, Aspect.RECORDS)
-    path = record_path(services.settings, episode).with_suffix(".parquet")
+    record_path(services.settings, episode)  # there must be one
     headers = immutable(f"{episode.record_hash}-trajectory", services)
     if already_has(request, headers):
         return Response(status_code=304, headers=headers)
-    try:
-        file = path.open("rb")
-    except FileNotFoundError as error:
-        raise unreadable(episode, error) from error
-    trajectory_of(services.settings, episode)
+    file = open_trajectory(services.settings, episode)
     name = f"{episode.scenario}-s{episode.seed}.parquet"
     return OpenFileResponse(file, headers=headers, media_type="application/vnd.apache.parquet", filename=name)
 

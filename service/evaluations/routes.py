@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 from sqlalchemy.orm import Session
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.freeway.morning import MorningsManifest
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.running.run import Manifest
 from dohyo.service.accounts.access import Caller, Reader, Submitter
@@ -182,20 +183,19 @@ async def stream_evaluation_progress(
     return EventResponse(request, events)
 
 
-@router.get("/{identifier}/manifest", responses=problems(403, 404, 409))
-def get_evaluation_manifest(identifier: Identifier, caller: Reader, services: ServicesOf) -> Manifest:
+@router.get("/{identifier}/manifest", responses=problems(403, 404))
+def get_evaluation_manifest(
+    identifier: Identifier, caller: Reader, services: ServicesOf
+) -> Manifest | MorningsManifest:
     """Manifest of an evaluation with the whole benchmark; with the records it makes a result folder."""
     with services.database.reading() as session:
         evaluation = find_visible(session, caller, identifier)
         require(session, caller, evaluation, Aspect.RECORDS)
-        benchmark = read_benchmark(evaluation.benchmark.document)
-        if not isinstance(benchmark, Benchmark):
-            raise ConflictError(f"evaluation '{identifier}' has freeway mornings: each has a record, but no manifest")
-        return Manifest(
-            agent=AgentInfo.model_validate(evaluation.submission.info),
-            benchmark=benchmark,
-            benchmark_sha256=evaluation.benchmark_sha256,
-        )
+        benchmark, sha256 = read_benchmark(evaluation.benchmark.document), evaluation.benchmark_sha256
+        agent = AgentInfo.model_validate(evaluation.submission.info)
+    if isinstance(benchmark, Benchmark):
+        return Manifest(agent=agent, benchmark=benchmark, benchmark_sha256=sha256)
+    return MorningsManifest(agent=agent, benchmark=benchmark, benchmark_sha256=sha256)
 
 
 @router.get("/{identifier}/episodes", responses=problems(404))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -25,6 +26,7 @@ from dohyo.service.freeway.drive import FASTEST_MPS, checked, last_report, vehic
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.harness import Harness, assert_problem, finish, running
 from tests.service.served import ROOT, Service
+from tests.service.serving import command
 
 PLANNER = {"kind": "remote", "track": "privileged", "sensors": ["speeds"], "control": "target_speeds"}
 NIGHT_S = 7200.0
@@ -54,10 +56,12 @@ def client(service: Service) -> Any:
 
 
 @pytest.mark.slow
-def test_a_planner_in_a_process_of_its_own_has_records_and_scores(client: Client, service: Service) -> None:
+def test_a_planner_in_a_process_of_its_own_has_records_and_scores(
+    client: Client, service: Service, tmp_path: Path
+) -> None:
     evaluation = service.submit(planner("even"), benchmark(2), seeds=(3, 4))
-    command = [sys.executable, "examples/planner.py", service.url, service.token, "even", "2"]
-    worker = subprocess.run(command, cwd=ROOT, env={"PYTHONPATH": str(ROOT)}, timeout=300, capture_output=True)
+    program = [sys.executable, "examples/planner.py", service.url, service.token, "even", "2"]
+    worker = subprocess.run(program, cwd=ROOT, env={"PYTHONPATH": str(ROOT)}, timeout=300, capture_output=True)
     assert worker.returncode == 0, worker.stderr.decode()
     told = [f"{(NIGHT_S + 60 * minute) / 3600:.2f} h" for minute in (1, 2)]
     assert worker.stdout.decode().splitlines() == told * 2
@@ -73,6 +77,30 @@ def test_a_planner_in_a_process_of_its_own_has_records_and_scores(client: Client
     summary = client.get(f"/v1/evaluations/{evaluation}/metrics")["all"]
     assert summary["scores"]["speed_mps"]["mean"] > 10.0
     assert summary["scores"].keys() >= {"speed_std_mps", "throughput_vph"}
+    fetched_mornings_are_verified(evaluation, service, tmp_path)
+
+
+def fetched_mornings_are_verified(evaluation: str, service: Service, folder: Path) -> None:
+    access = ("--server", service.url, "--token", service.submitter_token)
+    done = command("evaluations", "fetch", evaluation, "--out", str(folder), *access)
+    assert f"2 records in {folder}" in done.stdout, done.stderr
+    paths = [path for path in sorted(folder.rglob("*.json")) if path.name != "evaluation.json"]
+    assert [path.name for path in paths] == ["morning-s3.json", "morning-s4.json"]
+    verified = command("verify", str(paths[0]), "--signature-only", "--json")
+    told = json.loads(verified.stdout)
+    assert told["expected"] == json.loads(paths[0].read_text())["record_hash"]
+    key = told["signature"]["key"]
+    assert command("verify", str(paths[1]), "--signature-only", "--key", key).exit_code == 0
+    with pytest.raises(InvalidInputError, match="cannot be driven again"):
+        raise command("verify", str(paths[0])).exception
+    better = json.loads(paths[0].read_text()) | {"plans": 3}
+    paths[0].write_text(json.dumps(better))
+    with pytest.raises(InvalidInputError, match="has been changed"):
+        raise command("verify", str(paths[0]), "--signature-only").exception
+    sealed = MorningRecord.model_validate(better).sealed()
+    paths[0].write_text(sealed.model_dump_json())
+    with pytest.raises(InvalidInputError, match="of another record"):
+        raise command("verify", str(paths[0]), "--signature-only").exception
 
 
 @pytest.mark.slow
@@ -133,7 +161,8 @@ def test_planners_plan_and_drivers_drive(drives_nothing: Harness) -> None:
     ordered = team.post("/v1/evaluations", {"agent": "mine", "benchmark": "dissipation", "ranked": True})
     assert ordered.status_code == 201, ordered.text
     assert ordered.json()["progress"]["total"] == 10
-    assert_problem(team.get(f"/v1/evaluations/{ordered.json()['id']}/manifest"), 409, "freeway mornings")
+    manifest = team.get(f"/v1/evaluations/{ordered.json()['id']}/manifest").json()
+    assert (manifest["agent"]["name"], manifest["benchmark"]["name"]) == ("mine", "dissipation")
     board = team.get("/v1/leaderboard", params={"benchmark": "dissipation"}).json()
     assert (board["metric"], board["rows"]) == ("speed_std_mps", [])
     listed = {one["name"]: one for one in team.get("/v1/benchmarks").json()}

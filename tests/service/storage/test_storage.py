@@ -12,7 +12,7 @@ from sqlalchemy import select
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.service.database.base import now
-from dohyo.service.episodes import routes
+from dohyo.service.episodes import readers
 from dohyo.service.errors import StorageFullError
 from dohyo.service.evaluations.model import Attempt, Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.scheduling import queue
@@ -143,14 +143,14 @@ def test_a_file_that_a_new_row_names_meanwhile_stays(shop: Shop, tmp_path: Path)
 def test_a_file_that_is_being_read_is_read_to_its_end(shop: Shop, monkeypatch: pytest.MonkeyPatch) -> None:
     _, (one,) = shop.evaluation(shop.submission("agent"), [one_record()])
     table = shop.path(one).with_suffix(".parquet")
-    content, real = table.read_bytes(), routes.trajectory_of
+    content, real = table.read_bytes(), readers.trajectory_of
 
     def read_before_the_deletion(*arguments: Any) -> Trajectory:
         found = real(*arguments)
         table.unlink()
         return found
 
-    monkeypatch.setattr(routes, "trajectory_of", read_before_the_deletion)
+    monkeypatch.setattr(readers, "trajectory_of", read_before_the_deletion)
     assert shop.client.get(f"/v1/episodes/{one}/trajectory").content == content
 
 
