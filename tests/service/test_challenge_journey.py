@@ -113,6 +113,28 @@ def make_challenge(page: Page, closes: datetime, shots: Path) -> None:
     expect(page.locator("#phases tbody th")).to_have_text("final")
 
 
+def postpone(page: Page, closes: datetime) -> None:
+    """Moves the end of the phase: refused to an earlier time, done to a later one."""
+    page.get_by_text("postpone the end of a phase").click()
+    page.get_by_label("New end").fill((closes - timedelta(minutes=5)).strftime("%Y-%m-%dT%H:%M:%S"))
+    page.get_by_role("button", name="postpone").click()
+    expect(page.locator("#phases .problem[role=alert]").first).to_contain_text("can only be postponed")
+    page.get_by_label("New end").fill(closes.strftime("%Y-%m-%dT%H:%M:%S"))
+    page.get_by_role("button", name="postpone").click()
+    expect(page.get_by_label("New end")).to_be_hidden()  # the page is new
+    page.wait_for_selector(READY)
+
+
+def mark_a_baseline(page: Page, served: Served, token: str) -> None:
+    for path, body in (("", {"name": "house"}), ("/house/submissions", {"kind": "remote"})):
+        headers = {"authorization": f"Bearer {token}"}
+        httpx.post(f"{served.url}/v1/agents{path}", json=body, headers=headers, trust_env=False).raise_for_status()
+    opened(page, served, "/challenges/autumn/organise")
+    page.locator("#baselines").get_by_label("Agent").select_option("house")
+    page.get_by_role("button", name="mark as baseline").click()
+    expect(page.locator("#baselines tbody")).to_contain_text("house v1")
+
+
 def invite(page: Page, who: str) -> str:
     page.get_by_label("For", exact=True).fill(who)
     page.get_by_role("button", name="make an invitation").click()
@@ -144,7 +166,9 @@ def test_a_challenge_from_its_making_to_its_final_board(
         page = organiser.page
         sign_in(page, served, organiser_token, "/challenges")
         closes = datetime.now() + timedelta(seconds=75)  # the browser's local time zone is that of this process
-        make_challenge(page, closes, tmp_path)
+        make_challenge(page, closes - timedelta(seconds=15), tmp_path)
+        postpone(page, closes)
+        mark_a_baseline(page, served, organiser_token)
         codes = [invite(page, who) for who in ("ann", "bob")]
 
         page.screenshot(path=tmp_path / "invitations.png", full_page=True)

@@ -1,4 +1,4 @@
-/** The organiser's page of a challenge: texts, phases, invitations, teams and entries. */
+/** The organiser's page of a challenge: texts, phases, baselines, invitations, teams and entries. */
 
 import { get, getAll, page, send } from "../api.js";
 import { byId, fill, h } from "../dom.js";
@@ -24,12 +24,13 @@ page(async () => {
       h("h1", {}, `Organise ${challenge.title}`),
     ),
     h("section", { id: "phases" }),
+    h("section", { id: "baselines" }),
     h("section", { id: "invitations" }),
     h("section", { id: "entries" }),
     textPart(challenge),
   );
   showPhases(challenge, benchmarks);
-  await Promise.all([showInvitations(), showEntries(challenge)]);
+  await Promise.all([showBaselines(challenge), showInvitations(), showEntries(challenge)]);
 });
 
 function showPhases(challenge, benchmarks) {
@@ -53,6 +54,7 @@ function showPhases(challenge, benchmarks) {
     byId("phases"),
     h("h2", {}, "Phases"),
     challenge.phases.length > 0 && h("div", { class: "panel wide" }, table(columns, challenge.phases, { name: "phases", caption: "Phases" })),
+    postponePart(challenge),
     h("details", { class: "panel", open: challenge.phases.length === 0 }, h("summary", {}, "add a phase"), phaseForm(benchmarks)),
   );
 }
@@ -97,6 +99,59 @@ function phaseForm(benchmarks) {
       await send("POST", `${base}/phases`, order);
       location.reload();
     },
+  );
+}
+
+/** Moves the closing of a phase to a later time; its grace follows. */
+function postponePart(challenge) {
+  const running = challenge.phases.filter((phase) => ["planned", "open"].includes(phase.state));
+  if (running.length === 0) return null;
+  const postponing = form(
+    [
+      field("Phase", "phase", select(running.map((phase) => [phase.id, phase.name]))),
+      field("New end", "closes", input("datetime-local", { step: 1, required: true }), "A later time. No phase is brought forward, and none is opened again."),
+    ],
+    "postpone",
+    async (values) => {
+      await send("PATCH", `${base}/phases/${encodeURIComponent(values.get("phase"))}`, { closes: instant(values.get("closes")) });
+      location.reload();
+    },
+  );
+  return h("details", { class: "panel" }, h("summary", {}, "postpone the end of a phase"), postponing);
+}
+
+async function showBaselines(challenge) {
+  const agents = (await getAll("/v1/agents")).filter((one) => one.owner === challenge.organiser && one.version);
+  const columns = [
+    { title: "submission", cell: (row) => h("a", { href: `/agents/${encodeURIComponent(row.agent)}` }, `${row.agent} v${row.version}`), csv: (row) => `${row.agent} v${row.version}` },
+    { title: "kind", choice: true, cell: (row) => row.kind, csv: (row) => row.kind },
+    {
+      title: "remove",
+      csv: null,
+      cell: (row) => confirmed("remove", "really remove", "DELETE", `${base}/baselines/${encodeURIComponent(row.submission)}`, again),
+    },
+  ];
+  const again = async () => showBaselines(await get(base));
+  const marking = form(
+    [
+      field("Agent", "agent", select(agents.map((one) => [one.name, one.name]))),
+      field("Version", "version", input("number", { min: 1, placeholder: "the latest" })),
+    ],
+    "mark as baseline",
+    async (values) => {
+      const order = { agent: values.get("agent") };
+      if (values.get("version")) order.version = Number(values.get("version"));
+      await send("POST", `${base}/baselines`, order);
+      await again();
+    },
+  );
+  marking.classList.add("in-line");
+  fill(
+    byId("baselines"),
+    h("h2", {}, "Baselines"),
+    h("p", { class: "note" }, "Submissions of the organiser: their ranked runs stand on the boards without a rank."),
+    agents.length ? h("div", { class: "panel" }, marking) : h("p", { class: "note" }, h("a", { href: "/submit" }, "Submit an agent"), " first."),
+    challenge.baselines.length > 0 && h("div", { class: "panel wide" }, table(columns, challenge.baselines, { name: "baselines", caption: "Baselines" })),
   );
 }
 
