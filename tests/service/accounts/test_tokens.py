@@ -69,7 +69,7 @@ def test_the_first_administrator_is_made_once(database: Database) -> None:
     with database.session() as session:
         revoke_token(session, token.id)
     with database.session() as session:
-        # A revoked one is one: whoever can restart the service gets no new rights by it.
+        # A revoked one counts too: a restart of the service gives no new rights.
         assert first_admin_token(session) is None
 
 

@@ -107,7 +107,7 @@ def test_a_setting_may_not_name_a_file(tmp_path: Path) -> None:
 
 def test_a_network_is_a_name_of_the_catalog(tmp_path: Path) -> None:
     net = tmp_path / "trap.net.xml"
-    os.mkfifo(net)  # whoever opens it waits for ever
+    os.mkfifo(net)  # a program that opens it waits for ever
     with pytest.raises(UntrustedRecordError, match="not in the catalog"):
         build_agents(record_of(info(AUTOPILOT), network=str(net)))
 

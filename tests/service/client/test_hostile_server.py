@@ -1,4 +1,4 @@
-"""A server that wants to harm the machine of whoever fetches records from it, asked by the real command."""
+"""A server that attacks the machines of its clients, asked by the real command."""
 
 from __future__ import annotations
 

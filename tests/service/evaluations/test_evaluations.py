@@ -279,7 +279,7 @@ def test_progress_tells_the_state_first_then_each_episode_then_the_end(service: 
     assert not events._subscriptions
 
 
-def test_whoever_comes_back_after_the_end_is_told_to_stop(service: Harness) -> None:
+def test_a_reader_that_comes_back_after_the_end_is_told_to_stop(service: Harness) -> None:
     team = service.caller("team")
     team.agent("a")
     evaluation = team.evaluation("a")

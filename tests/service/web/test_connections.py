@@ -22,7 +22,7 @@ from tests.service.serving import Served, serving
 
 ATTACKERS, ROOM = 1500, 1000
 PATIENCE_S = 20.0
-# A slow request may take ten minutes: whoever is answered in this test is answered beside those that are open.
+# A slow request may take ten minutes: each answer of this test comes while those are open.
 FEW_AND_PATIENT = f"""
 import os, dohyo.service.server as server
 from functools import partial

@@ -111,7 +111,7 @@ def test_a_rate_refills_steadily() -> None:
     assert [limit._take("a") > 0 for _ in range(3)] == [False, False, True]
     for key in "bcdefg":
         limit._take(key)
-    assert len(limit._buckets) == 3  # whoever invents addresses fills no memory
+    assert len(limit._buckets) == 3  # invented addresses fill no memory
 
 
 def test_browsers_are_told_to_run_nothing_foreign(service: Harness) -> None:

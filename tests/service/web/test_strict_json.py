@@ -34,7 +34,7 @@ HOSTILE = {
 }
 ORDERS: dict[str, dict[str, Any]] = {
     "/v1/tokens": {"owner": "blue", "role": "reader", "expires_in_days": 3},
-    "/v1/agents": {"name": "other", "description": "Theirs."},
+    "/v1/agents": {"name": "other", "description": "Of another owner."},
     "/v1/agents/{name}/submissions": {
         "kind": "remote", "name": "x", "track": "map", "sensors": ["speedometer"], "control": "target_speed_steering",
         "entry": "a:B", "source_sha256": "", "settings": {"x": 1},
