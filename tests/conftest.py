@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 import pytest
 from hypothesis import settings
 
+from dohyo.sumo_networks import processes
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Scenario
@@ -17,6 +18,8 @@ from tests.skips import pytest_runtest_makereport as pytest_runtest_makereport
 # The same examples in every run; the first call of a kernel may compile it for seconds.
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
 settings.load_profile("repeatable")
+
+processes.PRELOADED = "tests.preloaded"
 
 Start = Callable[[Scenario], tuple[Simulation, World]]
 MakeEnv = Callable[..., DrivingEnv]

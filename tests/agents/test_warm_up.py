@@ -16,8 +16,10 @@ from numba.core.dispatcher import Dispatcher
 from dohyo.agents.registry import resolve_with
 from dohyo.evaluation.agent import Agent, Mission, Observation, make_agent
 from dohyo.evaluation.episode.runner import drive_episode
-from dohyo.sumo_networks.processes import PRELOADED, worker_pool
+from dohyo.sumo_networks.processes import worker_pool
 from tests.evaluation.episode.test_runner import scenario
+
+PRELOADED = "dohyo.sumo_networks.preloaded"
 
 AGENTS: dict[str, dict[str, Any]] = {
     "autopilot": {},
@@ -101,8 +103,8 @@ from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.episode.runner import drive_episode
 from tests.evaluation.episode.test_runner import scenario
 
-agent = make_agent(*resolve_with("autopilot", {"localization": "es-ekf"}))
-record, _ = drive_episode(scenario(time_limit_s=6.0), {"ego": agent}, act_deadline_s=2.0)
+agent = make_agent(*resolve_with("autopilot", {}))
+record, _ = drive_episode(scenario(time_limit_s=2.0), {"ego": agent}, act_deadline_s=2.0)
 print(record.egos[0].failure)
 """
 

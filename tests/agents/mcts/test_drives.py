@@ -10,8 +10,8 @@ from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.episode.runner import run_episode
 
 SETTINGS = {
-    "mbappe": {"predictor": "constant_velocity", "simulations": 64},
-    "random-shooting": {"predictor": "constant_velocity", "simulations": 64},
+    "mbappe": {"predictor": "constant_velocity", "simulations": 16},
+    "random-shooting": {"predictor": "constant_velocity", "simulations": 16},
 }
 
 

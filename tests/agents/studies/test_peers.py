@@ -14,15 +14,15 @@ from dohyo.agents.studies.study import read_results
 @pytest.mark.slow
 def test_both_libraries_train_and_are_judged_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     short = dataclasses.replace(
-        peers.MATCHES[1], steps=400, config=peers.MATCHES[1].config.model_copy(update={"round_steps": 200})
+        peers.MATCHES[1], steps=200, config=peers.MATCHES[1].config.model_copy(update={"round_steps": 100})
     )
     assert (short.env, short.algorithm) == ("Pendulum-v1", "sac")
     monkeypatch.setattr(peers, "MATCHES", (short,))
-    peers.STUDY.run(tmp_path, ["episodes=2"], chosen=lambda cell: cell.training_seed == 0)
+    peers.STUDY.run(tmp_path, ["episodes=1"], chosen=lambda cell: cell.training_seed == 0)
     rows = read_results(tmp_path).rows
     assert [row["arm"] for row in rows] == ["sac, dohyo", "sac, stable-baselines3"]
-    assert all(row["steps"] == 400 and -2500.0 < row["return"] < 0.0 for row in rows)
-    assert all(abs(row["updates"] - 300) <= 1 for row in rows)
+    assert all(row["steps"] == 200 and -2500.0 < row["return"] < 0.0 for row in rows)
+    assert all(abs(row["updates"] - 100) <= 1 for row in rows)
     table = peers.table(read_results(tmp_path))
-    assert "Pendulum-v1 | SAC | dohyo | 400 | 1" in table
+    assert "Pendulum-v1 | SAC | dohyo | 200 | 1" in table
     assert "stable-baselines3" in table

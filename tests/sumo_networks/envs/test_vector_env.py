@@ -452,8 +452,8 @@ def test_torchrl_collects_in_processes_of_its_own() -> None:
 
     from dohyo.sumo_networks.envs.torchrl_env import make_torchrl_env
 
-    makers = [partial(make_torchrl_env, [scenario(5.0, limit_s=0.6)], 1, seed=seed) for seed in range(2)]
-    collector = MultiAsyncCollector(makers, None, frames_per_batch=12, total_frames=24)
+    make = partial(make_torchrl_env, [scenario(5.0, limit_s=0.6)], 1, seed=0)
+    collector = MultiAsyncCollector([make], None, frames_per_batch=12, total_frames=24)
     frames = sum(batch.numel() for batch in collector)
     collector.shutdown()
     assert frames == 24

@@ -1,0 +1,9 @@
+"""Imported by the server that the worker processes of tests are forked from: hundreds that would each load torch."""
+
+from __future__ import annotations
+
+import dohyo.agents.experts.autopilot
+import dohyo.agents.learning.gymnasium.task
+import dohyo.agents.mcts.mbappe
+import dohyo.evaluation.running.executors
+import dohyo.sumo_networks.preloaded  # noqa: F401
