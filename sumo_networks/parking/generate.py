@@ -11,9 +11,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dohyo.sumo_networks.arrays import FloatArray
-from dohyo.sumo_networks.parking.arrays import Scenery
-from dohyo.sumo_networks.parking.contact import distance_to_segment
-from dohyo.sumo_networks.parking.radar import Kind, pack_box
+from dohyo.sumo_networks.parking.contact import distance_to_segment, store_box
+from dohyo.sumo_networks.parking.lot import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS
+from dohyo.sumo_networks.parking.radar import Kind
+from dohyo.sumo_networks.parking.tables import BOXES, FREE, KIND, LIMIT, SPOTS, WALKERS, WALLS, Tables
 
 DAY_TICKS: Final = 600
 ROW_GAP_M: Final = 0.5
@@ -62,41 +63,41 @@ def _whole(state: NDArray[np.uint64], low: int, high: int) -> int:
 
 
 @njit(cache=True)
-def draw(lot: int, scene: int, seed: int, scenery: Scenery, starts: FloatArray) -> None:
+def draw(lot: int, scene: int, seed: int, tables: Tables, starts: FloatArray) -> None:
     """Draws a lot.
 
     Args:
         lot: Row to write.
         scene: `Scene`.
         seed: Everything in the lot follows from it, the scene and the number of karts.
-        scenery: Arrays to write to.
+        tables: Arrays to write to.
         starts: (K, 3) poses of the karts, to write to: x, y [m], heading [rad].
     """
     state = np.empty(1, np.uint64)
     state[0] = np.uint64(seed) * np.uint64(0x2545F4914F6CDD1D) + np.uint64(scene + 1)
-    scenery.wall_count[lot] = scenery.box_count[lot] = scenery.spot_count[lot] = scenery.walker_count[lot] = 0
-    scenery.ticks[lot] = DAY_TICKS
+    tables.lots[lot] = 0
+    tables.lots[lot, LIMIT] = DAY_TICKS
     if scene == _SIMPLE:
-        _draw_simple(state, lot, scenery, starts)
+        _draw_simple(state, lot, tables, starts)
         return
     width, depth = _uniform(state, 40.0, 56.0), _uniform(state, 30.0, 40.0)
-    _add_wall(lot, scenery, -width / 2, -depth / 2, width / 2, -depth / 2)
-    _add_wall(lot, scenery, width / 2, -depth / 2, width / 2, depth / 2)
-    _add_wall(lot, scenery, width / 2, depth / 2, -width / 2, depth / 2)
-    _add_wall(lot, scenery, -width / 2, depth / 2, -width / 2, -depth / 2)
-    lowest = _draw_row(state, lot, scene, scenery, width, depth, starts.shape[0])
-    _draw_obstacles(state, lot, scenery, width, -depth / 2 + 11.0, lowest - 7.0)
-    _draw_starts(state, lot, scenery, starts, width, depth)
+    _add_wall(lot, tables, -width / 2, -depth / 2, width / 2, -depth / 2)
+    _add_wall(lot, tables, width / 2, -depth / 2, width / 2, depth / 2)
+    _add_wall(lot, tables, width / 2, depth / 2, -width / 2, depth / 2)
+    _add_wall(lot, tables, -width / 2, depth / 2, -width / 2, -depth / 2)
+    lowest = _draw_row(state, lot, scene, tables, width, depth, starts.shape[0])
+    _draw_obstacles(state, lot, tables, width, -depth / 2 + 11.0, lowest - 7.0)
+    _draw_starts(state, lot, tables, starts, width, depth)
     if scene == _PEDESTRIANS:
-        _draw_walkers(state, lot, scenery, starts, width, depth, lowest)
+        _draw_walkers(state, lot, tables, starts, width, depth, lowest)
 
 
 @njit(cache=True)
-def _draw_simple(state: NDArray[np.uint64], lot: int, scenery: Scenery, starts: FloatArray) -> None:
+def _draw_simple(state: NDArray[np.uint64], lot: int, tables: Tables, starts: FloatArray) -> None:
     """Spots side by side in the open, all with heading north, and karts up to 28 m from the nearest one."""
     x, y = _uniform(state, -10.0, 10.0), _uniform(state, -10.0, 10.0)
     for number in range(starts.shape[0]):
-        _add_spot(lot, scenery, x + 6.0 * number, y, math.pi / 2, 5.0, 2.5, True)
+        _add_spot(lot, tables, x + 6.0 * number, y, math.pi / 2, 5.0, 2.5, True)
     for number in range(starts.shape[0]):
         for _ in range(TRIES):
             distance, bearing = _uniform(state, 5.0, 28.0), _uniform(state, -math.pi, math.pi)
@@ -118,7 +119,7 @@ def _apart(starts: FloatArray, number: int) -> bool:
 
 @njit(cache=True)
 def _draw_row(
-    state: NDArray[np.uint64], lot: int, scene: int, scenery: Scenery, width: float, depth: float, karts: int
+    state: NDArray[np.uint64], lot: int, scene: int, tables: Tables, width: float, depth: float, karts: int
 ) -> float:
     """Draws the row of spots along the north wall; returns the y of its southern edge, m."""
     heading, length, across = math.pi / 2, 5.0, 2.5
@@ -140,14 +141,14 @@ def _draw_row(
         left -= 1
         free -= 1 if is_free else 0
         x = first + pitch * number
-        _add_spot(lot, scenery, x, y, heading, length, across, is_free)
+        _add_spot(lot, tables, x, y, heading, length, across, is_free)
         if not is_free:
             turned = heading if _uniform(state, 0.0, 1.0) < 0.7 else heading + math.pi
             turned += _uniform(state, -0.03, 0.03)
             sideways = _uniform(state, -0.1, 0.1)
             _add_box(
                 lot,
-                scenery,
+                tables,
                 _CAR,
                 x - sideways * math.sin(heading),
                 y + sideways * math.cos(heading),
@@ -159,11 +160,9 @@ def _draw_row(
 
 
 @njit(cache=True)
-def _draw_obstacles(
-    state: NDArray[np.uint64], lot: int, scenery: Scenery, width: float, low: float, high: float
-) -> None:
+def _draw_obstacles(state: NDArray[np.uint64], lot: int, tables: Tables, width: float, low: float, high: float) -> None:
     """Draws blocks and cars between the start zone and the aisle, with room for a kart between any two."""
-    first = scenery.box_count[lot]
+    first = tables.lots[lot, BOXES]
     for _ in range(_whole(state, 2, 5)):
         for _ in range(TRIES):
             x, y = _uniform(state, -width / 2 + 4.0, width / 2 - 4.0), _uniform(state, low, max(high, low + 0.5))
@@ -171,17 +170,17 @@ def _draw_obstacles(
             length = _uniform(state, 3.8, 4.6) if car else _uniform(state, 1.0, 4.0)
             across = _uniform(state, 1.65, 1.85) if car else _uniform(state, 0.5, 1.5)
             radius, fits = 0.5 * math.hypot(length, across), True
-            for other in range(first, scenery.box_count[lot]):
-                box = scenery.packed[lot, other]
-                fits = fits and math.hypot(box[0] - x, box[1] - y) > radius + box[6] + 3.0
+            for other in range(first, tables.lots[lot, BOXES]):
+                box = tables.boxes[lot * MAX_BOXES + other]
+                fits = fits and math.hypot(box[0] - x, box[1] - y) > radius + box[7] + 3.0
             if fits:
-                _add_box(lot, scenery, _CAR if car else _BLOCK, x, y, heading, length, across)
+                _add_box(lot, tables, _CAR if car else _BLOCK, x, y, heading, length, across)
                 break
 
 
 @njit(cache=True)
 def _draw_starts(
-    state: NDArray[np.uint64], lot: int, scenery: Scenery, starts: FloatArray, width: float, depth: float
+    state: NDArray[np.uint64], lot: int, tables: Tables, starts: FloatArray, width: float, depth: float
 ) -> None:
     """Draws starts in the south of the lot, with room to drive off forwards."""
     for number in range(starts.shape[0]):
@@ -191,7 +190,7 @@ def _draw_starts(
             start[1] = _uniform(state, -depth / 2 + 2.5, -depth / 2 + 8.0)
             start[2] = _uniform(state, -math.pi, math.pi)
             ahead_x, ahead_y = start[0] + 3.0 * math.cos(start[2]), start[1] + 3.0 * math.sin(start[2])
-            if _apart(starts, number) and _wall_distance(lot, scenery, ahead_x, ahead_y) > 3.5:
+            if _apart(starts, number) and _wall_distance(lot, tables, ahead_x, ahead_y) > 3.5:
                 break
         else:
             # Side by side with heading north, which always fits.
@@ -199,18 +198,24 @@ def _draw_starts(
 
 
 @njit(cache=True)
-def _wall_distance(lot: int, scenery: Scenery, x: float, y: float) -> float:
+def _wall_distance(lot: int, tables: Tables, x: float, y: float) -> float:
     nearest = math.inf
-    for wall in range(scenery.wall_count[lot]):
-        nearest = min(nearest, distance_to_segment(scenery.walls[lot, wall], x, y))
+    for wall in range(tables.lots[lot, WALLS]):
+        nearest = min(nearest, _way_distance(tables.walls[lot * MAX_WALLS + wall], x, y))
     return nearest
+
+
+@njit(cache=True)
+def _way_distance(row: FloatArray, x: float, y: float) -> float:
+    """Distance of a point to the way between two points, the first four numbers of a row."""
+    return distance_to_segment(row[0], row[1], row[2], row[3], x, y)
 
 
 @njit(cache=True)
 def _draw_walkers(
     state: NDArray[np.uint64],
     lot: int,
-    scenery: Scenery,
+    tables: Tables,
     starts: FloatArray,
     width: float,
     depth: float,
@@ -218,7 +223,7 @@ def _draw_walkers(
 ) -> None:
     """Draws pedestrians who walk to and fro between karts and spots, around all boxes."""
     for _ in range(_whole(state, 1, 4)):
-        walker = scenery.walkers[lot, scenery.walker_count[lot]]
+        walker = tables.walkers[lot * MAX_PEDESTRIANS + tables.lots[lot, WALKERS]]
         for _ in range(TRIES):
             walker[0], walker[2] = (
                 _uniform(state, -width / 2 + 1, width / 2 - 1),
@@ -230,41 +235,38 @@ def _draw_walkers(
             )
             walker[4], walker[5] = _uniform(state, 0.8, 1.5), 0.3
             fits = math.hypot(walker[2] - walker[0], walker[3] - walker[1]) > 6.0
-            for box in range(scenery.box_count[lot]):
-                packed = scenery.packed[lot, box]
-                fits = fits and distance_to_segment(walker[:4], packed[0], packed[1]) > packed[6] + 0.4
+            for box in range(tables.lots[lot, BOXES]):
+                stored = tables.boxes[lot * MAX_BOXES + box]
+                fits = fits and _way_distance(walker, stored[0], stored[1]) > stored[7] + 0.4
             for number in range(starts.shape[0]):
                 fits = fits and math.hypot(walker[0] - starts[number, 0], walker[1] - starts[number, 1]) > 4.0
             if fits:
-                scenery.walker_count[lot] += 1
+                tables.lots[lot, WALKERS] += 1
                 break
 
 
 @njit(cache=True)
-def _add_wall(lot: int, scenery: Scenery, x0: float, y0: float, x1: float, y1: float) -> None:
-    row = scenery.walls[lot, scenery.wall_count[lot]]
+def _add_wall(lot: int, tables: Tables, x0: float, y0: float, x1: float, y1: float) -> None:
+    row = tables.walls[lot * MAX_WALLS + tables.lots[lot, WALLS]]
     row[0], row[1], row[2], row[3] = x0, y0, x1, y1
-    scenery.wall_count[lot] += 1
+    tables.lots[lot, WALLS] += 1
 
 
 @njit(cache=True)
 def _add_spot(
-    lot: int, scenery: Scenery, x: float, y: float, heading: float, length: float, width: float, free: bool
+    lot: int, tables: Tables, x: float, y: float, heading: float, length: float, width: float, free: bool
 ) -> None:
-    number = scenery.spot_count[lot]
-    row = scenery.spots[lot, number]
-    row[0], row[1], row[2], row[3], row[4] = x, y, heading, length, width
-    scenery.spot_free[lot, number] = free
-    scenery.spot_count[lot] += 1
+    row = lot * MAX_SPOTS + tables.lots[lot, SPOTS]
+    store_box(tables.spots, row, x, y, heading, length, width)
+    tables.spots[row, FREE] = 1.0 if free else 0.0
+    tables.lots[lot, SPOTS] += 1
 
 
 @njit(cache=True)
 def _add_box(
-    lot: int, scenery: Scenery, kind: int, x: float, y: float, heading: float, length: float, width: float
+    lot: int, tables: Tables, kind: int, x: float, y: float, heading: float, length: float, width: float
 ) -> None:
-    number = scenery.box_count[lot]
-    row = scenery.boxes[lot, number]
-    row[0], row[1], row[2], row[3], row[4] = x, y, heading, length, width
-    pack_box(row, scenery.packed[lot, number])
-    scenery.box_kind[lot, number] = kind
-    scenery.box_count[lot] += 1
+    row = lot * MAX_BOXES + tables.lots[lot, BOXES]
+    store_box(tables.boxes, row, x, y, heading, length, width)
+    tables.boxes[row, KIND] = kind
+    tables.lots[lot, BOXES] += 1

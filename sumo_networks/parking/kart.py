@@ -43,10 +43,11 @@ STEERING_LAG_S: Final = 0.15
 RADIUS_M: Final = 0.5 * math.hypot(LENGTH_M, WIDTH_M)
 """Of the circle around the box."""
 
-X, Y, HEADING, SPEED, STEERING, MOTOR, BRAKE = range(7)
-"""Columns of a kart's state: centre of the box [m], heading [rad], speed [m/s, negative in reverse], steering angle
-[rad, left positive], and the torques [Nm] that motor and brake have at present."""
-STATE: Final = 7
+X, Y, HEADING, COS, SIN, SPEED, STEERING, MOTOR, BRAKE, DRIVEN = range(10)
+"""Columns of a kart's state: centre of the box [m], heading [rad] with its cosine and sine, speed [m/s, negative in
+reverse], steering angle [rad, left positive], the torques [Nm] that motor and brake have at present, and the distance
+driven [m]."""
+STATE: Final = 10
 
 _MOTOR_STEP: Final = 1.0 - math.exp(-SUBSTEP_S / MOTOR_LAG_S)
 _BRAKE_STEP: Final = 1.0 - math.exp(-SUBSTEP_S / BRAKE_LAG_S)
@@ -54,32 +55,60 @@ _STEERING_STEP: Final = 1.0 - math.exp(-SUBSTEP_S / STEERING_LAG_S)
 
 
 @njit(cache=True)
-def drive(kart: FloatArray, torque: float, steering: float, brake: float) -> None:
+def drive(karts: FloatArray, number: int, torque: float, steering: float, brake: float) -> None:
     """Advances a kart by one substep.
 
     Args:
-        kart: (7,) state, which is changed.
+        karts: (K, 10) states, of which one is changed.
+        number: Its row.
         torque: Motor torque as a share of its maximum, in [-1, 1]; negative: backwards.
         steering: Steering angle as a share of its maximum, in [-1, 1]; positive: left.
         brake: Brake torque as a share of its maximum; none below 0.
     """
-    kart[MOTOR] += (torque * MAX_MOTOR_TORQUE_NM - kart[MOTOR]) * _MOTOR_STEP
-    kart[BRAKE] += (max(brake, 0.0) * MAX_BRAKE_TORQUE_NM - kart[BRAKE]) * _BRAKE_STEP
-    kart[STEERING] += (steering * MAX_STEERING_RAD - kart[STEERING]) * _STEERING_STEP
-    before = kart[SPEED]
-    kart[SPEED] = _next_speed(before, kart[MOTOR], kart[BRAKE])
-    distance = 0.5 * (before + kart[SPEED]) * SUBSTEP_S
+    motor = karts[number, MOTOR] + (torque * MAX_MOTOR_TORQUE_NM - karts[number, MOTOR]) * _MOTOR_STEP
+    braked = karts[number, BRAKE] + (max(brake, 0.0) * MAX_BRAKE_TORQUE_NM - karts[number, BRAKE]) * _BRAKE_STEP
+    if braked < 1e-9:
+        braked = 0.0  # numbers near the smallest that there are make a processor slow
+    steered = karts[number, STEERING] + (steering * MAX_STEERING_RAD - karts[number, STEERING]) * _STEERING_STEP
+    before = karts[number, SPEED]
+    speed = _next_speed(before, motor, braked)
+    karts[number, MOTOR], karts[number, BRAKE], karts[number, STEERING] = motor, braked, steered
+    karts[number, SPEED] = speed
+    distance = 0.5 * (before + speed) * SUBSTEP_S
     if distance == 0.0:
         return
-    curvature = math.tan(kart[STEERING]) / WHEELBASE_M
-    most = GRIP * GRAVITY_MPS2 / max(kart[SPEED] * kart[SPEED], 1e-9)
-    turned = distance * min(max(curvature, -most), most)
+    karts[number, DRIVEN] += abs(distance)
+    most = GRIP * GRAVITY_MPS2 / max(speed * speed, 1e-9)
+    turned = distance * min(max(_tangent(steered) / WHEELBASE_M, -most), most)
     # The rear axle moves along the chord of its arc; the centre of the box is half a wheelbase before it.
-    heading, middle, half = kart[HEADING], kart[HEADING] + 0.5 * turned, 0.5 * WHEELBASE_M
-    after = heading + turned
-    kart[X] += distance * math.cos(middle) + half * (math.cos(after) - math.cos(heading))
-    kart[Y] += distance * math.sin(middle) + half * (math.sin(after) - math.sin(heading))
-    kart[HEADING] = (after + math.pi) % (2.0 * math.pi) - math.pi
+    cos, sin = karts[number, COS], karts[number, SIN]
+    middle_cos, middle_sin = _rotated(cos, sin, 0.5 * turned)
+    after_cos, after_sin = _rotated(middle_cos, middle_sin, 0.5 * turned)
+    karts[number, X] += distance * middle_cos + 0.5 * WHEELBASE_M * (after_cos - cos)
+    karts[number, Y] += distance * middle_sin + 0.5 * WHEELBASE_M * (after_sin - sin)
+    karts[number, COS], karts[number, SIN] = after_cos, after_sin
+    heading = karts[number, HEADING] + turned
+    if heading >= math.pi:
+        heading -= 2.0 * math.pi
+    elif heading < -math.pi:
+        heading += 2.0 * math.pi
+    karts[number, HEADING] = heading
+
+
+@njit(cache=True)
+def _tangent(angle: float) -> float:
+    """Tangent by a continued fraction: within 2e-9 up to 30 degrees, and faster than the exact one."""
+    square = angle * angle
+    return angle * (945.0 - square * (105.0 - square)) / (945.0 - square * (420.0 - 15.0 * square))
+
+
+@njit(cache=True)
+def _rotated(cos: float, sin: float, angle: float) -> tuple[float, float]:
+    """A direction turned by a small angle, by series: within 1e-15 up to 0.05 rad."""
+    square = angle * angle
+    turn_cos = 1.0 - square * (0.5 - square * (1.0 / 24.0 - square / 720.0))
+    turn_sin = angle * (1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0 - square / 5040.0)))
+    return cos * turn_cos - sin * turn_sin, sin * turn_cos + cos * turn_sin
 
 
 @njit(cache=True)

@@ -1,4 +1,7 @@
-"""Kernels over all lots: beginning, one tick of 0.1 s, observations."""
+"""Kernels over all lots: the beginning of an episode, and one tick of 0.1 s.
+
+Rows and columns are those of `tables`. Helpers take the few tables that they use.
+"""
 
 from __future__ import annotations
 
@@ -8,340 +11,366 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from dohyo.sumo_networks.geometry import box_overlaps, wrap
-from dohyo.sumo_networks.parking import kart, radar, rules
-from dohyo.sumo_networks.parking.arrays import Episodes, Scenery
-from dohyo.sumo_networks.parking.contact import box_touches_disc, box_touches_segment, distance_to_box
-from dohyo.sumo_networks.parking.observation import write_radar, write_state
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.geometry import wrap
+from dohyo.sumo_networks.parking import kart, rules
+from dohyo.sumo_networks.parking.contact import STORED, boxes_touch, distance_to, touches_segment
+from dohyo.sumo_networks.parking.lot import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS
+from dohyo.sumo_networks.parking.radar import Kind
+from dohyo.sumo_networks.parking.rules import Outcome
+from dohyo.sumo_networks.parking.tables import (
+    BOXES,
+    ENDED,
+    FREE,
+    GEAR,
+    HELD,
+    KIND,
+    LIMIT,
+    OUTCOME,
+    SHUNTS,
+    SPOTS,
+    TARGET,
+    TICK,
+    TOUCHED,
+    WALK_RADIUS,
+    WALK_SPEED,
+    WALK_X,
+    WALK_Y,
+    WALKED,
+    WALKERS,
+    WALLS,
+    Tables,
+)
 
-_RUNNING, _PARKED, _COLLIDED, _TIMED_OUT, _REVERSED, _MISALIGNED, _STRAYED, _ABSENT = range(8)
-_WALL, _CAR, _KART, _PEDESTRIAN = 1, 2, 3, 4
+_RUNNING, _PARKED, _COLLIDED = int(Outcome.RUNNING), int(Outcome.PARKED), int(Outcome.COLLIDED)
+_TIMED_OUT, _REVERSED, _MISALIGNED = int(Outcome.TIMED_OUT), int(Outcome.REVERSED), int(Outcome.MISALIGNED)
+_STRAYED, _ABSENT = int(Outcome.STRAYED), int(Outcome.ABSENT)
+_WALL, _KART, _PEDESTRIAN = int(Kind.WALL), int(Kind.KART), int(Kind.PEDESTRIAN)
 WAITS_M: Final = 0.6
 """A pedestrian waits while the next step would lead nearer than this to a kart."""
+_TRAVEL_M: Final = 1.01 * kart.MAX_SPEED_MPS * kart.TICK_S
 
 
 @njit(cache=True)
-def begin(lot: int, starts: FloatArray, scenery: Scenery, episodes: Episodes) -> None:
-    """Begins the episode of a lot whose scenery is drawn, with (K', 3) karts at rest; the others are absent."""
-    for number in range(episodes.karts.shape[1]):
-        body = episodes.karts[lot, number]
-        body[:] = 0.0
-        there = number < starts.shape[0]
+def begin(lot: int, starts: FloatArray, tables: Tables) -> None:
+    """Begins an episode in a lot, with (K', 3) karts at rest: x, y [m], heading [rad]; the other karts are absent."""
+    karts, counts, walkers = tables.karts, tables.counts, tables.walkers
+    size = karts.shape[0] // tables.lots.shape[0]
+    for number in range(size):
+        row, there = lot * size + number, number < starts.shape[0]
+        karts[row] = 0.0
+        counts[row] = 0
+        counts[row, OUTCOME] = _RUNNING if there else _ABSENT
         if there:
-            body[kart.X], body[kart.Y], body[kart.HEADING] = (
-                starts[number, 0],
-                starts[number, 1],
-                wrap(starts[number, 2]),
-            )
-        episodes.outcome[lot, number] = _RUNNING if there else _ABSENT
-        episodes.held[lot, number] = episodes.touched[lot, number] = episodes.shunts[lot, number] = 0
-        episodes.gear[lot, number] = episodes.ended_at[lot, number] = 0
-        episodes.driven_m[lot, number] = 0.0
-    episodes.walked_m[lot, :] = 0.0
-    episodes.tick[lot] = 0
-    for number in range(episodes.karts.shape[1]):
-        episodes.target[lot, number] = 0
-        if episodes.outcome[lot, number] == _RUNNING:
-            episodes.target[lot, number] = max(_nearest_free(lot, number, scenery, episodes), 0)
+            heading = wrap(starts[number, 2])
+            karts[row, kart.X], karts[row, kart.Y] = starts[number, 0], starts[number, 1]
+            karts[row, kart.HEADING] = heading
+            karts[row, kart.COS], karts[row, kart.SIN] = math.cos(heading), math.sin(heading)
+    for row in range(lot * MAX_PEDESTRIANS, (lot + 1) * MAX_PEDESTRIANS):
+        walkers[row, WALKED], walkers[row, WALK_X], walkers[row, WALK_Y] = 0.0, walkers[row, 0], walkers[row, 1]
+    tables.lots[lot, TICK] = 0
+    for row in range(lot * size, lot * size + starts.shape[0]):
+        _choose_target(lot, row, size, tables.spots, tables.lots[lot, SPOTS], karts, counts)
 
 
 @njit(cache=True)
-def advance(scenery: Scenery, episodes: Episodes, actions: FloatArray, rewards: FloatArray) -> None:
+def advance(tables: Tables, actions: FloatArray, rewards: FloatArray) -> None:
     """Advances every lot in which a kart's episode runs by one tick.
 
     Args:
-        scenery: Of N lots.
-        episodes: Their episodes, which are changed.
-        actions: (N, K, 3) shares of motor torque, steering angle, brake torque, in [-1, 1].
-        rewards: (N, K) to write to; 0 where no episode ran.
+        tables: Of N lots, which are changed.
+        actions: (N * K, 3) shares of motor torque, steering angle, brake torque, in [-1, 1].
+        rewards: (N * K,) to write to; 0 where no episode ran.
     """
-    lots, karts = episodes.outcome.shape
-    boxes, before = np.empty((karts, 5)), np.empty(karts)
-    running = np.empty(karts, np.bool_)
-    for lot in range(lots):
-        any_runs = False
-        for number in range(karts):
-            running[number] = episodes.outcome[lot, number] == _RUNNING
-            any_runs |= running[number]
-            rewards[lot, number] = 0.0
-            if episodes.outcome[lot, number] != _ABSENT:
-                _write_box(episodes.karts[lot, number], boxes[number])
-                before[number] = _spot_distance(lot, number, scenery, episodes)
-        if not any_runs:
+    walls, boxes, spots, walkers, lots, rule, karts, counts = tables
+    size = karts.shape[0] // lots.shape[0]
+    bodies, before = np.zeros((size, STORED)), np.zeros(size)
+    near_boxes, near_walls = np.zeros(MAX_BOXES, np.int64), np.zeros(MAX_WALLS, np.int64)
+    rewards[:] = 0.0
+    for lot in range(lots.shape[0]):
+        first, radius, running = lot * size, rule[lot, rules.RADIUS], 0
+        for number in range(size):
+            row = first + number
+            running += counts[row, OUTCOME] == _RUNNING
+            _write_body(karts, row, bodies, number)
+            before[number] = _distance(spots, lot * MAX_SPOTS + counts[row, TARGET], bodies, number)
+        if running == 0:
             continue
-        episodes.tick[lot] += 1
-        _drive_lot(lot, scenery, episodes, actions, boxes)
-        for number in range(karts):
-            if running[number]:
-                _judge(lot, number, scenery, episodes, actions[lot, number, 0])
-                reward = _reward(episodes.outcome[lot, number])
-                if episodes.rules[lot, rules.PROGRESS] != 0.0:
-                    nearer = before[number] - _spot_distance(lot, number, scenery, episodes)
-                    reward += episodes.rules[lot, rules.PROGRESS] * nearer
-                rewards[lot, number] = reward
-        for number in range(karts):
-            if episodes.outcome[lot, number] == _RUNNING:
-                _keep_or_change_target(lot, number, scenery, episodes)
+        meets_walker = _walk(lot, walkers, lots[lot, WALKERS], bodies, counts)
+        box_count = _find_boxes(lot, boxes, lots[lot, BOXES], bodies, near_boxes)
+        wall_count = _find_walls(lot, walls, lots[lot, WALLS], bodies, near_walls)
+        # Where no kart can touch anything in this tick, each takes all substeps in one go, which is faster.
+        calm = box_count + wall_count == 0 and not (meets_walker or _karts_are_near(bodies))
+        for _ in range(1 if calm else kart.SUBSTEPS):
+            for number in range(size):
+                if counts[first + number, OUTCOME] == _RUNNING:
+                    spot = lot * MAX_SPOTS + counts[first + number, TARGET]
+                    steps = kart.SUBSTEPS if calm else 1
+                    _drive(first + number, steps, actions, karts, counts, spots, spot, radius)
+                    _write_body(karts, first + number, bodies, number)
+            if not calm:
+                for number in range(size):
+                    _touch(first, number, bodies, counts, boxes, near_boxes, box_count)
+                    _touch_wall(first, number, bodies, counts, walls, near_walls, wall_count)
+                    _touch_walker(lot, number, bodies, counts, walkers, lots[lot, WALKERS])
+                for row in range(first, first + size):
+                    if counts[row, OUTCOME] == _RUNNING and counts[row, TOUCHED] != 0:
+                        counts[row, OUTCOME] = _COLLIDED
+        lots[lot, TICK] += 1
+        for number in range(size):
+            row = first + number
+            if counts[row, OUTCOME] == _ABSENT or counts[row, ENDED] != 0:
+                continue
+            distance = _distance(spots, lot * MAX_SPOTS + counts[row, TARGET], bodies, number)
+            if counts[row, OUTCOME] == _RUNNING:
+                counts[row, OUTCOME] = _judged(lot, row, actions[row, 0], distance, lots, rule, karts, counts, spots)
+            rewards[row] = rule[lot, rules.PROGRESS] * (before[number] - distance)
+            if counts[row, OUTCOME] != _RUNNING:
+                rewards[row] += 1.0 if counts[row, OUTCOME] == _PARKED else -1.0
+                counts[row, ENDED] = lots[lot, TICK]
+                karts[row, kart.SPEED] = 0.0
+        if size > 1:
+            for row in range(first, first + size):
+                _keep_or_change_target(lot, row, size, spots, lots[lot, SPOTS], karts, counts)
 
 
 @njit(cache=True)
-def _drive_lot(
-    lot: int,
-    scenery: Scenery,
-    episodes: Episodes,
+def _write_body(karts: FloatArray, row: int, bodies: FloatArray, number: int) -> None:
+    """Writes the stored box of a kart."""
+    bodies[number, 0], bodies[number, 1] = karts[row, kart.X], karts[row, kart.Y]
+    bodies[number, 2], bodies[number, 3], bodies[number, 4] = karts[row, kart.HEADING], kart.LENGTH_M, kart.WIDTH_M
+    bodies[number, 5], bodies[number, 6] = karts[row, kart.COS], karts[row, kart.SIN]
+    bodies[number, 7] = kart.RADIUS_M
+
+
+@njit(cache=True)
+def _distance(spots: FloatArray, spot: int, bodies: FloatArray, number: int) -> float:
+    """Distance of a kart's centre to the centre of a spot, m."""
+    dx, dy = spots[spot, 0] - bodies[number, 0], spots[spot, 1] - bodies[number, 1]
+    return math.sqrt(dx * dx + dy * dy)
+
+
+@njit(cache=True)
+def _find_boxes(lot: int, boxes: FloatArray, count: int, bodies: FloatArray, near: IntArray) -> int:
+    """Writes the rows of the boxes that a kart may touch in this tick to `near`; returns their number."""
+    found = 0
+    for box in range(lot * MAX_BOXES, lot * MAX_BOXES + count):
+        for number in range(bodies.shape[0]):
+            dx, dy = boxes[box, 0] - bodies[number, 0], boxes[box, 1] - bodies[number, 1]
+            reach = boxes[box, 7] + kart.RADIUS_M + _TRAVEL_M
+            if dx * dx + dy * dy < reach * reach:
+                near[found] = box
+                found += 1
+                break
+    return found
+
+
+@njit(cache=True)
+def _find_walls(lot: int, walls: FloatArray, count: int, bodies: FloatArray, near: IntArray) -> int:
+    """Writes the rows of the walls that a kart may touch in this tick to `near`; returns their number."""
+    found, reach = 0, kart.RADIUS_M + _TRAVEL_M
+    for wall in range(lot * MAX_WALLS, lot * MAX_WALLS + count):
+        left, right = min(walls[wall, 0], walls[wall, 2]) - reach, max(walls[wall, 0], walls[wall, 2]) + reach
+        low, high = min(walls[wall, 1], walls[wall, 3]) - reach, max(walls[wall, 1], walls[wall, 3]) + reach
+        for number in range(bodies.shape[0]):
+            if left < bodies[number, 0] < right and low < bodies[number, 1] < high:
+                near[found] = wall
+                found += 1
+                break
+    return found
+
+
+@njit(cache=True)
+def _karts_are_near(bodies: FloatArray) -> bool:
+    """Whether two karts may touch in this tick."""
+    reach = 2.0 * (kart.RADIUS_M + _TRAVEL_M)
+    for number in range(bodies.shape[0]):
+        for other in range(number):
+            dx, dy = bodies[number, 0] - bodies[other, 0], bodies[number, 1] - bodies[other, 1]
+            if dx * dx + dy * dy < reach * reach:
+                return True
+    return False
+
+
+@njit(cache=True)
+def _drive(
+    row: int,
+    steps: int,
     actions: FloatArray,
-    boxes: FloatArray,
+    karts: FloatArray,
+    counts: IntArray,
+    spots: FloatArray,
+    spot: int,
+    radius: float,
 ) -> None:
-    """Moves pedestrians and karts of a lot for one tick; karts that touch something have collided."""
-    karts = boxes.shape[0]
-    for _ in range(kart.SUBSTEPS):
-        _walk(lot, scenery, episodes, boxes)
-        for number in range(karts):
-            if episodes.outcome[lot, number] != _RUNNING:
+    """Moves a kart by some substeps, and counts its changes of direction and its time in place."""
+    torque, steering, brake = actions[row, 0], actions[row, 1], actions[row, 2]
+    held, gear = counts[row, HELD], counts[row, GEAR]
+    for _ in range(steps):
+        kart.drive(karts, row, torque, steering, brake)
+        speed = karts[row, kart.SPEED]
+        if speed != 0.0:
+            now = 1 if speed > 0.0 else -1
+            if now == -gear:
+                counts[row, SHUNTS] += 1
+            gear = now
+        dx, dy = spots[spot, 0] - karts[row, kart.X], spots[spot, 1] - karts[row, kart.Y]
+        held = held + 1 if dx * dx + dy * dy < radius * radius else 0
+    counts[row, HELD], counts[row, GEAR] = held, gear
+
+
+@njit(cache=True)
+def _walk(lot: int, walkers: FloatArray, count: int, bodies: FloatArray, counts: IntArray) -> bool:
+    """Moves the pedestrians of a lot for one tick; those whose next step leads to a kart wait.
+
+    Returns:
+        Whether a kart may touch one of them in this tick.
+    """
+    first, may_touch = lot * bodies.shape[0], False
+    for row in range(lot * MAX_PEDESTRIANS, lot * MAX_PEDESTRIANS + count):
+        x0, y0, x1, y1 = walkers[row, 0], walkers[row, 1], walkers[row, 2], walkers[row, 3]
+        length = math.hypot(x1 - x0, y1 - y0)
+        if length == 0.0:
+            continue
+        walked = walkers[row, WALKED] + walkers[row, WALK_SPEED] * kart.TICK_S
+        share = walked % (2.0 * length) / length
+        share = 2.0 - share if share > 1.0 else share
+        x, y, waits = x0 + share * (x1 - x0), y0 + share * (y1 - y0), False
+        radius = walkers[row, WALK_RADIUS]
+        for number in range(bodies.shape[0]):
+            dx, dy, reach = bodies[number, 0] - x, bodies[number, 1] - y, radius + kart.RADIUS_M + WAITS_M
+            if dx * dx + dy * dy > reach * reach or counts[first + number, OUTCOME] == _ABSENT:
                 continue
-            body, action = episodes.karts[lot, number], actions[lot, number]
-            kart.drive(body, action[0], action[1], action[2])
-            _write_box(body, boxes[number])
-            _count_motion(lot, number, body[kart.SPEED], episodes)
-            if _spot_distance(lot, number, scenery, episodes) < episodes.rules[lot, rules.RADIUS]:
-                episodes.held[lot, number] += 1
-            else:
-                episodes.held[lot, number] = 0
-        for number in range(karts):
-            if episodes.outcome[lot, number] != _ABSENT:
-                touched = _touched(lot, number, scenery, episodes, boxes)
-                if touched != 0 and episodes.touched[lot, number] == 0:
-                    episodes.touched[lot, number] = touched
-        for number in range(karts):
-            if episodes.outcome[lot, number] == _RUNNING and episodes.touched[lot, number] != 0:
-                episodes.outcome[lot, number] = _COLLIDED
-
-
-@njit(cache=True)
-def _write_box(body: FloatArray, box: FloatArray) -> None:
-    box[0], box[1], box[2] = body[kart.X], body[kart.Y], body[kart.HEADING]
-    box[3], box[4] = kart.LENGTH_M, kart.WIDTH_M
-
-
-@njit(cache=True)
-def _spot_distance(lot: int, number: int, scenery: Scenery, episodes: Episodes) -> float:
-    """Distance of a kart's centre to the centre of its spot, m."""
-    spot, body = scenery.spots[lot, episodes.target[lot, number]], episodes.karts[lot, number]
-    return math.hypot(spot[0] - body[kart.X], spot[1] - body[kart.Y])
-
-
-@njit(cache=True)
-def _count_motion(lot: int, number: int, speed: float, episodes: Episodes) -> None:
-    """Counts distance and changes of direction."""
-    episodes.driven_m[lot, number] += abs(speed) * kart.SUBSTEP_S
-    if speed == 0.0:
-        return
-    gear = 1 if speed > 0.0 else -1
-    if gear == -episodes.gear[lot, number]:
-        episodes.shunts[lot, number] += 1
-    episodes.gear[lot, number] = gear
-
-
-@njit(cache=True)
-def walker_place(row: FloatArray, walked: float) -> tuple[float, float]:
-    """Place of a pedestrian (6,) that has walked a way, m."""
-    length = math.hypot(row[2] - row[0], row[3] - row[1])
-    if length == 0.0:
-        return row[0], row[1]
-    share = walked % (2.0 * length) / length
-    share = 2.0 - share if share > 1.0 else share
-    return row[0] + share * (row[2] - row[0]), row[1] + share * (row[3] - row[1])
-
-
-@njit(cache=True)
-def _walk(lot: int, scenery: Scenery, episodes: Episodes, boxes: FloatArray) -> None:
-    """Moves the pedestrians whose next step leads to no kart."""
-    for walker in range(scenery.walker_count[lot]):
-        row = scenery.walkers[lot, walker]
-        walked = episodes.walked_m[lot, walker] + row[4] * kart.SUBSTEP_S
-        x, y = walker_place(row, walked)
-        old_x, old_y = walker_place(row, episodes.walked_m[lot, walker])
-        waits = False
-        for number in range(boxes.shape[0]):
-            if episodes.outcome[lot, number] == _ABSENT:
-                continue
-            distance = distance_to_box(boxes[number], x, y)
-            if distance < row[5] + WAITS_M and distance < distance_to_box(boxes[number], old_x, old_y):
-                waits = True
+            may_touch, distance = True, distance_to(bodies, number, x, y)
+            before = distance_to(bodies, number, walkers[row, WALK_X], walkers[row, WALK_Y])
+            waits = waits or (distance < radius + WAITS_M and distance < before)
         if not waits:
-            episodes.walked_m[lot, walker] = walked
+            walkers[row, WALKED], walkers[row, WALK_X], walkers[row, WALK_Y] = walked, x, y
+    return may_touch
 
 
 @njit(cache=True)
-def _touched(lot: int, number: int, scenery: Scenery, episodes: Episodes, boxes: FloatArray) -> int:
-    """Kind of what a kart touches; 0: nothing."""
-    box = boxes[number]
-    for other in range(scenery.box_count[lot]):
-        packed = scenery.packed[lot, other]
-        dx, dy, reach = packed[0] - box[0], packed[1] - box[1], packed[6] + kart.RADIUS_M
-        if dx * dx + dy * dy <= reach * reach and box_overlaps(box, scenery.boxes[lot, other]):
-            return int(scenery.box_kind[lot, other])
-    for other in range(boxes.shape[0]):
-        if other == number or episodes.outcome[lot, other] == _ABSENT:
-            continue
-        dx, dy = boxes[other, 0] - box[0], boxes[other, 1] - box[1]
-        if dx * dx + dy * dy <= 4.0 * kart.RADIUS_M**2 and box_overlaps(box, boxes[other]):
-            return _KART
-    for walker in range(scenery.walker_count[lot]):
-        row = scenery.walkers[lot, walker]
-        x, y = walker_place(row, episodes.walked_m[lot, walker])
-        if box_touches_disc(box, x, y, row[5]):
-            return _PEDESTRIAN
-    for wall in range(scenery.wall_count[lot]):
-        if _may_touch(box, scenery.walls[lot, wall]) and box_touches_segment(box, scenery.walls[lot, wall]):
-            return _WALL
-    return 0
-
-
-@njit(cache=True)
-def _may_touch(box: FloatArray, wall: FloatArray) -> bool:
-    """Whether the circle around a kart may reach a wall."""
-    reach = kart.RADIUS_M
-    return not (
-        box[0] + reach < min(wall[0], wall[2])
-        or box[0] - reach > max(wall[0], wall[2])
-        or box[1] + reach < min(wall[1], wall[3])
-        or box[1] - reach > max(wall[1], wall[3])
-    )
-
-
-@njit(cache=True)
-def _judge(lot: int, number: int, scenery: Scenery, episodes: Episodes, torque: float) -> None:
-    """Ends a kart's episode where the rules say so; see `Rules`."""
-    row, body = episodes.rules[lot], episodes.karts[lot, number]
-    outcome = episodes.outcome[lot, number]
-    if outcome == _RUNNING:
-        distance = _spot_distance(lot, number, scenery, episodes)
-        if row[rules.REVERSING_ENDS] != 0.0 and torque < 0.0:
-            outcome = _REVERSED
-        elif distance < row[rules.RADIUS]:
-            error = wrap(body[kart.HEADING] - scenery.spots[lot, episodes.target[lot, number], 2])
-            wheels = wrap(error + body[kart.STEERING])
-            if abs(error) >= row[rules.ERROR] or abs(wheels) > row[rules.WHEEL]:
-                outcome = _MISALIGNED
-            elif (
-                episodes.held[lot, number] >= row[rules.DWELL_TICKS] * kart.SUBSTEPS
-                and episodes.tick[lot] >= row[rules.ELAPSED_TICKS]
-                and abs(body[kart.SPEED]) < row[rules.STANDING]
-            ):
-                outcome = _PARKED
-        elif distance > row[rules.FARTHEST]:
-            outcome = _STRAYED
-        if outcome == _RUNNING and episodes.tick[lot] >= scenery.ticks[lot]:
-            outcome = _TIMED_OUT
-    if outcome != _RUNNING:
-        episodes.outcome[lot, number] = outcome
-        episodes.ended_at[lot, number] = episodes.tick[lot]
-        body[kart.SPEED] = 0.0
-
-
-@njit(cache=True)
-def _reward(outcome: int) -> float:
-    if outcome == _RUNNING:
-        return 0.0
-    return 1.0 if outcome == _PARKED else -1.0
-
-
-@njit(cache=True)
-def _keep_or_change_target(lot: int, number: int, scenery: Scenery, episodes: Episodes) -> None:
-    """Gives a kart the nearest free spot if another kart is in its own one."""
-    target = episodes.target[lot, number]
-    if _inside(lot, target, number, scenery, episodes) or not _taken(lot, target, number, scenery, episodes):
+def _touch(
+    first: int,
+    number: int,
+    bodies: FloatArray,
+    counts: IntArray,
+    boxes: FloatArray,
+    near: IntArray,
+    nearby: int,
+) -> None:
+    """Notes the kind of a box or kart that a kart touches."""
+    row = first + number
+    if counts[row, TOUCHED] != 0 or counts[row, OUTCOME] == _ABSENT:
         return
-    other = _nearest_free(lot, number, scenery, episodes)
-    if other >= 0:
-        episodes.target[lot, number] = other
-        episodes.held[lot, number] = 0
+    for box in near[:nearby]:
+        if boxes_touch(bodies, number, boxes, box):
+            counts[row, TOUCHED] = int(boxes[box, KIND])
+            return
+    for other in range(bodies.shape[0]):
+        if other == number or counts[first + other, OUTCOME] == _ABSENT:
+            continue
+        if boxes_touch(bodies, number, bodies, other):
+            counts[row, TOUCHED] = _KART
+            return
 
 
 @njit(cache=True)
-def _nearest_free(lot: int, number: int, scenery: Scenery, episodes: Episodes) -> int:
-    """Nearest spot in which nothing stands and no other kart is; -1: none."""
-    best, nearest, body = -1, math.inf, episodes.karts[lot, number]
-    for spot in range(scenery.spot_count[lot]):
-        if not scenery.spot_free[lot, spot]:
-            continue
-        row = scenery.spots[lot, spot]
-        distance = math.hypot(row[0] - body[kart.X], row[1] - body[kart.Y])
-        if distance < nearest and not _taken(lot, spot, number, scenery, episodes):
-            best, nearest = spot, distance
-    return best
+def _touch_wall(
+    first: int, number: int, bodies: FloatArray, counts: IntArray, walls: FloatArray, near: IntArray, nearby: int
+) -> None:
+    """Notes a wall that a driving kart touches."""
+    row = first + number
+    if counts[row, OUTCOME] != _RUNNING or counts[row, TOUCHED] != 0:
+        return
+    for wall in near[:nearby]:
+        ends = walls[wall, 0], walls[wall, 1], walls[wall, 2], walls[wall, 3]
+        if touches_segment(bodies, number, ends):
+            counts[row, TOUCHED] = _WALL
+            return
 
 
 @njit(cache=True)
-def _taken(lot: int, spot: int, number: int, scenery: Scenery, episodes: Episodes) -> bool:
-    """Whether the centre of another kart is in a spot."""
-    for other in range(episodes.outcome.shape[1]):
-        if other == number or episodes.outcome[lot, other] == _ABSENT:
+def _touch_walker(lot: int, number: int, bodies: FloatArray, counts: IntArray, walkers: FloatArray, count: int) -> None:
+    """Notes a pedestrian whom a driving kart touches."""
+    row = lot * bodies.shape[0] + number
+    if counts[row, OUTCOME] != _RUNNING or counts[row, TOUCHED] != 0:
+        return
+    for walker in range(lot * MAX_PEDESTRIANS, lot * MAX_PEDESTRIANS + count):
+        if (
+            distance_to(bodies, number, walkers[walker, WALK_X], walkers[walker, WALK_Y])
+            <= walkers[walker, WALK_RADIUS]
+        ):
+            counts[row, TOUCHED] = _PEDESTRIAN
+            return
+
+
+@njit(cache=True)
+def _judged(
+    lot: int,
+    row: int,
+    torque: float,
+    distance: float,
+    lots: IntArray,
+    rule: FloatArray,
+    karts: FloatArray,
+    counts: IntArray,
+    spots: FloatArray,
+) -> int:
+    """Outcome of a kart that has touched nothing, `distance` [m] from its spot's centre; see `Rules`."""
+    if rule[lot, rules.REVERSING_ENDS] != 0.0 and torque < 0.0:
+        return _REVERSED
+    if distance > rule[lot, rules.FARTHEST]:
+        return _STRAYED
+    if distance < rule[lot, rules.RADIUS]:
+        error = wrap(karts[row, kart.HEADING] - spots[lot * MAX_SPOTS + counts[row, TARGET], 2])
+        wheels = wrap(error + karts[row, kart.STEERING])
+        if abs(error) >= rule[lot, rules.ERROR] or abs(wheels) > rule[lot, rules.WHEEL]:
+            return _MISALIGNED
+        held = counts[row, HELD] >= rule[lot, rules.DWELL_TICKS] * kart.SUBSTEPS
+        late = lots[lot, TICK] >= rule[lot, rules.ELAPSED_TICKS]
+        if held and late and abs(karts[row, kart.SPEED]) < rule[lot, rules.STANDING]:
+            return _PARKED
+    return _TIMED_OUT if lots[lot, TICK] >= lots[lot, LIMIT] else _RUNNING
+
+
+@njit(cache=True)
+def _keep_or_change_target(
+    lot: int, row: int, size: int, spots: FloatArray, count: int, karts: FloatArray, counts: IntArray
+) -> None:
+    """Gives a kart the nearest free spot if another kart is in its own one, unless it is there itself."""
+    target = lot * MAX_SPOTS + counts[row, TARGET]
+    if counts[row, OUTCOME] != _RUNNING or _inside(spots, target, karts, row):
+        return
+    if _taken(spots, target, karts, row, size, counts):
+        _choose_target(lot, row, size, spots, count, karts, counts)
+
+
+@njit(cache=True)
+def _choose_target(
+    lot: int, row: int, size: int, spots: FloatArray, count: int, karts: FloatArray, counts: IntArray
+) -> None:
+    """Gives a kart the nearest spot in which nothing stands and no other kart is; without one it keeps its spot."""
+    nearest = math.inf
+    for index in range(count):
+        spot = lot * MAX_SPOTS + index
+        distance = math.hypot(spots[spot, 0] - karts[row, kart.X], spots[spot, 1] - karts[row, kart.Y])
+        if spots[spot, FREE] == 0.0 or distance >= nearest:
             continue
-        if _inside(lot, spot, other, scenery, episodes):
+        if not _taken(spots, spot, karts, row, size, counts):
+            nearest, counts[row, TARGET], counts[row, HELD] = distance, index, 0
+
+
+@njit(cache=True)
+def _taken(spots: FloatArray, spot: int, karts: FloatArray, row: int, size: int, counts: IntArray) -> bool:
+    """Whether the centre of another kart of the lot is in a spot."""
+    first = row // size * size
+    for other in range(first, first + size):
+        if other != row and counts[other, OUTCOME] != _ABSENT and _inside(spots, spot, karts, other):
             return True
     return False
 
 
 @njit(cache=True)
-def _inside(lot: int, spot: int, number: int, scenery: Scenery, episodes: Episodes) -> bool:
-    body = episodes.karts[lot, number]
-    return distance_to_box(scenery.spots[lot, spot], body[kart.X], body[kart.Y]) == 0.0
-
-
-@njit(cache=True)
-def observe(scenery: Scenery, episodes: Episodes, which: BoolArray, out: Float32Array) -> None:
-    """Writes observations.
-
-    Args:
-        scenery: Of N lots.
-        episodes: Their episodes.
-        which: (N, K) karts to write.
-        out: (N, K, 64) observations.
-    """
-    distance, kind = np.empty(radar.RAYS), np.empty(radar.RAYS, np.int64)
-    lots, karts = which.shape
-    box, packed = np.empty(5), np.empty(radar.PACKED)
-    for lot in range(lots):
-        for number in range(karts):
-            if not which[lot, number]:
-                continue
-            body, row = episodes.karts[lot, number], out[lot, number]
-            held = episodes.held[lot, number] * kart.SUBSTEP_S
-            elapsed = episodes.tick[lot] / scenery.ticks[lot]
-            write_state(body, scenery.spots[lot, episodes.target[lot, number]], held, elapsed, row)
-            scan(lot, number, scenery, episodes, box, packed, distance, kind)
-            write_radar(distance, kind, row)
-
-
-@njit(cache=True)
-def scan(
-    lot: int,
-    number: int,
-    scenery: Scenery,
-    episodes: Episodes,
-    box: FloatArray,
-    packed: FloatArray,
-    distance: FloatArray,
-    kind: IntArray,
-) -> None:
-    """Writes a kart's (9,) radar distances [m] and kinds; box (5,) and packed (7,) are room to work in."""
-    body = episodes.karts[lot, number]
-    x, y = body[kart.X], body[kart.Y]
-    cos, sin = math.cos(body[kart.HEADING]), math.sin(body[kart.HEADING])
-    radar.clear(distance, kind)
-    for wall in range(scenery.wall_count[lot]):
-        radar.meet_wall(x, y, cos, sin, scenery.walls[lot, wall], distance, kind)
-    for other in range(scenery.box_count[lot]):
-        radar.meet_box(x, y, cos, sin, scenery.packed[lot, other], scenery.box_kind[lot, other], distance, kind)
-    for other in range(episodes.outcome.shape[1]):
-        if other != number and episodes.outcome[lot, other] != _ABSENT:
-            _write_box(episodes.karts[lot, other], box)
-            radar.pack_box(box, packed)
-            radar.meet_box(x, y, cos, sin, packed, _KART, distance, kind)
-    for walker in range(scenery.walker_count[lot]):
-        row = scenery.walkers[lot, walker]
-        walker_x, walker_y = walker_place(row, episodes.walked_m[lot, walker])
-        radar.meet_disc(x, y, cos, sin, (walker_x, walker_y, row[5]), _PEDESTRIAN, distance, kind)
+def _inside(spots: FloatArray, spot: int, karts: FloatArray, row: int) -> bool:
+    return distance_to(spots, spot, karts[row, kart.X], karts[row, kart.Y]) == 0.0

@@ -16,9 +16,8 @@ from pydantic import Field, model_validator
 
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.config import Config
-from dohyo.sumo_networks.geometry import box_overlaps
 from dohyo.sumo_networks.parking import kart
-from dohyo.sumo_networks.parking.contact import box_touches_disc, box_touches_segment
+from dohyo.sumo_networks.parking.contact import STORED, boxes_touch, distance_to, store_box, touches_segment
 
 TIME_LIMIT_S = 60.0
 MAX_WALLS, MAX_BOXES, MAX_SPOTS, MAX_PEDESTRIANS, MAX_KARTS = 16, 32, 24, 8, 8
@@ -75,9 +74,12 @@ class OrientedBox(Pose):
     length_m: Size
     width_m: Size
 
-    def row(self) -> FloatArray:
-        """(5,) box of `dohyo.sumo_networks.geometry`."""
-        return np.array([self.x_m, self.y_m, self.heading_rad, self.length_m, self.width_m])
+    def row(self, margin_m: float = 0.0) -> FloatArray:
+        """(8,) stored box of `dohyo.sumo_networks.parking.contact`, smaller by a margin on length and width."""
+        boxes = np.empty((1, STORED))
+        length, width = max(self.length_m - margin_m, 0.0), max(self.width_m - margin_m, 0.0)
+        store_box(boxes, 0, self.x_m, self.y_m, self.heading_rad, length, width)
+        return boxes[0]
 
 
 class ParkedCar(OrientedBox):
@@ -164,45 +166,46 @@ class Lot(Config):
     @property
     def free_spots(self) -> tuple[int, ...]:
         """Indices of the spots that no block or parked car overlaps."""
-        rows = [box.row() for box in self.boxes]
-        return tuple(n for n, spot in enumerate(self.spots) if not any(box_overlaps(_inner(spot), r) for r in rows))
+        boxes = [box.row() for box in self.boxes]
+        spots = enumerate(spot.row(_SHARED_LINE_M) for spot in self.spots)
+        return tuple(number for number, spot in spots if not any(_touch(spot, box) for box in boxes))
 
     def _check_spots(self) -> None:
-        for (one, first), (other, second) in combinations(enumerate(self.spots), 2):
-            if box_overlaps(_inner(first), _inner(second)):
-                raise ValueError(f"spots {one} and {other} overlap, at {_place(first)} and {_place(second)}")
+        rows = [spot.row(_SHARED_LINE_M) for spot in self.spots]
+        for one, other in combinations(range(len(rows)), 2):
+            if _touch(rows[one], rows[other]):
+                where = f"at {_place(self.spots[one])} and {_place(self.spots[other])}"
+                raise ValueError(f"spots {one} and {other} overlap, {where}")
         if not self.free_spots:
-            raise ValueError(f"no spot is free: parked cars or blocks overlap all {len(self.spots)} spots")
+            raise ValueError(f"no spot is free: parked cars or blocks stand in all {len(self.spots)} spots")
 
     def _touched(self, number: int, start: Pose) -> str:
         """What a kart's box touches at its start; empty: nothing."""
         box = kart_box(start)
-        for kind, rows in (("block", self.blocks), ("parked car", self.cars)):
-            for index, other in enumerate(rows):
-                if box_overlaps(box, other.row()):
+        for kind, others in (("block", self.blocks), ("parked car", self.cars)):
+            for index, other in enumerate(others):
+                if _touch(box, other.row()):
                     return f"{kind} {index}"
         for index, wall in enumerate(self.walls):
-            if box_touches_segment(box, wall.row()):
+            if touches_segment(box[None], 0, tuple(wall.row().tolist())):
                 return f"wall {index}"
         for index, walker in enumerate(self.pedestrians):
-            if box_touches_disc(box, walker.x0_m, walker.y0_m, walker.radius_m):
+            if distance_to(box[None], 0, walker.x0_m, walker.y0_m) <= walker.radius_m:
                 return f"pedestrian {index}"
         for index, one in enumerate(self.karts[:number]):
-            if box_overlaps(box, kart_box(one)):
+            if _touch(box, kart_box(one)):
                 return f"kart {index}"
         return ""
 
 
 def kart_box(pose: Pose) -> FloatArray:
-    """(5,) box of a kart."""
-    return np.array([pose.x_m, pose.y_m, pose.heading_rad, kart.LENGTH_M, kart.WIDTH_M])
+    """(8,) stored box of a kart."""
+    box = OrientedBox(**pose.model_dump(), length_m=kart.LENGTH_M, width_m=kart.WIDTH_M)
+    return box.row()
 
 
-def _inner(spot: Spot) -> FloatArray:
-    """The spot's box without its lines."""
-    row = spot.row()
-    row[3:] = np.maximum(row[3:] - _SHARED_LINE_M, 0.0)
-    return row
+def _touch(a: FloatArray, b: FloatArray) -> bool:
+    return bool(boxes_touch(a[None], 0, b[None], 0))
 
 
 def _place(pose: Pose) -> str:

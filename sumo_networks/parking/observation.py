@@ -60,40 +60,50 @@ def action_space() -> Box:
 
 
 @njit(cache=True)
-def write_state(body: FloatArray, spot: FloatArray, held: float, elapsed: float, out: Float32Array) -> None:
+def write_state(
+    karts: FloatArray, number: int, spots: FloatArray, spot: int, held_s: float, elapsed: float, out: Float32Array
+) -> None:
     """Writes columns 0 to 18.
 
     Args:
-        body: (7,) state of the kart.
-        spot: (5,) box of its target spot.
-        held: Time in place, s.
+        karts: (K, 10) states.
+        number: Row of the kart.
+        spots: (S, 8) stored boxes.
+        spot: Row of its target.
+        held_s: Time in place, s.
         elapsed: Share of the time limit.
-        out: (64,) observation.
+        out: (K, 64) observations.
     """
-    cos, sin = math.cos(body[kart.HEADING]), math.sin(body[kart.HEADING])
-    x, y = _cut(body[kart.X] / POSITION_SCALE_M), _cut(body[kart.Y] / POSITION_SCALE_M)
-    out[0], out[1], out[2], out[3] = body[kart.HEADING] / math.pi, x, y, 0.0
-    speed = body[kart.SPEED] / kart.MAX_SPEED_MPS
-    out[4], out[5] = speed * cos, speed * sin
-    out[6], out[7], out[8] = spot[0] / POSITION_SCALE_M, spot[1] / POSITION_SCALE_M, 0.0
-    dx, dy = spot[0] - body[kart.X], spot[1] - body[kart.Y]
-    out[9], out[10], out[11] = _cut(dx / POSITION_SCALE_M), _cut(dy / POSITION_SCALE_M), 0.0
-    spot_cos, spot_sin = math.cos(spot[2]), math.sin(spot[2])
-    out[12], out[13] = cos * spot_cos + sin * spot_sin, sin * spot_cos - cos * spot_sin
+    cos, sin, spot_cos, spot_sin = karts[number, kart.COS], karts[number, kart.SIN], spots[spot, 5], spots[spot, 6]
+    x, y, spot_x, spot_y = karts[number, kart.X], karts[number, kart.Y], spots[spot, 0], spots[spot, 1]
+    dx, dy = spot_x - x, spot_y - y
+    out[number, 0] = karts[number, kart.HEADING] / math.pi
+    out[number, 1], out[number, 2], out[number, 3] = _cut(x / POSITION_SCALE_M), _cut(y / POSITION_SCALE_M), 0.0
+    speed = karts[number, kart.SPEED] / kart.MAX_SPEED_MPS
+    out[number, 4], out[number, 5] = speed * cos, speed * sin
+    out[number, 6], out[number, 7], out[number, 8] = (
+        _cut(spot_x / POSITION_SCALE_M),
+        _cut(spot_y / POSITION_SCALE_M),
+        0.0,
+    )
+    out[number, 9], out[number, 10], out[number, 11] = _cut(dx / POSITION_SCALE_M), _cut(dy / POSITION_SCALE_M), 0.0
+    out[number, 12], out[number, 13] = cos * spot_cos + sin * spot_sin, sin * spot_cos - cos * spot_sin
     ahead, left = -(dx * spot_cos + dy * spot_sin), -(dy * spot_cos - dx * spot_sin)
-    out[14], out[15] = min(max(ahead / NEAR_M, -1.0), 1.0), min(max(left / NEAR_M, -1.0), 1.0)
-    out[16] = body[kart.STEERING] / kart.MAX_STEERING_RAD
-    out[17], out[18] = min(held, 1.0), elapsed
+    out[number, 14], out[number, 15] = min(max(ahead / NEAR_M, -1.0), 1.0), min(max(left / NEAR_M, -1.0), 1.0)
+    out[number, 16] = karts[number, kart.STEERING] / kart.MAX_STEERING_RAD
+    out[number, 17], out[number, 18] = min(held_s, 1.0), elapsed
 
 
 @njit(cache=True)
-def write_radar(distance: FloatArray, kind: IntArray, out: Float32Array) -> None:
-    """Writes columns 19 to 63 from (9,) distances [m] and kinds."""
+def write_radar(distance: FloatArray, kind: IntArray, out: Float32Array, number: int) -> None:
+    """Writes columns 19 to 63 of a row from (9,) distances [m] and kinds."""
+    for column in range(RADAR, COLUMNS):
+        out[number, column] = 0.0
     for ray in range(RAYS):
         first = RADAR + PER_RAY * ray
-        out[first] = distance[ray] / RANGE_M
-        for what in range(1, PER_RAY):
-            out[first + what] = 1.0 if kind[ray] == what else 0.0
+        out[number, first] = distance[ray] / RANGE_M
+        if kind[ray] > 0:
+            out[number, first + kind[ray]] = 1.0
 
 
 @njit(cache=True)

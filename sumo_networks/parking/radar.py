@@ -30,64 +30,63 @@ class Kind(IntEnum):
     PEDESTRIAN = 4
 
 
+Eye = tuple[float, float, float, float]
+"""Where a radar is: x, y [m], cosine and sine of its heading."""
+
+PARALLEL: Final = 1e-12
+"""A ray whose direction has a smaller component never leaves that side of a box."""
+_WALL, _PEDESTRIAN = int(Kind.WALL), int(Kind.PEDESTRIAN)
 _COS, _SIN = np.cos(BEARINGS_RAD), np.sin(BEARINGS_RAD)
-PACKED: Final = 7
-"""Columns of a packed box: x, y [m], cosine and sine of its heading, half length, half width, radius around it [m]."""
-
-
-@njit(cache=True)
-def pack_box(box: FloatArray, packed: FloatArray) -> None:
-    """Writes a box (5,) as a packed box (7,)."""
-    packed[0], packed[1] = box[0], box[1]
-    packed[2], packed[3] = math.cos(box[2]), math.sin(box[2])
-    packed[4], packed[5] = 0.5 * box[3], 0.5 * box[4]
-    packed[6] = math.hypot(packed[4], packed[5])
-
-
-@njit(cache=True)
-def clear(distance: FloatArray, kind: IntArray) -> None:
-    """Prepares (9,) distances and kinds for the functions below, which keep the nearest."""
-    distance[:] = RANGE_M
-    kind[:] = 0
+_EDGE_COS, _EDGE_SIN = float(_COS[-1]), float(_SIN[-1])
 
 
 @njit(cache=True, error_model="numpy")
-def meet_wall(
-    x: float, y: float, cos: float, sin: float, wall: FloatArray, distance: FloatArray, kind: IntArray
-) -> None:
-    """Lets the rays of a kart at x, y with a heading's cosine and sine meet a wall (4,)."""
-    wx, wy = wall[2] - wall[0], wall[3] - wall[1]
-    dx, dy = wall[0] - x, wall[1] - y
-    reached = dx * wy - dy * wx
-    # In the kart's frame, since the rays are constant there.
-    wall_ahead, wall_left = wx * cos + wy * sin, wy * cos - wx * sin
-    ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+def meet_wall(eye: Eye, walls: FloatArray, number: int, distance: FloatArray, kind: IntArray) -> None:
+    """Lets the rays meet a wall, a row of (W, 4)."""
+    x0, y0, x1, y1 = walls[number, 0], walls[number, 1], walls[number, 2], walls[number, 3]
+    x, y, cos, sin = eye
+    ahead, left = (x0 - x) * cos + (y0 - y) * sin, (y0 - y) * cos - (x0 - x) * sin
+    wall_ahead, wall_left = (x1 - x0) * cos + (y1 - y0) * sin, (y1 - y0) * cos - (x1 - x0) * sin
+    reached = ahead * wall_left - left * wall_ahead
     for ray in range(RAYS):
+        # Cross products of ray, wall, and way to the wall's first point; a division only where the ray meets the wall.
         against = _COS[ray] * wall_left - _SIN[ray] * wall_ahead
+        along = ahead * _SIN[ray] - left * _COS[ray]
+        if against < 0.0:
+            if along > 0.0 or along < against or reached > 0.0:
+                continue
+        elif along < 0.0 or along > against or reached < 0.0 or against == 0.0:
+            continue
         at = reached / against
-        along = (ahead * _SIN[ray] - left * _COS[ray]) / against
-        if 0.0 <= at < distance[ray] and 0.0 <= along <= 1.0:
-            distance[ray], kind[ray] = at, 1
+        if at < distance[ray]:
+            distance[ray], kind[ray] = at, _WALL
+
+
+@njit(cache=True)
+def may_meet(eye: Eye, x: float, y: float, radius: float) -> bool:
+    """Whether the outermost rays leave a circle [m] between them, or cut it."""
+    dx, dy = x - eye[0], y - eye[1]
+    ahead, left = dx * eye[2] + dy * eye[3], dy * eye[2] - dx * eye[3]
+    return bool(abs(left) * _EDGE_COS - ahead * _EDGE_SIN <= radius)
 
 
 @njit(cache=True, error_model="numpy")
-def meet_box(
-    x: float, y: float, cos: float, sin: float, box: FloatArray, what: int, distance: FloatArray, kind: IntArray
-) -> None:
-    """Lets the rays meet a packed box (7,) of a kind."""
-    dx, dy, radius = box[0] - x, box[1] - y, box[6]
-    if dx * dx + dy * dy > (RANGE_M + radius) ** 2:
-        return
+def meet_box(eye: Eye, boxes: FloatArray, number: int, what: int, distance: FloatArray, kind: IntArray) -> None:
+    """Lets the rays meet a box, a row of (B, 8) stored boxes, of a kind."""
+    x, y, cos, sin = eye
+    dx, dy, radius = boxes[number, 0] - x, boxes[number, 1] - y, boxes[number, 7]
     ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
     # The box's frame, seen from the kart's: rotation by the difference of the headings.
-    turn_cos, turn_sin = box[2] * cos + box[3] * sin, box[3] * cos - box[2] * sin
+    turn_cos = boxes[number, 5] * cos + boxes[number, 6] * sin
+    turn_sin = boxes[number, 6] * cos - boxes[number, 5] * sin
     start_ahead, start_left = -(ahead * turn_cos + left * turn_sin), -(left * turn_cos - ahead * turn_sin)
+    half_length, half_width = 0.5 * boxes[number, 3], 0.5 * boxes[number, 4]
     for ray in range(RAYS):
         if abs(left * _COS[ray] - ahead * _SIN[ray]) > radius or ahead * _COS[ray] + left * _SIN[ray] < -radius:
             continue
         ray_ahead = _COS[ray] * turn_cos + _SIN[ray] * turn_sin
         ray_left = _SIN[ray] * turn_cos - _COS[ray] * turn_sin
-        at = _slab(start_ahead, start_left, ray_ahead, ray_left, box[4], box[5])
+        at = _slab(start_ahead, start_left, ray_ahead, ray_left, half_length, half_width)
         if at < distance[ray]:
             distance[ray], kind[ray] = at, what
 
@@ -95,36 +94,24 @@ def meet_box(
 @njit(cache=True, error_model="numpy")
 def _slab(x: float, y: float, ux: float, uy: float, half_length: float, half_width: float) -> float:
     """Distance from x, y along u to a box around the origin; infinite: the ray misses it."""
-    if abs(ux) < 1e-12:
-        if abs(x) > half_length:
-            return math.inf
-        near, far = -math.inf, math.inf
-    else:
+    near, far = 0.0, math.inf
+    if abs(ux) >= PARALLEL:
         first, second = (-half_length - x) / ux, (half_length - x) / ux
-        near, far = min(first, second), max(first, second)
-    if abs(uy) < 1e-12:
-        if abs(y) > half_width:
-            return math.inf
-    else:
+        near, far = max(near, min(first, second)), max(first, second)
+    elif abs(x) > half_length:
+        return math.inf
+    if abs(uy) >= PARALLEL:
         first, second = (-half_width - y) / uy, (half_width - y) / uy
         near, far = max(near, min(first, second)), min(far, max(first, second))
-    if near > far or far < 0.0:
+    elif abs(y) > half_width:
         return math.inf
-    return max(near, 0.0)
+    return near if near <= far else math.inf
 
 
 @njit(cache=True)
-def meet_disc(
-    x: float,
-    y: float,
-    cos: float,
-    sin: float,
-    disc: tuple[float, float, float],
-    what: int,
-    distance: FloatArray,
-    kind: IntArray,
-) -> None:
-    """Lets the rays meet a disc of x, y and radius [m] of a kind."""
+def meet_disc(eye: Eye, disc: tuple[float, float, float], distance: FloatArray, kind: IntArray) -> None:
+    """Lets the rays meet a pedestrian: x, y and radius, m."""
+    x, y, cos, sin = eye
     dx, dy, radius = disc[0] - x, disc[1] - y, disc[2]
     ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
     for ray in range(RAYS):
@@ -137,4 +124,4 @@ def meet_disc(
             continue
         at = max(centre - half, 0.0)
         if at < distance[ray]:
-            distance[ray], kind[ray] = at, what
+            distance[ray], kind[ray] = at, _PEDESTRIAN

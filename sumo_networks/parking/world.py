@@ -12,11 +12,10 @@ from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntA
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.geometry import wrap_angle
 from dohyo.sumo_networks.parking import kart, kernel
-from dohyo.sumo_networks.parking.arrays import Episodes, Scenery
 from dohyo.sumo_networks.parking.generate import Scene, draw
-from dohyo.sumo_networks.parking.lot import Lot
+from dohyo.sumo_networks.parking.lot import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS, Block, Lot
 from dohyo.sumo_networks.parking.observation import COLUMNS
-from dohyo.sumo_networks.parking.radar import Kind, pack_box
+from dohyo.sumo_networks.parking.radar import Kind
 from dohyo.sumo_networks.parking.rules import (
     ALIGNED_ANGLE_RAD,
     ALIGNED_DEVIATION_M,
@@ -24,6 +23,8 @@ from dohyo.sumo_networks.parking.rules import (
     Outcome,
     Rules,
 )
+from dohyo.sumo_networks.parking.sight import observe
+from dohyo.sumo_networks.parking.tables import ENDED, OUTCOME, SHUNTS, TARGET, TOUCHED, WALKED, Tables
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +62,7 @@ class ParkingWorld:
     Attributes:
         lots: Number N.
         karts: Number K.
-        scenery: What stands in the lots.
-        episodes: How the episodes go.
+        tables: What stands in the lots, and how the episodes go.
     """
 
     def __init__(self, lots: int, karts: int = 1) -> None:
@@ -78,14 +78,14 @@ class ParkingWorld:
         if lots < 1 or karts < 1:
             raise InvalidInputError(f"expected at least one lot and one kart, got {lots} and {karts}")
         self.lots, self.karts = lots, karts
-        self.scenery, self.episodes = Scenery.empty(lots), Episodes.empty(lots, karts)
+        self.tables = Tables.empty(lots, karts)
         self._rewards = np.zeros((lots, karts))
         self._observations = np.zeros((lots, karts, COLUMNS), np.float32)
 
     @property
     def running(self) -> BoolArray:
         """(N, K) whether a kart's episode has begun and not ended."""
-        return np.asarray(self.episodes.outcome == Outcome.RUNNING)
+        return np.asarray(self.tables.counts[:, OUTCOME].reshape(self.lots, self.karts) == Outcome.RUNNING)
 
     def draw(
         self, lots: Sequence[int] | IntArray, seeds: Sequence[int] | IntArray, scene: Scene, rules: Rules = JUDGED
@@ -99,8 +99,8 @@ class ParkingWorld:
             rules: When an episode ends.
         """
         rows = np.asarray(lots, np.int64)
-        self.episodes.rules[rows] = rules.row()
-        _draw_all(rows, np.asarray(seeds, np.int64), int(scene), self.scenery, self.episodes)
+        self.tables.rules[rows] = rules.row()
+        _draw_all(rows, np.asarray(seeds, np.int64), int(scene), self.tables)
         self._refresh(rows)
 
     def place(self, lot: int, scene: Lot, rules: Rules = JUDGED) -> None:
@@ -116,10 +116,10 @@ class ParkingWorld:
         """
         if len(scene.karts) > self.karts:
             raise InvalidInputError(f"expected a lot with at most {self.karts} karts, got {len(scene.karts)}")
-        self.episodes.rules[lot] = rules.row()
-        _write_lot(lot, scene, self.scenery)
+        self.tables.rules[lot] = rules.row()
+        _write_lot(lot, scene, self.tables)
         starts = np.array([[pose.x_m, pose.y_m, pose.heading_rad] for pose in scene.karts])
-        kernel.begin(lot, starts, self.scenery, self.episodes)
+        kernel.begin(lot, starts, self.tables)
         self._refresh(np.array([lot]))
 
     def step(self, actions: FloatArray) -> FloatArray:
@@ -132,8 +132,8 @@ class ParkingWorld:
             (N, K) rewards; 0 where no episode ran. They are overwritten by the next step.
         """
         which = self.running
-        kernel.advance(self.scenery, self.episodes, np.clip(actions, -1.0, 1.0), self._rewards)
-        kernel.observe(self.scenery, self.episodes, which, self._observations)
+        kernel.advance(self.tables, np.clip(actions, -1.0, 1.0).reshape(-1, 3), self._rewards.reshape(-1))
+        self._observe(which)
         return self._rewards
 
     @property
@@ -143,56 +143,56 @@ class ParkingWorld:
 
     def results(self, lots: Sequence[int] | IntArray | slice = slice(None)) -> Results:
         """How the karts of some lots stand."""
-        some = self.episodes
-        outcome, target = some.outcome[lots], some.target[lots]
-        spot = np.take_along_axis(self.scenery.spots[lots], target[..., None], axis=1)
-        body = some.karts[lots]
+        rows = np.arange(self.lots * self.karts).reshape(self.lots, self.karts)[lots]
+        counts, body = self.tables.counts[rows], self.tables.karts[rows]
+        spot = self.tables.spots[rows // self.karts * MAX_SPOTS + counts[..., TARGET]]
         dx, dy = body[..., kart.X] - spot[..., 0], body[..., kart.Y] - spot[..., 1]
         error = np.abs(wrap_angle(body[..., kart.HEADING] - spot[..., 2]))
         inclination = np.minimum(error, np.pi - error)
         deviation = np.abs(dy * np.cos(spot[..., 2]) - dx * np.sin(spot[..., 2]))
+        outcome = counts[..., OUTCOME]
         success = outcome == Outcome.PARKED
         return Results(
-            outcome=outcome.copy(),
+            outcome=outcome,
             success=success,
             aligned=success & (inclination <= ALIGNED_ANGLE_RAD) & (deviation < ALIGNED_DEVIATION_M),
-            time_s=some.ended_at[lots].astype(np.float64) * kart.TICK_S,
+            time_s=counts[..., ENDED].astype(np.float64) * kart.TICK_S,
             inclination_rad=inclination,
             deviation_m=deviation,
             distance_m=np.hypot(dx, dy),
-            driven_m=some.driven_m[lots].copy(),
-            shunts=some.shunts[lots].copy(),
-            touched=some.touched[lots].copy(),
+            driven_m=body[..., kart.DRIVEN],
+            shunts=counts[..., SHUNTS],
+            touched=counts[..., TOUCHED],
         )
 
     def _refresh(self, lots: IntArray) -> None:
         which = np.zeros((self.lots, self.karts), np.bool_)
         which[lots] = self.running[lots]
         self._observations[lots] = 0.0
-        kernel.observe(self.scenery, self.episodes, which, self._observations)
+        self._observe(which)
+
+    def _observe(self, which: BoolArray) -> None:
+        observe(self.tables, which.reshape(-1), self._observations.reshape(-1, COLUMNS))
 
 
 @njit(cache=True)
-def _draw_all(lots: IntArray, seeds: IntArray, scene: int, scenery: Scenery, episodes: Episodes) -> None:
-    starts = np.empty((episodes.karts.shape[1], 3))
+def _draw_all(lots: IntArray, seeds: IntArray, scene: int, tables: Tables) -> None:
+    starts = np.empty((tables.karts.shape[0] // tables.lots.shape[0], 3))
     for row in range(lots.shape[0]):
-        draw(lots[row], scene, seeds[row], scenery, starts)
-        kernel.begin(lots[row], starts, scenery, episodes)
+        draw(lots[row], scene, seeds[row], tables, starts)
+        kernel.begin(lots[row], starts, tables)
 
 
-def _write_lot(lot: int, given: Lot, scenery: Scenery) -> None:
+def _write_lot(lot: int, given: Lot, tables: Tables) -> None:
     """Writes a lot into a row of the arrays."""
-    scenery.wall_count[lot], scenery.box_count[lot] = len(given.walls), len(given.boxes)
-    scenery.spot_count[lot], scenery.walker_count[lot] = len(given.spots), len(given.pedestrians)
-    scenery.ticks[lot] = round(given.time_limit_s / kart.TICK_S)
-    for number, wall in enumerate(given.walls):
-        scenery.walls[lot, number] = wall.row()
-    for number, box in enumerate(given.boxes):
-        scenery.boxes[lot, number] = box.row()
-        pack_box(scenery.boxes[lot, number], scenery.packed[lot, number])
-        scenery.box_kind[lot, number] = Kind.WALL if number < len(given.blocks) else Kind.CAR
+    ticks = round(given.time_limit_s / kart.TICK_S)
+    counted = len(given.walls), len(given.boxes), len(given.spots), len(given.pedestrians)
+    tables.lots[lot] = (*counted, ticks, 0)
+    for row, wall in enumerate(given.walls, lot * MAX_WALLS):
+        tables.walls[row] = wall.row()
+    for row, box in enumerate(given.boxes, lot * MAX_BOXES):
+        tables.boxes[row] = *box.row(), Kind.WALL if isinstance(box, Block) else Kind.CAR
     for number, spot in enumerate(given.spots):
-        scenery.spots[lot, number] = spot.row()
-        scenery.spot_free[lot, number] = number in given.free_spots
-    for number, walker in enumerate(given.pedestrians):
-        scenery.walkers[lot, number] = walker.row()
+        tables.spots[lot * MAX_SPOTS + number] = *spot.row(), number in given.free_spots
+    for row, walker in enumerate(given.pedestrians, lot * MAX_PEDESTRIANS):
+        tables.walkers[row, :WALKED] = walker.row()
