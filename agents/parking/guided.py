@@ -12,9 +12,9 @@ from gymnasium.vector.utils import batch_space
 from dohyo.agents.parking.expert import Expert, Scene, wall_boxes
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from dohyo.sumo_networks.parking import kart
-from dohyo.sumo_networks.parking.kernel import walker_place
 from dohyo.sumo_networks.parking.observation import State
 from dohyo.sumo_networks.parking.rules import Outcome
+from dohyo.sumo_networks.parking.tables import OUTCOME, TARGET, WALK_RADIUS, WALK_SPEED, WALK_X, WALK_Y, WALKED
 from dohyo.sumo_networks.parking.vector_env import Level, ParkingVectorEnv
 from dohyo.sumo_networks.parking.world import ParkingWorld
 
@@ -39,7 +39,7 @@ class GuidedVectorEnv(ParkingVectorEnv):
         actions = np.zeros((self.num_envs, 3), np.float32)
         for row in np.flatnonzero(rows).tolist():
             lot, number = divmod(row, self.group_size)
-            body = self.world.episodes.karts[lot, number]
+            body = self.world.view(lot).karts[number]
             actions[row] = self._experts[row].act(body, scene_of(self.world, lot, number))
         return actions, rows.copy()
 
@@ -51,15 +51,11 @@ class GuidedVectorEnv(ParkingVectorEnv):
 
 def scene_of(world: ParkingWorld, lot: int, number: int) -> Scene:
     """What the expert of a kart sees."""
-    there, episodes = world.scenery, world.episodes
-    walls = wall_boxes(there.walls[lot, : there.wall_count[lot]])
-    boxes = there.boxes[lot, : there.box_count[lot]]
-    karts = [_kart(episodes.karts[lot, other]) for other in _others(episodes.outcome[lot], number)]
-    walkers = [
-        _walker(there.walkers[lot, walker], float(episodes.walked_m[lot, walker]))
-        for walker in range(there.walker_count[lot])
-    ]
-    spot = there.spots[lot, episodes.target[lot, number]]
+    view = world.view(lot)
+    walls, boxes = wall_boxes(view.walls), view.boxes[:, :5]
+    karts = [_kart(view.karts[other]) for other in _others(view.counts[:, OUTCOME], number)]
+    walkers = [_walker(row) for row in view.walkers]
+    spot = view.spots[view.counts[number, TARGET], :5]
     return Scene(np.concatenate([walls, boxes]), np.array([*karts, *walkers]).reshape(-1, 7), spot)
 
 
@@ -74,7 +70,12 @@ def _kart(body: FloatArray) -> FloatArray:
     return np.array([*box, speed * np.cos(heading), speed * np.sin(heading)])
 
 
-def _walker(row: FloatArray, walked: float) -> FloatArray:
-    """(7,) box and velocity of a pedestrian (6,) that has walked a way [m]."""
-    (x, y), (then_x, then_y) = walker_place(row, walked), walker_place(row, walked + 0.1 * row[4])
-    return np.array([x, y, 0.0, 2.0 * row[5], 2.0 * row[5], (then_x - x) / 0.1, (then_y - y) / 0.1])
+def _walker(row: FloatArray) -> FloatArray:
+    """(7,) box and velocity of a pedestrian, a row of (P, 9)."""
+    there = row[2:4] - row[:2]
+    length = float(np.hypot(*there))
+    if length == 0.0:
+        return np.array([row[WALK_X], row[WALK_Y], 0.0, 2.0 * row[WALK_RADIUS], 2.0 * row[WALK_RADIUS], 0.0, 0.0])
+    back = -1.0 if row[WALKED] % (2.0 * length) >= length else 1.0
+    velocity = back * row[WALK_SPEED] * there / length
+    return np.array([row[WALK_X], row[WALK_Y], 0.0, 2.0 * row[WALK_RADIUS], 2.0 * row[WALK_RADIUS], *velocity])

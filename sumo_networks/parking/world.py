@@ -24,7 +24,19 @@ from dohyo.sumo_networks.parking.rules import (
     Rules,
 )
 from dohyo.sumo_networks.parking.sight import observe
-from dohyo.sumo_networks.parking.tables import ENDED, OUTCOME, SHUNTS, TARGET, TOUCHED, WALKED, Tables
+from dohyo.sumo_networks.parking.tables import (
+    BOXES,
+    ENDED,
+    OUTCOME,
+    SHUNTS,
+    SPOTS,
+    TARGET,
+    TOUCHED,
+    WALKED,
+    WALKERS,
+    WALLS,
+    Tables,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +66,27 @@ class Results:
     driven_m: FloatArray
     shunts: IntArray
     touched: IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class LotView:
+    """Rows of one lot in the tables, with the columns that `tables` says; they change with the next step.
+
+    Attributes:
+        walls: (W, 4).
+        boxes: (B, 9).
+        spots: (S, 9).
+        walkers: (P, 9).
+        karts: (K, 10).
+        counts: (K, 7).
+    """
+
+    walls: FloatArray
+    boxes: FloatArray
+    spots: FloatArray
+    walkers: FloatArray
+    karts: FloatArray
+    counts: IntArray
 
 
 class ParkingWorld:
@@ -140,6 +173,19 @@ class ParkingWorld:
     def observations(self) -> Float32Array:
         """(N, K, 64) last observation of each kart's episode, see `observation`; overwritten by the next step."""
         return self._observations
+
+    def view(self, lot: int) -> LotView:
+        """What stands in a lot, and its karts."""
+        tables, counted = self.tables, self.tables.lots[lot]
+        first, past = lot * self.karts, (lot + 1) * self.karts
+        return LotView(
+            walls=tables.walls[lot * MAX_WALLS :][: counted[WALLS]],
+            boxes=tables.boxes[lot * MAX_BOXES :][: counted[BOXES]],
+            spots=tables.spots[lot * MAX_SPOTS :][: counted[SPOTS]],
+            walkers=tables.walkers[lot * MAX_PEDESTRIANS :][: counted[WALKERS]],
+            karts=tables.karts[first:past],
+            counts=tables.counts[first:past],
+        )
 
     def results(self, lots: Sequence[int] | IntArray | slice = slice(None)) -> Results:
         """How the karts of some lots stand."""

@@ -8,8 +8,8 @@ import pytest
 from dohyo.agents.parking.expert import Expert
 from dohyo.agents.parking.guided import GuidedVectorEnv, scene_of
 from dohyo.sumo_networks.parking.generate import Scene
-from dohyo.sumo_networks.parking.kernel import walker_place
 from dohyo.sumo_networks.parking.rules import JUDGED
+from dohyo.sumo_networks.parking.tables import WALK_SPEED, WALK_X, WALK_Y
 from dohyo.sumo_networks.parking.vector_env import Level
 
 SEEDS = [0, 1, 2]
@@ -41,9 +41,9 @@ def test_the_expert_waits_for_pedestrians_and_sees_them_move():
     lots = driven(Scene.PEDESTRIANS)
     assert lots.world.results().success.all()
     seen = scene_of(lots.world, 0, 0).moving
-    rows, walked = lots.world.scenery.walkers[0], lots.world.episodes.walked_m[0]
-    assert np.allclose(seen[0, :2], walker_place(rows[0], walked[0]))
-    assert np.hypot(seen[0, 5], seen[0, 6]) == pytest.approx(rows[0, 4], rel=1e-3)
+    walker = lots.world.view(0).walkers[0]
+    assert np.allclose(seen[0, :2], walker[[WALK_X, WALK_Y]])
+    assert np.hypot(seen[0, 5], seen[0, 6]) == pytest.approx(walker[WALK_SPEED], rel=1e-3)
 
 
 def test_an_expert_without_any_way_goes_on_a_bold_one():
@@ -53,5 +53,5 @@ def test_an_expert_without_any_way_goes_on_a_bold_one():
     spot = scene.spot
     blocked = scene._replace(fixed=np.array([[spot[0], spot[1], 0.0, 4.0, 4.0]]))
     expert = Expert()
-    expert.act(lots.world.episodes.karts[0, 0], blocked)
+    expert.act(lots.world.view(0).karts[0], blocked)
     assert np.allclose(expert.path[-1, 2] % (2 * np.pi), spot[2])
