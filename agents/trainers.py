@@ -26,7 +26,7 @@ class Listed:
 
 
 def _subpolicy(name: str, summary: str) -> Listed:
-    return Listed(f"dohyo.agents.hierarchical.subpolicies:{name.upper()}", summary)
+    return Listed(f"dohyo.agents.hierarchical.training.subpolicies:{name.upper()}", summary)
 
 
 TRAINERS: dict[str, Listed] = {
@@ -55,14 +55,15 @@ TRAINERS: dict[str, Listed] = {
     "hierarchical-lights": _subpolicy("lights", "GHRL's sub-policy for junctions with lights"),
     "hierarchical-flat": _subpolicy("flat", "the flat policy that GHRL is compared with: everything in one"),
     "hierarchical-master": Listed(
-        "dohyo.agents.hierarchical.master_training:MASTER",
+        "dohyo.agents.hierarchical.training.master_training:MASTER",
         "GHRL's master: chooses among the sub-policies, by option-critic",
     ),
     "speed-buffer": Listed(
-        "dohyo.agents.speed_planning.buffer_training:BUFFER", "density of the buffer before a bottleneck"
+        "dohyo.agents.speed_planning.training.buffer_training:BUFFER", "density of the buffer before a bottleneck"
     ),
     "cruise-control": Listed(
-        "dohyo.agents.speed_planning.cruise_control_training:CRUISE_CONTROL", "set-points of a car's cruise control"
+        "dohyo.agents.speed_planning.training.cruise_control_training:CRUISE_CONTROL",
+        "set-points of a car's cruise control",
     ),
     "parking": Listed("dohyo.agents.parking.training:PARKING", "parking of karts, by PPO, SAC, MA-POCA or DPPO-IL"),
 }

@@ -41,18 +41,10 @@ from dohyo.service.settings import Settings
 from dohyo.service.signing import routes as signing
 from dohyo.service.state import Broadcast, Services
 from dohyo.service.storage import retention
-from dohyo.service.submissions import (
-    agent_routes as agents,
-)
-from dohyo.service.submissions import (
-    builtin_routes as builtin_agents,
-)
-from dohyo.service.submissions import (
-    observation_routes as observations,
-)
-from dohyo.service.submissions import (
-    routes as submissions,
-)
+from dohyo.service.submissions import agent_routes as agents
+from dohyo.service.submissions import builtin_routes as builtin_agents
+from dohyo.service.submissions import observation_routes as observations
+from dohyo.service.submissions import routes as submissions
 from dohyo.service.web import limits
 from dohyo.service.web.documents import DESCRIPTION, SUMMARY, TAGS, describe, operation_id, problems
 from dohyo.service.web.head import HeadAsGet

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from dohyo.agents.forecasting.data import DAY_S
-from dohyo.agents.forecasting.gaps import fill
-from dohyo.agents.forecasting.windows import HISTORY, HORIZON, Windows
+from dohyo.agents.forecasting.data.gaps import fill
+from dohyo.agents.forecasting.data.speed_table import DAY_S
+from dohyo.agents.forecasting.data.windows import HISTORY, HORIZON, Windows
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically

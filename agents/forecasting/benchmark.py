@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 
 from dohyo.agents.forecasting.base import Forecaster
-from dohyo.agents.forecasting.data import UNITS
-from dohyo.agents.forecasting.latency import measure
-from dohyo.agents.forecasting.reading import read_set
+from dohyo.agents.forecasting.data.reading import read_set
+from dohyo.agents.forecasting.data.speed_table import UNITS
+from dohyo.agents.forecasting.data.windows import HORIZON, Windows, make_windows
 from dohyo.agents.forecasting.registry import CHECKPOINTS, load_forecaster, make_forecaster, shipped
 from dohyo.agents.forecasting.scores import Errors, errors
 from dohyo.agents.forecasting.simple import Persistence
-from dohyo.agents.forecasting.windows import HORIZON, Windows, make_windows
+from dohyo.agents.forecasting.study.latency import measure
 from dohyo.evaluation.entry import load_entry
 from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, days_folder
 from dohyo.evaluation.freeway.result import AgentFacts, FreewayResult, Metric, Units, claim, write_result

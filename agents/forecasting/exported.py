@@ -10,7 +10,7 @@ import numpy as np
 import onnxruntime  # type: ignore[import-untyped]
 
 from dohyo.agents.forecasting.base import Forecaster, Progress
-from dohyo.agents.forecasting.windows import HISTORY, Windows
+from dohyo.agents.forecasting.data.windows import HISTORY, Windows
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 

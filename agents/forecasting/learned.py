@@ -15,10 +15,10 @@ import torch
 from torch import nn
 
 from dohyo.agents.forecasting.base import Forecaster, Progress, checked
+from dohyo.agents.forecasting.data.scale import InMetres, Scale
+from dohyo.agents.forecasting.data.windows import HISTORY, Windows
 from dohyo.agents.forecasting.networks.registry import make_network
-from dohyo.agents.forecasting.scale import InMetres, Scale
 from dohyo.agents.forecasting.training import TrainSettings, train_network
-from dohyo.agents.forecasting.windows import HISTORY, Windows
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically

@@ -23,12 +23,12 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from dohyo.agents.forecasting.base import Forecaster, Progress, checked
+from dohyo.agents.forecasting.data.scale import InMetres, Scale
+from dohyo.agents.forecasting.data.windows import HORIZON, Windows
 from dohyo.agents.forecasting.learned import BLOCK, write_onnx
 from dohyo.agents.forecasting.networks.looking_ahead import NStep
 from dohyo.agents.forecasting.networks.lstm import SaLstmTrunk
-from dohyo.agents.forecasting.scale import InMetres, Scale
 from dohyo.agents.forecasting.training import Examples, TrainSettings, train_network
-from dohyo.agents.forecasting.windows import HORIZON, Windows
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 
 COVERAGE = 0.9

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from dohyo.agents.forecasting.base import Forecaster, read_file
+from dohyo.agents.forecasting.data.scale import Scale
 from dohyo.agents.forecasting.exported import Exported
 from dohyo.agents.forecasting.learned import Learned
 from dohyo.agents.forecasting.networks.registry import NETWORKS
 from dohyo.agents.forecasting.quantiles import Quantiles
-from dohyo.agents.forecasting.scale import Scale
 from dohyo.agents.forecasting.simple import HistoricalMean, Linear, Persistence
 from dohyo.agents.forecasting.training import TrainSettings
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError

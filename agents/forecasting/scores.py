@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dohyo.agents.forecasting.base import Forecaster
-from dohyo.agents.forecasting.data import UNITS
-from dohyo.agents.forecasting.windows import HORIZON, Windows
+from dohyo.agents.forecasting.data.speed_table import UNITS
+from dohyo.agents.forecasting.data.windows import HORIZON, Windows
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 
 

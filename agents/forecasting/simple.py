@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from dohyo.agents.forecasting.base import Forecaster, Progress, checked
-from dohyo.agents.forecasting.data import DAY_S
-from dohyo.agents.forecasting.windows import HISTORY, HORIZON, Windows
+from dohyo.agents.forecasting.data.speed_table import DAY_S
+from dohyo.agents.forecasting.data.windows import HISTORY, HORIZON, Windows
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 
 BIN_S = 900.0

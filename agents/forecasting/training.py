@@ -11,10 +11,10 @@ import torch
 from torch import Tensor
 
 from dohyo.agents.forecasting.base import Progress
+from dohyo.agents.forecasting.data.scale import Scale
+from dohyo.agents.forecasting.data.windows import Windows
 from dohyo.agents.forecasting.networks.looking_ahead import Phase, SpeedNetwork
 from dohyo.agents.forecasting.pyramid import MAX_DEPTH, LaplacianLoss
-from dohyo.agents.forecasting.scale import Scale
-from dohyo.agents.forecasting.windows import Windows
 from dohyo.agents.learning.runs.supervised import Fit, Rate, fit
 from dohyo.sumo_networks.errors import InvalidInputError
 

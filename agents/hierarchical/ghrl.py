@@ -17,10 +17,10 @@ import numpy as np
 import torch
 
 from dohyo.agents.hierarchical.hierarchy import FLAT, MASTER, WEIGHTS, SubPolicy, read_sub_policies, run_file
-from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
 from dohyo.agents.hierarchical.master import Master, parts, read_master
-from dohyo.agents.hierarchical.master_observation import OPTIONS, MasterObservation
-from dohyo.agents.hierarchical.option_executor import OptionExecutor, OptionView
+from dohyo.agents.hierarchical.options.executor import OptionExecutor, OptionView
+from dohyo.agents.hierarchical.options.manoeuvres import DRIVE, Manoeuvre
+from dohyo.agents.hierarchical.state.master_observation import OPTIONS, MasterObservation
 from dohyo.agents.rules.rules_only import RulesOnly
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from dohyo.evaluation.settings import OneOf

@@ -14,11 +14,11 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from dohyo.agents.hierarchical.actuation import Steering
-from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
-from dohyo.agents.hierarchical.state import StateConfig, StateEncoder
-from dohyo.agents.hierarchical.subpolicies import SubPolicyConfig
-from dohyo.agents.hierarchical.views import rows_seen
+from dohyo.agents.hierarchical.options.actuation import Steering
+from dohyo.agents.hierarchical.options.manoeuvres import DRIVE, Manoeuvre
+from dohyo.agents.hierarchical.state.state import StateConfig, StateEncoder
+from dohyo.agents.hierarchical.state.views import rows_seen
+from dohyo.agents.hierarchical.training.subpolicies import SubPolicyConfig
 from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.learning.networks.policy import Actor
 from dohyo.sumo_networks.arrays import Float32Array

@@ -12,8 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from dohyo.agents.speed_planning.dissipation import Arm, Morning, SetPoints, buffer_policy, segment_speeds
-from dohyo.agents.speed_planning.mornings import ARMS, drive_morning, morning_place
+from dohyo.agents.speed_planning.study.dissipation import Arm, Morning, SetPoints, buffer_policy, segment_speeds
+from dohyo.agents.speed_planning.study.mornings import ARMS, drive_morning, morning_place
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import cell_of, read_rows
 from dohyo.agents.studies.runner import Work, run

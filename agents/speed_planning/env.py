@@ -15,9 +15,9 @@ from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
 from dohyo.agents.speed_planning.acc import SEEN_M
-from dohyo.agents.speed_planning.dissipation import Morning
 from dohyo.agents.speed_planning.fleet import Cars
 from dohyo.agents.speed_planning.planner import LOOK_AHEAD_M, PUBLISHED_EVERY_S, SpeedPlan, open_gap
+from dohyo.agents.speed_planning.study.dissipation import Morning
 from dohyo.agents.speed_planning.traffic_state import LaneGrid, fuse
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError

@@ -134,8 +134,10 @@ class Triangle:
 
 
 FREEWAY = Triangle(free_speed_mps=30.0, wave_speed_mps=4.0, jam_density=0.1146)
-"""Of the network `freeway`, measured by `python -m dohyo.agents.speed_planning.calibration`. Its tip is the flow out of
-congestion; before a breakdown a lane carries a third more, which no triangle can represent."""
+"""Of the network `freeway`, measured by `python -m dohyo.agents.speed_planning.study.calibration`.
+
+Its tip is the flow out of congestion; before a breakdown a lane carries a third more, which no triangle can represent.
+"""
 
 
 def calibrated(density: FloatArray, speed: FloatArray) -> Triangle:

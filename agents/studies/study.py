@@ -24,12 +24,12 @@ O = TypeVar("O", bound=Config)  # noqa: E741
 ROWS, FACTS = "rows.jsonl", "facts.json"
 
 STUDIES: Mapping[str, str] = {
-    "dissipation": "dohyo.agents.speed_planning.study:STUDY",
-    "forecasting": "dohyo.agents.forecasting.study:STUDY",
-    "ghrl": "dohyo.agents.hierarchical.study:STUDY",
-    "ghrl-policies": "dohyo.agents.hierarchical.evaluate_policies:STUDY",
-    "ghrl-trainings": "dohyo.agents.hierarchical.trainings:STUDY",
-    "mbappe": "dohyo.agents.mcts.study:STUDY",
+    "dissipation": "dohyo.agents.speed_planning.study.study:STUDY",
+    "forecasting": "dohyo.agents.forecasting.study.study:STUDY",
+    "ghrl": "dohyo.agents.hierarchical.study.study:STUDY",
+    "ghrl-policies": "dohyo.agents.hierarchical.study.evaluate_policies:STUDY",
+    "ghrl-trainings": "dohyo.agents.hierarchical.study.trainings:STUDY",
+    "mbappe": "dohyo.agents.mcts.study.study:STUDY",
     "peers": "dohyo.agents.studies.peers:STUDY",
 }
 """As "module:attribute", since systems take seconds to import."""

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from space_time import SpeedMap, side_by_side, write_picture
 
-from dohyo.agents.speed_planning.dissipation import LeadIn, Morning, controlled, is_observed
-from dohyo.agents.speed_planning.mornings import ARMS, in_a_copy
+from dohyo.agents.speed_planning.study.dissipation import LeadIn, Morning, controlled, is_observed
+from dohyo.agents.speed_planning.study.mornings import ARMS, in_a_copy
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.freeway import FreewaySimulation, load_freeway
 from dohyo.sumo_networks.freeway.measure import SpaceTimeMap

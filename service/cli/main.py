@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from dohyo.service.cli.commands import COMMANDS
+from dohyo.service.cli.command_table import COMMANDS
 from dohyo.service.cli.lazy import INTERRUPTED, CommandGroup, make_commands
 from dohyo.sumo_networks.errors import DohyoError
 

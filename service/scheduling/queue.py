@@ -16,13 +16,7 @@ from sqlalchemy.orm import Session
 
 from dohyo.service.boards.model import Ranking
 from dohyo.service.database.base import now
-from dohyo.service.evaluations.model import (
-    AttemptOutcome,
-    Episode,
-    EpisodeStatus,
-    Evaluation,
-    EvaluationStatus,
-)
+from dohyo.service.evaluations.model import AttemptOutcome, Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.running.order import agent_seed
 from dohyo.service.scheduling import attempts
 from dohyo.service.scheduling.attempts import LEAVING, UNCOUNTED, AttemptEnd

@@ -122,7 +122,7 @@ def state() -> list[Figure]:
 
 def forecasts() -> list[Figure]:
     """Networks that forecast speeds, batch 1."""
-    from dohyo.agents.forecasting.latency import of_network
+    from dohyo.agents.forecasting.study.latency import of_network
     from tests.performance.forecasting import GOALS_MS, SEGMENTS
 
     kernel = kernel_ms()

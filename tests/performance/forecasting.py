@@ -15,7 +15,7 @@ from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-from dohyo.agents.forecasting.latency import RUNS, WARM_UPS, of_network
+from dohyo.agents.forecasting.study.latency import RUNS, WARM_UPS, of_network
 
 SEGMENTS = 21
 GOALS_MS = {("sa-lstm", 1): (0.5, 0.15), ("sa-lstm-n-step", 3): (0.9, 0.3)}

@@ -5,7 +5,7 @@ nearest 48: scene, forecast, search. MBAPPE is as it is by default, with its lea
 velocity, and with the value network. Observations differ from decision to decision.
 
     python tests/performance/planners.py [FILE.json]
-    python -m dohyo.agents.mcts.speed                          # draws agents/mcts/results/speed.json
+    python -m dohyo.agents.mcts.study.speed                          # draws agents/mcts/results/speed.json
 """
 
 from __future__ import annotations

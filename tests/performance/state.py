@@ -15,7 +15,7 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 import numpy as np
 
-from dohyo.agents.hierarchical.state import StateConfig, StateEncoder
+from dohyo.agents.hierarchical.state.state import StateConfig, StateEncoder
 from dohyo.agents.hierarchical.vision.latents import Encoder
 from dohyo.sumo_networks.sensors import make_sensors
 from tests.worlds import straight_road

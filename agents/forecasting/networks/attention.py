@@ -10,7 +10,7 @@ import math
 import torch
 from torch import Tensor, nn
 
-from dohyo.agents.forecasting.windows import HISTORY
+from dohyo.agents.forecasting.data.windows import HISTORY
 
 WIDTH, HEADS, LAYERS = 64, 4, 2
 BLOCKS, MIXER_WIDTH = 2, 64

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from dohyo.agents.forecasting.windows import HORIZON
+from dohyo.agents.forecasting.data.windows import HORIZON
 
 Trunk = Callable[[int], nn.Module]
 """Makes a trunk for a number of segments."""

@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from dohyo.agents.hierarchical.nearby import EVENT_M, IMPACT_M
+from dohyo.agents.hierarchical.state.nearby import EVENT_M, IMPACT_M
 from dohyo.agents.hierarchical.vision.classes import CLASSES, Seen
 from dohyo.agents.hierarchical.vision.dataset import Pictures, load_split
 from dohyo.agents.hierarchical.vision.figure import draw

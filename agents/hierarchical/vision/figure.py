@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from dohyo.agents.hierarchical.nearby import EVENT_M, IMPACT_M
+from dohyo.agents.hierarchical.state.nearby import EVENT_M, IMPACT_M
 from dohyo.agents.hierarchical.vision.classes import Seen
 from dohyo.agents.hierarchical.vision.dataset import Pictures
 from dohyo.agents.hierarchical.vision.network import Autoencoder

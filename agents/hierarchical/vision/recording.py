@@ -22,7 +22,7 @@ import numpy as np
 
 from dohyo.agents.driving import decisions
 from dohyo.agents.experts.autopilot import Autopilot
-from dohyo.agents.hierarchical.nearby import distances
+from dohyo.agents.hierarchical.state.nearby import distances
 from dohyo.agents.hierarchical.vision.classes import HEIGHT, WIDTH
 from dohyo.agents.hierarchical.vision.dataset import SCHEMA_VERSION, Pictures, load_shard
 from dohyo.agents.mcts.predictors import recording as motion

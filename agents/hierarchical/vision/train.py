@@ -22,7 +22,7 @@ from safetensors.torch import save
 from torch import Tensor
 from torch.nn.functional import cross_entropy, one_hot, smooth_l1_loss
 
-from dohyo.agents.hierarchical.nearby import EVENT_M, IMPACT_M
+from dohyo.agents.hierarchical.state.nearby import EVENT_M, IMPACT_M
 from dohyo.agents.hierarchical.vision.classes import CLASSES, OF_LABEL
 from dohyo.agents.hierarchical.vision.dataset import Pictures, load_split
 from dohyo.agents.hierarchical.vision.network import Autoencoder

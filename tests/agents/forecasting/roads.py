@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from dohyo.agents.forecasting.data import Stretch
+from dohyo.agents.forecasting.data.speed_table import Stretch
 from dohyo.sumo_networks.arrays import FloatArray
 
 FREE_MPS, WAVE_MPS, CELL_M, JAM_PER_M, CAPACITY = 31.0, 5.0, 540.0, 0.6, 2.2

@@ -12,7 +12,7 @@ import pytest
 from dohyo.agents.forecasting import benchmark as benchmarks
 from dohyo.agents.forecasting.base import Forecaster, Progress
 from dohyo.agents.forecasting.benchmark import benchmark_windows, evaluate_forecaster
-from dohyo.agents.forecasting.windows import Windows
+from dohyo.agents.forecasting.data.windows import Windows
 from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, days_folder, load_freeway_benchmark
 from dohyo.evaluation.freeway.result import RESULT
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray

@@ -10,6 +10,7 @@ import torch
 from safetensors.numpy import save_file
 
 from dohyo.agents.forecasting.base import Forecaster
+from dohyo.agents.forecasting.data.windows import Windows, make_windows
 from dohyo.agents.forecasting.learned import Learned
 from dohyo.agents.forecasting.networks.registry import NETWORKS
 from dohyo.agents.forecasting.quantiles import Quantiles, conformal_quantile
@@ -17,7 +18,6 @@ from dohyo.agents.forecasting.registry import NAMES, load_forecaster, make_forec
 from dohyo.agents.forecasting.scores import by_stretch, coverage, errors
 from dohyo.agents.forecasting.simple import Linear, Persistence
 from dohyo.agents.forecasting.training import TrainSettings
-from dohyo.agents.forecasting.windows import Windows, make_windows
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from tests.agents.forecasting.roads import road_stretch
 

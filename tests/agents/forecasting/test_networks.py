@@ -9,14 +9,14 @@ import pytest
 import torch
 from torch import Tensor
 
+from dohyo.agents.forecasting.data.scale import Scale
+from dohyo.agents.forecasting.data.windows import make_windows
 from dohyo.agents.forecasting.networks.attention import TransformerTrunk
 from dohyo.agents.forecasting.networks.convolution import SaConvLstmTrunk
 from dohyo.agents.forecasting.networks.looking_ahead import NStep, Recursive, SpeedNetwork
 from dohyo.agents.forecasting.networks.lstm import LstmTrunk, SaLstmTrunk, SpatialAttention, units_for
 from dohyo.agents.forecasting.networks.registry import NETWORKS, make_network
-from dohyo.agents.forecasting.scale import Scale
 from dohyo.agents.forecasting.training import TrainSettings, train_network
-from dohyo.agents.forecasting.windows import make_windows
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from tests.agents.forecasting.roads import road_stretch
 

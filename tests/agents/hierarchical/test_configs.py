@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from dohyo.agents.hierarchical.hierarchy import FLAT, MASTER
-from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
+from dohyo.agents.hierarchical.options.manoeuvres import DRIVE, Manoeuvre
 from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.trainers import TRAINERS, trainer_named
 

@@ -12,14 +12,14 @@ import torch
 from tensordict import TensorDict
 
 from dohyo.agents.hierarchical import ghrl
+from dohyo.agents.hierarchical.environments.mission_env import MissionEnv, MissionTask
+from dohyo.agents.hierarchical.environments.scenarios import draw_scenario
 from dohyo.agents.hierarchical.ghrl import ARMS, Ghrl
 from dohyo.agents.hierarchical.hierarchy import CONFIG, WEIGHTS, read_sub_policies
-from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
 from dohyo.agents.hierarchical.master import read_master
-from dohyo.agents.hierarchical.master_training import OptionCritic, OptionCriticConfig
-from dohyo.agents.hierarchical.mission_env import MissionEnv, MissionTask
-from dohyo.agents.hierarchical.scenarios import draw_scenario
-from dohyo.agents.hierarchical.subpolicies import SubPolicyConfig
+from dohyo.agents.hierarchical.options.manoeuvres import DRIVE, Manoeuvre
+from dohyo.agents.hierarchical.training.master_training import OptionCritic, OptionCriticConfig
+from dohyo.agents.hierarchical.training.subpolicies import SubPolicyConfig
 from dohyo.agents.learning.experience.collector import Collector
 from dohyo.agents.learning.files.settings import as_toml
 from dohyo.agents.learning.tasks.task import SINGLE

@@ -9,12 +9,12 @@ import torch
 from gymnasium.spaces import Box
 
 from dohyo.agents.hierarchical.hierarchy import CONFIG, FLAT, MASTER, WEIGHTS, read_sub_policies
-from dohyo.agents.hierarchical.manoeuvres import DRIVE, Manoeuvre
 from dohyo.agents.hierarchical.master import Master, master_of
-from dohyo.agents.hierarchical.option_executor import OptionLimits
-from dohyo.agents.hierarchical.state import StateConfig
-from dohyo.agents.hierarchical.subpolicies import SubPolicyConfig
-from dohyo.agents.hierarchical.tasks import ManoeuvreTask
+from dohyo.agents.hierarchical.options.executor import OptionLimits
+from dohyo.agents.hierarchical.options.manoeuvres import DRIVE, Manoeuvre
+from dohyo.agents.hierarchical.state.state import StateConfig
+from dohyo.agents.hierarchical.training.subpolicies import SubPolicyConfig
+from dohyo.agents.hierarchical.training.tasks import ManoeuvreTask
 from dohyo.agents.learning.files.settings import as_toml
 from dohyo.agents.learning.networks.policy import Actor
 from dohyo.agents.learning.policies.export import export

@@ -13,8 +13,8 @@ import pytest
 from dohyo.agents.localization.calibration import calibrate
 from dohyo.agents.localization.filters import FilterNoise
 from dohyo.agents.localization.localizer import FILTERS, Fix, Localizer, Settings
-from dohyo.agents.localization.study import fixes_of, score
-from dohyo.agents.localization.synthetic import DT, Journey, Recording, journey_named, record
+from dohyo.agents.localization.study.grid import fixes_of, score
+from dohyo.agents.localization.study.synthetic import DT, Journey, Recording, journey_named, record
 from dohyo.agents.localization.track import EstimatedTrack, follow
 from dohyo.evaluation.scores.localization import errors
 from dohyo.sumo_networks.ego.dynamics import GRAVITY

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from dohyo.agents.localization.logs import check_together, read_imu, read_positions
-from dohyo.agents.localization.synthetic import journey_named, record
+from dohyo.agents.localization.study.synthetic import journey_named, record
 from dohyo.service.cli import app
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dohyo.agents.speed_planning.acc import MPH, Memory, SetPointPolicy, Settings, settings_of, stock_acc
-from dohyo.agents.speed_planning.platoon import idm
+from dohyo.agents.speed_planning.training.platoon import idm
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from dohyo.agents.speed_planning.benchmark import controller, evaluate_controller, morning_of, untouched_folder
-from dohyo.agents.speed_planning.dissipation import Morning
+from dohyo.agents.speed_planning.study.dissipation import Morning
 from dohyo.agents.studies.study import ROWS
 from dohyo.evaluation.freeway.benchmark import TrafficBenchmark, load_freeway_benchmark
 from dohyo.evaluation.freeway.result import RESULT

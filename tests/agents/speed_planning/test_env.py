@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from pettingzoo.test import parallel_api_test
 
-from dohyo.agents.speed_planning.dissipation import Morning
 from dohyo.agents.speed_planning.env import FORECASTER, PLANNER, DissipationEnv
+from dohyo.agents.speed_planning.study.dissipation import Morning
 from dohyo.sumo_networks.errors import InvalidInputError
 
 EARLY = Morning(start_s=5.3 * 3600, duration_s=70, warm_up_s=60, penetration=0.3)

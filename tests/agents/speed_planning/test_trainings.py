@@ -15,7 +15,7 @@ from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.learning.networks.policy import TanhActor
 from dohyo.agents.learning.runs.evaluation import Evaluation, Outcome
 from dohyo.agents.learning.runs.trainer import TrainRequest
-from dohyo.agents.speed_planning import buffer, held_out
+from dohyo.agents.speed_planning import buffer
 from dohyo.agents.speed_planning.acc import SetPointPolicy
 from dohyo.agents.speed_planning.buffer import (
     LearnedBuffer,
@@ -25,7 +25,8 @@ from dohyo.agents.speed_planning.buffer import (
     density_of_action,
 )
 from dohyo.agents.speed_planning.fundamental_diagram import FREEWAY
-from dohyo.agents.speed_planning.macroscopic import CellRoad
+from dohyo.agents.speed_planning.study import held_out
+from dohyo.agents.speed_planning.training.macroscopic import CellRoad
 from dohyo.agents.trainers import trainer_named
 from dohyo.sumo_networks.errors import InvalidInputError
 

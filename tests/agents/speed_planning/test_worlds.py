@@ -9,12 +9,12 @@ from tensordict import TensorDict
 
 from dohyo.agents.learning.tasks.environments import check_environments
 from dohyo.agents.learning.tasks.task import Array, Environments, Task, check_task
-from dohyo.agents.speed_planning import buffer_env, platoon
-from dohyo.agents.speed_planning.buffer_env import BufferEnv
-from dohyo.agents.speed_planning.buffer_training import BufferTask
-from dohyo.agents.speed_planning.cruise_control_training import CruiseControlTask
-from dohyo.agents.speed_planning.held_out import follows_plan, follows_traffic, no_buffer
-from dohyo.agents.speed_planning.platoon import HUMANS, PlatoonEnv
+from dohyo.agents.speed_planning.study.held_out import follows_plan, follows_traffic, no_buffer
+from dohyo.agents.speed_planning.training import buffer_env, platoon
+from dohyo.agents.speed_planning.training.buffer_env import BufferEnv
+from dohyo.agents.speed_planning.training.buffer_training import BufferTask
+from dohyo.agents.speed_planning.training.cruise_control_training import CruiseControlTask
+from dohyo.agents.speed_planning.training.platoon import HUMANS, PlatoonEnv
 
 TASKS = (CruiseControlTask(), BufferTask())
 

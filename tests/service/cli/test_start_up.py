@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from dohyo.service.cli import benchmark_list
-from dohyo.service.cli.commands import COMMANDS
+from dohyo.service.cli.command_table import COMMANDS
+from dohyo.service.cli.commands import benchmark_list
 from dohyo.service.cli.lazy import Command, Group
 
 ROOT = Path(__file__).parents[3]

@@ -14,7 +14,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.signature import Signature, public_key, read_signature, sign, signature_path
 from dohyo.evaluation.records.store import read_record, seal, write_record
-from dohyo.service.cli.signatures import check_signature
+from dohyo.service.cli.commands.signatures import check_signature
 from dohyo.service.client.client import Client
 from dohyo.service.client.known_keys import KnownKeys
 from dohyo.service.signing.keys import SigningKeys

@@ -1,0 +1,1 @@
+"""Tables of speeds: reading, gaps, scale, and windows of rows."""

@@ -1,0 +1,1 @@
+"""The study of forecasters: arms, tables, figures, and the time of a forecast."""

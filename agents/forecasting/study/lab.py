@@ -1,0 +1,166 @@
+"""Lab: trains the arms of the study, and measures them day by day; trained forecasters stay in a folder.
+
+    python -m dohyo.agents.forecasting.study.lab out/forecasting 0
+
+copies the shipped forecasters of one seed from that folder into `checkpoints/`, networks also as ONNX.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from dohyo.agents.forecasting.base import Forecaster
+from dohyo.agents.forecasting.data.speed_table import SpeedData
+from dohyo.agents.forecasting.data.windows import HORIZON, make_windows
+from dohyo.agents.forecasting.learned import Learned
+from dohyo.agents.forecasting.networks.looking_ahead import NStep, Recursive
+from dohyo.agents.forecasting.quantiles import Quantiles
+from dohyo.agents.forecasting.registry import CHECKPOINTS, SIMPLE, load_forecaster, make_forecaster
+from dohyo.agents.forecasting.scores import coverage, errors
+from dohyo.agents.forecasting.training import TrainSettings, train_network
+from dohyo.sumo_networks.files import write_atomically
+
+SHIPPED = {"sa-lstm": "sa-lstm-lap3-balanced", "sa-lstm-n-step": "sa-lstm-n-step-lap3-balanced"}
+SHIPPED |= {name: name for name in ("linear", "historical-mean", "sa-lstm-quantiles")} | {"tsmixer": "tsmixer-mse"}
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """A forecaster with the loss and length of its training.
+
+    Attributes:
+        name: Of the forecaster.
+        depth: Of the Laplacian loss; None: squared error alone.
+        weight: Of that loss.
+        length: Factor of the study's steps.
+    """
+
+    name: str
+    depth: int | None = None
+    weight: float = 1.0
+    length: int = 1
+
+    @property
+    def arm(self) -> str:
+        """Name of the arm."""
+        if self.name in SIMPLE or self.name == Quantiles.name:
+            return self.name
+        loss = "mse" if self.depth is None else f"lap{self.depth}"
+        balanced, long = "-balanced" * (self.weight != 1.0), "-long" * (self.length > 1)
+        return f"{self.name}-{loss}{balanced}{long}"
+
+
+class Lab:
+    """The data in windows, and a folder of trained forecasters.
+
+    Attributes:
+        data: To learn from.
+        folder: Folder of the forecasters.
+        steps: Of each phase of a training.
+        windows: Windows of each set.
+        free_mps: Speed with the normalised value 1.
+    """
+
+    def __init__(self, data: SpeedData, folder: Path, steps: int) -> None:
+        self.data, self.folder, self.steps = data, folder, steps
+        self.windows = {name: make_windows(some, data.step_s) for name, some in data.sets.items()}
+        self.free_mps = float(np.quantile(self.windows["train"].history, 0.999))
+        self._learned_from = self._fingerprint()
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def _fingerprint(self) -> str:
+        """Fingerprint of the windows to learn from, and of the length of the training."""
+        some = [self.windows[name] for name in ("train", "validation")]
+        shapes = [list(one.history.shape) for one in some]
+        sums = [float(np.nansum(one.target, dtype=np.float64)) for one in some]
+        return hashlib.sha256(json.dumps([shapes, sums, self.steps]).encode()).hexdigest()[:12]
+
+    @property
+    def seconds(self) -> float:
+        """Processor time of all trainings, s."""
+        return math.fsum(json.loads(path.read_text())["seconds"] for path in self.folder.glob("*.training.json"))
+
+    def forecaster(self, variant: Variant, seed: int) -> Forecaster:
+        """The forecaster of an arm and seed, from its file or from a training."""
+        path = self.folder / f"{variant.arm}-{seed}.safetensors"
+        facts = path.with_suffix(".training.json")
+        if facts.exists() and json.loads(facts.read_text())["of"] == self._learned_from:
+            return load_forecaster(path)
+        began = time.process_time()
+        forecaster = self._trained(variant, seed)
+        seconds = round(time.process_time() - began, 1)
+        forecaster.save(path)
+        write_atomically(facts, json.dumps({"of": self._learned_from, "seconds": seconds}).encode())
+        return forecaster
+
+    def measures(self, forecaster: Forecaster, name: str) -> Iterator[dict[str, float]]:
+        """Measures of each day of a set; those of the t-th row ahead end in _t."""
+        windows = self.windows[name]
+        got = errors(forecaster, windows, self.free_mps)
+        tables = {"mse": got.normalised}
+        if got.squared_true is not None:
+            tables["mse_true"] = 1e3 * got.squared_true / self.free_mps**2
+        if isinstance(forecaster, Quantiles):
+            inside, width = coverage(forecaster.intervals_many(windows.history), windows)
+            tables |= {"coverage": 100.0 * inside, "width_kmh": 3.6 * width}
+        for day in range(len(got.normalised)):
+            yield {
+                f"{measure}_{row + 1}": round(float(table[day, row]), 4)
+                for measure, table in tables.items()
+                for row in range(HORIZON)
+            }
+
+    def _trained(self, variant: Variant, seed: int) -> Forecaster:
+        """Trains one; the n-step starts from the one-step of its seed, intervals from the n-step."""
+        settings = TrainSettings(depth=variant.depth, weight=variant.weight, steps=self.steps, seed=seed)
+        # Patience counts validations, so their interval grows with the length.
+        settings = replace(
+            settings, steps=variant.length * settings.steps, validate_every=variant.length * settings.validate_every
+        )
+        forecaster = make_forecaster(variant.name, len(self.data.segments), self.data.step_s, settings)
+        train, validation = self.windows["train"], self.windows["validation"]
+        if isinstance(forecaster, Learned) and isinstance(forecaster.network, NStep):
+            start_from(forecaster, self.forecaster(replace(variant, name="sa-lstm"), seed))
+            scale = forecaster.scale
+            train_network(forecaster.network, train, validation, scale, forecaster.free_mps, settings, first=1)
+        elif isinstance(forecaster, Quantiles):
+            middle = self.forecaster(replace(variant, name="sa-lstm-n-step"), seed)
+            assert isinstance(middle, Learned)
+            forecaster.network.middle.load_state_dict(middle.network.state_dict())
+            forecaster.scale, forecaster.free_mps = middle.scale, middle.free_mps
+            forecaster.learn_ends(train, validation)
+        else:
+            forecaster.fit(train, validation)
+        return forecaster
+
+
+def start_from(forecaster: Learned, first: Forecaster) -> None:
+    """Copies a trained one-step network into the first layer and the head, the result of the first phase."""
+    assert isinstance(first, Learned)
+    assert isinstance(forecaster.network, NStep)
+    assert isinstance(first.network, Recursive)
+    forecaster.network.layers[0].load_state_dict(first.network.trunk.state_dict())
+    forecaster.network.head.load_state_dict(first.network.head.state_dict())
+    forecaster.scale, forecaster.free_mps = first.scale, first.free_mps
+
+
+def ship(folder: Path, seed: int) -> None:
+    """Copies the forecasters of one seed into the package, networks also as ONNX."""
+    for name, arm in SHIPPED.items():
+        forecaster = load_forecaster(folder / f"{arm}-{seed}.safetensors")
+        forecaster.save(CHECKPOINTS / f"{name}.safetensors")
+        if isinstance(forecaster, Learned | Quantiles):
+            forecaster.export(CHECKPOINTS / f"{name}.onnx")
+
+
+if __name__ == "__main__":
+    ship(Path(sys.argv[1]), int(sys.argv[2]))

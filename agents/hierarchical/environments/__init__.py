@@ -1,0 +1,1 @@
+"""Environments that policies learn in: exercises of one manoeuvre, and missions through town."""

@@ -1,0 +1,1 @@
+"""What policies see: the exact state in numbers, and which part of it each policy gets."""

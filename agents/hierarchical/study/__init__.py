@@ -1,0 +1,1 @@
+"""Studies: arms, trainings, drives, held-out exercises, and their tables."""

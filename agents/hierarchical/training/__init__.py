@@ -1,0 +1,1 @@
+"""Training: tasks of the sub-policies, and option-critic for the master."""

@@ -1,0 +1,1 @@
+"""The study of filters: synthetic journeys, tables, figures."""

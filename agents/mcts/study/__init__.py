@@ -1,0 +1,1 @@
+"""The study of MBAPPE: arms, measures of a drive, tables, and the time of a decision."""

@@ -1,0 +1,145 @@
+"""Tables of MBAPPE's study as Markdown: a row per arm, one per claim, one per cause of lost points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+from dohyo.agents.mcts.study.losses import CAUSES
+from dohyo.agents.mcts.study.measures import EXCERPTS, ROUTES, SHARES
+from dohyo.agents.studies.arms import Arm
+from dohyo.agents.studies.claims import Claim, judge
+from dohyo.agents.studies.rows import Row, arms_in, is_lost, matched
+from dohyo.agents.studies.samples import Sample
+from dohyo.agents.studies.study import Results
+from dohyo.agents.studies.tables import claims_table, fixed
+from dohyo.evaluation.report.style import markdown
+from dohyo.evaluation.statistics import Estimate, mean_estimate, share_estimate
+
+CLAIMS: Final = (
+    ("prior-learned", "prior-none", "score"),
+    ("prior-crafted", "prior-learned", "score"),
+    ("mbappe", "prior-crafted", "score"),
+    ("mbappe", "prior-none", "score"),
+    ("prior-learned", "prior-none", "collisions"),
+    ("constraints-tree", "constraints-none", "score"),
+    ("constraints-node", "constraints-none", "score"),
+    ("mbappe", "constraints-none", "score"),
+    ("mbappe", "constraints-tree", "score"),
+    ("mbappe", "constraints-node", "score"),
+    ("predictor-idm", "predictor-constant_velocity", "score"),
+    ("mbappe", "predictor-idm", "score"),
+    ("mbappe", "predictor-constant_velocity", "score"),
+    ("mbappe", "alone-learned", "score"),
+    ("predictor-idm", "alone-idm", "score"),
+    ("predictor-constant_velocity", "alone-constant_velocity", "score"),
+    ("mbappe", "hold-0.1s", "score"),
+    ("mbappe", "random-shooting", "score"),
+    ("mbappe", "idm", "score"),
+    ("mbappe", "choice-q", "score"),
+    ("mbappe", "choice-visits", "score"),
+    ("mbappe", "thesis-crafted", "score"),
+    ("mbappe", "thesis-wheel", "score"),
+    ("thesis", "thesis-prior-none", "score"),
+    ("mbappe", "thesis", "score"),
+    ("mbappe", "no-reuse", "score"),
+    ("learned-everywhere", "mbappe", "score"),
+    ("value-network", "mbappe", "score"),
+    ("mbappe", "autopilot", "score"),
+    ("pdm-closed", "idm", "score"),
+    ("pdm-closed", "mbappe", "score"),
+    ("pdm-closed", "pdm-published", "score"),
+)
+"""Claims on excerpts: arm with the higher measure, arm with the lower one, measure."""
+ROUTE_CLAIMS: Final = (
+    ("mbappe", "autopilot", "nocrash_success"),
+    ("mbappe", "autopilot", "driving_score"),
+    ("pdm-closed", "autopilot", "nocrash_success"),
+    ("pdm-closed", "autopilot", "driving_score"),
+    ("mbappe", "pdm-closed", "driving_score"),
+)
+"""Claims on whole routes."""
+PLANNERS: Final = ("autopilot", "mbappe", "pdm-closed")
+"""Planners whose lost points are listed by cause."""
+
+
+def section(sample: Sample, arms: Mapping[str, Arm]) -> Callable[[Results], str]:
+    """Section with the tables of one sample; empty without rows."""
+
+    def written(results: Results) -> str:
+        rows = [
+            row
+            for row in results.rows
+            if row["benchmark"] == sample.benchmark
+            and row["scenario"].startswith(sample.cells or "")
+            and row["arm"] in arms
+        ]
+        look = results.facts.get("options", {}).get("look", False)
+        return tables(sample.other_half() if look else sample, rows, arms) if rows else ""
+
+    return written
+
+
+def tables(sample: Sample, rows: Sequence[Row], arms: Mapping[str, Arm]) -> str:
+    """The tables of one sample."""
+    excerpts = sample.benchmark.startswith("val14")
+    columns = EXCERPTS if excerpts else ROUTES
+    parts = (
+        f"On {_what(sample)}:",
+        arms_table(rows, arms, columns, reported=sample.benchmark == "val14"),
+        claim_table(rows, columns, CLAIMS if excerpts else ROUTE_CLAIMS),
+        causes_table(rows),
+    )
+    return "\n\n".join(part for part in parts if part)
+
+
+def arms_table(rows: Sequence[Row], arms: Mapping[str, Arm], columns: Mapping[str, str], reported: bool) -> str:
+    """A row per arm, with the thesis's score if it is of this benchmark."""
+    lines = []
+    for name in arms_in(rows, [*arms]):
+        found = [_estimate(rows, name, measure) for measure in columns]
+        thesis = arms[name].reported
+        theirs = ["" if thesis is None else f"{thesis}"] if reported else []
+        lines.append([name, *map(fixed, found), *theirs, str(found[0].n)])
+    return markdown(["arm", *columns.values(), *(["thesis"] if reported else []), "n"], lines)
+
+
+def claim_table(rows: Sequence[Row], columns: Mapping[str, str], claims: Sequence[tuple[str, str, str]]) -> str:
+    """A row per claim whose arms drove the same scenarios."""
+    judged = judge(
+        [Claim(left, ">", right, measure) for left, right, measure in claims],
+        lambda claim, arm: matched(rows, arm, claim.measure),
+    )
+    before = {
+        "claim": lambda one: str(one.claim),
+        "metric": lambda one: columns[one.claim.measure],
+        "n": lambda one: str(one.difference.n),
+    }
+    return claims_table(judged, before, lambda one: fixed(one.difference))
+
+
+def causes_table(rows: Sequence[Row]) -> str:
+    """Points that the planners lost, by cause; empty for whole routes."""
+    driven = {arm: [row["points"] for row in rows if row["arm"] == arm and "points" in row] for arm in PLANNERS}
+    driven = {arm: points for arm, points in driven.items() if points}
+    lines = []
+    for cause, told in CAUSES.items():
+        lost = {arm: [each[cause] for each in points if each[cause] > 0.0] for arm, points in driven.items()}
+        if any(lost.values()):
+            cells = [f"{sum(some) / len(driven[arm]):.1f} ({len(some)})" if some else "0" for arm, some in lost.items()]
+            lines.append([told, *cells])
+    return markdown(["points lost (in drives)", *driven], lines) if lines else ""
+
+
+def _estimate(rows: Sequence[Row], arm: str, measure: str) -> Estimate:
+    values = [row[measure] for row in rows if row["arm"] == arm and not is_lost(row)]
+    return share_estimate([value > 0.0 for value in values]) if measure in SHARES else mean_estimate(values)
+
+
+def _what(sample: Sample) -> str:
+    half = {0: "even", 1: "odd"}
+    told = [f"`{sample.benchmark}`"]
+    told += [] if sample.remainder is None else [f"{half[sample.remainder]}-numbered missions"]
+    told += [] if sample.per_type is None else [f"{sample.per_type} of each type"]
+    told += [f"cells `{', '.join(sample.cells)}`"] if sample.cells else []
+    return ", ".join(told)

@@ -1,0 +1,1 @@
+"""Training of the learned parts, in their macroscopic and microscopic worlds."""

@@ -1,0 +1,243 @@
+"""`dohyo evaluate`: one agent on one benchmark."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+from collections import Counter
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Column
+
+from dohyo.agents.registry import kind_of, resolve_with
+from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
+from dohyo.evaluation.freeway.benchmark import is_freeway_benchmark
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.specifications import Status
+from dohyo.evaluation.running.executors import Executor, ProcessPool
+from dohyo.evaluation.running.ray_executor import RayExecutor
+from dohyo.evaluation.running.run import Result, run_benchmark
+from dohyo.evaluation.scores.nuplan.summary import as_document as closed_loop_document
+from dohyo.evaluation.scores.nuplan.summary import by_type, lost_drives, score_records, summarise_closed_loop
+from dohyo.evaluation.summary import as_document, summarise, summarise_cells
+from dohyo.service.cli.closed_loop import print_closed_loop, print_legend
+from dohyo.service.cli.commands.freeway import evaluate_on_freeway
+from dohyo.service.cli.output import Json, console, print_cells, print_comparison, print_json, print_part
+from dohyo.service.cli.own_modules import find_own_modules
+from dohyo.sumo_networks.errors import InvalidInputError
+
+SEEDS_BELOW = 2**31
+NAME_WIDTH, BAR_WIDTH = 24, 8
+OTHER_COLUMNS_WIDTH = 34
+"""Width of the progress line's numbers and times with all spaces between columns, characters."""
+
+
+class Engine(StrEnum):
+    """Executor of the episodes."""
+
+    PROCESSES = "processes"
+    RAY = "ray"
+
+
+def evaluate(
+    agent: Annotated[str, typer.Option(help="Registered name, or your own module:Class.")],
+    benchmark: Annotated[str, typer.Option(help="Name, or path of a .toml file.")],
+    seeds: Annotated[str | None, typer.Option(help="Such as 0,1,2 or 0-4; default: the benchmark's own.")] = None,
+    only: Annotated[
+        str | None, typer.Option(help="Cells or missions to drive, such as town-test.*,left-to-south; default: all.")
+    ] = None,
+    sample: Annotated[int | None, typer.Option(min=1, help="Number of missions to draw; always the same ones.")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: one per CPU.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Result folder; default: out/BENCHMARK/AGENT.")] = None,
+    settings: Annotated[list[str] | None, typer.Option("--set", help="key=value for the agent; repeatable.")] = None,
+    deadline: Annotated[float, typer.Option(min=0.1, help="Seconds an agent may take to decide.")] = ACT_DEADLINE_S,
+    reverse: Annotated[bool, typer.Option(help="Drive in reverse order; the records are the same.")] = False,
+    executor: Annotated[Engine, typer.Option(help="Processes on this machine, or a Ray cluster.")] = Engine.PROCESSES,
+    address: Annotated[str | None, typer.Option(help="Address of the Ray cluster; default: this machine.")] = None,
+    json: Json = False,
+) -> None:
+    """Evaluates an agent on a benchmark. Run again, it continues where it stopped."""
+    find_own_modules()
+    if is_freeway_benchmark(benchmark):
+        given = {
+            "only": only is not None,
+            "sample": sample is not None,
+            "deadline": deadline != ACT_DEADLINE_S,
+            "reverse": reverse,
+            "executor": executor is Engine.RAY,
+            "address": address is not None,
+        }
+        for name, is_given in given.items():
+            if is_given:
+                raise InvalidInputError(f"--{name}: expected a benchmark of driving agents, got '{benchmark}'")
+        chosen = parse_seeds(seeds) if seeds is not None else None
+        evaluate_on_freeway(agent, benchmark, parse_settings(settings or []), chosen, out, workers, json)
+        return
+    bar = _progress(hidden=json)
+    task = bar.add_task(f"{agent} on {benchmark}", total=None, note="")
+
+    def show(record: EpisodeRecord | None, done: int, total: int) -> None:
+        bar.start()  # after all checks, so that a refusal is one line
+        bar.update(task, completed=done, total=total, note=_note(record))
+
+    def show_logs(done: int, total: int) -> None:
+        if total:
+            bar.start()
+            bar.update(task, completed=done, total=total, note="logs of the recorded runs")
+
+    entry, made_with = resolve_with(agent, parse_settings(settings or []))
+    try:
+        result = run_benchmark(
+            benchmark,
+            entry,
+            settings=made_with,
+            kind=kind_of(entry, made_with),
+            seeds=parse_seeds(seeds) if seeds is not None else None,
+            only=parse_names(only) if only is not None else (),
+            sample=sample,
+            out=out or Path("out") / Path(benchmark).stem / re.sub(r"[^\w.-]", "_", agent),
+            executor=_executor(executor, workers, address),
+            act_deadline_s=deadline,
+            progress=show,
+            preparing=show_logs,
+            reverse=reverse,
+        )
+    finally:
+        if bar.live.is_started:
+            bar.stop()
+    rules = result.manifest.benchmark.rules
+    summary = summarise(result.records, rules=rules)
+    scored = score_records(zip(result.records, result.paths, strict=True)) if _closed_loop(result) else []
+    lost = lost_drives(result.records)
+    if json:
+        cells = {cell: as_document(one) for cell, one in summarise_cells(result.records, rules=rules).items()}
+        closed = {"closed_loop": closed_loop_document(scored, lost)} if scored else {}
+        part = {"part": result.manifest.part or None, "missions": result.manifest.missions}
+        print_json(as_document(summary) | part | {"cells": cells, "drives": _drives(result)} | closed)
+        return
+    _print_failures(result)
+    if scored:
+        print_closed_loop(by_type(scored), "type")
+        whole = summarise_closed_loop(scored, lost)
+        print_closed_loop({summary.agent: whole}, "agent")
+        print_legend()
+    else:
+        print_cells(summarise_cells(result.records, rules=rules))
+        print_comparison([summary])
+    print_part(result.manifest.part)
+    console.print(f"records in {result.paths[0].parent}")
+
+
+def _executor(engine: Engine, workers: int | None, address: str | None) -> Executor:
+    if engine is Engine.RAY:
+        return RayExecutor(address, workers)
+    if address is not None:
+        raise InvalidInputError("--address: only with --executor ray")
+    return ProcessPool(workers or os.cpu_count() or 1)
+
+
+def _progress(hidden: bool) -> Progress:
+    left = max(1, console.width - NAME_WIDTH - BAR_WIDTH - OTHER_COLUMNS_WIDTH)
+    columns = (
+        TextColumn("{task.description}", markup=False, table_column=_clipped(NAME_WIDTH)),
+        BarColumn(BAR_WIDTH),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}", markup=False, table_column=_clipped(left)),
+    )
+    return Progress(*columns, console=console, disable=hidden)
+
+
+def _clipped(width: int) -> Column:
+    """One-line column; longer text ends in an ellipsis."""
+    return Column(max_width=width, no_wrap=True, overflow="ellipsis")
+
+
+def _note(record: EpisodeRecord | None) -> str:
+    if record is None:
+        return ""
+    statuses = ", ".join(sorted({ego.status.value for ego in record.egos}))
+    return f"{record.scenario.name} s{record.scenario.seed}: {statuses}"
+
+
+def _closed_loop(result: Result) -> bool:
+    return result.manifest.benchmark.closed_loop
+
+
+def _print_failures(result: Result) -> None:
+    """Prints one line per failed drive: record, status, reason, last infraction."""
+    for record, path in zip(result.records, result.paths, strict=True):
+        for ego in record.egos:
+            if ego.status.completed or ego.status is Status.FINISHED:
+                continue
+            parts = [f"  {path.stem}: {ego.status.value}"]
+            if ego.failure:
+                parts.append(ego.failure)
+            parts += [f"last infraction {one.kind} at {one.time_s:.1f} s" for one in ego.infractions[-1:]]
+            console.print("; ".join(parts))
+
+
+def _drives(result: Result) -> list[dict[str, Any]]:
+    """One entry per ego of every episode."""
+    return [
+        {
+            "scenario": record.scenario.name,
+            "seed": record.scenario.seed,
+            "ego": ego.name,
+            "status": ego.status.value,
+            "failure": ego.failure,
+            "infractions": [infraction.model_dump(mode="json") for infraction in ego.infractions],
+            "record_hash": record.record_hash,
+            "record": str(path),
+        }
+        for record, path in zip(result.records, result.paths, strict=True)
+        for ego in record.egos
+    ]
+
+
+def parse_seeds(text: str) -> list[int]:
+    """Seeds from text such as "0,1,2", "0-4" or "0-4,7"."""
+    seeds: list[int] = []
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
+        if not match:
+            raise InvalidInputError(f"--seeds '{text}': expected numbers such as 0,1,2 or 0-4, got '{part}'")
+        first, last = int(match[1]), int(match[2] or match[1])
+        if last < first:
+            raise InvalidInputError(f"--seeds '{text}': expected the smaller number first, got '{part.strip()}'")
+        if last >= SEEDS_BELOW:
+            raise InvalidInputError(f"--seeds '{text}': expected numbers below 2^31, got {last}")
+        seeds += range(first, last + 1)
+    repeated = [seed for seed, times in Counter(seeds).items() if times > 1]
+    if repeated:
+        raise InvalidInputError(f"--seeds '{text}': expected every seed once, got {repeated[0]} twice")
+    return seeds
+
+
+def parse_names(text: str) -> list[str]:
+    """Names of cells and missions from text such as "town-test.*,left-to-south"."""
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise InvalidInputError(f"--only '{text}': expected names of cells or missions, separated by commas")
+    return names
+
+
+def parse_settings(pairs: list[str]) -> dict[str, Any]:
+    """Settings from key=value pairs; a value that is no Python literal is text."""
+    settings: dict[str, Any] = {}
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        if not equals or not key.isidentifier():
+            raise InvalidInputError(f"--set '{pair}': expected key=value")
+        try:
+            settings[key] = ast.literal_eval(value)
+        except (ValueError, SyntaxError):
+            settings[key] = value
+    return settings

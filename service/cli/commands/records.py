@@ -1,0 +1,224 @@
+"""`dohyo report`, `dohyo verify`, `dohyo score`: comparison, replay check and rescoring of records."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from dohyo.evaluation.episode.runner import drive_episode
+from dohyo.evaluation.freeway.morning import is_morning, read_morning
+from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
+from dohyo.evaluation.records.signature import Sealed
+from dohyo.evaluation.records.store import read_record
+from dohyo.evaluation.report.page import write_report
+from dohyo.evaluation.report.rows import Evaluation
+from dohyo.evaluation.report.style import probability
+from dohyo.evaluation.running.run import Result, part_of_record, read_result
+from dohyo.evaluation.scores.driving import IrsLength, Rules
+from dohyo.evaluation.scores.nuplan.summary import (
+    applies,
+    compare_closed_loop,
+    lost_drives,
+    score_records,
+    summarise_closed_loop,
+)
+from dohyo.evaluation.scores.nuplan.summary import as_document as closed_loop_document
+from dohyo.evaluation.summary import as_document, compare, score_drive, summarise, summarise_cells
+from dohyo.service.cli.closed_loop import print_closed_loop, print_legend, print_terms
+from dohyo.service.cli.commands.signatures import Key, SignatureOnly, SignedBy, Signer, check_signature
+from dohyo.service.cli.output import (
+    Json,
+    console,
+    interval,
+    number,
+    print_cells,
+    print_comparison,
+    print_json,
+    print_part,
+    print_rows,
+)
+from dohyo.service.cli.trust import Policy, Trust, trusted_agents
+from dohyo.service.episodes.recorded_agents import close_all
+from dohyo.sumo_networks.errors import InvalidInputError
+
+RulesOption = Annotated[Literal["1.0", "2.0", "2.1"], typer.Option(help="CARLA Leaderboard rules of the score.")]
+IrsOption = Annotated[Literal["driven", "route"], typer.Option(help="Distance by which IRS is divided.")]
+DIFFERS = 1
+
+
+def report(
+    folders: Annotated[list[Path], typer.Argument(help="Result folders of dohyo evaluate.")],
+    out: Annotated[Path, typer.Option(help="The HTML file to write.")] = Path("report.html"),
+    rules: RulesOption = "2.0",
+    irs_length: IrsOption = "driven",
+) -> None:
+    """Compares evaluations: a table here, and one self-contained HTML file."""
+    results = [read_result(folder) for folder in folders]
+    benchmarks = {result.manifest.benchmark_sha256 for result in results}
+    if len(benchmarks) > 1:
+        raise InvalidInputError(f"these folders hold {len(benchmarks)} different benchmarks; compare one at a time")
+    names = _names([result.manifest.agent for result in results])
+    evaluations = [
+        Evaluation(
+            agent=name,
+            benchmark=result.manifest.benchmark.name,
+            benchmark_hash=result.manifest.benchmark_sha256,
+            records=result.records,
+            record_paths=result.paths,
+            metric=result.manifest.benchmark.metric,
+            part=result.manifest.part,
+        )
+        for name, result in zip(names, results, strict=True)
+    ]
+    summaries = [summarise(result.records, rules=rules, irs_length=irs_length) for result in results]
+    print_comparison([replace(summary, agent=name) for name, summary in zip(names, summaries, strict=True)])
+    for name, result in zip(names, results, strict=True):
+        cells = summarise_cells(result.records, rules=rules, irs_length=irs_length)
+        if len(cells) > 1:
+            console.print(name, style="bold")
+            print_cells(cells)
+    _print_verdicts(names, results, rules, irs_length)
+    if all(result.manifest.benchmark.closed_loop for result in results):
+        _print_closed_loop(names, results)
+    for name, result in zip(names, results, strict=True):
+        print_part(result.manifest.part, f"{name}: ")
+    path = write_report(evaluations, out, rules=rules, irs_length=irs_length)
+    console.print(f"report: {path.resolve()}")
+
+
+def _print_verdicts(names: Sequence[str], results: Sequence[Result], rules: Rules, irs_length: IrsLength) -> None:
+    """Prints one line per pair of agents: verdict, difference on the same scenarios, and probability."""
+    for (a, first), (b, second) in combinations(zip(names, results, strict=True), 2):
+        score = compare(first.records, second.records, rules=rules, irs_length=irs_length)["driving_score"]
+        console.print(
+            f"{a} {score.verdict} {b}: driving score differs by {interval(score.difference)} on "
+            f"{score.difference.n} common drives, {probability(score.probability, a, b)}",
+        )
+
+
+def _print_closed_loop(names: Sequence[str], results: Sequence[Result]) -> None:
+    scored = [score_records(zip(result.records, result.paths, strict=True)) for result in results]
+    lost = [lost_drives(result.records) for result in results]
+    summaries = [summarise_closed_loop(*pair) for pair in zip(scored, lost, strict=True)]
+    print_closed_loop(dict(zip(names, summaries, strict=True)), "agent")
+    print_legend()
+    for (a, first), (b, second) in combinations(zip(names, scored, strict=True), 2):
+        one = compare_closed_loop(first, second)
+        console.print(
+            f"{a} {one.verdict} {b}: closed-loop score differs by {interval(one.difference)} on "
+            f"{one.difference.n} drives of both",
+        )
+
+
+def _names(agents: Sequence[AgentInfo]) -> list[str]:
+    """Unique names of the agents; with settings, if one agent was evaluated under several."""
+    names = [agent.name for agent in agents]
+    settings = [" ".join(f"{key}={value}" for key, value in agent.settings.items()) for agent in agents]
+    return [
+        f"{name} ({setting})" if setting and names.count(name) > 1 else name
+        for name, setting in zip(names, settings, strict=True)
+    ]
+
+
+def verify(
+    record: Annotated[Path, typer.Argument(help="A record, NAME.json.")],
+    key: Key = None,
+    server: SignedBy = None,
+    signature_only: SignatureOnly = False,
+    policy: Policy = None,
+    trust: Trust = False,
+    json: Json = False,
+) -> None:
+    """Checks a record's signature, drives the episode again and compares. Exit code 1 if the hashes differ."""
+    if is_morning(record):
+        _verify_morning(record, key, server, signature_only, json)
+        return
+    old = read_record(record)
+    signer = check_signature(record, old, key, server)
+    if signature_only:
+        _print_verified(record, old, None, signer, part_of_record(record), json)
+        return
+    agents = trusted_agents(old, record, trust, policy)
+    try:
+        infos = {ego.name: ego.agent for ego in old.egos}
+        new, _ = drive_episode(old.scenario, agents, infos=infos, benchmark=old.benchmark)
+    finally:
+        close_all(agents.values())
+    _print_verified(record, old, new.record_hash, signer, part_of_record(record), json)
+    if new.record_hash != old.record_hash:
+        raise typer.Exit(DIFFERS)
+
+
+def _verify_morning(path: Path, key: str | None, server: str | None, signature_only: bool, json: bool) -> None:
+    """Checks hash and signature of a freeway morning's record.
+
+    Raises:
+        InvalidInputError: It is to be driven again, and its planner was a policy worker.
+    """
+    morning = read_morning(path)
+    signer = check_signature(path, morning, key, server)
+    if not signature_only:
+        raise InvalidInputError(
+            f"'{path}': a policy worker planned this morning, so it cannot be driven again"
+            " (--signature-only checks the rest)"
+        )
+    _print_verified(path, morning, None, signer, "", json)
+
+
+def _print_verified(path: Path, old: Sealed, replayed: str | None, signer: Signer, part: str, json: bool) -> None:
+    """Prints the outcome; `replayed` is the hash of the new drive, None if there was none."""
+    same = None if replayed is None else replayed == old.record_hash
+    if json:
+        hashes = {"expected": old.record_hash, "replayed": replayed, "same": same}
+        print_json({"record": str(path), **hashes, "signature": signer.document, "part": part or None})
+        return
+    console.print(f"signature: {signer}", highlight=False, soft_wrap=True)
+    if replayed is None:
+        console.print(f"hash right, not driven again: {old.record_hash}", highlight=False, soft_wrap=True)
+    else:
+        console.print(f"{'same' if same else 'DIFFERS'}: {old.record_hash} in the record, {replayed} replayed")
+    print_part(part)
+
+
+def score(
+    records: Annotated[list[Path], typer.Argument(help="Records, NAME.json, all of one agent and benchmark.")],
+    rules: RulesOption = "2.0",
+    irs_length: IrsOption = "driven",
+    json: Json = False,
+) -> None:
+    """Recomputes every score from the raw events."""
+    loaded = [read_record(path) for path in records]
+    scored = score_records((record, path) for record, path in zip(loaded, records, strict=True) if applies(record))
+    summary = summarise(loaded, rules=rules, irs_length=irs_length)
+    if json:
+        drives = _drives(records, loaded, rules, irs_length)
+        closed = {"closed_loop": closed_loop_document(scored, lost_drives(loaded))} if scored else {}
+        print_json(as_document(summary) | {"drives": [dict(record=str(p), ego=e, **s) for p, e, s in drives]} | closed)
+        return
+    rows = [
+        (path.stem, ego, *(number(value) for value in scores.values()))
+        for path, ego, scores in _drives(records, loaded, rules, irs_length)
+    ]
+    names = next(iter(_drives(records, loaded, rules, irs_length)))[2]
+    print_rows(["record", "ego", *names], rows)
+    if scored:
+        print_terms(scored)
+    print_comparison([summary])
+    for part in sorted({part_of_record(path) for path in records}):
+        print_part(part)
+
+
+def _drives(
+    paths: Sequence[Path], records: Sequence[EpisodeRecord], rules: Rules, irs_length: IrsLength
+) -> list[tuple[Path, str, dict[str, float]]]:
+    return [
+        (path, ego.name, score_drive(ego, rules=rules, irs_length=irs_length))
+        for path, record in zip(paths, records, strict=True)
+        for ego in record.egos
+        if not ego.status.infrastructure_fault
+    ]

@@ -1,0 +1,248 @@
+"""`dohyo submit`, `dohyo evaluations`, `dohyo leaderboard`: a service from the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from json import dumps
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from dohyo.evaluation.freeway.morning import MorningsManifest, parse_mornings_manifest
+from dohyo.evaluation.records.foreign_files import check_file_name
+from dohyo.evaluation.records.record import AgentInfo
+from dohyo.evaluation.running.run import MANIFEST, RECORDS, Manifest, parse_manifest
+from dohyo.evaluation.statistics import Estimate
+from dohyo.service.cli.commands.evaluate import parse_seeds, parse_settings
+from dohyo.service.cli.output import DASH, SCORES, Json, console, interval, number, plain, print_json, print_rows
+from dohyo.service.client.calls import Document
+from dohyo.service.client.client import Client
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
+
+Server = Annotated[str, typer.Option(envvar="DOHYO_SERVER", help="Address of the service.")]
+Token = Annotated[str | None, typer.Option(envvar="DOHYO_TOKEN", help="Access token.")]
+Which = Annotated[str, typer.Argument(help="Identifier, from `dohyo evaluations list`.", metavar="EVALUATION")]
+LOCAL = "http://127.0.0.1:8000"
+TITLES = SCORES | {"closed_loop": "closed loop %"}
+NOT_DONE = 1
+
+
+def submit(
+    agent: Annotated[str, typer.Argument(help="Its name at the service; a new name is registered.")],
+    builtin: Annotated[str | None, typer.Option(help="Name of a built-in agent of the service.")] = None,
+    onnx: Annotated[Path | None, typer.Option(help="ONNX file to upload.")] = None,
+    remote: Annotated[bool, typer.Option("--remote", help="An agent that your own workers drive.")] = False,
+    settings: Annotated[list[str] | None, typer.Option("--set", help="key=value for --builtin; repeatable.")] = None,
+    track: Annotated[
+        Literal["sensors", "map", "privileged"], typer.Option(help="For --onnx and --remote: sensors that it may use.")
+    ] = "map",
+    sensors: Annotated[str, typer.Option(help="For --onnx and --remote: its sensors, such as route,objects.")] = (
+        "speedometer,route"
+    ),
+    control: Annotated[str, typer.Option(help="For --onnx and --remote: its control.")] = "target_speed_steering",
+    description: Annotated[str, typer.Option(help="Description of a new agent.")] = "",
+    server: Server = LOCAL,
+    token: Token = None,
+    json: Json = False,
+) -> None:
+    """Submits a version of an agent: built-in, an ONNX policy, or remote (driven by workers)."""
+    if (builtin is not None) + (onnx is not None) + remote != 1:
+        raise InvalidInputError("submit: expected one of --builtin NAME, --onnx FILE, --remote")
+    spec: dict[str, Any] = {"track": track, "sensors": sensors.replace(" ", "").split(","), "control": control}
+    with Client(server, token) as client:
+        if onnx is not None and not onnx.is_file():
+            raise InvalidInputError(f"--onnx: no file '{onnx}'")
+        client.ensure_agent(agent, description)
+        if builtin is not None:
+            made = client.submit_builtin(agent, builtin, parse_settings(settings or []))
+        elif onnx is not None:
+            made = client.submit_onnx(agent, onnx, spec)
+        else:
+            made = client.submit_remote(agent, AgentInfo(name=agent, kind="remote", entry="remote", **spec))
+    if json:
+        print_json(made)
+        return
+    console.print(f"{agent}, version {made['version']}: {made['kind']}, track {made['track']}", highlight=False)
+    if remote:
+        console.print(f"its worker: dohyo worker --server {server} --agent {agent} --entry ...", highlight=False)
+    console.print(f"next: dohyo evaluations start {agent} quickstart --watch", highlight=False)
+
+
+def start(
+    agent: Annotated[str, typer.Argument(help="Name of a submitted agent.")],
+    benchmark: Annotated[str, typer.Argument(help="Name, from `dohyo benchmarks list`.")],
+    version: Annotated[int | None, typer.Option(min=1, help="Version of the agent; default: the latest.")] = None,
+    seeds: Annotated[str | None, typer.Option(help="Such as 0,1,2 or 0-4; default: the benchmark's own.")] = None,
+    ranked: Annotated[bool, typer.Option("--ranked", help="Enter the leaderboard; a practice run never does.")] = False,
+    ranking: Annotated[str | None, typer.Option(help="Enter this phase of a challenge, such as rk-9f86d081.")] = None,
+    watch: Annotated[bool, typer.Option("--watch", help="Wait for the end, and print the scores.")] = False,
+    server: Server = LOCAL,
+    token: Token = None,
+    json: Json = False,
+) -> None:
+    """Queues an evaluation: a practice run or a ranked one."""
+    wanted = parse_seeds(seeds) if seeds is not None else None
+    entered = ranked or ranking is not None
+    with Client(server, token) as client:
+        queued = client.evaluate(agent, benchmark, version=version, seeds=wanted, ranked=entered, ranking=ranking)
+        if watch:
+            _watch(client, queued["id"], json)
+        else:
+            _print(queued, json)
+
+
+def show_all(
+    agent: Annotated[str | None, typer.Option(help="Only evaluations of this agent.")] = None,
+    benchmark: Annotated[str | None, typer.Option(help="Only evaluations on this benchmark.")] = None,
+    most: Annotated[int, typer.Option(min=1, max=200, help="Largest number of rows.")] = 20,
+    server: Server = LOCAL,
+    token: Token = None,
+    json: Json = False,
+) -> None:
+    """Lists evaluations, the newest first."""
+    with Client(server, token) as client:
+        found = client.get("/v1/evaluations", agent=agent, benchmark=benchmark, limit=most)["items"]
+    if json:
+        print_json(found)
+        return
+    rows = [
+        (one["id"], f"{one['agent']} v{one['version']}", one["benchmark"], one["status"], _done(one)) for one in found
+    ]
+    print_rows(("evaluation", "agent", "benchmark", "status", "done"), rows)
+
+
+def watch(evaluation: Which, server: Server = LOCAL, token: Token = None, json: Json = False) -> None:
+    """Waits for an evaluation's end and prints its scores. Exit code 1 if it was not completed."""
+    with Client(server, token) as client:
+        _watch(client, evaluation, json)
+
+
+def fetch(
+    evaluation: Which,
+    out: Annotated[Path | None, typer.Option(help="Result folder; default: out/BENCHMARK/AGENT.")] = None,
+    server: Server = LOCAL,
+    token: Token = None,
+) -> None:
+    """Saves an evaluation's records in a result folder, for `dohyo report`, `score` and `verify`."""
+    with Client(server, token) as client:
+        state = client.evaluation(evaluation)
+        folder = out or _default_folder(state)
+        if (folder / MANIFEST).exists():
+            raise InvalidInputError(f"'{folder}' holds results already: choose another --out")
+        manifest = _manifest(client.manifest(evaluation))
+        paths = client.download(evaluation, folder / RECORDS)
+        write_atomically(folder / MANIFEST, manifest.model_dump_json(indent=1).encode())
+    drives = isinstance(manifest, Manifest)
+    command = f"dohyo report {folder}" if drives else "dohyo verify --signature-only RECORD"
+    console.print(f"{len(paths)} records in {folder} ({command})", highlight=False, soft_wrap=True)
+
+
+def cancel(evaluation: Which, server: Server = LOCAL, token: Token = None, json: Json = False) -> None:
+    """Cancels an evaluation. Finished episodes are kept."""
+    with Client(server, token) as client:
+        _print(client.cancel(evaluation), json)
+
+
+def resume(evaluation: Which, server: Server = LOCAL, token: Token = None, json: Json = False) -> None:
+    """Queues lost and cancelled episodes again."""
+    with Client(server, token) as client:
+        _print(client.resume(evaluation), json)
+
+
+def leaderboard(
+    benchmark: Annotated[str, typer.Argument(help="Name, from `dohyo benchmarks list`.")],
+    track: Annotated[str | None, typer.Option(help="Only agents of this track: sensors, map or privileged.")] = None,
+    server: Server = LOCAL,
+    token: Token = None,
+    json: Json = False,
+) -> None:
+    """Shows a service's leaderboard of a benchmark."""
+    with Client(server, token) as client:
+        board = client.leaderboard(benchmark, track=track)
+    if json:
+        print_json(board)
+        return
+    metric = board["metric"]
+    rows = [
+        (
+            str(row["rank"] or DASH),
+            f"{row['agent']} v{row['version']}",
+            row["track"],
+            "verified" if row["verified"] else "remote",
+            _estimate(row["scores"][metric]),
+            str(row["above"]["verdict"]) if row["above"] else DASH,
+            str(row["drives"]),
+            str(row["runs"]),
+        )
+        for row in board["rows"]
+    ]
+    print_rows(
+        ("#", "agent", "track", "agent is", TITLES.get(metric) or str(metric), "vs above", "drives", "runs"), rows
+    )
+    console.print(f"ranked by {board['description']}", highlight=False)
+
+
+def _watch(client: Client, evaluation: str, json: bool) -> None:
+    state = client.evaluation(evaluation)  # no progress bar if this request fails
+    name, status = (TextColumn(f"{{task.{field}}}", markup=False) for field in ("description", "fields[status]"))
+    columns = (name, BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), status)
+    with Progress(*columns, console=console, disable=json) as bar:
+        title = plain(f"{state['agent']} v{state['version']} on {state['benchmark']}")
+        task = bar.add_task(title, total=None, status="")
+        for state in client.follow(evaluation):
+            progress = state["progress"]
+            bar.update(task, completed=progress["done"], total=progress["total"], status=plain(state["status"]))
+    metrics = client.metrics(evaluation) if not state["withheld"] else None
+    if json:
+        print_json({"evaluation": state, "metrics": metrics})
+    elif metrics is None:
+        console.print("the scores of single drives are secret until the ranking ends; see the leaderboard")
+    else:
+        _print_scores(state, metrics)
+    if state["status"] != "done":
+        raise typer.Exit(NOT_DONE)
+
+
+def _print_scores(state: Document, metrics: Document) -> None:
+    whole = metrics["all"]
+    scores = {name: title for name, title in TITLES.items() if name in whole["scores"]}
+    print_rows(("score", "mean [95 %]"), [(title, _estimate(whole["scores"][name])) for name, title in scores.items()])
+    console.print(f"{whole['drives']} drives, {number(whole['km'])} km; {state['id']}", highlight=False)
+    if state["failure"]:
+        console.print(state["failure"])
+
+
+def _print(state: Document, json: bool) -> None:
+    if json:
+        print_json(state)
+    else:
+        console.print(
+            f"{state['id']}: {state['agent']} v{state['version']} on {state['benchmark']}, {state['status']},"
+            f" {_done(state)}",
+            highlight=False,
+        )
+
+
+def _default_folder(state: Document) -> Path:
+    """Result folder of an evaluation; the server's names must be file names."""
+    names = (str(state["benchmark"]), f"{state['agent']}-v{state['version']}")
+    return Path("out", *(check_file_name(name, "the server's name of benchmark and agent") for name in names))
+
+
+def _manifest(document: Document) -> Manifest | MorningsManifest:
+    """The server's manifest, of drives or of freeway mornings, after its checks."""
+    benchmark = document.get("benchmark")
+    mornings = isinstance(benchmark, dict) and benchmark.get("kind") == "traffic"
+    parse = parse_mornings_manifest if mornings else parse_manifest
+    return parse(dumps(document).encode(), "the server's manifest")
+
+
+def _done(state: Document) -> str:
+    return f"{state['progress']['done']}/{state['progress']['total']}"
+
+
+def _estimate(values: Mapping[str, Any]) -> str:
+    return interval(Estimate(**values))

@@ -1,0 +1,180 @@
+"""Tables from anywhere: what is read, how gaps are filled, how days are split, one clear line for each bad one."""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dohyo.agents.forecasting.data.gaps import fill
+from dohyo.agents.forecasting.data.reading import Format, read_data
+from dohyo.agents.forecasting.data.windows import make_windows
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from tests.agents.forecasting.roads import road_speeds, road_stretch, write_csv, write_folder
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(("unit", "per_mps"), [("m/s", 1.0), ("km/h", 3.6), ("mph", 2.236936)])
+def test_units_become_metres_per_second(tmp_path: Path, unit: str, per_mps: float) -> None:
+    speeds = road_speeds(200, 4)
+    data = read_data(write_csv(tmp_path / "t.csv", speeds, per_mps), Format(unit))
+    got = np.concatenate([one.speeds for name in ("train", "validation", "test") for one in data.sets[name]])
+    np.testing.assert_allclose(got, speeds, rtol=1e-3, atol=1e-2)
+    assert (data.step_s, data.segments) == (60.0, ("s0", "s1", "s2", "s3"))
+
+
+def test_parts_of_a_table_follow_each_other_in_time(tmp_path: Path) -> None:
+    speeds = road_speeds(1000, 3)
+    data = read_data(write_csv(tmp_path / "t.csv", speeds))
+    assert [sum(len(one.speeds) for one in data.sets[n]) for n in ("train", "validation", "test")] == [700, 100, 200]
+    np.testing.assert_allclose(data.sets["test"][-1].speeds[-1], speeds[-1], rtol=1e-3)
+
+
+def test_many_days_are_split_by_day(tmp_path: Path) -> None:
+    start = datetime.datetime(2024, 3, 1)
+    times = [start + datetime.timedelta(minutes=15 * i) for i in range(20 * 96)]
+    rng = np.random.default_rng(0)
+    columns = {name: rng.uniform(5, 30, len(times)) for name in "ab"}
+    pl.DataFrame({"timestamp": times, **columns}).write_csv(tmp_path / "t.csv")
+    data = read_data(tmp_path / "t.csv")
+    assert data.step_s == 900.0
+    assert [len(data.sets[n]) for n in ("train", "validation", "test")] == [14, 2, 4]
+    assert {len(one.speeds) for some in data.sets.values() for one in some} == {96}
+    assert {one.start_s for some in data.sets.values() for one in some} == {0.0}
+
+
+def test_skipped_rows_are_missing_values_and_a_long_hole_begins_anew(tmp_path: Path) -> None:
+    speeds, minutes = road_speeds(300, 3), np.arange(300)
+    kept = np.concatenate([np.arange(100), np.arange(103, 200), np.arange(270, 300)])
+    table = {"minute": minutes[kept]} | {f"s{i}": speeds[kept, i] for i in range(3)}
+    pl.DataFrame(table).write_parquet(tmp_path / "t.parquet")
+    data = read_data(tmp_path / "t.parquet")
+    whole = [one for name in ("train", "validation", "test") for one in data.sets[name]]
+    assert sum(len(one.speeds) for one in whole) == 200 + 30
+    assert sum(int(np.isnan(one.speeds).all(axis=1).sum()) for one in whole) == 3
+
+
+def test_a_number_may_stand_for_missing(tmp_path: Path) -> None:
+    speeds = road_speeds(200, 3)
+    speeds[::10, 1] = 0.0
+    data = read_data(write_csv(tmp_path / "t.csv", speeds), Format(missing_value=0.0))
+    assert sum(int(np.isnan(one.speeds).sum()) for some in data.sets.values() for one in some) == 20
+
+
+def test_a_folder_of_days(tmp_path: Path) -> None:
+    data = read_data(write_folder(tmp_path / "freeway", days=4, rows=60))
+    assert {name: len(some) for name, some in data.sets.items()} == {"train": 3, "validation": 1, "easy": 1, "hard": 2}
+    assert data.lag_min == 3.0
+    assert data.measured_sets == ("easy", "hard")
+    assert data.sets["hard"][0].truth is not None
+
+
+def bad_tables() -> dict[str, tuple[dict[str, object], Format, str]]:
+    good = road_speeds(200, 3)
+    columns = {f"s{i}": good[:, i] for i in range(3)}
+    minutes = np.arange(200)
+    holes = np.where(np.arange(200) % 2, NAN, good[:, 1])
+    every_5 = [datetime.datetime(2024, 1, 1) + datetime.timedelta(minutes=5 * i) for i in range(200)]
+    in_kmh, in_mps = Format("km/h"), Format()
+
+    def but(column: str, row: int, value: float) -> dict[str, object]:
+        return columns | {column: np.where(minutes == row, value, good[:, int(column[1])])}
+
+    many = {f"t{i}": good[:, 0] for i in range(30)}
+    return {
+        "too few rows": ({k: v[:100] for k, v in columns.items()}, in_mps, "at least 120 rows to learn from, got 100"),
+        "constant": (columns | {"s1": np.full(200, 25.0)}, in_mps, r"column 's1' is constant \(25 m/s\)"),
+        "missing": (columns | {"s1": holes}, in_mps, "column 's1' lacks 50 % of its values, expected at most 30 %"),
+        "all missing": (columns | {"s1": [None] * 200}, in_mps, "column 's1' lacks 100 %"),
+        "km/h as mph": ({k: v * 3.6 for k, v in columns.items()}, Format("mph"), r"read as mph.*are these .*km/h\?"),
+        "km/h as m/s": ({k: v * 3.6 for k, v in columns.items()}, in_mps, r"read as m/s.*are these km/h\?"),
+        "mph as m/s": ({k: v * 2.24 for k, v in columns.items()}, in_mps, r"read as m/s.*are these km/h or mph\?"),
+        "m/s as km/h": ({k: v / 2 for k, v in columns.items()}, in_kmh, r"read as km/h.*are these m/s"),
+        "one in mph": (columns | many | {"s2": good[:, 2] * 2.24}, in_mps, "of column 's2'"),
+        "negative": (but("s0", 7, -1.0), in_mps, "'s0' has the speed -1 m/s in row 8"),
+        "words": (columns | {"s1": ["fast"] * 200}, in_mps, "expected numbers in column 's1', got 'fast'"),
+        "infinite": (but("s1", 3, np.inf), in_mps, "'s1' is infinite in row 4"),
+        "backwards": ({"time": minutes[::-1], **columns}, in_mps, "expected times that increase, row 2 does not"),
+        "uneven": (
+            {"time": np.where(minutes == 50, 49.5, minutes), **columns}, in_mps, "every 60 s, got row 51 between two"
+        ),
+        "other step": ({"timestamp": every_5, **columns}, Format(step_s=60.0), "every 60 s, got times 300 s apart"),
+        "no speeds": ({"time": minutes}, in_mps, "columns of speeds"),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", bad_tables())
+def test_a_bad_table_is_one_clear_line(name: str, tmp_path: Path) -> None:
+    columns, how, message = bad_tables()[name]
+    pl.DataFrame(columns).write_parquet(tmp_path / "t.parquet")
+    with pytest.raises(InvalidInputError, match=message) as caught:
+        read_data(tmp_path / "t.parquet", how)
+    assert "\n" not in str(caught.value)
+    assert str(tmp_path / "t.parquet") in str(caught.value)
+
+
+def test_a_bad_file_is_one_clear_line(tmp_path: Path) -> None:
+    (tmp_path / "t.parquet").write_bytes(b"no parquet")
+    (tmp_path / "t.xlsx").write_bytes(b"")
+    (tmp_path / "empty").mkdir()
+    cases = {"t.parquet": "cannot be read", "t.xlsx": "a .csv or .parquet file", "no.csv": "no file or folder"}
+    for name, message in (cases | {"empty": "expected a dataset.json"}).items():
+        with pytest.raises(InvalidInputError, match=message):
+            read_data(tmp_path / name)
+    with pytest.raises(UnknownNameError, match="no unit named 'knots'"):
+        read_data(tmp_path, Format("knots"))
+
+
+def test_gaps_are_held_then_taken_back_then_interpolated_along_the_road() -> None:
+    history = np.array([[[1, NAN, NAN, 4], [NAN, NAN, 9, 8]]], dtype=np.float32)
+    # s0 is held, s2 is taken back from its first value, s1 is silent: the mean of its neighbours, row by row.
+    np.testing.assert_allclose(fill(history)[0], [[1, 5, 9, 4], [1, 5, 9, 8]])
+    ends = np.array([[[NAN, NAN, 6, NAN]]], dtype=np.float32)
+    np.testing.assert_allclose(fill(ends)[0], [[6, 6, 6, 6]])
+    with pytest.raises(InvalidInputError, match="at least one measured speed"):
+        fill(np.full((1, 8, 3), np.nan, dtype=np.float32))
+
+
+@given(st.integers(0, 2**31), st.floats(0.0, 0.8))
+@settings(max_examples=40, deadline=None)
+def test_filling_keeps_every_measured_value_and_leaves_no_gap(seed: int, share: float) -> None:
+    rng = np.random.default_rng(seed)
+    whole = rng.uniform(0, 30, (4, 8, 5)).astype(np.float32)
+    holes = rng.random(whole.shape) < share
+    holes[:, 0, 0] = False
+    got = fill(np.where(holes, np.float32(np.nan), whole))
+    np.testing.assert_array_equal(got[~holes], whole[~holes])
+    assert np.isfinite(got).all()
+    assert got.min() >= whole[~holes].min() - 1e-4
+    assert got.max() <= whole[~holes].max() + 1e-4
+
+
+def test_windows_are_the_rows_before_and_after() -> None:
+    one = road_stretch(30, 4)
+    windows = make_windows([one, road_stretch(30, 4, seed=1)], 60.0)
+    assert len(windows) == 2 * 20
+    np.testing.assert_array_equal(windows.history[3], one.speeds[3:11])
+    np.testing.assert_array_equal(windows.target[3], one.speeds[11:14])
+    assert windows.time_s[3] == 300 * 60 + 10 * 60
+    assert (windows.stretch[:20] == 0).all(), "no window reaches from one stretch into the next"
+    with pytest.raises(InvalidInputError, match="expected 11 consecutive rows with values, got at most 10"):
+        make_windows([road_stretch(10, 4)], 60.0)
+
+
+@given(st.integers(0, 2**31), st.integers(12, 28))
+@settings(max_examples=20, deadline=None)
+def test_later_rows_change_no_earlier_history(seed: int, cut: int) -> None:
+    one = road_stretch(30, 4, seed=seed % 1000, missing=0.3)
+    later = one.speeds.copy()
+    later[cut:] = np.random.default_rng(seed).uniform(0, 30, later[cut:].shape)
+    before, after = (make_windows([type(one)("x", 0.0, speeds)], 60.0) for speeds in (one.speeds, later))
+    for row in range(7, cut):
+        mine, theirs = before.history[before.row == row], after.history[after.row == row]
+        if len(mine) and len(theirs):
+            np.testing.assert_array_equal(mine, theirs)

@@ -1,0 +1,124 @@
+"""The study of MBAPPE: its arms and claims can be made, and its tables come out of rows."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+
+import pytest
+
+from dohyo.agents.mcts.config import Settings
+from dohyo.agents.mcts.study import study
+from dohyo.agents.mcts.study.losses import CAUSES
+from dohyo.agents.mcts.study.measures import EXCERPTS, ROUTES, SHARES, of_route
+from dohyo.agents.mcts.study.tables import CLAIMS, ROUTE_CLAIMS, section
+from dohyo.agents.studies.arms import Cell
+from dohyo.agents.studies.rows import Row
+from dohyo.agents.studies.samples import Sample
+from dohyo.agents.studies.study import Results
+from dohyo.evaluation.records.specifications import InfractionKind, Status
+from tests.evaluation.builders import ego, infraction
+
+
+def rows(arm: str, benchmark: str, *scores: float) -> list[Row]:
+    """A row per scenario; shares are 0, all other measures 50."""
+    rest = dict.fromkeys((*EXCERPTS, *ROUTES), 50.0) | dict.fromkeys(SHARES, 0.0)
+    points = {"points": dict.fromkeys(CAUSES, 0.0)} if benchmark.startswith("val14") else {}
+    return [
+        {**Cell(arm, None, benchmark, f"town.m{i}", 0)._asdict(), **rest, **deepcopy(points), "score": score}
+        for i, score in enumerate(scores)
+    ]
+
+
+def table(sample: Sample, *some: Row) -> str:
+    return section(sample, study.ARMS)(Results(some, {}))
+
+
+def test_every_arm_can_be_set_and_every_claim_is_of_arms() -> None:
+    for arm in study.ARMS.values():
+        if arm.agent in ("mbappe", "random-shooting"):
+            Settings(**arm.settings)
+    assert {name for left, right, _ in CLAIMS + ROUTE_CLAIMS for name in (left, right)} <= set(study.ARMS)
+
+
+def test_the_cells_are_those_of_the_published_tables() -> None:
+    cells = study.cells(study.Options())
+    counts = {
+        benchmark: len({c.scenario for c in cells if c.benchmark == benchmark}) for benchmark in ("val14", "nocrash")
+    }
+    assert counts == {"val14": 70, "nocrash": 50}
+    assert len(cells) == 70 * 27 + 70 * 4 + 2 * 25 * 3 + 20 * 3
+
+
+@pytest.mark.parametrize(
+    ("shift", "word"), [(20.0, "reproduced"), (-20.0, "contradicted"), (0.1, "not resolved")], ids=str
+)
+def test_a_claim_is_judged_on_the_paired_scores(shift: float, word: str) -> None:
+    noise = (1.0, -2.0, 2.0, -1.0, 0.5, -0.5, 1.5, -1.5)
+    text = table(
+        Sample("val14"),
+        *rows("mbappe", "val14", *(50.0 + shift + one for one in noise)),
+        *rows("idm", "val14", *[50.0] * 8),
+    )
+    (claim,) = [line for line in text.splitlines() if line.startswith("| mbappe > idm")]
+    assert claim.endswith(f"| {word} |")
+
+
+def test_excerpts_and_whole_routes_have_their_own_columns_and_only_val14_the_thesiss() -> None:
+    excerpts = table(Sample("val14"), *rows("mbappe", "val14", 80, 90))
+    assert "| mbappe | 85.0 [80.0, 90.0] | 0.0 [0.0, 65.8] | 0.0 [0.0, 65.8] | 50.0 [50.0, 50.0] | 86 | 2 |" in excerpts
+    reactive = table(Sample("val14-reactive"), *rows("mbappe", "val14-reactive", 80, 90))
+    routes = table(Sample("nocrash", ("town",)), *rows("mbappe", "nocrash", 80, 90))
+    assert "| NoCrash success, % | DS |" in routes
+    assert "thesis" not in reactive + routes
+    assert table(Sample("nocrash", ("city",)), *rows("mbappe", "nocrash", 80, 90)) == ""
+
+
+def test_lost_drives_are_in_no_mean() -> None:
+    driven = rows("mbappe", "nocrash", 80, 90)
+    gridlock = {**driven[1], "scenario": "town.m9", "status": "lost: traffic was gridlocked", "driving_score": 0.0}
+    gone = {**Cell("mbappe", None, "nocrash", "town.m10", 0)._asdict(), "lost": "the process died"}
+    lines = table(Sample("nocrash"), *driven, gridlock, gone).splitlines()
+    assert next(line for line in lines if line.startswith("| mbappe")).endswith("| 2 |")
+
+
+def test_what_was_lost_is_told_cause_by_cause() -> None:
+    some = rows("mbappe", "val14", 80, 90)
+    some[0]["points"]["person"] = 20.0
+    text = table(Sample("val14"), *some, *rows("pdm-closed", "val14", 60, 70), *rows("idm", "val14", 60, 70))
+    assert "| points lost (in drives) | mbappe | pdm-closed |" in text
+    assert "| hit somebody on foot, at fault | 10.0 (1) | 0 |" in text
+    assert "points lost" not in table(Sample("nocrash"), *rows("mbappe", "nocrash", 80, 90))
+
+
+def test_shares_have_wilsons_interval() -> None:
+    some = rows("mbappe", "nocrash", 80, 90, 70, 60)
+    some[0]["hits"] = 100.0
+    assert "| 25.0 [4.6, 69.9] |" in table(Sample("nocrash"), *some)
+
+
+def test_whole_routes_are_measured_by_what_happened_on_them() -> None:
+    good = of_route(ego(status=Status.PERFECT))
+    late = of_route(ego(infraction(InfractionKind.COLLISION_VEHICLE, at_fault=False)))
+    assert set(good) == set(ROUTES)
+    assert (good["nocrash_success"], good["perfect"], good["hits"]) == (100.0, 100.0, 0.0)
+    assert (late["nocrash_success"], late["out_of_time"], late["hits"], late["collisions"]) == (0.0, 100.0, 100.0, 0.0)
+
+
+def test_the_planner_is_developed_on_the_other_half() -> None:
+    look, published = (
+        {cell.scenario for cell in study.cells(study.Options(look=half)) if cell.benchmark.startswith("val14")}
+        for half in (True, False)
+    )
+    assert len(look) == len(published) == 70
+    assert not look & published
+    sample, results = study.DRIVEN["val14"][0], Results(rows("idm", "val14", 80, 90), {"options": {"look": True}})
+    assert section(sample, study.ARMS)(results).startswith("On `val14`, odd-numbered missions, 5 of each type:")
+
+
+@pytest.mark.slow
+def test_an_excerpt_is_driven_and_scored() -> None:
+    cell = next(one for one in study.cells(study.Options()) if one.arm == "idm")
+    study.prepare(study.Options(), [cell], 1)
+    (row,) = study.work(study.Options(), [cell])
+    assert 0.0 <= row["score"] <= 100.0
+    assert sum(row["points"].values()) == pytest.approx(100.0 - row["score"])
