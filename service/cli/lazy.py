@@ -79,7 +79,7 @@ class LazyCommand(TyperCommand):
         """The command itself, with its parameters."""
         module, _, function = self.command.at.partition(":")
         app = typer.Typer(add_completion=False)
-        found = getattr(import_module(f"dohyo.service.cli.{module}"), function)
+        found = getattr(import_module(f"dohyo.service.cli.commands.{module}"), function)
         app.command(self.name, cls=PlainCommand)(_interruptible(found, self.command.resumes))
         return get_command(app)
 

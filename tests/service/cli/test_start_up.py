@@ -84,7 +84,7 @@ def test_a_command_that_reads_a_network_imports_numba(tmp_path: Path) -> None:
 )
 def test_every_command_is_where_the_table_says_and_says_the_same(words: str, command: Command) -> None:
     module, _, function = command.at.partition(":")
-    found = getattr(import_module(f"dohyo.service.cli.{module}"), function)
+    found = getattr(import_module(f"dohyo.service.cli.commands.{module}"), function)
     assert " ".join((found.__doc__ or "").partition("\n\n")[0].split()) == command.help
 
 

@@ -79,7 +79,7 @@ def test_neither_logs_nor_study_is_an_error_and_so_is_an_unknown_filter() -> Non
 
 
 def test_results_shows_the_stored_study() -> None:
-    folder = Path(study.__file__).parent
+    folder = Path(study.__file__).parents[1]
     stored = json.loads((folder / "results" / "study.json").read_text())
     found = re.search(r"<!-- begin study -->\n(.*?)\n<!-- end study -->", (folder / "RESULTS.md").read_text(), re.S)
     assert found
