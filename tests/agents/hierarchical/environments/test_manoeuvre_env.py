@@ -25,7 +25,7 @@ from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 from tests.agents.hierarchical.untrained import TWIN
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 STAND = np.array([-1.0, 0.0], np.float32)
 RACE = np.array([1.0, 0.0], np.float32)
 

@@ -17,7 +17,7 @@ from dohyo.agents.studies.training_results import find_trainings
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.forked import Python
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 RESULTS = ROOT / "agents" / "hierarchical" / "results" / "training"
 TINY = ("steps=24", "held_out=1", "evaluate_every=1000", "ppo.horizon=12", "ppo.batch=12", "ppo.epochs=1")
 STUDY = "from dohyo.agents.studies.__main__ import main; main()"
