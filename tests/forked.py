@@ -29,9 +29,9 @@ ROOT = Path(__file__).parents[1]
 LOADED = (
     "dohyo.sumo_networks.preloaded",
     "dohyo.sumo_networks.envs.driving_env",
-    "dohyo.service.cli.train",
+    "dohyo.service.cli.commands.train",
     "dohyo.agents.learning.gymnasium.task",
-    "dohyo.agents.hierarchical.trainings",
+    "dohyo.agents.hierarchical.study.trainings",
     "dohyo.agents.studies.__main__",
 )
 PATIENCE_S = 300.0
