@@ -13,9 +13,10 @@ import threading
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from dohyo.service.confinement.frames import BAD, BROKEN, FULL, GOOD, Stream
 from dohyo.service.confinement.limits import Limits
@@ -27,11 +28,36 @@ from dohyo.sumo_networks.errors import DohyoError
 NO_SPACE = frozenset((errno.ENOSPC, errno.EDQUOT))
 
 
+LIBRARIES: Final = (
+    "dohyo.service.episodes.redrive",
+    "dohyo.service.networks.importing",
+    "dohyo.sumo_networks.preloaded",
+)
+
+
+def prepare() -> None:
+    """Loads what tasks with files need, in a fork server."""
+    _read_compiled_kernels()
+    for module in LIBRARIES:
+        import_module(module)
+
+
 def main() -> None:
-    """Runs the one task that arrives on standard input."""
+    """Runs the one task that arrives on standard input, in a new interpreter."""
     # Output of libraries must not mix with the answers.
-    stream = Stream(0, os.dup(1))
+    answers = os.dup(1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    run_task(0, answers)
+
+
+def run_task(requests: int, answers: int) -> None:
+    """Runs one task.
+
+    Args:
+        requests: Descriptor that the task arrives on.
+        answers: Descriptor for the answers.
+    """
+    stream = Stream(requests, answers)
     launch = json.loads(stream.read())
     task = TASKS[launch["task"]]
     try:
@@ -41,7 +67,7 @@ def main() -> None:
         stream.write(BAD, f"{type(error).__name__}: {lines[0] if lines else 'no reason'}")
         return
     stream.write(GOOD, json.dumps(layers))
-    _run(task, function, stream)
+    _run(task, function, stream, requests)
     os._exit(0)  # SUMO does not survive the interpreter's own end
 
 
@@ -70,14 +96,14 @@ def _imported(task: ConfinedTask, others: list[str]) -> Callable[..., Any]:
     return function
 
 
-def _run(task: ConfinedTask, function: Callable[..., Any], stream: Stream) -> None:
+def _run(task: ConfinedTask, function: Callable[..., Any], stream: Stream, requests: int) -> None:
     try:
         if task.streams:
             function(stream)
             return
         arguments = json.loads(stream.read())
         if task.rights is not Rights.COMPUTE:  # which has no threads, and no time without limits
-            threading.Thread(target=_end_with_parent, daemon=True).start()
+            threading.Thread(target=_end_with_parent, args=(requests,), daemon=True).start()
         stream.write(GOOD, json.dumps(function(arguments)))
     except EOFError:
         return
@@ -95,13 +121,14 @@ def _run(task: ConfinedTask, function: Callable[..., Any], stream: Stream) -> No
             stream.write(BROKEN, traceback.format_exc())
 
 
-def _end_with_parent() -> None:
+def _end_with_parent(requests: int) -> None:
     """Ends the whole process group, once the parent is gone."""
-    while os.read(0, 1):
+    while os.read(requests, 1):
         pass
     os.kill(0, signal.SIGKILL)
 
 
+@cache
 def _read_compiled_kernels() -> None:
     """Lets numba read kernels that were compiled before, and go on where it may not store others."""
     caching: Any = import_module("numba.core.caching")

@@ -6,11 +6,10 @@ import os
 from pathlib import Path
 from typing import Final
 
-from dohyo.sumo_networks.networks.network import cache_folder
-
 LANGUAGE: Final = ("LANG", "LC_ALL", "LC_CTYPE", "TZ")
 LIBRARIES: Final = ("LD_LIBRARY_PATH", "NUMBA_CACHE_DIR", "NUMBA_CPU_NAME")
 OF_TASKS: Final = (*LANGUAGE, *LIBRARIES)
+OF_LIBRARIES: Final = (*OF_TASKS, "PATH", "XDG_CACHE_HOME")
 OF_EPISODES: Final = (
     *OF_TASKS,
     *("PATH", "HOME", "TMPDIR", "VIRTUAL_ENV", "PYTHONPATH", "PYTHONHOME", "PYTHONDONTWRITEBYTECODE", "PYTHONWARNINGS"),
@@ -21,6 +20,8 @@ OF_EPISODES: Final = (
 
 def of_task(folder: Path) -> dict[str, str]:
     """Variables of a confined task whose private folder this is."""
+    from dohyo.sumo_networks.networks.network import cache_folder  # SUMO's readers take half a second to import
+
     return {
         **_given(OF_TASKS),
         "PATH": "/usr/bin:/bin",

@@ -23,6 +23,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
+from dohyo.service.confinement.environment import OF_LIBRARIES
 from dohyo.service.confinement.errors import (
     ConfinementError,
     TaskBrokenError,
@@ -34,6 +35,8 @@ from dohyo.service.confinement.frames import BAD, BROKEN, FULL, GOOD, LENGTH
 from dohyo.service.confinement.limits import MEGABYTE, Limits
 from dohyo.service.confinement.seccomp import is_filtered
 from dohyo.service.confinement.tasks import TASKS, Rights
+from dohyo.service.forking.process import ForkedProcess
+from dohyo.service.forking.server import Launch, Template, fork
 
 START_S: Final = 60.0
 END_S: Final = 10.0
@@ -50,6 +53,12 @@ ENVIRONMENT: Final[Mapping[str, str]] = {
     "ORT_DISABLE_TELEMETRY": "1",
 }
 
+OPTIONS: Final = ("-I", "-B")
+TEMPLATE: Final = Template("dohyo.service.confinement.child:prepare", OPTIONS, quiet=True)
+
+Process = subprocess.Popen[bytes] | ForkedProcess
+Started = tuple[Process, int, int]
+"""A process, and this end of its requests and of its answers."""
 Watch = Callable[[], str | None]
 """Looked at while an answer is awaited; a reason ends the process."""
 
@@ -88,25 +97,16 @@ class ConfinedProcess:
         """
         self._limits = limits
         own_group = TASKS[task].rights is not Rights.COMPUTE  # a process that only computes can start no other
+        variables = {**ENVIRONMENT, **(environment or {})}
+        # A process that only computes holds nothing but its own libraries; a confined one has no fork server.
+        start = _start_copy if own_group and not is_filtered() else _start_interpreter
         try:
-            process = subprocess.Popen(
-                [sys.executable, "-I", "-B", "-c", START, json.dumps([entry for entry in sys.path if entry])],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                env={**ENVIRONMENT, **(environment or {})},
-                cwd=folder or "/",
-                start_new_session=own_group,
-                bufsize=0,
-            )
+            process, self._in, self._out = start(variables, folder or Path("/"), own_group)
         except OSError as error:
             raise ConfinementError(f"a confined process cannot be started: {error}") from error
-        assert process.stdin is not None
-        assert process.stdout is not None
         self.pid, self._process = process.pid, process
-        self._in, self._out = process.stdin.fileno(), process.stdout.fileno()
         # Runs without a call of `end` and at exit too, so that no process is left behind.
-        self.end = weakref.finalize(self, _end, process, own_group)
+        self.end = weakref.finalize(self, _end, process, (self._in, self._out), own_group)
         os.set_blocking(self._in, False)
         os.set_blocking(self._out, False)
         self._writable, self._readable = select.poll(), select.poll()
@@ -204,7 +204,7 @@ class ConfinedProcess:
 
     def _died(self, what: str) -> TaskError:
         """Reason of a missing answer; ends the process if it still runs."""
-        code = _exit_code(self.pid)
+        code = _exit_code(self._process)
         self.end()
         limits = self._limits
         reasons = {
@@ -233,8 +233,62 @@ def _good(kind: bytes, content: bytes) -> bytes:
     raise TaskError(text if kind == BAD else "its process answered nonsense")
 
 
-def _exit_code(pid: int, patience_s: float = 1.0) -> int:
-    """Exit code of a child, which stays a zombie so that its group keeps its number; 0: it still runs."""
+def _start_interpreter(environment: Mapping[str, str], folder: Path, own_group: bool) -> Started:
+    """A new interpreter with nothing loaded."""
+    requests, answers = os.pipe(), os.pipe()
+    try:
+        process = subprocess.Popen(
+            [sys.executable, *OPTIONS, "-c", START, json.dumps(_search_path())],
+            stdin=requests[0],
+            stdout=answers[1],
+            stderr=subprocess.DEVNULL,
+            env=environment,
+            cwd=folder,
+            start_new_session=own_group,
+        )
+    except BaseException:
+        _close(requests[1], answers[0])
+        raise
+    finally:
+        _close(requests[0], answers[1])
+    return process, requests[1], answers[0]
+
+
+def _start_copy(environment: Mapping[str, str], folder: Path, _: bool) -> Started:
+    """A copy of the fork server of tasks, which has the variables that libraries read."""
+    requests, answers = os.pipe(), os.pipe()
+    common = {name: environment[name] for name in (*ENVIRONMENT, *OF_LIBRARIES) if name in environment}
+    launch = Launch("dohyo.service.confinement.child:run_task", "dohyo-task", environment, folder, _search_path())
+    try:
+        process = fork(TEMPLATE, common, launch, (requests[0], answers[1]))
+    except BaseException:
+        _close(requests[1], answers[0])
+        raise
+    finally:
+        _close(requests[0], answers[1])
+    return process, requests[1], answers[0]
+
+
+def _search_path() -> list[str]:
+    return [entry for entry in sys.path if entry]
+
+
+def _close(*files: int) -> None:
+    for file in files:
+        os.close(file)
+
+
+def _exit_code(process: Process, patience_s: float = 1.0) -> int:
+    """Exit code of a process, whose group keeps its number; 0: it still runs."""
+    if isinstance(process, ForkedProcess):
+        try:
+            return process.wait(patience_s)
+        except subprocess.TimeoutExpired:
+            return 0
+    return _exit_code_of_child(process.pid, patience_s)
+
+
+def _exit_code_of_child(pid: int, patience_s: float) -> int:
     until = time.monotonic() + patience_s
     while time.monotonic() < until:
         ended = os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT | os.WNOHANG)
@@ -244,10 +298,8 @@ def _exit_code(pid: int, patience_s: float = 1.0) -> int:
     return 0
 
 
-def _end(process: subprocess.Popen[bytes], own_group: bool) -> None:
-    for pipe in (process.stdin, process.stdout):
-        if pipe is not None:
-            pipe.close()
+def _end(process: Process, pipes: tuple[int, int], own_group: bool) -> None:
+    _close(*pipes)
     with suppress(PermissionError, ProcessLookupError):  # the process ends itself, since its pipe is closed
         if own_group:
             os.killpg(process.pid, signal.SIGKILL)
@@ -255,6 +307,8 @@ def _end(process: subprocess.Popen[bytes], own_group: bool) -> None:
             process.kill()
     with suppress(subprocess.TimeoutExpired):  # in a confined process, whose own end ends this one too
         process.wait(END_S)
+    if isinstance(process, ForkedProcess):
+        process.release()
 
 
 def _widen(pipe: int) -> None:

@@ -1,8 +1,8 @@
 """An episode process: drives one order after the other until the server closes its channel or dies.
 
-Started as `python -m dohyo.service.running.child CHANNEL GAUGE [CLUSTER]`, two file descriptors, of a socket and of the
-shared memory of `dohyo.service.running.gauge`. CLUSTER is the address of a Ray cluster that drives instead, all but the
-episodes of policy workers.
+A copy of a fork server calls `drive_here` with two file descriptors, of a socket and of the shared memory of
+`dohyo.service.running.gauge`. `python -m dohyo.service.running.child CHANNEL GAUGE CLUSTER` is a new interpreter for a
+Ray cluster, whose address is CLUSTER: it drives instead, all but the episodes of policy workers.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import sys
 import threading
 import traceback
 from functools import cache
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario, write_morning
@@ -24,25 +25,40 @@ from dohyo.service.running.gauge import Gauge
 from dohyo.service.running.order import EpisodeOrder, checked_job
 from dohyo.service.running.remote import drive_remotely
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.processes import PRELOADED
 
 if TYPE_CHECKING:
     from dohyo.service.running.cluster import Cluster
 
 
-def main() -> None:
-    """Drives orders until the server is gone."""
-    if len(sys.argv) <= 3:  # a cluster's client needs the network
-        confine_episodes()
-    channel = Channel(socket.socket(fileno=int(sys.argv[1])))
-    gauge = Gauge(int(sys.argv[2]))
-    threading.Thread(target=end_with_server, args=(channel.fileno(),), daemon=True).start()
-    while (frame := channel.receive()) is not None:
+def prepare() -> None:
+    """Loads what every episode needs, besides what this module imports."""
+    import_module(PRELOADED)
+
+
+def drive_here(channel: int, gauge: int) -> None:
+    """Drives orders in this process, until the server is gone."""
+    confine_episodes()
+    serve(channel, gauge)
+
+
+def serve(channel: int, gauge: int, cluster: str | None = None) -> None:
+    """Drives orders until the server is gone.
+
+    Args:
+        channel: Descriptor of the socket.
+        gauge: Descriptor of the shared memory.
+        cluster: Address of the Ray cluster that drives; None: this process does.
+    """
+    frames, times = Channel(socket.socket(fileno=channel)), Gauge(gauge)
+    threading.Thread(target=end_with_server, args=(channel,), daemon=True).start()
+    while (frame := frames.receive()) is not None:
         if frame[0] is Kind.ORDER:  # other frames belonged to an episode that has ended
-            gauge.clear()
-            channel.send(*_drive(EpisodeOrder.model_validate_json(frame[1]), channel, gauge))
+            times.clear()
+            frames.send(*_drive(EpisodeOrder.model_validate_json(frame[1]), frames, times, cluster))
 
 
-def _drive(order: EpisodeOrder, channel: Channel, gauge: Gauge) -> tuple[Kind, bytes]:
+def _drive(order: EpisodeOrder, channel: Channel, gauge: Gauge, cluster: str | None) -> tuple[Kind, bytes]:
     try:
         if isinstance(order.scenario, MorningScenario):
             return Kind.FINISHED, _plan_morning(order, order.scenario, channel, gauge)
@@ -50,9 +66,9 @@ def _drive(order: EpisodeOrder, channel: Channel, gauge: Gauge) -> tuple[Kind, b
             lost_episode(order.job, *order.verdict)
         elif order.remote:
             return Kind.FINISHED, drive_remotely(order, channel, gauge.watch_worker)
-        elif len(sys.argv) > 3:
+        elif cluster is not None:
             gauge.begin()
-            _cluster(sys.argv[3]).drive(order)
+            _cluster(cluster).drive(order)
         else:
             gauge.begin()
             drive_job(checked_job(order), gauge.watch)
@@ -90,4 +106,4 @@ def end_with_server(descriptor: int) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    serve(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3])

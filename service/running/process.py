@@ -20,14 +20,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from typing import Final
 
 from dohyo.evaluation.running.executors import KILL_GRACE_S, POLL_S
 from dohyo.service.confinement.environment import of_episodes, without_secrets
+from dohyo.service.forking.process import ForkedProcess
+from dohyo.service.forking.server import Launch, Template, fork
 from dohyo.service.running.channel import Frames, Kind
 from dohyo.service.running.gauge import GAUGE_BYTES, Gauge
 from dohyo.service.running.order import EpisodeOrder
 
-PROGRAM = "dohyo.service.running.child"
+ENTRY: Final = "dohyo.service.running.child:drive_here"
+TEMPLATE: Final = Template("dohyo.service.running.child:prepare")
 
 
 class End(StrEnum):
@@ -73,20 +77,19 @@ class EpisodeProcess:
         seen: Called with every frame of a remote episode: observations for the worker, and refused actions.
     """
 
-    def __init__(self, policies: Path, program: str = PROGRAM, cluster: str | None = None) -> None:
+    def __init__(self, policies: Path, entry: str = ENTRY, cluster: str | None = None) -> None:
         """Creates the handle; `start` starts the process.
 
         Args:
             policies: Folder of uploaded policies.
-            program: Module that runs in it.
+            entry: "module:function" that runs in it.
             cluster: Address of the Ray cluster that drives for it; None: it drives itself.
         """
-        self._policies, self._program = policies, program
-        self._options = () if cluster is None else (cluster,)
+        self._policies, self._entry, self._cluster = policies, entry, cluster
         self.alive, self.processor_s = False, 0.0
         self.seen: Callable[[Kind, bytes], None] = lambda kind, payload: None
         self._frames = Frames(self._received, self._gone)
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: subprocess.Popen[bytes] | ForkedProcess | None = None
         self._ending: asyncio.Future[Outcome] | None = None
         self._gauge: Gauge | None = None
         self._limit_s = math.inf
@@ -105,15 +108,19 @@ class EpisodeProcess:
             self._process = await asyncio.to_thread(self._spawn, theirs.fileno(), shared.fileno())
         self.alive = True
 
-    def _spawn(self, channel: int, gauge: int) -> subprocess.Popen[bytes]:
-        # A cluster's client needs variables that only its administrator knows.
-        environment = without_secrets() if self._options else of_episodes()
+    def _spawn(self, channel: int, gauge: int) -> subprocess.Popen[bytes] | ForkedProcess:
+        policies = {"DOHYO_POLICIES": str(self._policies.resolve())}
+        if self._cluster is None:
+            environment = of_episodes() | policies
+            path = [os.getcwd(), *filter(None, sys.path)]
+            launch = Launch(self._entry, "dohyo-episode", environment, Path.cwd(), path)
+            return fork(TEMPLATE, environment, launch, (channel, gauge))
         return subprocess.Popen(
-            [sys.executable, "-m", self._program, str(channel), str(gauge), *self._options],
+            [sys.executable, "-m", "dohyo.service.running.child", str(channel), str(gauge), self._cluster],
             pass_fds=(channel, gauge),
             stdin=subprocess.DEVNULL,
             start_new_session=True,  # Ctrl-C goes to the server, which ends its processes itself
-            env=environment | {"DOHYO_POLICIES": str(self._policies.resolve())},
+            env=without_secrets() | policies,  # a cluster's client needs variables that only its administrator knows
         )
 
     async def drive(self, order: EpisodeOrder, limit_s: float = math.inf) -> Outcome:

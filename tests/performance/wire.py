@@ -41,12 +41,12 @@ PORT_WAIT_S = 60.0
 READERS, READ_EVERY_S = 200, 5.0
 
 
-def null_episode() -> None:
-    """The program of a process that answers every action with 12 kB, and never ends."""
+def null_episode(file: int, _: int) -> None:
+    """Answers every action with 12 kB, and never ends; in an episode process."""
     from dohyo.service.running.channel import Channel, Kind
     from dohyo.service.running.remote import SEEN
 
-    channel = Channel(socket.socket(fileno=int(sys.argv[1])))
+    channel = Channel(socket.socket(fileno=file))
     seen, tick = encode_observations({"ego": BODY}), 0
     while (frame := channel.receive()) is not None:
         if frame[0] is Kind.ACTIONS:
@@ -78,7 +78,7 @@ def serve_null(data: str, port: int, episodes: int) -> None:
             info = AgentInfo(name="null", entry="n", track="map", sensors=("route",), control="waypoints")
             self.kept = []
             for _ in range(episodes):
-                process = EpisodeProcess(Path(data), "tests.performance.wire")
+                process = EpisodeProcess(Path(data), "tests.performance.wire:null_episode")
                 await process.start()
                 order = EpisodeOrder(
                     scenario=Scenario(network="n", missions=(Mission(start=place, goal=place),)),
@@ -351,4 +351,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    null_episode() if len(sys.argv) == 3 and sys.argv[1].isdigit() else main()
+    main()

@@ -134,13 +134,8 @@ class Service:
     def episode_processes(self) -> list[int]:
         """Identifiers of its episode processes."""
         assert self.process is not None
-        found = subprocess.run(
-            ["pgrep", "-P", str(self.process.pid), "-f", "dohyo.service.running.child"],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        return [int(line) for line in found.stdout.split()]
+        servers = _children(self.process.pid, "dohyo-fork")
+        return [episode for server in servers for episode in _children(server, "dohyo-episode")]
 
     def submit(
         self,
@@ -228,6 +223,11 @@ def wait_until(true: Callable[[], bool], otherwise: str, patience_s: float = PAT
     while not true():
         assert time.monotonic() < ends, otherwise
         time.sleep(0.05)
+
+
+def _children(parent: int, name: str) -> list[int]:
+    found = subprocess.run(["pgrep", "-P", str(parent), "-x", name], capture_output=True, text=True, check=False)
+    return [int(line) for line in found.stdout.split()]
 
 
 def _free_port() -> int:
