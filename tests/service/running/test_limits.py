@@ -11,13 +11,15 @@ import pytest
 from dohyo.service.running.gauge import GAUGE_BYTES, Gauge
 from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.process import End, EpisodeProcess, Outcome
+from dohyo.sumo_networks.scenario import Traffic
 from tests.service.served import STEADY, info_of, short
 
+SLOW_START = Traffic(vehicles=40, warm_up_s=300.0)  # takes longer than the server waits before it looks
 SLUGGISH = "tests.evaluation.agents:Sluggish"
 
 
 def order(folder: Path, entry: str) -> EpisodeOrder:
-    (scenario,) = short().scenarios([0])
+    (scenario,) = short().model_copy(update={"traffic": SLOW_START}).scenarios([0])
     info = info_of(entry)
     return EpisodeOrder(
         scenario=scenario, info=info, benchmark=("b", "0" * 64), directory=folder, stem=info.name, act_deadline_s=10.0
