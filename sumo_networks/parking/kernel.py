@@ -230,10 +230,8 @@ def _walk(lot: int, walkers: FloatArray, count: int, bodies: FloatArray, counts:
     for row in range(lot * MAX_PEDESTRIANS, lot * MAX_PEDESTRIANS + count):
         x0, y0, x1, y1 = walkers[row, 0], walkers[row, 1], walkers[row, 2], walkers[row, 3]
         length = math.hypot(x1 - x0, y1 - y0)
-        if length == 0.0:
-            continue
         walked = walkers[row, WALKED] + walkers[row, WALK_SPEED] * kart.TICK_S
-        share = walked % (2.0 * length) / length
+        share = walked % (2.0 * length) / length if length > 0.0 else 0.0
         share = 2.0 - share if share > 1.0 else share
         x, y, waits = x0 + share * (x1 - x0), y0 + share * (y1 - y0), False
         radius = walkers[row, WALK_RADIUS]

@@ -79,7 +79,7 @@ class OrientedBox(Pose):
         boxes = np.empty((1, STORED))
         length, width = max(self.length_m - margin_m, 0.0), max(self.width_m - margin_m, 0.0)
         store_box(boxes, 0, self.x_m, self.y_m, self.heading_rad, length, width)
-        return boxes[0]
+        return np.asarray(boxes[0])
 
 
 class ParkedCar(OrientedBox):

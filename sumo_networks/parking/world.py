@@ -13,9 +13,9 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.geometry import wrap_angle
 from dohyo.sumo_networks.parking import kart, kernel
 from dohyo.sumo_networks.parking.generate import Scene, draw
-from dohyo.sumo_networks.parking.lot import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS, Block, Lot
+from dohyo.sumo_networks.parking.lot import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS, Lot
 from dohyo.sumo_networks.parking.observation import COLUMNS
-from dohyo.sumo_networks.parking.radar import Kind
+from dohyo.sumo_networks.parking.rows import LotView, describe, write_lot
 from dohyo.sumo_networks.parking.rules import (
     ALIGNED_ANGLE_RAD,
     ALIGNED_DEVIATION_M,
@@ -27,12 +27,12 @@ from dohyo.sumo_networks.parking.sight import observe
 from dohyo.sumo_networks.parking.tables import (
     BOXES,
     ENDED,
+    LIMIT,
     OUTCOME,
     SHUNTS,
     SPOTS,
     TARGET,
     TOUCHED,
-    WALKED,
     WALKERS,
     WALLS,
     Tables,
@@ -66,27 +66,6 @@ class Results:
     driven_m: FloatArray
     shunts: IntArray
     touched: IntArray
-
-
-@dataclass(frozen=True, slots=True)
-class LotView:
-    """Rows of one lot in the tables, with the columns that `tables` says; they change with the next step.
-
-    Attributes:
-        walls: (W, 4).
-        boxes: (B, 9).
-        spots: (S, 9).
-        walkers: (P, 9).
-        karts: (K, 10).
-        counts: (K, 7).
-    """
-
-    walls: FloatArray
-    boxes: FloatArray
-    spots: FloatArray
-    walkers: FloatArray
-    karts: FloatArray
-    counts: IntArray
 
 
 class ParkingWorld:
@@ -150,7 +129,7 @@ class ParkingWorld:
         if len(scene.karts) > self.karts:
             raise InvalidInputError(f"expected a lot with at most {self.karts} karts, got {len(scene.karts)}")
         self.tables.rules[lot] = rules.row()
-        _write_lot(lot, scene, self.tables)
+        write_lot(lot, scene, self.tables)
         starts = np.array([[pose.x_m, pose.y_m, pose.heading_rad] for pose in scene.karts])
         kernel.begin(lot, starts, self.tables)
         self._refresh(np.array([lot]))
@@ -186,6 +165,10 @@ class ParkingWorld:
             karts=tables.karts[first:past],
             counts=tables.counts[first:past],
         )
+
+    def lot(self, lot: int) -> Lot:
+        """Description of a lot, with its karts and pedestrians where they are now, at rest."""
+        return describe(self.view(lot), int(self.tables.lots[lot, LIMIT]))
 
     def results(self, lots: Sequence[int] | IntArray | slice = slice(None)) -> Results:
         """How the karts of some lots stand."""
@@ -227,18 +210,3 @@ def _draw_all(lots: IntArray, seeds: IntArray, scene: int, tables: Tables) -> No
     for row in range(lots.shape[0]):
         draw(lots[row], scene, seeds[row], tables, starts)
         kernel.begin(lots[row], starts, tables)
-
-
-def _write_lot(lot: int, given: Lot, tables: Tables) -> None:
-    """Writes a lot into a row of the arrays."""
-    ticks = round(given.time_limit_s / kart.TICK_S)
-    counted = len(given.walls), len(given.boxes), len(given.spots), len(given.pedestrians)
-    tables.lots[lot] = (*counted, ticks, 0)
-    for row, wall in enumerate(given.walls, lot * MAX_WALLS):
-        tables.walls[row] = wall.row()
-    for row, box in enumerate(given.boxes, lot * MAX_BOXES):
-        tables.boxes[row] = *box.row(), Kind.WALL if isinstance(box, Block) else Kind.CAR
-    for number, spot in enumerate(given.spots):
-        tables.spots[lot * MAX_SPOTS + number] = *spot.row(), number in given.free_spots
-    for row, walker in enumerate(given.pedestrians, lot * MAX_PEDESTRIANS):
-        tables.walkers[row, :WALKED] = walker.row()

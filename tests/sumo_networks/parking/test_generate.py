@@ -1,0 +1,81 @@
+"""Drawn lots: valid, repeatable, and each scene is what it says."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from dohyo.sumo_networks.parking import kart
+from dohyo.sumo_networks.parking.generate import Scene
+from dohyo.sumo_networks.parking.lot import SpotKind
+from dohyo.sumo_networks.parking.tables import FREE, TARGET
+from dohyo.sumo_networks.parking.world import ParkingWorld
+
+LOTS = 200
+
+
+def drawn(scene: Scene, karts: int = 1) -> ParkingWorld:
+    world = ParkingWorld(LOTS, karts)
+    world.draw(range(LOTS), range(7, 7 + LOTS), scene)
+    return world
+
+
+@pytest.mark.parametrize(("scene", "karts"), [(scene, karts) for scene in Scene for karts in (1, 3)])
+def test_every_drawn_lot_is_a_valid_lot_that_drives_the_same(scene, karts):
+    """`Lot` refuses overlaps, contacts, and lots without a free spot."""
+    world, given = drawn(scene, karts), ParkingWorld(LOTS, karts)
+    for lot in range(LOTS):
+        described = world.lot(lot)
+        given.place(lot, type(described).model_validate_json(described.model_dump_json()))
+        free = np.flatnonzero(world.view(lot).spots[:, FREE]).tolist()
+        assert list(described.free_spots) == free
+        assert len(free) >= karts
+    actions = np.random.default_rng(0).uniform(-1, 1, (20, LOTS, karts, 3))
+    for action in actions:
+        assert np.array_equal(world.step(action), given.step(action))
+        assert np.array_equal(world.observations, given.observations)
+
+
+def test_lots_differ_by_seed_and_by_scene_and_not_otherwise():
+    one, same = drawn(Scene.COMPLEX).observations, drawn(Scene.COMPLEX).observations
+    assert np.array_equal(one, same)
+    assert len(np.unique(one.reshape(LOTS, -1), axis=0)) == LOTS
+    assert (one != drawn(Scene.PEDESTRIANS).observations).any(axis=(1, 2)).all()
+
+
+@pytest.mark.parametrize(("scene", "nearest_m", "farthest_m"), [(Scene.SIMPLE, 4.9, 30.0), (Scene.COMPLEX, 10.0, 70.0)])
+def test_spots_are_as_far_as_the_scene_says(scene, nearest_m, farthest_m):
+    distances = drawn(scene).results().distance_m
+    assert nearest_m < distances.min()
+    assert distances.max() < farthest_m
+    assert distances.max() - distances.min() > 15.0
+
+
+def test_starts_face_all_directions():
+    headings = drawn(Scene.COMPLEX).tables.karts[:, kart.HEADING]
+    assert np.histogram(headings, 8, (-math.pi, math.pi))[0].min() > 0
+
+
+@pytest.mark.parametrize(
+    ("scene", "kind"),
+    [
+        (Scene.COMPLEX, SpotKind.PERPENDICULAR),
+        (Scene.PARALLEL, SpotKind.PARALLEL),
+        (Scene.ANGLED, SpotKind.ANGLED),
+        (Scene.PEDESTRIANS, SpotKind.PERPENDICULAR),
+    ],
+)
+def test_spots_have_the_kind_of_the_scene(scene, kind):
+    world = drawn(scene)
+    assert {spot.kind for lot in range(LOTS) for spot in world.lot(lot).spots} == {kind}
+    assert any(world.lot(lot).pedestrians for lot in range(LOTS)) == (scene == Scene.PEDESTRIANS)
+
+
+def test_the_nearest_free_spot_is_the_target():
+    world = drawn(Scene.COMPLEX)
+    for lot in range(LOTS):
+        view = world.view(lot)
+        away = np.hypot(*(view.spots[:, :2] - view.karts[0, [kart.X, kart.Y]]).T)
+        assert view.counts[0, TARGET] == np.where(view.spots[:, FREE] == 1, away, np.inf).argmin()
