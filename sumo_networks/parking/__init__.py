@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dohyo.sumo_networks.parking.env import ParkingEnv
 from dohyo.sumo_networks.parking.generate import Scene
 from dohyo.sumo_networks.parking.lot import Lot
 from dohyo.sumo_networks.parking.rules import ALIGNED, JUDGED, SIMPLE, Outcome, Rules
@@ -15,6 +16,7 @@ __all__ = [
     "Level",
     "Lot",
     "Outcome",
+    "ParkingEnv",
     "ParkingVectorEnv",
     "ParkingWorld",
     "Results",

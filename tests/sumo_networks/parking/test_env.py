@@ -1,0 +1,115 @@
+"""ParkingEnv and ParkingVectorEnv: the interfaces of PettingZoo and of the learners, seeds, errors, pictures."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from pettingzoo.test import parallel_api_test, parallel_seed_test
+
+from dohyo.agents.learning.tasks.environments import check_environments
+from dohyo.sumo_networks.ego.control import InvalidActionError
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.parking import ALIGNED, JUDGED, SIMPLE, Level, ParkingEnv, ParkingVectorEnv, Scene
+from dohyo.sumo_networks.parking.lot import Pose
+from tests.sumo_networks.parking.lots import REST, lot_of
+
+IN_PLACE = lot_of(Pose(x_m=0.0, y_m=0.0, heading_rad=math.pi / 2))
+
+
+def test_it_is_a_parallel_env_of_pettingzoo():
+    parallel_api_test(ParkingEnv(Scene.PEDESTRIANS, karts=3, rules=JUDGED), num_cycles=100)
+    parallel_seed_test(lambda: ParkingEnv(Scene.COMPLEX, karts=2), num_cycles=10)
+
+
+def test_the_last_info_says_how_the_episode_ended():
+    env = ParkingEnv(IN_PLACE, rules=JUDGED)
+    env.reset()
+    for _ in range(10):
+        _, rewards, terminations, _, infos = env.step({"kart-0": REST})
+    assert (rewards["kart-0"], terminations["kart-0"], env.agents) == (1.0, True, [])
+    assert infos["kart-0"] == {"outcome": "parked", "success": True, "aligned": True, "time_s": 1.0}
+    with pytest.raises(InvalidInputError, match="expected reset before step"):
+        env.step({"kart-0": REST})
+
+
+@pytest.mark.parametrize(
+    ("actions", "said"),
+    [
+        ({"kart-0": np.zeros(2)}, r"action of 'kart-0': expected actions of shape \(3,\), got shape \(2,\)"),
+        ({"kart-0": np.array([0, np.nan, 0])}, "action of 'kart-0': expected finite actions"),
+        ({}, r"expected an action of 'kart-0', got actions of \[\]"),
+    ],
+)
+def test_a_wrong_action_is_one_error_and_moves_nothing(actions, said):
+    env = ParkingEnv(IN_PLACE)
+    before, _ = env.reset()
+    with pytest.raises(InvalidActionError, match=said):
+        env.step(actions)
+    assert np.array_equal(env.reset()[0]["kart-0"], before["kart-0"])
+
+
+@pytest.mark.parametrize(("state", "width"), [("v1", 54), ("v2", 57), ("oriented", 64)])
+def test_the_state_chooses_columns_of_one_observation(state, width):
+    seen, _ = ParkingEnv(Scene.COMPLEX, state=state).reset(seed=3)
+    whole, _ = ParkingEnv(Scene.COMPLEX, state="oriented").reset(seed=3)
+    assert seen["kart-0"].shape == (width,)
+    assert np.array_equal(seen["kart-0"][:9], whole["kart-0"][:9])
+    assert np.array_equal(seen["kart-0"][-45:], whole["kart-0"][-45:])
+
+
+def test_observations_are_those_of_the_documented_columns():
+    env = ParkingEnv(lot_of(Pose(x_m=1.0, y_m=-4.0, heading_rad=math.pi / 2 + 0.1)))
+    seen = env.reset()[0]["kart-0"]
+    expected = [
+        *(0.5 + 0.1 / math.pi, 1 / 80, -4 / 80, 0, 0, 0, 0, 0, 0, -1 / 80, 4 / 80, 0),
+        *(math.cos(0.1), math.sin(0.1), -4 / 5, -1 / 5, 0, 0, 0),
+    ]
+    assert np.allclose(seen[:19], expected, atol=1e-6)
+    assert np.array_equal(seen[19:], np.tile([1, 0, 0, 0, 0], 9))
+
+
+def test_pictures_show_the_kart_where_it_is():
+    env = ParkingEnv(Scene.PEDESTRIANS, karts=2, render_mode="rgb_array")
+    env.reset(seed=1)
+    first = env.render()
+    assert first.shape == (480, 480, 3)
+    assert first.dtype == np.uint8
+    for _ in range(20):
+        env.step(dict.fromkeys(env.agents, np.array([1.0, 0.0, -1.0])))
+    assert 20 < (env.render() != first).any(axis=2).sum() < 20_000
+    assert ParkingEnv().render() is None
+    with pytest.raises(InvalidInputError, match="render_mode"):
+        ParkingEnv(render_mode="human")
+
+
+def test_rows_of_a_lot_are_a_group_and_wait_for_its_reset():
+    levels = [Level(Scene.SIMPLE, SIMPLE), Level(Scene.COMPLEX, ALIGNED)]
+    envs = ParkingVectorEnv(4, levels, karts=3)
+    check_environments(envs)
+    assert (envs.num_envs, envs.group_size) == (12, 3)
+    first, _ = envs.reset(seed=list(range(12)), options={"level": 1})
+    actions = np.zeros((12, 3))
+    actions[1, 0] = -1.0
+    _, rewards, terminations, truncations, infos = envs.step(actions)
+    assert rewards.tolist() == [0, -1, *[0] * 10]
+    assert terminations.tolist() == [False, True, *[False] * 10]
+    assert not truncations.any()
+    assert infos["_success"].tolist() == terminations.tolist()
+    assert not infos["success"].any()
+    _, _, _, _, infos = envs.step(actions * 0)
+    assert infos["active"].tolist() == [True, False, *[True] * 10]
+    mask = np.arange(12) == 1
+    again, _ = envs.reset(seed=list(range(12)), options={"level": 1, "reset_mask": mask})
+    assert np.array_equal(again["observation"][:3], first["observation"][:3])
+    assert not np.array_equal(again["observation"][3:], first["observation"][3:])
+    assert envs.running.all()
+
+
+def test_an_unknown_level_and_no_lots_are_refused():
+    envs = ParkingVectorEnv(1, [Level(Scene.SIMPLE)])
+    with pytest.raises(InvalidInputError, match="level below 1, got 1"):
+        envs.reset(options={"level": 1})
+    with pytest.raises(InvalidInputError, match="at least one lot"):
+        ParkingVectorEnv(0, [Level(Scene.SIMPLE)])
