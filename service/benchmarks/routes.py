@@ -14,11 +14,13 @@ from dohyo.service.benchmarks.views import BenchmarkVersionView, BenchmarkView
 from dohyo.service.evaluations.queries import count_by_version
 from dohyo.service.state import ServicesOf
 from dohyo.service.web.documents import Name, problems
+from dohyo.service.web.heavy import heavy_read
 
 router = APIRouter(prefix="/v1/benchmarks", tags=["benchmarks"])
 
 
 @router.get("", responses=problems())
+@heavy_read
 def list_benchmarks(caller: Reader) -> list[BenchmarkView]:
     """Lists the benchmarks."""
     return [_view(benchmark) for benchmark in offered_benchmarks()]

@@ -7,8 +7,8 @@
         await client.wait(evaluation["id"])
         print(await client.leaderboard("quickstart"))
 
-Answers are the service's JSON documents. Policy workers use a faster connection: see
-`dohyo.service.client.worker_session`.
+Answers are the service's JSON documents, with types in `dohyo.service.client.answers`. Policy workers use a faster
+connection: see `dohyo.service.client.worker_session`.
 """
 
 from __future__ import annotations
@@ -20,11 +20,20 @@ from collections.abc import AsyncGenerator, AsyncIterator, Mapping, Sequence
 from contextlib import aclosing
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, TypeVar, cast
 
 import httpx
 
 from dohyo.evaluation.records.record import AgentInfo
+from dohyo.service.client.answers import (
+    AgentView,
+    ComparedView,
+    EpisodeView,
+    EvaluationView,
+    LeaderboardView,
+    MetricsView,
+    SubmissionView,
+)
 from dohyo.service.client.calls import ENDED, Call, Document, headers_of, path_of, remote_of, versions_like
 from dohyo.service.client.downloads import Download, check_size
 from dohyo.service.client.errors import ServiceError, check
@@ -34,6 +43,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
 TIMEOUT_S = 60.0
+T = TypeVar("T")
 POLL_S = 1.0
 
 
@@ -66,7 +76,7 @@ class AsyncClient:
 
     async def get(self, path: str, **query: Any) -> Document:
         """Any JSON document of the interface, such as `get("/v1/networks")`."""
-        return await self._json(Call("GET", path, query))
+        return await self._json(Document, Call("GET", path, query))
 
     async def items(self, path: str, **query: Any) -> AsyncIterator[Document]:
         """All items of a paged list, such as `items("/v1/evaluations", agent="my-agent")`."""
@@ -79,28 +89,28 @@ class AsyncClient:
             if after is None:
                 return
 
-    async def register_agent(self, name: str, description: str = "") -> Document:
+    async def register_agent(self, name: str, description: str = "") -> AgentView:
         """Registers an agent of the token's owner."""
-        return await self._json(Call("POST", "/v1/agents", body={"name": name, "description": description}))
+        return await self._json(AgentView, Call("POST", "/v1/agents", body={"name": name, "description": description}))
 
-    async def ensure_agent(self, name: str, description: str = "") -> Document:
+    async def ensure_agent(self, name: str, description: str = "") -> AgentView:
         """The agent of that name; registers it where it is missing."""
         try:
-            return await self.get(path_of("agents", name))
+            return await self._json(AgentView, Call("GET", path_of("agents", name)))
         except ServiceError as error:
             if error.status != 404:
                 raise
         return await self.register_agent(name, description)
 
-    async def submit_builtin(self, agent: str, entry: str, settings: Mapping[str, Any] | None = None) -> Document:
+    async def submit_builtin(self, agent: str, entry: str, settings: Mapping[str, Any] | None = None) -> SubmissionView:
         """Submits a built-in agent of the service."""
         return await self._submit(agent, {"kind": "builtin", "entry": entry, "settings": dict(settings or {})})
 
-    async def submit_remote(self, agent: str, info: AgentInfo) -> Document:
+    async def submit_remote(self, agent: str, info: AgentInfo) -> SubmissionView:
         """Declares an agent that drives through workers; `info` appears in its records."""
         return await self._submit(agent, remote_of(info))
 
-    async def submit_onnx(self, agent: str, policy: Path, spec: Mapping[str, Any]) -> Document:
+    async def submit_onnx(self, agent: str, policy: Path, spec: Mapping[str, Any]) -> SubmissionView:
         """Submits an ONNX file; `spec` gives its track, sensors and control.
 
         Raises:
@@ -111,7 +121,8 @@ class AsyncClient:
         except OSError as error:
             raise InvalidInputError(f"policy '{policy}' cannot be read: {error.strerror}") from error
         files = {"spec": (None, json.dumps(dict(spec)), "application/json"), "file": (policy.name, content)}
-        return await self._json(Call("POST", path_of("agents", agent, "submissions", "onnx"), files=files))
+        path = path_of("agents", agent, "submissions", "onnx")
+        return await self._json(SubmissionView, Call("POST", path, files=files))
 
     async def ensure_remote(self, agent: str, info: AgentInfo) -> int:
         """The version of an agent that declares `info`; registers and submits it where it is missing."""
@@ -130,7 +141,7 @@ class AsyncClient:
         act_deadline_s: float | None = None,
         ranked: bool = False,
         ranking: str | None = None,
-    ) -> Document:
+    ) -> EvaluationView:
         """Queues an evaluation, by default a practice run of the latest version with the benchmark's seeds.
 
         A ranked run may enter a board, counts against a quota, and takes all conditions from its ranking: that of
@@ -146,45 +157,45 @@ class AsyncClient:
             "ranked": ranked,
             "ranking": ranking,
         }
-        return await self._json(Call("POST", "/v1/evaluations", body=body))
+        return await self._json(EvaluationView, Call("POST", "/v1/evaluations", body=body))
 
-    async def evaluation(self, evaluation_id: str) -> Document:
+    async def evaluation(self, evaluation_id: str) -> EvaluationView:
         """State of an evaluation."""
-        return await self.get(path_of("evaluations", evaluation_id))
+        return await self._json(EvaluationView, Call("GET", path_of("evaluations", evaluation_id)))
 
-    def follow(self, evaluation_id: str) -> AsyncIterator[Document]:
+    def follow(self, evaluation_id: str) -> AsyncIterator[EvaluationView]:
         """States of an evaluation, each time that it changes; the last one is its end."""
         path = path_of("evaluations", evaluation_id)
-        return self._follow(path, f"{path}/progress")
+        return cast(AsyncIterator[EvaluationView], self._follow(path, f"{path}/progress"))
 
-    async def wait(self, evaluation_id: str, timeout_s: float | None = None) -> Document:
+    async def wait(self, evaluation_id: str, timeout_s: float | None = None) -> EvaluationView:
         """Waits until an evaluation has ended.
 
         Raises:
             TimeoutError: The evaluation did not end in that time.
         """
         path = path_of("evaluations", evaluation_id)
-        return await self._wait(path, f"{path}/progress", timeout_s)
+        return cast(EvaluationView, await self._wait(path, f"{path}/progress", timeout_s))
 
-    async def cancel(self, evaluation_id: str) -> Document:
+    async def cancel(self, evaluation_id: str) -> EvaluationView:
         """Cancels an evaluation; finished episodes are kept."""
-        return await self._json(Call("POST", path_of("evaluations", evaluation_id, "cancel")))
+        return await self._json(EvaluationView, Call("POST", path_of("evaluations", evaluation_id, "cancel")))
 
-    async def resume(self, evaluation_id: str) -> Document:
+    async def resume(self, evaluation_id: str) -> EvaluationView:
         """Queues lost and cancelled episodes again."""
-        return await self._json(Call("POST", path_of("evaluations", evaluation_id, "resume")))
+        return await self._json(EvaluationView, Call("POST", path_of("evaluations", evaluation_id, "resume")))
 
-    async def metrics(self, evaluation_id: str) -> Document:
+    async def metrics(self, evaluation_id: str) -> MetricsView:
         """Scores of an evaluation with intervals, over the finished episodes."""
-        return await self.get(path_of("evaluations", evaluation_id, "metrics"))
+        return await self._json(MetricsView, Call("GET", path_of("evaluations", evaluation_id, "metrics")))
 
     async def manifest(self, evaluation_id: str) -> Document:
         """Manifest of an evaluation, as in a result folder of `dohyo evaluate`."""
         return await self.get(path_of("evaluations", evaluation_id, "manifest"))
 
-    def episodes(self, evaluation_id: str) -> AsyncIterator[Document]:
+    def episodes(self, evaluation_id: str) -> AsyncIterator[EpisodeView]:
         """Episodes of an evaluation, in the benchmark's order."""
-        return self.items(path_of("evaluations", evaluation_id, "episodes"))
+        return cast(AsyncIterator[EpisodeView], self.items(path_of("evaluations", evaluation_id, "episodes")))
 
     async def record(self, episode_id: str) -> Document:
         """Record of an episode."""
@@ -219,24 +230,26 @@ class AsyncClient:
         ranking: str | None = None,
         limit: int = 100,
         after: str | None = None,
-    ) -> Document:
+    ) -> LeaderboardView:
         """A page of a benchmark's open leaderboard, or with `ranking` of a challenge's phase."""
-        query = {"version": version, "track": track, "ranking": ranking, "limit": limit, "after": after}
-        return await self.get("/v1/leaderboard", benchmark=benchmark, **query)
+        what = {"benchmark": benchmark, "version": version, "track": track, "ranking": ranking}
+        query = what | {"limit": limit, "after": after}
+        return await self._json(LeaderboardView, Call("GET", "/v1/leaderboard", query))
 
-    async def comparison(self, evaluation_ids: Sequence[str]) -> Document:
+    async def comparison(self, evaluation_ids: Sequence[str]) -> ComparedView:
         """Evaluations of one benchmark version side by side."""
-        return await self.get("/v1/comparison", evaluation=list(evaluation_ids))
+        query = {"evaluation": list(evaluation_ids)}
+        return await self._json(ComparedView, Call("GET", "/v1/comparison", query))
 
     def worker(self, agent: str, *, version: int | None = None, capacity: int = 1) -> WorkerSession:
         """A session of a policy worker for an agent; it blocks, so an event loop runs it in another thread."""
         return WorkerSession(self._url, self._token or "", agent, version=version, capacity=capacity)
 
-    async def _submit(self, agent: str, body: Mapping[str, Any]) -> Document:
-        return await self._json(Call("POST", path_of("agents", agent, "submissions"), body=body))
+    async def _submit(self, agent: str, body: Mapping[str, Any]) -> SubmissionView:
+        return await self._json(SubmissionView, Call("POST", path_of("agents", agent, "submissions"), body=body))
 
-    async def _json(self, call: Call) -> Document:
-        """Document of an answer; where the answer is a job, waits for its end."""
+    async def _json(self, kind: type[T], call: Call) -> T:
+        """Document of an answer, which is of this kind; where the answer is a job, waits for its end."""
         answer = await self._send(call)
         while answer.status_code == httpx.codes.ACCEPTED:
             path = path_of("jobs", answer.headers["location"].rpartition("/")[2])  # never another server's address
@@ -244,11 +257,9 @@ class AsyncClient:
             if job["status"] != "done":
                 raise ServiceError.of_job(job)
             if call.method != "GET":
-                made: Document = job["answer"]
-                return made
+                return cast(T, job["answer"])
             answer = await self._send(call)  # the job has made what was asked for
-        document: Document = answer.json()
-        return document
+        return cast(T, answer.json())
 
     async def _send(self, call: Call) -> httpx.Response:
         """Answer to a request."""

@@ -8,8 +8,8 @@
         client.wait(evaluation["id"])
         print(client.leaderboard("quickstart"))
 
-Answers are the service's JSON documents. Policy workers use a faster connection: see
-`dohyo.service.client.worker_session`.
+Answers are the service's JSON documents, with types in `dohyo.service.client.answers`. Policy workers use a faster
+connection: see `dohyo.service.client.worker_session`.
 """
 
 from __future__ import annotations
@@ -20,11 +20,20 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, TypeVar, cast
 
 import httpx
 
 from dohyo.evaluation.records.record import AgentInfo
+from dohyo.service.client.answers import (
+    AgentView,
+    ComparedView,
+    EpisodeView,
+    EvaluationView,
+    LeaderboardView,
+    MetricsView,
+    SubmissionView,
+)
 from dohyo.service.client.calls import ENDED, Call, Document, headers_of, path_of, remote_of, versions_like
 from dohyo.service.client.downloads import Download, check_size
 from dohyo.service.client.errors import ServiceError, check
@@ -34,6 +43,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
 TIMEOUT_S = 60.0
+T = TypeVar("T")
 POLL_S = 1.0
 
 
@@ -66,7 +76,7 @@ class Client:
 
     def get(self, path: str, **query: Any) -> Document:
         """Any JSON document of the interface, such as `get("/v1/networks")`."""
-        return self._json(Call("GET", path, query))
+        return self._json(Document, Call("GET", path, query))
 
     def items(self, path: str, **query: Any) -> Iterator[Document]:
         """All items of a paged list, such as `items("/v1/evaluations", agent="my-agent")`."""
@@ -79,28 +89,28 @@ class Client:
             if after is None:
                 return
 
-    def register_agent(self, name: str, description: str = "") -> Document:
+    def register_agent(self, name: str, description: str = "") -> AgentView:
         """Registers an agent of the token's owner."""
-        return self._json(Call("POST", "/v1/agents", body={"name": name, "description": description}))
+        return self._json(AgentView, Call("POST", "/v1/agents", body={"name": name, "description": description}))
 
-    def ensure_agent(self, name: str, description: str = "") -> Document:
+    def ensure_agent(self, name: str, description: str = "") -> AgentView:
         """The agent of that name; registers it where it is missing."""
         try:
-            return self.get(path_of("agents", name))
+            return self._json(AgentView, Call("GET", path_of("agents", name)))
         except ServiceError as error:
             if error.status != 404:
                 raise
         return self.register_agent(name, description)
 
-    def submit_builtin(self, agent: str, entry: str, settings: Mapping[str, Any] | None = None) -> Document:
+    def submit_builtin(self, agent: str, entry: str, settings: Mapping[str, Any] | None = None) -> SubmissionView:
         """Submits a built-in agent of the service."""
         return self._submit(agent, {"kind": "builtin", "entry": entry, "settings": dict(settings or {})})
 
-    def submit_remote(self, agent: str, info: AgentInfo) -> Document:
+    def submit_remote(self, agent: str, info: AgentInfo) -> SubmissionView:
         """Declares an agent that drives through workers; `info` appears in its records."""
         return self._submit(agent, remote_of(info))
 
-    def submit_onnx(self, agent: str, policy: Path, spec: Mapping[str, Any]) -> Document:
+    def submit_onnx(self, agent: str, policy: Path, spec: Mapping[str, Any]) -> SubmissionView:
         """Submits an ONNX file; `spec` gives its track, sensors and control.
 
         Raises:
@@ -111,7 +121,8 @@ class Client:
         except OSError as error:
             raise InvalidInputError(f"policy '{policy}' cannot be read: {error.strerror}") from error
         files = {"spec": (None, json.dumps(dict(spec)), "application/json"), "file": (policy.name, content)}
-        return self._json(Call("POST", path_of("agents", agent, "submissions", "onnx"), files=files))
+        path = path_of("agents", agent, "submissions", "onnx")
+        return self._json(SubmissionView, Call("POST", path, files=files))
 
     def ensure_remote(self, agent: str, info: AgentInfo) -> int:
         """The version of an agent that declares `info`; registers and submits it where it is missing."""
@@ -130,7 +141,7 @@ class Client:
         act_deadline_s: float | None = None,
         ranked: bool = False,
         ranking: str | None = None,
-    ) -> Document:
+    ) -> EvaluationView:
         """Queues an evaluation, by default a practice run of the latest version with the benchmark's seeds.
 
         A ranked run may enter a board, counts against a quota, and takes all conditions from its ranking: that of
@@ -146,45 +157,45 @@ class Client:
             "ranked": ranked,
             "ranking": ranking,
         }
-        return self._json(Call("POST", "/v1/evaluations", body=body))
+        return self._json(EvaluationView, Call("POST", "/v1/evaluations", body=body))
 
-    def evaluation(self, evaluation_id: str) -> Document:
+    def evaluation(self, evaluation_id: str) -> EvaluationView:
         """State of an evaluation."""
-        return self.get(path_of("evaluations", evaluation_id))
+        return self._json(EvaluationView, Call("GET", path_of("evaluations", evaluation_id)))
 
-    def follow(self, evaluation_id: str) -> Iterator[Document]:
+    def follow(self, evaluation_id: str) -> Iterator[EvaluationView]:
         """States of an evaluation, each time that it changes; the last one is its end."""
         path = path_of("evaluations", evaluation_id)
-        return self._follow(path, f"{path}/progress")
+        return cast(Iterator[EvaluationView], self._follow(path, f"{path}/progress"))
 
-    def wait(self, evaluation_id: str, timeout_s: float | None = None) -> Document:
+    def wait(self, evaluation_id: str, timeout_s: float | None = None) -> EvaluationView:
         """Waits until an evaluation has ended.
 
         Raises:
             TimeoutError: The evaluation did not end in that time.
         """
         path = path_of("evaluations", evaluation_id)
-        return self._wait(path, f"{path}/progress", timeout_s)
+        return cast(EvaluationView, self._wait(path, f"{path}/progress", timeout_s))
 
-    def cancel(self, evaluation_id: str) -> Document:
+    def cancel(self, evaluation_id: str) -> EvaluationView:
         """Cancels an evaluation; finished episodes are kept."""
-        return self._json(Call("POST", path_of("evaluations", evaluation_id, "cancel")))
+        return self._json(EvaluationView, Call("POST", path_of("evaluations", evaluation_id, "cancel")))
 
-    def resume(self, evaluation_id: str) -> Document:
+    def resume(self, evaluation_id: str) -> EvaluationView:
         """Queues lost and cancelled episodes again."""
-        return self._json(Call("POST", path_of("evaluations", evaluation_id, "resume")))
+        return self._json(EvaluationView, Call("POST", path_of("evaluations", evaluation_id, "resume")))
 
-    def metrics(self, evaluation_id: str) -> Document:
+    def metrics(self, evaluation_id: str) -> MetricsView:
         """Scores of an evaluation with intervals, over the finished episodes."""
-        return self.get(path_of("evaluations", evaluation_id, "metrics"))
+        return self._json(MetricsView, Call("GET", path_of("evaluations", evaluation_id, "metrics")))
 
     def manifest(self, evaluation_id: str) -> Document:
         """Manifest of an evaluation, as in a result folder of `dohyo evaluate`."""
         return self.get(path_of("evaluations", evaluation_id, "manifest"))
 
-    def episodes(self, evaluation_id: str) -> Iterator[Document]:
+    def episodes(self, evaluation_id: str) -> Iterator[EpisodeView]:
         """Episodes of an evaluation, in the benchmark's order."""
-        return self.items(path_of("evaluations", evaluation_id, "episodes"))
+        return cast(Iterator[EpisodeView], self.items(path_of("evaluations", evaluation_id, "episodes")))
 
     def record(self, episode_id: str) -> Document:
         """Record of an episode."""
@@ -219,24 +230,26 @@ class Client:
         ranking: str | None = None,
         limit: int = 100,
         after: str | None = None,
-    ) -> Document:
+    ) -> LeaderboardView:
         """A page of a benchmark's open leaderboard, or with `ranking` of a challenge's phase."""
-        query = {"version": version, "track": track, "ranking": ranking, "limit": limit, "after": after}
-        return self.get("/v1/leaderboard", benchmark=benchmark, **query)
+        what = {"benchmark": benchmark, "version": version, "track": track, "ranking": ranking}
+        query = what | {"limit": limit, "after": after}
+        return self._json(LeaderboardView, Call("GET", "/v1/leaderboard", query))
 
-    def comparison(self, evaluation_ids: Sequence[str]) -> Document:
+    def comparison(self, evaluation_ids: Sequence[str]) -> ComparedView:
         """Evaluations of one benchmark version side by side."""
-        return self.get("/v1/comparison", evaluation=list(evaluation_ids))
+        query = {"evaluation": list(evaluation_ids)}
+        return self._json(ComparedView, Call("GET", "/v1/comparison", query))
 
     def worker(self, agent: str, *, version: int | None = None, capacity: int = 1) -> WorkerSession:
         """A session of a policy worker for an agent; it blocks, so an event loop runs it in another thread."""
         return WorkerSession(self._url, self._token or "", agent, version=version, capacity=capacity)
 
-    def _submit(self, agent: str, body: Mapping[str, Any]) -> Document:
-        return self._json(Call("POST", path_of("agents", agent, "submissions"), body=body))
+    def _submit(self, agent: str, body: Mapping[str, Any]) -> SubmissionView:
+        return self._json(SubmissionView, Call("POST", path_of("agents", agent, "submissions"), body=body))
 
-    def _json(self, call: Call) -> Document:
-        """Document of an answer; where the answer is a job, waits for its end."""
+    def _json(self, kind: type[T], call: Call) -> T:
+        """Document of an answer, which is of this kind; where the answer is a job, waits for its end."""
         answer = self._send(call)
         while answer.status_code == httpx.codes.ACCEPTED:
             path = path_of("jobs", answer.headers["location"].rpartition("/")[2])  # never another server's address
@@ -244,11 +257,9 @@ class Client:
             if job["status"] != "done":
                 raise ServiceError.of_job(job)
             if call.method != "GET":
-                made: Document = job["answer"]
-                return made
+                return cast(T, job["answer"])
             answer = self._send(call)  # the job has made what was asked for
-        document: Document = answer.json()
-        return document
+        return cast(T, answer.json())
 
     def _send(self, call: Call) -> httpx.Response:
         """Answer to a request."""

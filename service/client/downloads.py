@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from pydantic import ValidationError
 
@@ -12,8 +12,11 @@ from dohyo.evaluation.freeway.morning import MORNING, parse_morning
 from dohyo.evaluation.records.foreign_files import check_file_name
 from dohyo.evaluation.records.signature import Signature, signature_path
 from dohyo.evaluation.records.store import FACTS_LIMIT_BYTES, TABLE_LIMIT_BYTES, parse_record
-from dohyo.service.client.calls import Call, Document, path_of
+from dohyo.service.client.calls import Call, path_of
 from dohyo.sumo_networks.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from dohyo.service.client.answers import EpisodeView
 
 SIGNATURE_HEADER: Final = "dohyo-signature"
 
@@ -27,7 +30,7 @@ class Download:
             has no trajectories.
     """
 
-    def __init__(self, episode: Document, folder: Path) -> None:
+    def __init__(self, episode: EpisodeView, folder: Path) -> None:
         """Reads an episode as the server lists it.
 
         Raises:

@@ -1,18 +1,21 @@
-"""Generates the blocking client from the asynchronous one, which is the source of both.
+"""Generates the blocking client from the asynchronous one, and the types of both from the service's description.
 
     python -m dohyo.service.client.generate
 
-Only the words of asyncio differ; a word of the table below is replaced wherever it stands.
+The clients differ only in the words of asyncio; a word of the table below is replaced wherever it stands.
 """
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+from dohyo.service.client.answer_types import answer_types
 
 SOURCE: Final = Path(__file__).with_name("async_client.py")
 TARGET: Final = Path(__file__).with_name("client.py")
+ANSWERS: Final = Path(__file__).with_name("answers.py")
 NOTE: Final = "# Generated from async_client.py by `python -m dohyo.service.client.generate`: edit that file.\n"
 PHRASES: Final = {
     r"await asyncio\.to_thread\(([\w.]+)(?:, )?": r"\1(",
@@ -46,5 +49,13 @@ def blocking(source: str) -> str:
     return NOTE + source
 
 
+def _description() -> dict[str, Any]:
+    from dohyo.service.app import create_app
+    from dohyo.service.settings import Settings
+
+    return create_app(Settings(_env_file=None)).openapi()
+
+
 if __name__ == "__main__":
+    ANSWERS.write_text(answer_types(_description()))
     TARGET.write_text(blocking(SOURCE.read_text()))

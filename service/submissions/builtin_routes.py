@@ -14,6 +14,7 @@ from dohyo.evaluation.settings import Schema, check_against, names_a_path
 from dohyo.service.accounts.access import Reader
 from dohyo.service.errors import NotFoundError
 from dohyo.service.web.documents import Name, problems
+from dohyo.service.web.heavy import heavy_read
 from dohyo.service.web.views import View
 from dohyo.sumo_networks.errors import UnknownNameError
 
@@ -33,6 +34,7 @@ class BuiltinAgentView(View):
 
 
 @router.get("", responses=problems())
+@heavy_read
 def list_builtin_agents(caller: Reader) -> list[BuiltinAgentView]:
     """Lists the built-in agents with the schemas of their settings."""
     return [_view(name, view) for name, view in agent_views().items()]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from json import dumps
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,6 +16,7 @@ from dohyo.evaluation.running.run import MANIFEST, RECORDS, Manifest, parse_mani
 from dohyo.evaluation.statistics import Estimate
 from dohyo.service.cli.commands.evaluate import parse_seeds, parse_settings
 from dohyo.service.cli.output import DASH, SCORES, Json, console, interval, number, plain, print_json, print_rows
+from dohyo.service.client.answers import EstimateView, EvaluationView, MetricsView
 from dohyo.service.client.calls import Document
 from dohyo.service.client.client import Client
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -206,7 +206,7 @@ def _watch(client: Client, evaluation: str, json: bool) -> None:
         raise typer.Exit(NOT_DONE)
 
 
-def _print_scores(state: Document, metrics: Document) -> None:
+def _print_scores(state: EvaluationView, metrics: MetricsView) -> None:
     whole = metrics["all"]
     scores = {name: title for name, title in TITLES.items() if name in whole["scores"]}
     print_rows(("score", "mean [95 %]"), [(title, _estimate(whole["scores"][name])) for name, title in scores.items()])
@@ -215,7 +215,7 @@ def _print_scores(state: Document, metrics: Document) -> None:
         console.print(state["failure"])
 
 
-def _print(state: Document, json: bool) -> None:
+def _print(state: EvaluationView, json: bool) -> None:
     if json:
         print_json(state)
     else:
@@ -226,7 +226,7 @@ def _print(state: Document, json: bool) -> None:
         )
 
 
-def _default_folder(state: Document) -> Path:
+def _default_folder(state: EvaluationView) -> Path:
     """Result folder of an evaluation; the server's names must be file names."""
     names = (str(state["benchmark"]), f"{state['agent']}-v{state['version']}")
     return Path("out", *(check_file_name(name, "the server's name of benchmark and agent") for name in names))
@@ -240,9 +240,9 @@ def _manifest(document: Document) -> Manifest | MorningsManifest:
     return parse(dumps(document).encode(), "the server's manifest")
 
 
-def _done(state: Document) -> str:
+def _done(state: EvaluationView | Document) -> str:
     return f"{state['progress']['done']}/{state['progress']['total']}"
 
 
-def _estimate(values: Mapping[str, Any]) -> str:
+def _estimate(values: EstimateView) -> str:
     return interval(Estimate(**values))

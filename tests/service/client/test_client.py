@@ -24,10 +24,11 @@ from tests.service.serving import command
 INFO = AgentInfo(name="mine", entry="mine:Mine", track="map", sensors=("route",), control="target_speed_steering")
 
 
-def test_the_blocking_client_is_generated_from_the_asynchronous_one() -> None:
-    assert generate.TARGET.read_text() == generate.blocking(generate.SOURCE.read_text()), (
-        "run `python -m dohyo.service.client.generate`"
-    )
+def test_the_blocking_client_and_the_types_are_generated(service: Harness) -> None:
+    description = service.client.get("/openapi.json").json()
+    command = "run `python -m dohyo.service.client.generate`"
+    assert generate.ANSWERS.read_text() == generate.answer_types(description), command
+    assert generate.TARGET.read_text() == generate.blocking(generate.SOURCE.read_text()), command
     assert not re.search("async|await", generate.TARGET.read_text().removeprefix(generate.NOTE))
 
 
