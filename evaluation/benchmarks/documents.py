@@ -8,6 +8,7 @@ from typing import Any
 
 BENCHMARKS = Path(__file__).parent
 FREEWAY_BENCHMARKS = BENCHMARKS / "freeway"
+PARKING_BENCHMARKS = BENCHMARKS / "parking"
 _OF_A_CELL = ("network", "traffic", "conditions", "events")
 
 
@@ -21,6 +22,11 @@ def freeway_benchmark_names() -> list[str]:
     return sorted(path.stem for path in FREEWAY_BENCHMARKS.glob("*.toml"))
 
 
+def parking_benchmark_names() -> list[str]:
+    """Sorted names of the built-in benchmarks of parking."""
+    return sorted(path.stem for path in PARKING_BENCHMARKS.glob("*.toml"))
+
+
 def benchmark_path(name: str) -> Path:
     """File of a built-in benchmark."""
     return BENCHMARKS / f"{name}.toml"
@@ -29,6 +35,11 @@ def benchmark_path(name: str) -> Path:
 def freeway_benchmark_path(name: str) -> Path:
     """File of a built-in benchmark of the freeway."""
     return FREEWAY_BENCHMARKS / f"{name}.toml"
+
+
+def parking_benchmark_path(name: str) -> Path:
+    """File of a built-in benchmark of parking."""
+    return PARKING_BENCHMARKS / f"{name}.toml"
 
 
 def read_document(path: Path) -> dict[str, Any]:

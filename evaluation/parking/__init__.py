@@ -1,0 +1,1 @@
+"""Benchmarks of parking: definitions, agents, drives, records, results and page."""

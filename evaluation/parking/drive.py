@@ -1,0 +1,153 @@
+"""Drives of an agent in the lots of a benchmark."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+
+import numpy as np
+
+from dohyo.evaluation.parking.agent import ParkingAgent
+from dohyo.evaluation.parking.benchmark import ParkingBenchmark, scene_of
+from dohyo.evaluation.parking.record import Ending, KartRecord, ParkingRecord
+from dohyo.evaluation.records.record import AgentInfo
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.parking import kart
+from dohyo.sumo_networks.parking.observation import columns
+from dohyo.sumo_networks.parking.radar import Kind
+from dohyo.sumo_networks.parking.rules import JUDGED, Outcome
+from dohyo.sumo_networks.parking.world import ParkingWorld
+
+_ENDINGS: dict[Outcome, Ending] = {
+    Outcome.PARKED: "parked",
+    Outcome.COLLIDED: "collided",
+    Outcome.TIMED_OUT: "timed_out",
+}
+_DECIMALS = 9
+_SHOWN = [kart.X, kart.Y, kart.HEADING, kart.SPEED]
+_FULL_BRAKE = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """The drive of all karts in one lot.
+
+    Attributes:
+        record: The facts.
+        motion: (T, K, 4) x, y [m], heading [rad], speed [m/s] at the beginning and after each tick.
+    """
+
+    record: ParkingRecord
+    motion: Float32Array
+
+
+def drive_lots(
+    benchmark: ParkingBenchmark,
+    seeds: Sequence[int],
+    agents: Sequence[ParkingAgent],
+    info: AgentInfo,
+    tell: Callable[[int, int], None] = lambda done, total: None,
+) -> list[Drive]:
+    """Drives lots one after the other.
+
+    Args:
+        benchmark: Benchmark of the lots.
+        seeds: Seeds of the lots.
+        agents: One per kart.
+        info: Description of the agent, for the records.
+        tell: Called with the number of lots driven and of all lots.
+
+    Returns:
+        One drive per seed, in their order.
+    """
+    world, drives = ParkingWorld(1, benchmark.karts), []
+    for done, seed in enumerate(seeds, 1):
+        drives.append(drive_lot(world, benchmark, seed, agents, info))
+        tell(done, len(seeds))
+    return drives
+
+
+def drive_lot(
+    world: ParkingWorld, benchmark: ParkingBenchmark, seed: int, agents: Sequence[ParkingAgent], info: AgentInfo
+) -> Drive:
+    """Drives one lot until every kart's episode has ended; a kart whose agent fails brakes and ends as failed.
+
+    Args:
+        world: A world with one lot and the benchmark's number of karts.
+        benchmark: Benchmark of the lot.
+        seed: Seed of the lot.
+        agents: One per kart.
+        info: Description of the agent, for the record.
+    """
+    world.draw([0], [seed], scene_of(benchmark.scene), JUDGED)
+    drivers = [_Driver(agent, number, seed) for number, agent in enumerate(agents)]
+    motion = [world.view(0).karts[:, _SHOWN].astype(np.float32)]
+    while (running := world.running[0]).any():
+        actions = np.tile(_FULL_BRAKE, (1, world.karts, 1))
+        for driver in drivers:
+            if running[driver.number]:
+                actions[0, driver.number] = driver.action(world)
+        if all(drivers[number].failure for number in np.flatnonzero(running)):
+            break
+        world.step(actions)
+        motion.append(world.view(0).karts[:, _SHOWN].astype(np.float32))
+    moved = np.stack(motion)
+    karts = tuple(_record(world, driver) for driver in drivers)
+    record = ParkingRecord(
+        benchmark=benchmark,
+        seed=seed,
+        agent=info,
+        version=version("dohyo"),
+        karts=karts,
+        motion_sha256=hashlib.sha256(moved.tobytes()).hexdigest(),
+    )
+    return Drive(record.sealed(), moved)
+
+
+class _Driver:
+    """An agent in its kart; it answers with full brake once it has failed."""
+
+    def __init__(self, agent: ParkingAgent, number: int, seed: int) -> None:
+        self.agent, self.number, self.failure = agent, number, ""
+        self._columns: IntArray = columns(agent.spec.state)
+        try:
+            agent.reset(seed)
+        except Exception as error:  # an agent's code may raise anything
+            self.failure = f"reset raised {type(error).__name__}: {error}"
+
+    def action(self, world: ParkingWorld) -> FloatArray:
+        """(3,) the agent's action for the present observation."""
+        if self.failure:
+            return _FULL_BRAKE
+        try:
+            if self.agent.spec.track == "privileged":
+                self.agent.look(world.view(0), self.number)
+            given = self.agent.act(world.observations[0, self.number, self._columns])
+            action = np.asarray(given, np.float64)
+        except Exception as error:  # an agent's code may raise anything
+            self.failure = f"act raised {type(error).__name__}: {error}"
+            return _FULL_BRAKE
+        if action.shape != (3,) or not np.isfinite(action).all():
+            self.failure = f"expected 3 finite numbers as action, got shape {action.shape}: {given!r:.60}"
+            return _FULL_BRAKE
+        return action
+
+
+def _record(world: ParkingWorld, driver: _Driver) -> KartRecord:
+    results, at = world.results(), (0, driver.number)
+    ending: Ending = "failed" if driver.failure else _ENDINGS[Outcome(int(results.outcome[at]))]
+    return KartRecord(
+        ending=ending,
+        aligned=bool(results.aligned[at]) and not driver.failure,
+        time_s=round(float(results.time_s[at]), _DECIMALS),
+        inclination_deg=round(math.degrees(float(results.inclination_rad[at])), _DECIMALS),
+        deviation_m=round(float(results.deviation_m[at]), _DECIMALS),
+        distance_m=round(float(results.distance_m[at]), _DECIMALS),
+        driven_m=round(float(results.driven_m[at]), _DECIMALS),
+        shunts=int(results.shunts[at]),
+        touched=Kind(int(results.touched[at])).name.lower(),
+        failure=driver.failure.splitlines()[0] if driver.failure else None,
+    )
