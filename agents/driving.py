@@ -9,7 +9,8 @@ from typing import Any
 from numpy.typing import NDArray
 
 from dohyo.evaluation.agent import Agent
-from dohyo.sumo_networks.envs.driving_env import DrivingEnv, Observation
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
+from dohyo.sumo_networks.sensors import Observation
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,10 +14,9 @@ from dohyo.evaluation.entry import make_entry
 from dohyo.evaluation.records.record import AgentInfo, Kind
 from dohyo.evaluation.sources import source_files
 from dohyo.sumo_networks.ego.control import CONTROLS
-from dohyo.sumo_networks.envs.driving_env import Observation
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.scenario import Config, Mission
-from dohyo.sumo_networks.sensors import Track, make_sensors
+from dohyo.sumo_networks.sensors import Observation, Track, make_sensors
 
 __all__ = ["Agent", "AgentSpec", "Explanation", "Mission", "Observation", "agent_info", "make_agent", "source_digest"]
 

@@ -16,45 +16,19 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.sharedctypes import Synchronized
-from pathlib import Path
 from typing import Any, Protocol
 
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.episode.runner import drive_episode, versions
-from dohyo.evaluation.records.record import AgentInfo, EgoRecord, EpisodeRecord
+from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.store import seal, write_record
 from dohyo.evaluation.records.trajectory import TrajectoryRecorder
+from dohyo.evaluation.running.job import KILL_GRACE_S, MAX_ATTEMPTS, POLL_S, Job
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.processes import worker_context, worker_process
 from dohyo.sumo_networks.routes.routing import plan_route
-from dohyo.sumo_networks.scenario import Scenario
-
-MAX_ATTEMPTS = 2
-KILL_GRACE_S = 5.0
-POLL_S = 0.5
-
-
-@dataclass(frozen=True, slots=True)
-class Job:
-    """One episode to drive, with the path of its record.
-
-    Attributes:
-        scenario: Scenario to drive.
-        info: Description of the agent.
-        benchmark: Name and content hash of the benchmark.
-        directory: Folder of the record.
-        stem: File name without suffix.
-        act_deadline_s: Wall-clock time allowed for one decision, s.
-    """
-
-    scenario: Scenario
-    info: AgentInfo
-    benchmark: tuple[str, str] | None
-    directory: Path
-    stem: str
-    act_deadline_s: float
 
 
 class Executor(Protocol):

@@ -25,7 +25,8 @@ from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.store import read_trajectory, write_record
 from dohyo.evaluation.records.trajectory import Trajectory
-from dohyo.evaluation.running.executors import MAX_ATTEMPTS, Job, Worker, drive_all, lost_episode
+from dohyo.evaluation.running.executors import Worker, drive_all, lost_episode
+from dohyo.evaluation.running.job import MAX_ATTEMPTS, Job
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.networks.catalog import load_network
 

@@ -6,9 +6,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
-
-from pydantic import Field, ValidationError
+from typing import Any
 
 from dohyo.evaluation.agent import agent_info, make_agent
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
@@ -16,41 +14,15 @@ from dohyo.evaluation.benchmarks.part import select
 from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
 from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
 from dohyo.evaluation.episode.runner import versions
-from dohyo.evaluation.records.foreign_files import read_limited
-from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord, Kind
+from dohyo.evaluation.records.record import EpisodeRecord, Kind
 from dohyo.evaluation.records.store import read_record
-from dohyo.evaluation.running.executors import Executor, Job, ProcessPool
+from dohyo.evaluation.running.executors import Executor, ProcessPool
+from dohyo.evaluation.running.job import Job
+from dohyo.evaluation.running.manifest import MANIFEST, RECORDS, Manifest, read_manifest
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.networks.catalog import load_network
-from dohyo.sumo_networks.scenario import Config, Scenario
-
-MANIFEST = "evaluation.json"
-RECORDS = "records"
-MANIFEST_LIMIT_BYTES = 50_000_000
-
-
-class Manifest(Config):
-    """Description of a result folder.
-
-    Attributes:
-        agent: Description of the agent.
-        benchmark: Whole benchmark, so that the folder needs no other file.
-        benchmark_sha256: Content hash of the benchmark.
-        missions: Names of the scenarios that are driven; None: all of the benchmark.
-    """
-
-    agent: AgentInfo
-    benchmark: Benchmark
-    benchmark_sha256: str
-    missions: Annotated[tuple[str, ...] | None, Field(min_length=1, exclude_if=lambda names: names is None)] = None
-
-    @property
-    def part(self) -> str:
-        """What is driven of the benchmark, in words for people; "" if everything is."""
-        if self.missions is None:
-            return ""
-        return f"part of {self.benchmark.name}: {len(self.missions)} of {self.benchmark.size} missions"
+from dohyo.sumo_networks.scenario import Scenario
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +124,7 @@ def read_result(out: Path) -> Result:
     Raises:
         InvalidInputError: The folder is not a result folder, or has a damaged record.
     """
-    manifest = _read_manifest(out)
+    manifest = read_manifest(out)
     found = [(read_record(path), path) for path in sorted((out / RECORDS).glob("*.json"))]
     if not found:
         raise InvalidInputError(f"'{out}' holds no finished episode yet")
@@ -165,42 +137,10 @@ def read_result(out: Path) -> Result:
     return Result(manifest, records, paths, len(records))
 
 
-def _read_manifest(out: Path) -> Manifest:
-    path = out / MANIFEST
-    if not path.exists():
-        raise InvalidInputError(f"'{out}' is no result folder: expected {MANIFEST} in it (dohyo evaluate --out)")
-    return parse_manifest(read_limited(path, "a manifest", MANIFEST_LIMIT_BYTES), str(path))
-
-
-def parse_manifest(content: bytes, path: str) -> Manifest:
-    """Parses the content of a result folder's manifest.
-
-    Args:
-        content: Content of the file.
-        path: Name of the file in messages.
-
-    Raises:
-        InvalidInputError: It is no manifest, or its benchmark has another content hash.
-    """
-    try:
-        manifest = Manifest.model_validate_json(content)
-    except ValidationError as error:
-        raise InvalidInputError(f"{path}: {error.errors()[0]['msg']}") from error
-    if manifest.benchmark_sha256 != manifest.benchmark.sha256:
-        raise InvalidInputError(f"{path}: expected benchmark_sha256 {manifest.benchmark.sha256}, got another hash")
-    return manifest
-
-
-def part_of_record(path: Path) -> str:
-    """Part of the benchmark that was driven with a record, see `Manifest.part`; "" outside a result folder."""
-    folder = path.absolute().parent.parent
-    return _read_manifest(folder).part if (folder / MANIFEST).exists() else ""
-
-
 def _claim(out: Path, manifest: Manifest) -> None:
     """Writes the manifest, unless the existing one says the same."""
     if (out / MANIFEST).exists():
-        there = _read_manifest(out)
+        there = read_manifest(out)
         _check_continues(out, there, manifest)
         if there.missions == manifest.missions:
             return

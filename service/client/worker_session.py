@@ -27,9 +27,9 @@ import msgspec
 import numpy as np
 
 from dohyo.service.wire.messages import Format, arrays, decode, encode, pack
-from dohyo.sumo_networks.envs.driving_env import Observation
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 from dohyo.sumo_networks.scenario import Mission
+from dohyo.sumo_networks.sensors import Observation
 
 ACQUIRE_S = 20.0
 REPLY_S = 150.0  # a tick of a large network may be slow

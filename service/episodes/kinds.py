@@ -12,7 +12,7 @@ from dohyo.service.confinement.folders import private_folder
 from dohyo.service.confinement.limits import Limits
 from dohyo.service.confinement.runner import run
 from dohyo.service.episodes.archive import archived_path
-from dohyo.service.episodes.redrive import TRACE
+from dohyo.service.episodes.explanations import TRACE
 from dohyo.service.errors import ConflictError
 from dohyo.service.jobs.kind import Kind, Made, Task
 from dohyo.service.policies.agent import ENTRY as POLICY

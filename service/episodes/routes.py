@@ -14,6 +14,7 @@ from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.service.accounts.access import Caller, Holder, Reader
 from dohyo.service.client.downloads import SIGNATURE_HEADER, signature_header
+from dohyo.service.episodes.explanations import explanation_at
 from dohyo.service.episodes.kinds import REDRIVE, trace_path
 from dohyo.service.episodes.readers import (
     Readers,
@@ -34,7 +35,6 @@ from dohyo.service.episodes.reading_views import (
     VerificationView,
     WaitingView,
 )
-from dohyo.service.episodes.redrive import explanation_at
 from dohyo.service.episodes.replay import FORMAT, encode, infraction_document, replay_of
 from dohyo.service.episodes.views import AttemptView, view_attempt, view_episode
 from dohyo.service.errors import ConflictError, UnauthorisedError

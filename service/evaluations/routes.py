@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.freeway.morning import MorningsManifest
 from dohyo.evaluation.records.record import AgentInfo
-from dohyo.evaluation.running.run import Manifest
+from dohyo.evaluation.running.manifest import Manifest
 from dohyo.service.accounts.access import Caller, Reader, Submitter
 from dohyo.service.benchmarks.catalog import AnyBenchmark, find_benchmark, read_benchmark
 from dohyo.service.boards.model import Ranking

@@ -17,9 +17,9 @@ from dohyo.agents.speed_planning.env import FASTEST_MPS, FORECASTER, PLANNER, Di
 from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario, write_morning
 from dohyo.evaluation.scores.traffic import OBSERVED_EVERY_S, Outcome, OutcomeWatch
 from dohyo.service.freeway.planner import DECIDES_EVERY_S, STATE
-from dohyo.service.running.channel import Channel
+from dohyo.service.running.channel import SEEN, Channel
 from dohyo.service.running.order import EpisodeOrder
-from dohyo.service.running.remote import SEEN, Bridge
+from dohyo.service.running.remote import Bridge
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import AgentError, InvalidInputError
 from dohyo.sumo_networks.freeway.process import TICK_S

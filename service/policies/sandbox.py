@@ -17,8 +17,8 @@ from dohyo.service.confinement.process import ConfinedProcess
 from dohyo.service.policies.interface import Tensor
 from dohyo.service.policies.limits import PolicyLimits
 from dohyo.sumo_networks.arrays import Float32Array
-from dohyo.sumo_networks.envs.driving_env import Observation
 from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError
+from dohyo.sumo_networks.sensors import Observation
 
 OUT_OF_MEMORY = re.compile("Failed to allocate memory|bad_alloc|more memory than")
 SOURCE_LINE = re.compile(r"/onnxruntime_src/\S+ .*?\) (?=[A-Z\[])|\[ONNXRuntimeError\] : \d+ : [A-Z_]+ : ")

@@ -9,8 +9,13 @@ import socket
 import struct
 import time
 from collections.abc import Callable
-from enum import IntEnum
+from enum import IntEnum, StrEnum
 from typing import NoReturn, cast
+
+from dohyo.service.wire.messages import Format
+
+SEEN = struct.Struct("!IdII")  # tick, simulated time [s], decisions missed, actions clipped
+FORMATS = (Format.MSGPACK, Format.JSON)
 
 _HEADER = struct.Struct("!IB")
 _CHUNK = 1 << 18
@@ -28,6 +33,14 @@ class Kind(IntEnum):
     FINISHED = 7  # the record is on disk
     IMPOSSIBLE = 8  # text: the order can never be driven
     FAILED = 9  # text: an internal error
+
+
+class Fault(StrEnum):
+    """Fault of a worker's agent."""
+
+    RAISED = "raised"
+    INVALID_ACTION = "invalid_action"
+    TIMEOUT = "timeout"
 
 
 class Channel:

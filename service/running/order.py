@@ -12,7 +12,7 @@ from dohyo.evaluation.agent import agent_info, make_agent
 from dohyo.evaluation.freeway.morning import MorningScenario
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.records.specifications import Status
-from dohyo.evaluation.running.executors import Job
+from dohyo.evaluation.running.job import Job
 from dohyo.service.freeway.planner import DECIDES_EVERY_S
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Config, Mission, Scenario

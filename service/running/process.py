@@ -22,7 +22,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
-from dohyo.evaluation.running.executors import KILL_GRACE_S, POLL_S
+from dohyo.evaluation.running.job import KILL_GRACE_S, POLL_S
 from dohyo.service.confinement.environment import of_episodes, without_secrets
 from dohyo.service.forking.process import ForkedProcess
 from dohyo.service.forking.server import Launch, Template, fork

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import struct
 import time
 from collections.abc import Callable, Mapping
-from enum import StrEnum
 from typing import Literal
 
 import numpy as np
@@ -14,26 +12,16 @@ import numpy as np
 from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
 from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.records.store import write_record
-from dohyo.service.running.channel import Channel, Kind
+from dohyo.service.running.channel import FORMATS, SEEN, Channel, Fault, Kind
 from dohyo.service.running.order import EpisodeOrder
-from dohyo.service.wire.messages import Format, decode, encode_observations, shape_in_words, unpack
+from dohyo.service.wire.messages import decode, encode_observations, shape_in_words, unpack
 from dohyo.sumo_networks.ego.control import InvalidActionError, make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, DohyoError, InvalidInputError
 from dohyo.sumo_networks.sensors import Track, make_sensors
 from dohyo.sumo_networks.units import TICK_S
 
-SEEN = struct.Struct("!IdII")  # tick, simulated time [s], decisions missed, actions clipped
-FORMATS = (Format.MSGPACK, Format.JSON)
 NO_LIMIT_S = 86_400.0
-
-
-class Fault(StrEnum):
-    """Fault of a worker's agent."""
-
-    RAISED = "raised"
-    INVALID_ACTION = "invalid_action"
-    TIMEOUT = "timeout"
 
 
 FAULTS: dict[Fault, type[AgentError]] = {

@@ -8,7 +8,7 @@ from typing import Any
 from sqlalchemy import func, select, update
 from sqlalchemy.orm import Session
 
-from dohyo.evaluation.running.executors import MAX_ATTEMPTS
+from dohyo.evaluation.running.job import MAX_ATTEMPTS
 from dohyo.service.database.base import new_id, now
 from dohyo.service.evaluations.model import Attempt, AttemptOutcome, Episode
 

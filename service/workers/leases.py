@@ -20,9 +20,8 @@ import msgspec
 
 from dohyo.evaluation.episode.guarded_agent import RESET_DEADLINE_S
 from dohyo.service.errors import ConflictError, GoneError, TooManyRequestsError, UnauthorisedError
-from dohyo.service.running.channel import Kind
+from dohyo.service.running.channel import FORMATS, SEEN, Fault, Kind
 from dohyo.service.running.process import End, Outcome
-from dohyo.service.running.remote import FORMATS, SEEN, Fault
 from dohyo.service.wire.bodies import Directive, Reply, Step
 from dohyo.service.wire.messages import NOTHING, Format
 from dohyo.service.workers.lease import Lease, RemoteEpisode, Worker

@@ -24,7 +24,7 @@ from dohyo.service.accounts.model import Token
 from dohyo.service.accounts.queries import is_valid
 from dohyo.service.database.engine import Database
 from dohyo.service.errors import BusyError, NotFoundError, ServiceError, TooLargeError, UnauthorisedError, problem
-from dohyo.service.running.remote import SEEN, Fault
+from dohyo.service.running.channel import SEEN, Fault
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.submissions.model import Agent
 from dohyo.service.web.documents import problems

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.conditions import conditions_named
 from dohyo.sumo_networks.ego.control import Control, InvalidActionError, make_control
 from dohyo.sumo_networks.envs.reward import Reward, make_reward
@@ -20,13 +19,12 @@ from dohyo.sumo_networks.rendering.overhead import Overhead
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.rules.episode_end import is_late, is_played_out, reached_goal
 from dohyo.sumo_networks.scenario import Scenario
-from dohyo.sumo_networks.sensors import Sensor, SensorConfig, Track, make_sensors
+from dohyo.sumo_networks.sensors import Observation, Sensor, SensorConfig, Track, make_sensors
 from dohyo.sumo_networks.simulation import Replay, Simulation, plan_scenario, start_simulation
 from dohyo.sumo_networks.simulation.traffic_log import LogRecorder
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import World
 
-Observation = dict[str, Float32Array]
 SensorNames = Sequence[str | SensorConfig]
 
 SENSOR_NOISE = 1  # separates this stream of random numbers from the traffic's

@@ -15,7 +15,6 @@ from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.envs.driving_env import (
     DEFAULT_SENSORS,
     DrivingEnv,
-    Observation,
     SensorNames,
     check_render_mode,
 )
@@ -24,7 +23,7 @@ from dohyo.sumo_networks.envs.reward import make_reward
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
-from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.sensors import Observation, make_sensors
 from dohyo.sumo_networks.units import TICK_S
 
 ScenarioSource = Sequence[Scenario] | Callable[[int], Scenario]

@@ -11,10 +11,11 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from dohyo.sumo_networks.envs.driving_env import DEFAULT_SENSORS, RENDERING, DrivingEnv, Observation, SensorNames
+from dohyo.sumo_networks.envs.driving_env import DEFAULT_SENSORS, RENDERING, DrivingEnv, SensorNames
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
+from dohyo.sumo_networks.sensors import Observation
 
 
 class SingleDrivingEnv(gymnasium.Env[Observation, NDArray[Any]]):

@@ -8,7 +8,7 @@ import numpy as np
 
 from dohyo.sumo_networks.conditions import Conditions
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.sensors.base import Sensor, SensorConfig, Track
+from dohyo.sumo_networks.sensors.base import Observation, Sensor, SensorConfig, Track
 from dohyo.sumo_networks.sensors.birdseye import BirdseyeConfig
 from dohyo.sumo_networks.sensors.camera import CameraConfig
 from dohyo.sumo_networks.sensors.conflicts import Conflicts
@@ -26,7 +26,17 @@ from dohyo.sumo_networks.sensors.route import Navigation, RouteSensor
 from dohyo.sumo_networks.sensors.route_map import RouteMap
 from dohyo.sumo_networks.sensors.speedometer import Speedometer
 
-__all__ = ["PRESETS", "SENSORS", "BirdseyeConfig", "CameraConfig", "Sensor", "SensorConfig", "Track", "make_sensors"]
+__all__ = [
+    "PRESETS",
+    "SENSORS",
+    "BirdseyeConfig",
+    "CameraConfig",
+    "Observation",
+    "Sensor",
+    "SensorConfig",
+    "Track",
+    "make_sensors",
+]
 
 # PRIBOOT's view from above, RLAD's image, GHRL's semantic image, GRIAD's three cameras.
 PRESETS = (

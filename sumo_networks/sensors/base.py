@@ -10,9 +10,13 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
+from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.conditions import Conditions
 from dohyo.sumo_networks.config import Config, Name
 from dohyo.sumo_networks.world import World
+
+Observation = dict[str, Float32Array]
+"""One array per sensor, by name."""
 
 
 class Track(IntEnum):

@@ -55,7 +55,7 @@ def rows(run: int, sha256: str, generator: np.random.Generator, finished: dateti
     return {
         Agent: [agent],
         Submission: [submission | {"info": {}}],
-        Evaluation: [evaluation | {"act_deadline_s": 10.0, "finished": finished}],
+        Evaluation: [evaluation | {"act_deadline_s": 10.0, "created": finished, "finished": finished}],
         Episode: episodes,
     }
 

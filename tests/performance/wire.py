@@ -43,8 +43,7 @@ READERS, READ_EVERY_S = 200, 5.0
 
 def null_episode(file: int, _: int) -> None:
     """Answers every action with 12 kB, and never ends; in an episode process."""
-    from dohyo.service.running.channel import Channel, Kind
-    from dohyo.service.running.remote import SEEN
+    from dohyo.service.running.channel import SEEN, Channel, Kind
 
     channel = Channel(socket.socket(fileno=file))
     seen, tick = encode_observations({"ego": BODY}), 0

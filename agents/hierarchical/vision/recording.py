@@ -30,12 +30,12 @@ from dohyo.agents.shards import claim_folder
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.conditions import TRAIN, conditions_named
 from dohyo.sumo_networks.ego.control import AccelerationSteering
-from dohyo.sumo_networks.envs.driving_env import DrivingEnv, Observation
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Scenario
-from dohyo.sumo_networks.sensors import CameraConfig, Sensor
+from dohyo.sumo_networks.sensors import CameraConfig, Observation, Sensor
 from dohyo.sumo_networks.units import TICK_S
 
 TRAINING, HELD_OUT = "town-train", "town-test"

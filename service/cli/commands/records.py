@@ -18,7 +18,8 @@ from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.report.page import write_report
 from dohyo.evaluation.report.rows import Evaluation
 from dohyo.evaluation.report.style import probability
-from dohyo.evaluation.running.run import Result, part_of_record, read_result
+from dohyo.evaluation.running.manifest import part_of_record
+from dohyo.evaluation.running.run import Result, read_result
 from dohyo.evaluation.scores.driving import IrsLength, Rules
 from dohyo.evaluation.scores.nuplan.summary import (
     applies,

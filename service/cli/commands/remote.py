@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from dohyo.evaluation.freeway.morning import MorningsManifest, parse_mornings_manifest
 from dohyo.evaluation.records.foreign_files import check_file_name
 from dohyo.evaluation.records.record import AgentInfo
-from dohyo.evaluation.running.run import MANIFEST, RECORDS, Manifest, parse_manifest
+from dohyo.evaluation.running.manifest import MANIFEST, RECORDS, Manifest, parse_manifest
 from dohyo.evaluation.statistics import Estimate
 from dohyo.service.cli.commands.evaluate import parse_seeds, parse_settings
 from dohyo.service.cli.output import DASH, SCORES, Json, console, interval, number, plain, print_json, print_rows

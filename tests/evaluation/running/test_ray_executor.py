@@ -16,7 +16,8 @@ from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.store import read_trajectory
-from dohyo.evaluation.running.executors import Job, ProcessPool
+from dohyo.evaluation.running.executors import ProcessPool
+from dohyo.evaluation.running.job import Job
 from dohyo.evaluation.running.ray_executor import LOCAL_CLUSTER, RayExecutor
 from dohyo.evaluation.running.run import Result, run_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError

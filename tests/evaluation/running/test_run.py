@@ -18,7 +18,8 @@ from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.running import executors
 from dohyo.evaluation.running.executors import ProcessPool
-from dohyo.evaluation.running.run import Result, part_of_record, read_result, run_benchmark
+from dohyo.evaluation.running.manifest import part_of_record
+from dohyo.evaluation.running.run import Result, read_result, run_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Mission, Place, Traffic
 

@@ -18,7 +18,7 @@ from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.signature import public_key
 from dohyo.evaluation.records.store import write_record
-from dohyo.evaluation.running.run import Manifest
+from dohyo.evaluation.running.manifest import Manifest
 from dohyo.service.client import downloads
 from dohyo.service.client.client import Client
 from dohyo.sumo_networks.errors import InvalidInputError

@@ -22,7 +22,7 @@ from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.service.accounts.model import Role
 from dohyo.service.confinement.runner import run
 from dohyo.service.episodes import kinds
-from dohyo.service.episodes.redrive import Trace, explanation_at
+from dohyo.service.episodes.explanations import Trace, explanation_at
 from dohyo.service.policies.agent import ENTRY, FOLDER_VARIABLE, OnnxPolicy
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Mission, Traffic

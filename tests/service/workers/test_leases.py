@@ -14,10 +14,9 @@ import pytest
 
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.errors import ConflictError, GoneError, UnauthorisedError
-from dohyo.service.running.channel import Kind
+from dohyo.service.running.channel import SEEN, Fault, Kind
 from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.process import End, EpisodeProcess, Outcome
-from dohyo.service.running.remote import SEEN, Fault
 from dohyo.service.wire.bodies import Step
 from dohyo.service.wire.messages import Format, encode_observations
 from dohyo.service.workers import leases as module

@@ -1,0 +1,34 @@
+"""Job: one episode to drive, and how long and how often executors try; imported without a simulator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from dohyo.evaluation.records.record import AgentInfo
+from dohyo.sumo_networks.scenario import Scenario
+
+MAX_ATTEMPTS = 2
+KILL_GRACE_S = 5.0
+POLL_S = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One episode to drive, with the path of its record.
+
+    Attributes:
+        scenario: Scenario to drive.
+        info: Description of the agent.
+        benchmark: Name and content hash of the benchmark.
+        directory: Folder of the record.
+        stem: File name without suffix.
+        act_deadline_s: Wall-clock time allowed for one decision, s.
+    """
+
+    scenario: Scenario
+    info: AgentInfo
+    benchmark: tuple[str, str] | None
+    directory: Path
+    stem: str
+    act_deadline_s: float

@@ -1,0 +1,78 @@
+"""Manifest: what a result folder says of itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, ValidationError
+
+from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.records.foreign_files import read_limited
+from dohyo.evaluation.records.record import AgentInfo
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Config
+
+MANIFEST = "evaluation.json"
+RECORDS = "records"
+MANIFEST_LIMIT_BYTES = 50_000_000
+
+
+class Manifest(Config):
+    """Description of a result folder.
+
+    Attributes:
+        agent: Description of the agent.
+        benchmark: Whole benchmark, so that the folder needs no other file.
+        benchmark_sha256: Content hash of the benchmark.
+        missions: Names of the scenarios that are driven; None: all of the benchmark.
+    """
+
+    agent: AgentInfo
+    benchmark: Benchmark
+    benchmark_sha256: str
+    missions: Annotated[tuple[str, ...] | None, Field(min_length=1, exclude_if=lambda names: names is None)] = None
+
+    @property
+    def part(self) -> str:
+        """What is driven of the benchmark, in words for people; "" if everything is."""
+        if self.missions is None:
+            return ""
+        return f"part of {self.benchmark.name}: {len(self.missions)} of {self.benchmark.size} missions"
+
+
+def read_manifest(out: Path) -> Manifest:
+    """Reads the manifest of a result folder.
+
+    Raises:
+        InvalidInputError: It is none, or its benchmark has another content hash.
+    """
+    path = out / MANIFEST
+    if not path.exists():
+        raise InvalidInputError(f"'{out}' is no result folder: expected {MANIFEST} in it (dohyo evaluate --out)")
+    return parse_manifest(read_limited(path, "a manifest", MANIFEST_LIMIT_BYTES), str(path))
+
+
+def parse_manifest(content: bytes, path: str) -> Manifest:
+    """Parses the content of a result folder's manifest.
+
+    Args:
+        content: Content of the file.
+        path: Name of the file in messages.
+
+    Raises:
+        InvalidInputError: It is no manifest, or its benchmark has another content hash.
+    """
+    try:
+        manifest = Manifest.model_validate_json(content)
+    except ValidationError as error:
+        raise InvalidInputError(f"{path}: {error.errors()[0]['msg']}") from error
+    if manifest.benchmark_sha256 != manifest.benchmark.sha256:
+        raise InvalidInputError(f"{path}: expected benchmark_sha256 {manifest.benchmark.sha256}, got another hash")
+    return manifest
+
+
+def part_of_record(path: Path) -> str:
+    """Part of the benchmark that was driven with a record, see `Manifest.part`; "" outside a result folder."""
+    folder = path.absolute().parent.parent
+    return read_manifest(folder).part if (folder / MANIFEST).exists() else ""
