@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 import re
 import subprocess
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from functools import partial
 from pathlib import Path
 
 import httpx
@@ -20,6 +20,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from tests.service.browsing import READY, visiting
 from tests.service.policies.models import model
+from tests.service.served import wait_until
 from tests.service.serving import DOHYO, Served, serving
 
 pytestmark = pytest.mark.slow
@@ -41,6 +42,14 @@ name = "straight-on"
 start = { lane = "737320747#3_2", position_m = 5.0 }
 goal = { lane = "737320747#4_2", position_m = 30.0 }
 """
+# A clock that a test puts an hour ahead: it makes the file.
+CLOCK = """
+import pathlib, dohyo.service.database.base as base, dohyo.evaluation.benchmarks.documents as documents
+from datetime import timedelta
+folder, now = pathlib.Path({folder!r}), base.now
+base.now = lambda: now() + timedelta(hours=(folder / "an-hour-later").exists())
+documents.BENCHMARKS = folder / "benchmarks"
+"""
 PATIENCE_S = 60.0
 RULES = "# One road\n\n- **Nobody** is hit.\n- <img src=x onerror=alert(1)> is text."
 
@@ -59,13 +68,17 @@ class Entrant:
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    folder = tmp_path_factory.mktemp("challenge")
-    (folder / "benchmarks").mkdir()
-    (folder / "benchmarks" / "sprint.toml").write_text(SPRINT)
-    here = f"pathlib.Path({str(folder / 'benchmarks')!r})"
-    before = f"import pathlib, dohyo.evaluation.benchmarks.documents as b; b.BENCHMARKS = {here}"
-    with serving(folder / "data", before=before) as service:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Holds the benchmarks of the service, and its data."""
+    made = tmp_path_factory.mktemp("challenge")
+    (made / "benchmarks").mkdir()
+    (made / "benchmarks" / "sprint.toml").write_text(SPRINT)
+    return made
+
+
+@pytest.fixture(scope="module")
+def served(folder: Path) -> Iterator[Served]:
+    with serving(folder / "data", before=CLOCK.format(folder=str(folder))) as service:
         yield service
         assert service.end() == 0
 
@@ -94,7 +107,7 @@ def opened(page: Page, served: Served, path: str) -> Page:
     return page
 
 
-def make_challenge(page: Page, closes: datetime, shots: Path) -> None:
+def make_challenge(page: Page, closes: datetime) -> None:
     """Makes the challenge "autumn" with one secret phase."""
     page.get_by_label("Name").fill("autumn")
     page.get_by_label("Title").fill("Autumn challenge")
@@ -108,7 +121,6 @@ def make_challenge(page: Page, closes: datetime, shots: Path) -> None:
     page.get_by_label("Ranked runs of a team").fill("1")
     page.get_by_label("Closes").fill(closes.strftime("%Y-%m-%dT%H:%M:%S"))
     page.get_by_label("Grace, minutes").fill("0")
-    page.screenshot(path=shots / "organise.png", full_page=True)
     page.get_by_role("button", name="add the phase").click()
     expect(page.locator("#phases tbody th")).to_have_text("final")
 
@@ -158,24 +170,23 @@ def start_ranked(page: Page, agent: str) -> None:
 
 
 def test_a_challenge_from_its_making_to_its_final_board(
-    served: Served, browser: Browser, policy: Path, tmp_path: Path
+    served: Served, browser: Browser, policy: Path, folder: Path, tmp_path: Path
 ) -> None:
     organiser_token = served.ask("POST", "/v1/tokens", {"owner": "organiser", "role": "organiser"})["token"]
     with visiting(browser, served.url) as visit:
         organiser, ann_window, bob_window = visit(), visit(), visit()
         page = organiser.page
         sign_in(page, served, organiser_token, "/challenges")
-        closes = datetime.now() + timedelta(seconds=75)  # the browser's local time zone is that of this process
-        make_challenge(page, closes - timedelta(seconds=15), tmp_path)
+        closes = datetime.now() + timedelta(minutes=50)  # the browser's local time zone is that of this process
+        make_challenge(page, closes - timedelta(minutes=10))
         postpone(page, closes)
         mark_a_baseline(page, served, organiser_token)
         codes = [invite(page, who) for who in ("ann", "bob")]
 
-        page.screenshot(path=tmp_path / "invitations.png", full_page=True)
         ann, bob = enter(ann_window.page, served, codes[0], "ann"), enter(bob_window.page, served, codes[1], "bob")
         expect(enter_again(bob.page, served, codes[0])).to_contain_text("no open invitation")
 
-        upload_in_the_browser(ann, served, policy, tmp_path)
+        upload_in_the_browser(ann, served, policy)
         start_ranked(ann.page, "ann-onnx")
         expect(ann.page.locator("#runs tbody")).to_contain_text("ranked, final")
         expect(ann.page.locator("#team .tiles")).to_contain_text("0 of 1")
@@ -190,10 +201,9 @@ def test_a_challenge_from_its_making_to_its_final_board(
             worker.kill()
             worker.wait()
 
-        time.sleep(max(0.0, (closes - datetime.now()).total_seconds()))
+        (folder / "an-hour-later").touch()
         for window in (organiser.page, ann.page, bob.page):
             expect_final_board(window, served)
-        ann.page.screenshot(path=tmp_path / "challenge.png", full_page=True)
         said = [text for one in (organiser, ann_window, bob_window) for text in one.complaints]
         assert [text for text in said if "Failed to load resource" not in text] == []  # refusals, which are shown
         assert [one.foreign for one in (organiser, ann_window, bob_window)] == [[], [], []]
@@ -207,7 +217,7 @@ def enter_again(page: Page, served: Served, code: str) -> Locator:
     return page.locator(".problem")
 
 
-def upload_in_the_browser(ann: Entrant, served: Served, policy: Path, shots: Path) -> None:
+def upload_in_the_browser(ann: Entrant, served: Served, policy: Path) -> None:
     """Uploads a broken file, is told so beside the field, and then uploads the policy."""
     page = opened(ann.page, served, "/submit?challenge=autumn")
     page.get_by_label("Name").fill("ann-onnx")
@@ -215,7 +225,6 @@ def upload_in_the_browser(ann: Entrant, served: Served, policy: Path, shots: Pat
     page.get_by_label("Sensors").fill("speedometer")
     page.get_by_role("button", name="submit").click()
     expect(page.locator("[data-field=file] .problem")).to_be_visible(timeout=PATIENCE_S * 1000)
-    page.screenshot(path=shots / "submit.png", full_page=True)
     page.get_by_label("File").set_input_files(policy)
     page.get_by_role("button", name="submit").click()
     expect(page.locator(".submitted")).to_contain_text("ann-onnx v1 is submitted", timeout=PATIENCE_S * 1000)
@@ -235,11 +244,12 @@ def drive_from_another_process(bob: Entrant, served: Served, folder: Path) -> su
     command = [*DOHYO, "worker", "--server", served.url, "--agent", "bob-remote", "--entry", "idm"]
     worker = subprocess.Popen(command, env=environment, cwd=folder)
     with bob.http(served) as http:
-        ends = time.monotonic() + PATIENCE_S
-        while not any(one["name"] == "bob-remote" and one["version"] for one in http.get("/v1/agents").json()["items"]):
+
+        def submitted() -> bool:
             assert worker.poll() is None
-            assert time.monotonic() < ends
-            time.sleep(0.2)
+            return any(one["name"] == "bob-remote" and one["version"] for one in http.get("/v1/agents").json()["items"])
+
+        wait_until(submitted, "the worker submits nothing")
         assert httpx.get(f"{served.url}/v1/me", headers={"authorization": f"Bearer {token}"}).json()["role"] == "worker"
     opened(page, served, "/challenges/autumn")
     start_ranked(page, "bob-remote")
@@ -290,16 +300,13 @@ def forge_a_record(bob: Entrant, served: Served) -> None:
 
 
 def await_done(ann: Entrant, bob: Entrant, served: Served) -> None:
+    def done(http: httpx.Client, owner: str) -> bool:
+        runs = http.get("/v1/evaluations").json()["items"]
+        return any(one["ranking"] and one["owner"] == owner and one["status"] == "done" for one in runs)
+
     for entrant in (ann, bob):
         with entrant.http(served) as http:
-            ends = time.monotonic() + PATIENCE_S
-            while True:
-                ranked = [one for one in http.get("/v1/evaluations").json()["items"] if one["ranking"]]
-                own = [one for one in ranked if one["owner"] == entrant.name]
-                if own and own[0]["status"] == "done":
-                    break
-                assert time.monotonic() < ends, own
-                time.sleep(0.3)
+            wait_until(partial(done, http, entrant.name), f"the run of {entrant.name} does not end")
 
 
 def expect_final_board(page: Page, served: Served) -> None:

@@ -182,21 +182,18 @@ def test_a_fetched_record_is_verified_by_signature_and_by_driving_again(
 
 
 def test_the_leaderboard_leads_to_the_replay_of_an_infraction(
-    evaluations: dict[str, list[dict[str, Any]]], served: Served, user: Client, browser: Browser, tmp_path: Path
+    evaluations: dict[str, list[dict[str, Any]]], served: Served, user: Client, browser: Browser
 ) -> None:
     with visiting(browser, served.url) as visit:
         window = visit()
         page: Page = window.go("/")
         for agent in evaluations:
             expect(page.get_by_role("link", name=agent, exact=True)).to_be_visible()
-        page.screenshot(path=tmp_path / "leaderboard.png", full_page=True)
         page.get_by_role("link", name="pursuit", exact=True).click()
         page.wait_for_url(re.compile("/agents/pursuit"))
         page.wait_for_selector(READY)
-        page.screenshot(path=tmp_path / "agent.png", full_page=True)
         page.goto(f"{served.url}/evaluations/{evaluations['pursuit'][0]['evaluation']}")
         page.wait_for_selector(READY)
-        page.screenshot(path=tmp_path / "evaluation.png", full_page=True)
         hit = page.locator("a[href*='#t=']").first
         (first, *_) = user.get(f"/v1/episodes/{evaluations['pursuit'][0]['id']}/events")["egos"][0]["infractions"]
         assert first["kind"] == "collision_pedestrian"
@@ -205,6 +202,5 @@ def test_the_leaderboard_leads_to_the_replay_of_an_infraction(
         minutes, seconds = divmod(first["time_s"], 60)
         expect(page.locator(".clock")).to_contain_text(f"{minutes:.0f}:{seconds:04.1f} /")
         expect(page.locator(".infractions")).to_contain_text("pedestrian hit")
-        page.screenshot(path=tmp_path / "replay.png", full_page=True)
         assert window.complaints == []
         assert window.foreign == []
