@@ -6,7 +6,6 @@ import json
 import os
 import re
 import subprocess
-import time
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,9 +24,11 @@ from dohyo.evaluation.running.run import read_result
 from dohyo.evaluation.scores.driving import driving_score
 from dohyo.service.client.client import Client
 from dohyo.service.policies.agent import ENTRY, OnnxPolicy
+from dohyo.sumo_networks.errors import InvalidInputError
 from examples.onnx_policy import SENSORS, export
 from tests.service.browsing import READY, visiting
-from tests.service.serving import DOHYO, Served, run, serving
+from tests.service.served import wait_until
+from tests.service.serving import DOHYO, Served, command, run, serving
 
 pytestmark = pytest.mark.slow
 
@@ -80,9 +81,7 @@ def evaluations(served: Served, user: Client, folder: Path) -> dict[str, list[di
     worker = subprocess.Popen([*DOHYO, "worker", *options], env=os.environ | {"DOHYO_TOKEN": token})
     try:
         ids = {agent: user.evaluate(agent, "quickstart", ranked=True)["id"] for agent in ("pilot", "pursuit")}
-        while "remote-pilot" not in {one["name"] for one in user.items("/v1/agents") if one["version"]}:
-            assert worker.poll() is None
-            time.sleep(0.3)
+        wait_until(lambda: "remote-pilot" in submitted(user), "the worker submits nothing", PATIENCE_S)
         ids["remote-pilot"] = user.evaluate("remote-pilot", "quickstart", ranked=True)["id"]
         for one in ids.values():
             ended = user.wait(one, PATIENCE_S)
@@ -94,6 +93,10 @@ def evaluations(served: Served, user: Client, folder: Path) -> dict[str, list[di
     return {agent: list(user.episodes(one)) for agent, one in ids.items()}
 
 
+def submitted(user: Client) -> set[str]:
+    return {one["name"] for one in user.items("/v1/agents") if one["version"]}
+
+
 def hashes(episodes: list[dict[str, Any]]) -> list[str]:
     return [one["record_hash"] for one in episodes]
 
@@ -102,8 +105,8 @@ def test_local_and_builtin_give_the_same_hashes_and_remote_the_same_drives(
     evaluations: dict[str, list[dict[str, Any]]], user: Client, folder: Path
 ) -> None:
     benchmark, out = folder / "benchmarks" / "quickstart.toml", folder / "out"
-    command = ["--benchmark", str(benchmark), "--seeds", "0", "--workers", "1"]
-    done = run("evaluate", "--agent", "autopilot", *command, "--out", str(out), patience_s=PATIENCE_S)
+    options = ["--benchmark", str(benchmark), "--seeds", "0", "--workers", "1"]
+    done = run("evaluate", "--agent", "autopilot", *options, "--out", str(out), patience_s=PATIENCE_S)
     assert done.returncode == 0, done.stderr
     local = {json.loads(path.read_text())["record_hash"] for path in (out / "records").glob("*.json")}
     assert set(hashes(evaluations["pilot"])) == local
@@ -168,17 +171,18 @@ def test_a_fetched_record_is_verified_by_signature_and_by_driving_again(
     }
     builtin = run("verify", str(paths["pilot"]), "--server", served.url)
     assert (builtin.returncode, f"key of {served.url}" in builtin.stdout, "same:" in builtin.stdout) == (0, True, True)
-    policy = run("verify", str(paths["pursuit"]), "--policy", str(folder / "policy.onnx"), "--json")
-    assert policy.returncode == 0, policy.stderr
+    policy = command("verify", str(paths["pursuit"]), "--policy", str(folder / "policy.onnx"), "--json")
+    assert policy.exit_code == 0, policy.exception
     assert json.loads(policy.stdout)["same"] is True
     assert json.loads(policy.stdout)["signature"]["owner"] == f"key of {served.url}", "kept since the first time"
-    remote = run("verify", str(paths["remote-pilot"]), "--signature-only")
-    assert (remote.returncode, "hash right, not driven again" in remote.stdout) == (0, True)
-    assert "drove through policy workers" in run("verify", str(paths["remote-pilot"])).stderr
+    remote = command("verify", str(paths["remote-pilot"]), "--signature-only")
+    assert (remote.exit_code, "hash right, not driven again" in remote.stdout) == (0, True)
+    assert "drove through policy workers" in str(command("verify", str(paths["remote-pilot"])).exception)
     other = signature_path(paths["pursuit"]).read_bytes()
     signature_path(paths["pilot"]).write_bytes(other)
-    refused = run("verify", str(paths["pilot"]))
-    assert (refused.returncode, "of another record" in refused.stderr) == (2, True)
+    refused = command("verify", str(paths["pilot"]))
+    assert isinstance(refused.exception, InvalidInputError)
+    assert "of another record" in str(refused.exception)
 
 
 def test_the_leaderboard_leads_to_the_replay_of_an_infraction(
