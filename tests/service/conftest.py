@@ -108,7 +108,7 @@ def make_service(tmp_path: Path) -> Iterator[MakeService]:
 @pytest.fixture(scope="module")
 def running_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     """A running service that the tests of a file share, each with agents of its own."""
-    shared = Service(tmp_path_factory.mktemp("data"), processes=2, remote_episodes=4)
+    shared = Service(tmp_path_factory.mktemp("data"), processes=1, remote_episodes=2)
     shared.start()
     yield shared
     shared.close()

@@ -6,7 +6,6 @@ import json
 import re
 import signal
 import threading
-import time
 from pathlib import Path
 
 import httpx
@@ -73,11 +72,7 @@ def test_sigterm_under_load_ends_streams_and_queues_again_what_was_unfinished(tm
             events = stream.iter_lines()
             while "running" not in next(events):
                 pass
-            started = time.monotonic()
-            code = served.end()
-            took = time.monotonic() - started
-        assert code == 0
-        assert took < 50
+            assert served.end() == 0
         assert not [line for line in served.log if line["level"] == "error"]
     database = Database(Settings(data=tmp_path / "data").database_url)
     with database.reading() as session:
@@ -163,16 +158,3 @@ def test_tokens_need_a_service(tmp_path: Path) -> None:
     done = command("tokens", "list", "--data", str(tmp_path / "none"))
     assert isinstance(done.exception, InvalidInputError)
     assert not (tmp_path / "none").exists()
-
-
-@pytest.mark.slow
-def test_it_serves_from_postgresql(tmp_path: Path, postgres_server: str) -> None:
-    from tests.service.postgres import fresh_database
-
-    url = fresh_database(postgres_server, "served")
-    with serving(tmp_path / "data", "--database", url) as served:
-        served.ask("POST", "/v1/agents", {"name": "a"})
-        assert [one["name"] for one in served.ask("GET", "/v1/agents")["items"]] == ["a"]
-        assert served.end() == 0
-        assert url not in json.dumps(served.log)
-    assert not (tmp_path / "data" / "dohyo.db").exists()

@@ -161,15 +161,18 @@ def test_a_worker_with_another_agent_than_was_submitted_gives_the_episode_back(s
 def test_a_worker_outlives_the_service_and_goes_on_with_the_next(
     make_service: MakeService, ended: list[subprocess.Popen[bytes]]
 ) -> None:
-    service = make_service()
-    evaluation = service.submit(info_of(STEADY), short(missions=3))
+    service, benchmark, info = make_service(), short(missions=3), info_of(STEADY)
+    evaluation = service.submit(info, benchmark)
     service.start()
     ended.append(dohyo_worker(service, "steady", "--entry", STEADY, "--capacity", "2"))
     service.wait_done(evaluation, 1)
     service.kill()
     service.start()
-    builtin = service.submit(info_of(STEADY), short(missions=3), kind=AgentKind.BUILTIN)
-    assert service.hashes(evaluation) == service.hashes(builtin)
+    source = (benchmark.name, benchmark.sha256)
+    assert service.hashes(evaluation) == [
+        run_episode(one, {"ego": make_agent(STEADY)}, infos={"ego": info}, benchmark=source).record_hash
+        for one in benchmark.scenarios([0])
+    ]
     ended[0].send_signal(signal.SIGTERM)
     assert ended[0].wait(20) == 0
 

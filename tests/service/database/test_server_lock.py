@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from dohyo.service.accounts.model import Role
 from dohyo.service.accounts.queries import create_token
 from dohyo.service.database.engine import Database, FencedError
 from dohyo.service.database.server_lock import APPLICATION
+from tests.service.postgres import fresh_database
 from tests.service.served import wait_until
 from tests.service.serving import Served, run, serving
 
@@ -44,33 +46,24 @@ def test_a_second_server_is_refused_and_the_first_goes_on(first: Served, tmp_pat
 
 
 @pytest.mark.slow
-def test_a_server_whose_connection_breaks_writes_nothing_and_goes_on_once_it_has_the_lock_again(
+def test_a_server_whose_connection_breaks_goes_on_with_the_lock_and_ends_where_another_has_it(
     tmp_path: Path, postgres_server: str
 ) -> None:
-    from tests.service.postgres import fresh_database
-
-    url = fresh_database(postgres_server, "interrupted")
-    with serving(tmp_path / "data", "--database", url) as served, psycopg.connect(url, autocommit=True) as other:
-        assert other.execute(TERMINATE, [APPLICATION]).fetchall() == [(True,)]
-        wait_until(lambda: any("held again" in one["message"] for one in served.log), "it does not take the lock again")
-        served.ask("POST", "/v1/agents", {"name": "a"})
-        assert served.end() == 0
-
-
-@pytest.mark.slow
-def test_a_server_that_has_lost_its_lock_to_another_ends_at_once(tmp_path: Path, postgres_server: str) -> None:
-    from tests.service.postgres import fresh_database
-
     url = fresh_database(postgres_server, "taken")
     with serving(tmp_path / "data", "--database", url) as served:
-        # The other server waits for the lock, and gets it when the connection of the first one breaks.
         with psycopg.connect(url, autocommit=True) as waiting, psycopg.connect(url, autocommit=True) as other:
+            assert other.execute(TERMINATE, [APPLICATION]).fetchall() == [(True,)]
+            wait_until(lambda: any("held again" in one["message"] for one in served.log), "it takes no lock again")
+            served.ask("POST", "/v1/agents", {"name": "a"})
+            # The other server waits for the lock, and gets it when the connection of the first one breaks.
             with waiting.pipeline():
                 waiting.execute(LOCK)
                 wait_until(lambda: _waits(other), "the other server does not wait")
                 other.execute(TERMINATE, [APPLICATION])
             assert served.process.wait(30) == 3
         assert "another server has taken the database" in served.log[-1]["message"]
+        assert url not in json.dumps(served.log)
+    assert not (tmp_path / "data" / "dohyo.db").exists()
 
 
 def _waits(connection: psycopg.Connection) -> bool:  # type: ignore[type-arg]

@@ -7,6 +7,8 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from datetime import datetime
 from functools import cache
 from pathlib import Path
 
@@ -15,6 +17,7 @@ import pytest
 
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.episode.runner import drive_episode, run_episode
+from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.store import write_record
 from dohyo.service.episodes.archive import archived_path, staged_folder
@@ -23,17 +26,17 @@ from dohyo.service.networks.model import UploadedNetwork
 from dohyo.service.submissions.model import AgentKind
 from tests.service.conftest import MakeService
 from tests.service.served import ROOT, STEADY, Service, info_of, short, wait_until
-from tests.service.workers.wire_worker import hire
+from tests.service.workers.wire_worker import WireWorker, hire
 
 AGENTS = "tests.evaluation.agents"
-Undisturbed = Callable[[int], list[str | None]]
+Undisturbed = Callable[..., list[str | None]]
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     """A running service for whatever does not kill it; it soon takes a worker for dead."""
-    shared = Service(tmp_path_factory.mktemp("data"), processes=2, lease_ttl_s=1.5, process_deaths=4)
+    shared = Service(tmp_path_factory.mktemp("data"), processes=1, lease_ttl_s=1.5, process_deaths=3)
     shared.start()
     yield shared
     shared.close()
@@ -41,19 +44,23 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 
 @pytest.fixture(scope="module")
 def undisturbed() -> Undisturbed:
-    """Hashes of the records of an evaluation to which nothing happens, driven here, by number of missions."""
+    """Hashes of the records of an evaluation to which nothing happens, driven here, by number of missions and agent."""
 
     @cache
-    def hashes(missions: int) -> list[str | None]:
+    def hashes(missions: int, name: str = "steady") -> list[str | None]:
         benchmark = short(missions)
         source = (benchmark.name, benchmark.sha256)
-        infos = {"ego": info_of(STEADY)}
+        infos = {"ego": steady(name)}
         return [
             run_episode(one, {"ego": make_agent(STEADY)}, infos=infos, benchmark=source).record_hash
             for one in benchmark.scenarios([0])
         ]
 
     return hashes
+
+
+def steady(name: str) -> AgentInfo:
+    return info_of(STEADY).model_copy(update={"name": name})
 
 
 def spawn_worker(service: Service, pause_s: float = 60.0) -> subprocess.Popen[str]:
@@ -138,40 +145,24 @@ def test_a_drive_that_ends_since_its_owner_fills_the_disk_counts_as_an_attempt(s
     assert [one.outcome for one in service.attempts(evaluation) if one.charged] == ["cancelled"]
 
 
-def test_kill_nine_of_an_episode_process_costs_its_worker_the_lease_only(
+def test_kill_nine_of_an_episode_process_costs_its_worker_the_lease_and_the_drive_is_repeated(
     service: Service, undisturbed: Undisturbed
 ) -> None:
+    """Also the second time, which is the last but one."""
     evaluation = service.submit(info_of(STEADY), short())
     worker = hire(service)
-    episode = worker.acquire()
-    reply = worker.drive(episode, steps=5)
-    for process in service.episode_processes():
-        os.kill(process, signal.SIGKILL)
-    status, problem = worker.step(episode["lease"], reply["tick"], {"ego": [6.0, 0.0]})
-    assert (status, "-9" in problem["detail"]) == (410, True), problem
-    again = worker.acquire()
-    assert again["attempt"] == 2
-    worker.drive(again)
-    assert service.hashes(evaluation) == undisturbed(1)
-
-
-def test_an_episode_whose_process_is_killed_three_times_is_driven_again(
-    service: Service, undisturbed: Undisturbed
-) -> None:
-    evaluation = service.submit(info_of(STEADY), short())
-    for attempt in (1, 2, 3):
-        worker = hire(service)
+    for attempt in (1, 2):
         episode = worker.acquire()
         assert episode["attempt"] == attempt
         reply = worker.drive(episode, steps=2)
         for process in service.episode_processes():
             os.kill(process, signal.SIGKILL)
-        assert worker.step(episode["lease"], reply["tick"], {"ego": [6.0, 0.0]})[0] == 410
-    last = hire(service)
-    last.drive(last.acquire())
+        status, problem = worker.step(episode["lease"], reply["tick"], {"ego": [6.0, 0.0]})
+        assert (status, "-9" in problem["detail"]) == (410, True), problem
+    worker.drive(worker.acquire())
     assert service.hashes(evaluation) == undisturbed(1)
     attempts = service.attempts(evaluation)
-    assert [one.outcome for one in attempts if one.outcome != "unclaimed"] == ["machine"] * 3 + ["done"]
+    assert [one.outcome for one in attempts if one.outcome != "unclaimed"] == ["machine"] * 2 + ["done"]
     assert not any(one.charged for one in attempts)
     assert all(one.processor_s > 0.0 for one in attempts if one.outcome == "done")
 
@@ -201,33 +192,65 @@ def test_code_that_changed_since_it_was_submitted_is_not_driven(service: Service
     assert (ended.status, "has changed" in (ended.failure or "")) == (EvaluationStatus.FAILED, True)
 
 
-def test_kill_nine_of_the_server_loses_nothing_and_counts_nothing_twice(
-    make_service: MakeService, undisturbed: Undisturbed
-) -> None:
-    service = make_service(processes=1)
-    evaluation = service.submit(info_of(STEADY), short(missions=4), kind=AgentKind.BUILTIN)
-    service.start()
-    service.wait_done(evaluation, 1)
-    orphans = service.episode_processes()
-    service.kill()
-    before = {one.position: (one.record_hash, one.finished) for one in service.episodes(evaluation) if one.record_hash}
-    assert len(before) < 4, "it finished before the kill; the test shows nothing"
-    wait_until(
-        lambda: not any(Path(f"/proc/{pid}").exists() for pid in orphans), "episode processes outlive the server"
-    )
-    service.start()
-    hashes = service.hashes(evaluation)
-    after = {one.position: (one.record_hash, one.finished) for one in service.episodes(evaluation)}
-    assert {position: after[position] for position in before} == before
-    assert all(one.attempts == 1 for one in service.episodes(evaluation))
-    assert not staged_folder(service.settings, evaluation).exists()
-    assert hashes == undisturbed(4)
+@dataclass
+class Revived:
+    """A service that was ended by kill -9 and started again.
+
+    Attributes:
+        service: Runs again.
+        builtin: Evaluation of a built-in agent, which was under way.
+        kept: Its records at the kill, and when each was finished, by position.
+        orphans: Processes of episodes at the kill.
+        remote: Evaluation whose worker had begun.
+        worker: That worker.
+        staged: Evaluation whose record was written, and not yet known to the database.
+        inode: Of that record.
+    """
+
+    service: Service
+    builtin: str
+    kept: dict[int, tuple[str | None, datetime | None]]
+    orphans: list[int]
+    remote: str
+    worker: WireWorker
+    staged: str
+    inode: int
 
 
-def test_a_record_that_a_dead_server_left_in_staging_is_kept_and_not_driven_again(make_service: MakeService) -> None:
-    service, benchmark, info = make_service(processes=1), short(), info_of(STEADY)
+@pytest.fixture(scope="module")
+def revived(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Revived]:
+    service = Service(tmp_path_factory.mktemp("killed"), processes=1)
+    try:
+        builtin = service.submit(steady("builtin"), short(missions=4), kind=AgentKind.BUILTIN)
+        remote = service.submit(steady("remote"), short())
+        service.start()
+        worker = hire(service, "remote")
+        worker.drive(worker.acquire(), steps=5)
+        service.wait_done(builtin, 1)
+        orphans = service.episode_processes()
+        service.kill()
+        kept = finished(service, builtin)
+        staged, inode = leave_in_staging(service)
+        wait_until(lambda: not any(map(lives, orphans)), "episode processes outlive the server")
+        service.start()
+        yield Revived(service, builtin, kept, orphans, remote, worker, staged, inode)
+    finally:
+        service.close()
+
+
+def lives(process: int) -> bool:
+    return Path(f"/proc/{process}").exists()
+
+
+def finished(service: Service, evaluation: str) -> dict[int, tuple[str | None, datetime | None]]:
+    episodes = service.episodes(evaluation)
+    return {one.position: (one.record_hash, one.finished) for one in episodes if one.record_hash}
+
+
+def leave_in_staging(service: Service) -> tuple[str, int]:
+    """As if the server had died between a record and the database's commit: the evaluation, the record's inode."""
+    info, benchmark = steady("staged"), short()
     evaluation = service.submit(info, benchmark, kind=AgentKind.BUILTIN)
-    # As if it had died between the record and the database's commit.
     folder = staged_folder(service.settings, evaluation)
     folder.mkdir(parents=True)
     (episode,) = service.episodes(evaluation)
@@ -235,39 +258,48 @@ def test_a_record_that_a_dead_server_left_in_staging_is_kept_and_not_driven_agai
     (scenario,) = benchmark.scenarios([0])
     record, trajectory = drive_episode(scenario, {"ego": make_agent(STEADY)}, infos={"ego": info}, benchmark=source)
     write_record(folder, episode.id, record, trajectory)
-    inode = (folder / f"{episode.id}.json").stat().st_ino
     with service.database.session() as session:
         there = session.merge(episode)
         there.status, there.attempts = EpisodeStatus.RUNNING, 1
         session.merge(service.evaluation(evaluation)).status = EvaluationStatus.RUNNING
-    service.start()
-    (record_hash,) = service.hashes(evaluation)
+    return evaluation, (folder / f"{episode.id}.json").stat().st_ino
+
+
+def test_kill_nine_of_the_server_loses_nothing_and_counts_nothing_twice(
+    revived: Revived, undisturbed: Undisturbed
+) -> None:
+    service = revived.service
+    assert 0 < len(revived.kept) < 4, "it finished before the kill; the test shows nothing"
+    hashes = service.hashes(revived.builtin)
+    after = finished(service, revived.builtin)
+    assert {position: after[position] for position in revived.kept} == revived.kept
+    assert all(one.attempts == 1 for one in service.episodes(revived.builtin))
+    assert not staged_folder(service.settings, revived.builtin).exists()
+    assert hashes == undisturbed(4, "builtin")
+
+
+def test_a_record_that_a_dead_server_left_in_staging_is_kept_and_not_driven_again(revived: Revived) -> None:
+    service = revived.service
+    (record_hash,) = service.hashes(revived.staged)
     assert record_hash is not None
-    assert archived_path(service.settings, record_hash).stat().st_ino == inode
-    assert service.episodes(evaluation)[0].attempts == 1
+    assert archived_path(service.settings, record_hash).stat().st_ino == revived.inode
+    assert service.episodes(revived.staged)[0].attempts == 1
 
 
-def test_a_remote_worker_survives_kill_nine_of_the_server(make_service: MakeService, undisturbed: Undisturbed) -> None:
-    service = make_service()
-    evaluation = service.submit(info_of(STEADY), short())
-    service.start()
-    worker = hire(service)
-    worker.drive(worker.acquire(), steps=5)
-    service.kill()
-    service.start()
-    assert hire(service).post(f"/v1/workers/{worker.worker}/acquire?wait=0")[0] == 404
-    again = hire(service)
+def test_a_remote_worker_survives_kill_nine_of_the_server(revived: Revived, undisturbed: Undisturbed) -> None:
+    service = revived.service
+    again = hire(service, "remote")
+    assert again.post(f"/v1/workers/{revived.worker.worker}/acquire?wait=0")[0] == 404
     episode = again.acquire()
     assert (episode["attempt"], episode["tick"]) == (1, 0)
     again.drive(episode)
-    assert service.hashes(evaluation) == undisturbed(1)
+    assert service.hashes(revived.remote) == undisturbed(1, "remote")
 
 
 def test_sigterm_under_load_lets_episodes_end_and_leaves_nothing_running(make_service: MakeService) -> None:
     service = make_service(processes=1, drain_s=20.0)
-    infos = [info_of(STEADY).model_copy(update={"name": f"queued-{i}"}) for i in range(4)]
-    queued = [service.submit(info, short(missions=6), kind=AgentKind.BUILTIN) for info in infos]
-    remote = service.submit(info_of(STEADY).model_copy(update={"name": "remote"}), short())
+    queued = [service.submit(steady(f"queued-{i}"), short(missions=4), kind=AgentKind.BUILTIN) for i in range(2)]
+    remote = service.submit(steady("remote"), short())
     service.start()
     worker = hire(service, "remote")
     episode = worker.acquire()
@@ -289,17 +321,5 @@ def test_sigterm_under_load_lets_episodes_end_and_leaves_nothing_running(make_se
     assert EpisodeStatus.QUEUED in statuses, "it had nothing left to do; the test shows nothing"
     service.start()
     for evaluation in queued:
-        assert len(set(service.hashes(evaluation))) == 6
+        assert len(set(service.hashes(evaluation))) == 4
         assert all(one.attempts == 1 for one in service.episodes(evaluation))
-
-
-def test_an_episode_that_outlasts_the_drain_is_queued_again_and_counts_as_no_attempt(make_service: MakeService) -> None:
-    service = make_service(drain_s=0.3)
-    evaluation = service.submit(info_of(STEADY), short())
-    service.start()
-    worker = hire(service)
-    worker.drive(worker.acquire(), steps=3)
-    assert service.terminate() == 0
-    (episode,) = service.episodes(evaluation)
-    assert (episode.status, episode.attempts) == (EpisodeStatus.QUEUED, 0)
-    assert service.evaluation(evaluation).status is EvaluationStatus.RUNNING

@@ -86,20 +86,28 @@ def submit(shop: Service, name: str, missions: int = 1, owner: str = "owner") ->
     return shop.submit(info, short(missions), kind=AgentKind.BUILTIN, owner=owner)
 
 
-@pytest.mark.parametrize("step", ["check_bytes", "shelve"])
-def test_a_locked_database_delays_a_start_or_a_result_and_loses_none(
-    shop: Service, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, step: str
+class Stop:
+    """A step of the scheduler that stands still at its next call until it may go on."""
+
+    def __init__(self, real: Callable[..., Any]) -> None:
+        self.reached, self.may_go_on = threading.Event(), threading.Event()
+        self._real = real
+
+    def __call__(self, *arguments: Any) -> Any:
+        self.reached.set()
+        assert self.may_go_on.wait(60)
+        return self._real(*arguments)
+
+
+def test_a_locked_database_delays_a_start_and_a_result_and_loses_none(
+    shop: Service, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """The lock comes just before the episode's first query, or between its drive and the storing of its result."""
+    """The lock comes before the episode's first query, and again between its drive and the storing of its result."""
     monkeypatch.setattr(scheduling, "RETRY_S", (0.1,))
-    reached, is_locked, real = threading.Event(), threading.Event(), getattr(scheduling, step)
-
-    def once_locked(*arguments: Any) -> Any:
-        reached.set()
-        assert is_locked.wait(60)
-        return real(*arguments)
-
-    monkeypatch.setattr(scheduling, step, once_locked)
+    reads = () if shop.database.is_sqlite else ("check_bytes",)  # SQLite's readers wait for nobody
+    stops = {step: Stop(getattr(scheduling, step)) for step in (*reads, "shelve")}
+    for step, stop in stops.items():
+        monkeypatch.setattr(scheduling, step, stop)
     evaluation = submit(shop, "steady")
 
     def refused() -> int:
@@ -107,10 +115,12 @@ def test_a_locked_database_delays_a_start_or_a_result_and_loses_none(
 
     async def main() -> None:
         async with scheduled(shop):
-            await until(reached.is_set)
-            with locked(shop):
-                is_locked.set()
-                await until(lambda: refused() >= 2)
+            for stop in stops.values():
+                await until(stop.reached.is_set)
+                caplog.clear()
+                with locked(shop):
+                    stop.may_go_on.set()
+                    await until(lambda: refused() >= 2)
             await until(lambda: shop.evaluation(evaluation).status.finished)
 
     asyncio.run(main())
@@ -148,6 +158,7 @@ def began(episode: Episode) -> datetime:
     return episode.started
 
 
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
 def test_owners_drive_side_by_side_and_dropped_connections_cost_nothing(shop: Service) -> None:
     first = submit(shop, "first", missions=3, owner="early")
     second = submit(shop, "second", missions=2, owner="late")
@@ -155,10 +166,9 @@ def test_owners_drive_side_by_side_and_dropped_connections_cost_nothing(shop: Se
     async def main() -> None:
         async with scheduled(shop):
             await until(lambda: shop.episodes(first)[0].status is EpisodeStatus.DONE)
-            if shop.database.engine.dialect.name == "postgresql":
-                with shop.database.session() as session:
-                    others = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid()"
-                    session.execute(text(f"{others} AND datname = current_database()"))
+            with shop.database.session() as session:
+                others = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid()"
+                session.execute(text(f"{others} AND datname = current_database()"))
             await until(lambda: all(shop.evaluation(one).status.finished for one in (first, second)))
 
     asyncio.run(main())
@@ -224,18 +234,23 @@ def test_a_full_disk_costs_an_attempt_and_nothing_that_was_done(small_disk: Path
         service.close()
 
 
-def test_a_drain_that_ends_too_early_is_told_as_abort(make_service: MakeService) -> None:
+def test_drives_that_outlast_the_drain_are_queued_again_and_a_step_under_way_is_told_abort(
+    make_service: MakeService,
+) -> None:
     service = make_service(drain_s=0.5)
-    evaluation = service.submit(info_of(STEADY), short())
+    infos = [info_of(STEADY).model_copy(update={"name": name}) for name in ("steps", "waits")]
+    evaluations = [service.submit(info, short()) for info in infos]
     service.start()
-    worker = hire(service)
-    episode = worker.acquire()
-    reply = worker.drive(episode, steps=3)
-    (process,) = service.episode_processes()
-    os.kill(process, signal.SIGSTOP)  # the simulation stands still: the step is under way when the drain ends
+    workers = [hire(service, info.name) for info in infos]
+    episodes = [worker.acquire() for worker in workers]
+    replies = [worker.drive(episode, steps=3) for worker, episode in zip(workers, episodes, strict=True)]
+    processes = service.episode_processes()
+    assert len(processes) == 2
+    for process in processes:
+        os.kill(process, signal.SIGSTOP)  # the simulation stands still: the step is under way when the drain ends
     answers: list[Any] = []
     stepping = threading.Thread(
-        target=lambda: answers.append(worker.step(episode["lease"], reply["tick"], {"ego": [6.0, 0.0]}))
+        target=lambda: answers.append(workers[0].step(episodes[0]["lease"], replies[0]["tick"], {"ego": [6.0, 0.0]}))
     )
     stepping.start()
     time.sleep(0.2)
@@ -243,6 +258,8 @@ def test_a_drain_that_ends_too_early_is_told_as_abort(make_service: MakeService)
     stepping.join(20)
     ((status, last),) = answers
     assert (status, last["directive"], last["done"], last["observations"]) == (200, "abort", True, {})
-    (left,) = service.episodes(evaluation)
-    assert (left.status, left.attempts) == (EpisodeStatus.QUEUED, 0)
-    assert not Path(f"/proc/{process}").exists()
+    for evaluation in evaluations:
+        (left,) = service.episodes(evaluation)
+        assert (left.status, left.attempts) == (EpisodeStatus.QUEUED, 0)
+        assert service.evaluation(evaluation).status is EvaluationStatus.RUNNING
+    assert not any(Path(f"/proc/{process}").exists() for process in processes)
