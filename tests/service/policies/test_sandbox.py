@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import os
 import platform
-import time
 from pathlib import Path
 
 import numpy as np
@@ -129,10 +128,8 @@ def test_a_large_image_goes_through() -> None:
 def test_an_endless_loop_is_ended_at_the_deadline() -> None:
     sandbox = start(models.triggered(models.endless()))
     assert sandbox.decide(SLOW).tolist() == SLOW["speedometer"].tolist()
-    began = time.monotonic()
     with pytest.raises(AgentTimeoutError, match="a decision took longer than 1 s"):
         sandbox.decide(FAST)
-    assert 0.9 < time.monotonic() - began < 5.0
     assert not running(sandbox.pid)
     with pytest.raises(AgentError, match="has ended"):
         sandbox.decide(SLOW)

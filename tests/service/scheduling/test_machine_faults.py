@@ -32,7 +32,7 @@ from dohyo.service.scheduling.scheduler import Scheduler
 from dohyo.service.state import Broadcast
 from dohyo.service.submissions.model import AgentKind
 from tests.service.conftest import MakeService
-from tests.service.served import STEADY, Service, info_of, short
+from tests.service.served import STEADY, Service, info_of, short, wait_until
 from tests.service.workers.wire_worker import hire
 
 pytestmark = pytest.mark.slow
@@ -262,4 +262,4 @@ def test_drives_that_outlast_the_drain_are_queued_again_and_a_step_under_way_is_
         (left,) = service.episodes(evaluation)
         assert (left.status, left.attempts) == (EpisodeStatus.QUEUED, 0)
         assert service.evaluation(evaluation).status is EvaluationStatus.RUNNING
-    assert not any(Path(f"/proc/{process}").exists() for process in processes)
+    wait_until(lambda: not any(Path(f"/proc/{one}").exists() for one in processes), "episode processes are left")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, cast
@@ -384,12 +383,10 @@ def test_draining_is_told_with_the_next_step_and_gives_out_nothing() -> None:
     async def test() -> None:
         book = LeaseBook(TTL_S)
         lease, process = await leased(book)
-        waiting = asyncio.create_task(acquired(book, hired(book), 5.0))
+        waiting = asyncio.create_task(acquired(book, hired(book), 600.0))  # the test ends long before
         await asyncio.sleep(0)
-        started = time.monotonic()
         book.drain()
         assert await waiting is None
-        assert time.monotonic() - started < 1.0
         assert (await stepped(book, lease, process, 0)).directive == "drain"
         one, other_process = episode()
         book.expect(one)
