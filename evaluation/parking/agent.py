@@ -81,6 +81,8 @@ def make_parking_agent(entry: str, settings: Mapping[str, Any] | None = None) ->
     if missing:
         where = "see dohyo.evaluation.parking.agent.ParkingAgent"
         raise InvalidInputError(f"agent '{entry}' has no {', '.join(missing)} ({where})")
+    if not hasattr(agent.spec, "state"):
+        raise InvalidInputError(f"agent '{entry}' cannot park: expected a ParkingSpec, got {type(agent.spec).__name__}")
     try:
         ParkingSpec.model_validate(agent.spec, from_attributes=True)
     except ValidationError as error:

@@ -99,11 +99,11 @@ def _share(
     among: Callable[[KartRecord], bool] = lambda one: True,
 ) -> Estimate:
     """Percentage of the karts for which something holds, among some karts."""
-    if all(len(record.karts) == 1 for record in records):
-        return share_estimate([counts(record.karts[0]) for record in records if among(record.karts[0])])
-    chosen = [[one for one in record.karts if among(one)] for record in records]
-    found = [100.0 * sum(map(counts, some)) for some in chosen]
-    if not any(chosen):
-        return Estimate(None, None, None, 0)
-    estimate = ratio_estimate(found, [float(len(some)) for some in chosen], floor=1.0)
-    return dataclasses.replace(estimate, n=sum(map(len, chosen)))
+    chosen = [some for record in records if (some := [one for one in record.karts if among(one)])]
+    found, sizes = [sum(map(counts, some)) for some in chosen], [len(some) for some in chosen]
+    if sum(found) in (0, sum(sizes)) or all(size == 1 for size in sizes):
+        # Resampling shows no spread where all karts are alike; a lot then counts as one.
+        estimate = share_estimate([count > 0 for count in found])
+        return dataclasses.replace(estimate, n=sum(sizes))
+    ratio = ratio_estimate([100.0 * count for count in found], sizes, floor=1.0)
+    return dataclasses.replace(ratio, n=sum(sizes))

@@ -11,6 +11,8 @@ from dohyo.evaluation.benchmarks.documents import (
     count_scenarios,
     freeway_benchmark_names,
     freeway_benchmark_path,
+    parking_benchmark_names,
+    parking_benchmark_path,
     read_document,
 )
 from dohyo.evaluation.benchmarks.headline import Headline
@@ -42,13 +44,20 @@ def table_rows() -> list[tuple[str, str, str, str]]:
         document = read_document(freeway_benchmark_path(name))
         label, count = _OF_A_FREEWAY[document["kind"]]
         rows.append((name, str(count(document)), label, document["description"]))
+    for name in parking_benchmark_names():
+        document = read_document(parking_benchmark_path(name))
+        rows.append((name, str(document["lots"]), "success", document["description"]))
     study = "Filters on simulated logs, no agent: dohyo localize --study"
     return [*rows, ("localization", "", "share within 0.5 m", study)]
 
 
 def _with_versions() -> list[dict[str, Any]]:
     """Benchmarks as loaded: a version is a hash of all that a file means, so that this takes longer."""
-    return [*map(_benchmark, benchmark_names()), *map(_freeway_benchmark, freeway_benchmark_names())]
+    return [
+        *map(_benchmark, benchmark_names()),
+        *map(_freeway_benchmark, freeway_benchmark_names()),
+        *map(_parking_benchmark, parking_benchmark_names()),
+    ]
 
 
 def _benchmark(name: str) -> dict[str, Any]:
@@ -78,6 +87,22 @@ def _freeway_benchmark(name: str) -> dict[str, Any]:
         "scenarios": benchmark.number if isinstance(benchmark, ForecastBenchmark) else len(benchmark.seeds),
         "networks": [benchmark.network],
         "headline": benchmark.headline.removesuffix("_mps").replace("_", " "),
+        "metric": benchmark.metric,
+        "description": benchmark.description,
+    }
+
+
+def _parking_benchmark(name: str) -> dict[str, Any]:
+    from dohyo.evaluation.parking.benchmark import load_parking_benchmark
+
+    benchmark = load_parking_benchmark(name)
+    return {
+        "name": name,
+        "version": benchmark.sha256[:12],
+        "cells": 1,
+        "scenarios": benchmark.lots,
+        "networks": [],
+        "headline": benchmark.headline,
         "metric": benchmark.metric,
         "description": benchmark.description,
     }

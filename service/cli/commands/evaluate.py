@@ -17,6 +17,7 @@ from rich.table import Column
 from dohyo.agents.registry import kind_of, resolve_with
 from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
 from dohyo.evaluation.freeway.benchmark import is_freeway_benchmark
+from dohyo.evaluation.parking.benchmark import is_parking_benchmark
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.running.executors import Executor, ProcessPool
@@ -27,6 +28,7 @@ from dohyo.evaluation.scores.nuplan.summary import by_type, lost_drives, score_r
 from dohyo.evaluation.summary import as_document, summarise, summarise_cells
 from dohyo.service.cli.closed_loop import print_closed_loop, print_legend
 from dohyo.service.cli.commands.freeway import evaluate_on_freeway
+from dohyo.service.cli.commands.parking import evaluate_on_parking, refuse_driving_options
 from dohyo.service.cli.output import Json, console, print_cells, print_comparison, print_json, print_part
 from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -63,7 +65,7 @@ def evaluate(
 ) -> None:
     """Evaluates an agent on a benchmark. Run again, it continues where it stopped."""
     find_own_modules()
-    if is_freeway_benchmark(benchmark):
+    if is_freeway_benchmark(benchmark) or is_parking_benchmark(benchmark):
         given = {
             "only": only is not None,
             "sample": sample is not None,
@@ -72,11 +74,12 @@ def evaluate(
             "executor": executor is Engine.RAY,
             "address": address is not None,
         }
-        for name, is_given in given.items():
-            if is_given:
-                raise InvalidInputError(f"--{name}: expected a benchmark of driving agents, got '{benchmark}'")
+        refuse_driving_options(benchmark, given)
         chosen = parse_seeds(seeds) if seeds is not None else None
-        evaluate_on_freeway(agent, benchmark, parse_settings(settings or []), chosen, out, workers, json)
+        if is_parking_benchmark(benchmark):
+            evaluate_on_parking(agent, benchmark, parse_settings(settings or []), chosen, out, json)
+        else:
+            evaluate_on_freeway(agent, benchmark, parse_settings(settings or []), chosen, out, workers, json)
         return
     bar = _progress(hidden=json)
     task = bar.add_task(f"{agent} on {benchmark}", total=None, note="")

@@ -11,8 +11,10 @@ from rich.progress import MofNCompleteColumn, Progress
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
 from dohyo.evaluation.freeway.benchmark import is_freeway_benchmark
+from dohyo.evaluation.parking.benchmark import is_parking_benchmark
 from dohyo.service.cli.commands.freeway import prepare_days
 from dohyo.service.cli.output import console
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.simulation.traffic_log import logs_folder
 
 
@@ -24,6 +26,8 @@ def prepare(
     if is_freeway_benchmark(name):
         prepare_days(name, workers or os.cpu_count() or 1)
         return
+    if is_parking_benchmark(name):
+        raise InvalidInputError(f"benchmark '{name}' has nothing to prepare: its lots are drawn from their seeds")
     benchmark = load_benchmark(name)
     scenarios = benchmark.scenarios([0])
     with Progress(*Progress.get_default_columns(), MofNCompleteColumn(), console=console) as bar:

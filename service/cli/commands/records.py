@@ -12,6 +12,7 @@ import typer
 
 from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.freeway.morning import is_morning, read_morning
+from dohyo.evaluation.parking.record import is_parking_records
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
 from dohyo.evaluation.records.signature import Sealed
 from dohyo.evaluation.records.store import read_record
@@ -31,6 +32,7 @@ from dohyo.evaluation.scores.nuplan.summary import (
 from dohyo.evaluation.scores.nuplan.summary import as_document as closed_loop_document
 from dohyo.evaluation.summary import as_document, compare, score_drive, summarise, summarise_cells
 from dohyo.service.cli.closed_loop import print_closed_loop, print_legend, print_terms
+from dohyo.service.cli.commands.parking import report_parking, verify_parking
 from dohyo.service.cli.commands.signatures import Key, SignatureOnly, SignedBy, Signer, check_signature
 from dohyo.service.cli.output import (
     Json,
@@ -59,6 +61,12 @@ def report(
     irs_length: IrsOption = "driven",
 ) -> None:
     """Compares evaluations: a table here, and one self-contained HTML file."""
+    parking = [is_parking_records(folder) for folder in folders]
+    if any(parking):
+        if not all(parking):
+            raise InvalidInputError("these folders hold evaluations of driving and of parking; compare one at a time")
+        report_parking(folders, out)
+        return
     results = [read_result(folder) for folder in folders]
     benchmarks = {result.manifest.benchmark_sha256 for result in results}
     if len(benchmarks) > 1:
@@ -127,7 +135,7 @@ def _names(agents: Sequence[AgentInfo]) -> list[str]:
 
 
 def verify(
-    record: Annotated[Path, typer.Argument(help="A record, NAME.json.")],
+    record: Annotated[Path, typer.Argument(help="A record, NAME.json; of parking: records.jsonl.")],
     key: Key = None,
     server: SignedBy = None,
     signature_only: SignatureOnly = False,
@@ -136,6 +144,11 @@ def verify(
     json: Json = False,
 ) -> None:
     """Checks a record's signature, drives the episode again and compares. Exit code 1 if the hashes differ."""
+    if is_parking_records(record):
+        if key or server or signature_only or policy:
+            raise InvalidInputError(f"'{record}': records of parking are not signed: expected no option but --trust")
+        verify_parking(record, trust, json)
+        return
     if is_morning(record):
         _verify_morning(record, key, server, signature_only, json)
         return

@@ -1,0 +1,147 @@
+"""The report of parking: one HTML file with rates and plan views that needs no network and no script."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from dohyo.evaluation.parking.plan import plan_view
+from dohyo.evaluation.parking.record import ParkingRecord
+from dohyo.evaluation.parking.result import MEASURES, ParkingResult, compare_parking, summarise_parking
+from dohyo.evaluation.report.style import MISSING, number
+from dohyo.evaluation.statistics import Comparison
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
+
+PLANS = 9
+"""Plan views of each agent."""
+Motions = Mapping[int, Float32Array]
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluated:
+    """One agent of a report.
+
+    Attributes:
+        name: Unique name on the page.
+        records: Its records.
+        motions: Motion of the lots in `shown_records`, by seed; empty: there are no plan views.
+    """
+
+    name: str
+    records: Sequence[ParkingRecord]
+    motions: Motions
+
+
+@dataclass(frozen=True, slots=True)
+class _Manoeuvre:
+    caption: str
+    parked: bool
+    svg: Markup
+
+
+def shown_records(records: Sequence[ParkingRecord]) -> list[ParkingRecord]:
+    """Records whose manoeuvres a report shows: failures of each kind first, then parked ones from all times."""
+    lost = [one for one in records if not all(kart.parked for kart in one.karts)]
+    kinds: dict[tuple[str, str], list[ParkingRecord]] = {}
+    for one in lost:
+        worst = next(kart for kart in one.karts if not kart.parked)
+        kinds.setdefault((worst.ending, worst.touched), []).append(one)
+    chosen = [some[0] for some in kinds.values()]
+    chosen += [one for some in kinds.values() for one in some[1:]]
+    chosen = chosen[: PLANS - PLANS // 2 + 1]
+    parked = sorted((one for one in records if one not in lost), key=lambda one: max(kart.time_s for kart in one.karts))
+    room = min(PLANS - len(chosen), len(parked))
+    return chosen + [parked[(2 * index + 1) * len(parked) // (2 * room)] for index in range(room)]
+
+
+def write_parking_page(path: Path, evaluated: Sequence[Evaluated]) -> Path:
+    """Writes the report.
+
+    Raises:
+        InvalidInputError: The agents were evaluated on different benchmarks, or the file cannot be written.
+    """
+    if len({one.records[0].benchmark.sha256 for one in evaluated}) != 1:
+        raise InvalidInputError("these evaluations are on different benchmarks; compare one at a time")
+    try:
+        write_atomically(path, _page(evaluated).encode())
+    except OSError as error:
+        raise InvalidInputError(f"cannot write '{path}': {error.strerror}") from error
+    return path
+
+
+def comparisons(evaluated: Sequence[Evaluated]) -> Iterator[tuple[str, str, Comparison]]:
+    """Names of each pair of agents, with the comparison of their success rates."""
+    for first, second in combinations(evaluated, 2):
+        yield first.name, second.name, compare_parking(first.records, second.records)
+
+
+def _page(evaluated: Sequence[Evaluated]) -> str:
+    loader = PackageLoader("dohyo.evaluation.report", "templates")
+    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    results = [(one.name, summarise_parking(one.records)) for one in evaluated]
+    tops = {one.key: _top(one.key, [result for _, result in results]) for one in MEASURES}
+    environment.filters.update(number=number, share=_share, signed=lambda value: f"{value:+.1f}")
+    first = evaluated[0].records[0]
+    return environment.get_template("parking.html.j2").render(
+        styles=Markup(loader.get_source(environment, "styles.css")[0]),
+        benchmark=first.benchmark,
+        facts=[
+            ("benchmark", first.benchmark.sha256[:12]),
+            ("lots", ", ".join(sorted({str(len(one.records)) for one in evaluated}))),
+            ("karts in a lot", str(first.benchmark.karts)),
+            ("dohyo", first.version),
+        ],
+        results=results,
+        measures=MEASURES,
+        tops=tops,
+        comparisons=list(comparisons(evaluated)),
+        manoeuvres=[(one.name, list(_manoeuvres(one))) for one in evaluated if one.motions],
+        missing=MISSING,
+    )
+
+
+def _manoeuvres(one: Evaluated) -> Iterator[_Manoeuvre]:
+    for record in shown_records(one.records):
+        if record.seed in one.motions:
+            parked = all(kart.parked for kart in record.karts)
+            svg = Markup(plan_view(record, one.motions[record.seed]))
+            yield _Manoeuvre(_caption(record), parked, svg)
+
+
+def _caption(record: ParkingRecord) -> str:
+    """What happened in a lot, for people."""
+    said = []
+    for kart in record.karts:
+        if kart.parked:
+            fit = "aligned" if kart.aligned else "not aligned"
+            said.append(
+                f"parked after {kart.time_s:.1f} s, {fit} ({kart.inclination_deg:.1f}°, {kart.deviation_m:.2f} m)"
+            )
+        elif kart.failure:
+            said.append(f"failed: {kart.failure}")
+        elif kart.touched != "nothing":
+            said.append(f"in contact with a {kart.touched} after {kart.time_s:.1f} s")
+        else:
+            said.append(f"out of time, {kart.distance_m:.1f} m from its spot")
+    return f"lot {record.seed}: " + "; ".join(said)
+
+
+def _top(key: str, results: Sequence[ParkingResult]) -> float:
+    """Upper end of the axis of a measure."""
+    if key != "time_s":
+        return 100.0
+    ends = [
+        value for one in results for value in (one.estimates[key].mean, one.estimates[key].high) if value is not None
+    ]
+    return 1.05 * max(ends, default=1.0) or 1.0
+
+
+def _share(value: float, whole: float) -> str:
+    return f"{min(max(100 * value / whole, 0.0), 100.0):.2f}%"

@@ -1,0 +1,143 @@
+"""`dohyo evaluate`, `dohyo verify` and `dohyo report` on the benchmarks of parking."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from dohyo.agents.registry import kind_of, resolve
+from dohyo.evaluation.parking.benchmark import load_parking_benchmark
+from dohyo.evaluation.parking.evaluate import PAGE, drive_again, evaluate_parking
+from dohyo.evaluation.parking.motion import read_motion
+from dohyo.evaluation.parking.page import Evaluated, comparisons, shown_records, write_parking_page
+from dohyo.evaluation.parking.record import RECORDS, ParkingRecord, read_records
+from dohyo.evaluation.parking.result import MEASURES, summarise_parking
+from dohyo.service.cli.output import console, interval, print_json, print_rows
+from dohyo.service.cli.own_modules import find_own_modules
+from dohyo.service.episodes.recorded_agents import UntrustedRecordError, check_known
+from dohyo.sumo_networks.errors import InvalidInputError
+
+DIFFERS = 1
+
+
+def evaluate_on_parking(
+    agent: str,
+    benchmark: str,
+    settings: Mapping[str, Any],
+    seeds: Sequence[int] | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Evaluates an agent that parks; prints the result, and writes records, motion and an HTML report."""
+    found = load_parking_benchmark(benchmark)
+    folder = out or Path("out") / Path(benchmark).stem / re.sub(r"[^\w.-]", "_", agent)
+    entry = resolve(agent)
+    with _Bar(f"{agent} on {found.name}", hidden=as_json) as tell:
+        records = evaluate_parking(found, entry, settings, kind_of(entry, dict(settings)), seeds, folder, tell)
+    if as_json:
+        print_json(_document(found.name, records))
+        return
+    _print({records[0].agent.name: records})
+    console.print(f"report: {(folder / PAGE).resolve()}", soft_wrap=True)
+
+
+def report_parking(folders: Sequence[Path], out: Path) -> None:
+    """Compares evaluations of parking: a table here, and one self-contained HTML file.
+
+    Raises:
+        InvalidInputError: A folder holds no evaluation of parking, or they are on different benchmarks.
+    """
+    evaluated: list[Evaluated] = []
+    for folder in folders:
+        records = read_records(folder / RECORDS)
+        name = records[0].agent.name
+        if name in {one.name for one in evaluated}:
+            name = f"{name} ({folder.name})"
+        evaluated.append(Evaluated(name, records, read_motion(folder, shown_records(records))))
+    path = write_parking_page(out, evaluated)
+    _print({one.name: one.records for one in evaluated})
+    for first, second, comparison in comparisons(evaluated):
+        console.print(
+            f"{first} {comparison.verdict} {second}: success differs by {interval(comparison.difference)} points on "
+            f"{comparison.difference.n} common lots"
+        )
+    console.print(f"report: {path.resolve()}", soft_wrap=True)
+
+
+def verify_parking(path: Path, trust: bool, as_json: bool) -> None:
+    """Drives the lots of records again and compares the hashes. Exit code 1 if one differs.
+
+    Raises:
+        InvalidInputError: The records were changed, or their agent cannot be made or is not one they may choose.
+    """
+    records = read_records(path if path.is_file() else path / RECORDS)
+    if trust:
+        find_own_modules()
+    else:
+        try:
+            check_known(records[0].agent)
+        except UntrustedRecordError as error:
+            raise UntrustedRecordError(f"'{path}': {error} (--trust runs whatever the records name)") from error
+    with _Bar(f"lots of {records[0].benchmark.name}", hidden=as_json) as tell:
+        replayed = drive_again(records, tell)
+    pairs = zip(records, replayed, strict=True)
+    differing = [old.seed for old, new in pairs if old.record_hash != new]
+    if as_json:
+        print_json({"records": str(path), "lots": len(records), "same": not differing, "differing": differing})
+    elif differing:
+        console.print(f"DIFFERS: {len(differing)} of {len(records)} lots, first lot {differing[0]}")
+    else:
+        console.print(f"same: all {len(records)} lots")
+    if differing:
+        raise typer.Exit(DIFFERS)
+
+
+def refuse_driving_options(benchmark: str, given: Mapping[str, bool]) -> None:
+    """Raises InvalidInputError for the first option given that only benchmarks of driving agents have."""
+    for name, is_given in given.items():
+        if is_given:
+            raise InvalidInputError(f"--{name}: expected a benchmark of driving agents, got '{benchmark}'")
+
+
+def _document(benchmark: str, records: Sequence[ParkingRecord]) -> dict[str, Any]:
+    lots = [record.model_dump(mode="json", exclude={"benchmark", "agent"}) for record in records]
+    return {"benchmark": benchmark} | summarise_parking(records).document() | {"lots": lots}
+
+
+def _print(evaluated: Mapping[str, Sequence[ParkingRecord]]) -> None:
+    results = {name: summarise_parking(records) for name, records in evaluated.items()}
+    titles = [f"{one.title}, {one.unit}" for one in MEASURES]
+    print_rows(
+        ["agent", *titles],
+        [(name, *(interval(result.estimates[one.key]) for one in MEASURES)) for name, result in results.items()],
+    )
+    for name, records in evaluated.items():
+        failures = [one.failure for record in records for one in record.karts if one.failure]
+        if failures:
+            console.print(f"{name} failed in {len(failures)} karts: {failures[0]}", highlight=False)
+
+
+class _Bar:
+    """A progress bar that begins with the first lot, so that a refusal is one line."""
+
+    def __init__(self, title: str, hidden: bool) -> None:
+        columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
+        times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+        self._progress = Progress(*columns, *times, console=console, transient=True, disable=hidden)
+        self._task = self._progress.add_task(title, total=None)
+
+    def __enter__(self) -> _Bar:
+        return self
+
+    def __call__(self, done: int, total: int) -> None:
+        self._progress.start()
+        self._progress.update(self._task, completed=done, total=total)
+
+    def __exit__(self, *_: object) -> None:
+        if self._progress.live.is_started:
+            self._progress.stop()

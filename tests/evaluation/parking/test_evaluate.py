@@ -1,0 +1,174 @@
+"""Evaluation of agents that park: records, replay to the hash, rates, faults, page."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dohyo.evaluation.benchmarks.documents import benchmark_names, freeway_benchmark_names, parking_benchmark_names
+from dohyo.evaluation.parking.benchmark import ParkingBenchmark, is_parking_benchmark, load_parking_benchmark
+from dohyo.evaluation.parking.evaluate import PAGE, drive_again, evaluate_parking
+from dohyo.evaluation.parking.motion import MOTION, read_motion
+from dohyo.evaluation.parking.page import Evaluated, write_parking_page
+from dohyo.evaluation.parking.record import RECORDS, ParkingRecord, read_records
+from dohyo.evaluation.parking.result import compare_parking, summarise_parking
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM
+
+HERE = "tests.evaluation.parking.parkers"
+SEEDS = range(HELD_OUT_FROM, HELD_OUT_FROM + 6)
+
+
+def evaluated(
+    out: Path, name: str = "parking-three", agent: str = "Greedy", settings: Mapping[str, Any] | None = None
+) -> list[ParkingRecord]:
+    return evaluate_parking(load_parking_benchmark(name), f"{HERE}:{agent}", settings or {}, "local", SEEDS, out)
+
+
+@pytest.fixture(scope="module")
+def three(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[ParkingRecord]]:
+    folder = tmp_path_factory.mktemp("three") / "greedy"
+    return folder, evaluated(folder)
+
+
+def test_every_benchmark_loads_and_is_held_out():
+    assert {f"parking-{scene}" for scene in ("simple", "complex", "three", "parallel", "angled", "pedestrians")} == {
+        *parking_benchmark_names()
+    }
+    assert not {*parking_benchmark_names()} & {*benchmark_names(), *freeway_benchmark_names()}
+    loaded = [load_parking_benchmark(name) for name in parking_benchmark_names()]
+    assert len({one.sha256 for one in loaded}) == len(loaded)
+    assert all(one.seeds == range(HELD_OUT_FROM, HELD_OUT_FROM + 2000) for one in loaded)
+
+
+def test_a_benchmark_of_ones_own_and_wrong_ones(tmp_path):
+    path = tmp_path / "mine.toml"
+    head = 'kind = "parking"\nname = "mine"\ndescription = "d"\nmetric = "m"\n'
+    path.write_text(head + 'scene = "angled"\nkarts = 2\nlots = 3\n')
+    assert is_parking_benchmark(str(path))
+    assert len(load_parking_benchmark(str(path)).seeds) == 3
+    path.write_text(head + 'scene = "lunar"\n')
+    with pytest.raises(InvalidInputError, match="scene: Input should be 'simple', 'complex'"):
+        load_parking_benchmark(str(path))
+    with pytest.raises(UnknownNameError, match="did you mean 'parking-angled'"):
+        load_parking_benchmark("parking-angle")
+    assert not is_parking_benchmark("quickstart")
+
+
+def test_records_replay_to_their_hashes_and_an_edited_one_is_refused(three, tmp_path):
+    folder, records = three
+    assert drive_again(records) == [record.record_hash for record in records]
+    text = (folder / RECORDS).read_text()
+    edited = tmp_path / RECORDS
+    edited.write_text(text.replace('"ending":"collided"', '"ending":"parked"', 1))
+    with pytest.raises(InvalidInputError, match=r"line \d: the record has been changed"):
+        read_records(edited)
+    edited.write_text("")
+    with pytest.raises(InvalidInputError, match="expected records of parking, got none"):
+        read_records(edited)
+
+
+def test_motion_is_that_of_the_records(three, tmp_path):
+    folder, records = three
+    motions = read_motion(folder, records[:2])
+    assert sorted(motions) == [record.seed for record in records[:2]]
+    for record in records[:2]:
+        motion = motions[record.seed]
+        assert motion.shape[1:] == (3, 4)
+        assert len(motion) == round(max(one.time_s for one in record.karts) / 0.1) + 1
+    foreign = records[0].model_copy(update={"motion_sha256": "0" * 64})
+    with pytest.raises(InvalidInputError, match="is not that of its record"):
+        read_motion(folder, [foreign])
+    assert read_motion(tmp_path, records) == {}
+
+
+def test_a_complete_evaluation_is_read_and_another_one_refused(three):
+    folder, records = three
+    before = (folder / RECORDS).stat().st_mtime_ns
+    assert evaluated(folder) == records
+    assert (folder / RECORDS).stat().st_mtime_ns == before
+    with pytest.raises(InvalidInputError, match="holds another evaluation of parking"):
+        evaluated(folder, settings={"gain": 1.5})
+
+
+def test_rates_count_karts_and_intervals_are_over_lots(three):
+    _, records = three
+    result, karts = summarise_parking(records), [one for record in records for one in record.karts]
+    parked = [one for one in karts if one.ending == "parked"]
+    assert 0 < len(parked) < len(karts) == 18
+    success = result.estimates["success"]
+    assert success.mean == pytest.approx(100 * len(parked) / 18)
+    assert success.n == 18
+    assert result.estimates["aligned"].mean == pytest.approx(100 * sum(one.aligned for one in parked) / len(parked))
+    assert result.estimates["time_s"].mean == pytest.approx(sum(one.time_s for one in parked) / len(parked))
+    assert sum(result.endings.values()) == 18
+    assert sum(result.touched.values()) == result.endings["collided"]
+    none = result.estimates["timed_out"]
+    assert none.mean == 0.0
+    assert 30 < none.high < 50  # no event in 6 lots, by Wilson
+
+
+def test_agents_are_compared_on_common_lots(three, tmp_path):
+    _, records = three
+    other = evaluated(tmp_path / "other", agent="Broken")
+    assert compare_parking(records, other).verdict == ">"
+    assert compare_parking(records, records).verdict == "="
+    with pytest.raises(InvalidInputError, match="common lots, got none"):
+        compare_parking(records[:1], other[1:])
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        ("raise", "act raised ZeroDivisionError: no way"),
+        ([0.0, 1.0], r"expected 3 finite numbers as action, got shape \(2,\)"),
+        ([0.0, float("nan"), 0.0], "expected 3 finite numbers"),
+    ],
+)
+def test_a_failed_agent_has_not_parked_and_the_record_says_why(tmp_path, answer, said):
+    records = evaluated(tmp_path / "out", "parking-simple", "Broken", {"answer": answer})
+    for record in records:
+        assert record.karts[0].ending == "failed"
+        assert re.search(said, record.karts[0].failure)
+    assert summarise_parking(records).estimates["success"].mean == 0.0
+
+
+def test_a_privileged_agent_is_shown_the_lot(tmp_path):
+    records = evaluated(tmp_path / "seer", "parking-simple", "Seer")
+    assert all(record.karts[0].failure is None for record in records)
+    assert records[0].agent.track == "privileged"
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ("tests.evaluation.parking.parkers:ParkingSpec", "setting 'name': expected text"),
+        ("dohyo.agents.experts.reckless:Reckless", "cannot park: expected a ParkingSpec, got AgentSpec"),
+        ("tests.evaluation.parking.parkers:Nobody", "has no 'Nobody'"),
+    ],
+)
+def test_what_cannot_park_is_refused(tmp_path, entry, said):
+    with pytest.raises(InvalidInputError, match=said):
+        evaluate_parking(load_parking_benchmark("parking-simple"), entry, {}, "local", SEEDS, tmp_path)
+
+
+def test_the_page_shows_every_agent_with_plan_views(three, tmp_path):
+    folder, records = three
+    text = (folder / PAGE).read_text()
+    assert text.count('<svg class="plan"') == 6
+    assert text.count('class="kart kart-2"') == 6
+    assert "greedy" in text
+    assert "<script" not in text
+    assert (folder / MOTION).exists()
+    both = [Evaluated("one", records, {}), Evaluated("two", records, {})]
+    page = write_parking_page(tmp_path / "both.html", both).read_text()
+    assert 'one <span class="verdict">=</span> two' in page
+    assert "<h2>Manoeuvres</h2>" not in page
+    foreign = ParkingBenchmark.model_validate({**records[0].benchmark.model_dump(), "karts": 2})
+    other = [record.model_copy(update={"benchmark": foreign}) for record in records]
+    with pytest.raises(InvalidInputError, match="different benchmarks"):
+        write_parking_page(tmp_path / "both.html", [both[0], Evaluated("two", other, {})])

@@ -1,0 +1,61 @@
+"""`dohyo evaluate`, `verify`, `report` and `benchmarks` on parking."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from dohyo.service.cli import main
+
+AGENT = ("--agent", "tests.evaluation.parking.parkers:Greedy")
+
+
+def dohyo(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["dohyo", *map(str, arguments)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+def test_an_agent_is_evaluated_verified_and_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, page = tmp_path / "out", tmp_path / "page.html"
+    order = ("evaluate", *AGENT, "--benchmark", "parking-simple", "--seeds", "0-3", "--out", out)
+    assert dohyo(monkeypatch, *order) == 0
+    assert "success, %" in capsys.readouterr().out
+    assert dohyo(monkeypatch, *order, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["estimates"]["success"]["n"] == 4
+    assert [lot["seed"] for lot in document["lots"]] == [0, 1, 2, 3]
+
+    assert dohyo(monkeypatch, "verify", out / "records.jsonl") == 2
+    assert "no installed package registers" in capsys.readouterr().err
+    assert dohyo(monkeypatch, "verify", out / "records.jsonl", "--trust") == 0
+    assert "same: all 4 lots" in capsys.readouterr().out
+    assert dohyo(monkeypatch, "verify", out / "records.jsonl", "--signature-only") == 2
+    assert "not signed" in capsys.readouterr().err
+
+    assert dohyo(monkeypatch, "report", out, "--out", page) == 0
+    assert page.read_text().count('<svg class="plan"') == 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("evaluate", *AGENT, "--benchmark", "parking-simple", "--sample", "2"), "--sample: expected a benchmark of"),
+        (("benchmarks", "prepare", "parking-simple"), "nothing to prepare"),
+    ],
+)
+def test_what_parking_has_not_is_refused(arguments, said, monkeypatch, capsys):
+    assert dohyo(monkeypatch, *arguments) == 2
+    assert said in capsys.readouterr().err.replace("\n", " ")
+
+
+def test_the_list_has_parking_and_its_versions(monkeypatch, capsys):
+    assert dohyo(monkeypatch, "benchmarks", "list", "--json") == 0
+    (found,) = [one for one in json.loads(capsys.readouterr().out) if one["name"] == "parking-three"]
+    assert (found["scenarios"], found["headline"], len(found["version"])) == (2000, "success", 12)
