@@ -22,9 +22,6 @@ from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.benchmarks.documents import benchmark_names
 from dohyo.evaluation.freeway.benchmark import is_freeway_benchmark
-from dohyo.evaluation.records.record import EgoRecord, Infraction
-from dohyo.evaluation.records.specifications import InfractionKind, Status
-from dohyo.evaluation.scores.driving import infraction_penalty
 from dohyo.service.cli import app
 from dohyo.service.cli.lazy import LazyCommand
 from dohyo.service.settings import Settings
@@ -32,6 +29,7 @@ from dohyo.sumo_networks.ego.control import CONTROLS
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.networks.entries import builtin_names
 from dohyo.sumo_networks.sensors import SENSORS
+from tests.test_context import table, text
 
 ROOT = Path(__file__).parents[1]
 FLOORS = ("service", "agents", "evaluation", "sumo_networks")
@@ -44,10 +42,6 @@ EXAMPLE = "examples.lane_keeper:LaneKeeper"
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 document = pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
-
-
-def text(name: str) -> str:
-    return (ROOT / name).read_text()
 
 
 def fences(source: str, language: str = "") -> list[str]:
@@ -92,20 +86,6 @@ def options_of(command: Any) -> set[str]:
     own = {name for parameter in command.params for name in parameter.opts + parameter.secondary_opts}
     below = getattr(command, "commands", {}).values()
     return own.union(*map(options_of, below))
-
-
-def table(source: str, title: str) -> dict[str, list[str]]:
-    """Rows of the table whose header begins so, by their first cell; names are taken out of their backticks."""
-    rows: dict[str, list[str]] = {}
-    _, _, rest = source.partition(f"\n| {title} |")
-    for line in rest.splitlines()[2:]:
-        if not line.startswith("|"):
-            break
-        first, *others = (cell.strip() for cell in line.strip("|").split("|"))
-        for name in re.findall(r"`([^`]+)`", first) or [first]:
-            rows[name] = others
-    assert rows, f"no table '{title}'"
-    return rows
 
 
 @document
@@ -277,42 +257,6 @@ def test_the_experts_readme_has_their_specs() -> None:
         assert rows["track"][column].strip() == spec.track
         assert set(re.findall(r"`(\w+)`", rows["sensors"][column])) == set(spec.sensors)
         assert rows["control"][column].strip(" `") == spec.control
-
-
-def test_context_has_every_infraction_and_status() -> None:
-    source = text("CONTEXT.md")
-    assert set(table(source, "kind")) == {kind.value for kind in InfractionKind}
-    assert set(table(source, "status")) == {status.value for status in Status}
-
-
-def test_context_has_the_factors_and_costs_in_use() -> None:
-    rows = table(text("CONTEXT.md"), "infraction | p (1.0, 2.0)")
-    for kind in InfractionKind:
-        if kind in (InfractionKind.MINIMUM_SPEED, InfractionKind.OUTSIDE_LANES):
-            continue  # theirs are formulas
-        one = Infraction(kind=kind, time_s=0.0, x_m=0.0, y_m=0.0, route_m=0.0)
-        factor, cost = infraction_penalty([one], "2.0", 0.0), 1 / infraction_penalty([one], "2.1", 0.0) - 1
-        said = rows[kind.value]
-        if said[1] == "none":
-            assert (factor, cost) == (1.0, 0.0)
-        else:
-            assert (float(said[0].partition(",")[0]), float(said[1])) == pytest.approx((factor, cost))
-
-
-def test_context_specifies_each_kind_as_the_code_does() -> None:
-    source = text("CONTEXT.md")
-    sizes, penalties = table(source, "kind"), table(source, "infraction | p (1.0, 2.0)")
-    for kind in InfractionKind:
-        when, size = sizes[kind.value]
-        unit = kind.specification.unit
-        assert re.search(rf"(^|, ){re.escape(unit)}($| of)", size), (kind, size)
-        assert (kind.specification.ends is not None) == ("ends the drive" in when), kind
-        assert (kind.specification.since != "1.0") == ("not in 1.0" in penalties[kind.value][0]), kind
-
-
-def test_context_speaks_of_record_fields_that_exist() -> None:
-    assert {"contacts", "infractions"} <= set(EgoRecord.model_fields)
-    assert {"at_fault", "magnitude"} <= set(Infraction.model_fields)
 
 
 def test_the_container_does_what_the_readme_says() -> None:
