@@ -5,9 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,6 +28,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.rendering.labels import Label
 from dohyo.sumo_networks.sensors import make_sensors
 from dohyo.sumo_networks.world import LightState
+from tests.forked import Python
 from tests.worlds import lit_crossing
 
 SMALL = PictureRequest(images=12, seed=3, egos=2, every_s=1.0, episode_s=3.0)  # an episode each
@@ -119,12 +117,9 @@ def test_a_killed_recording_goes_on_and_ends_with_the_same_bytes(recorded, tmp_p
         "from dohyo.agents.hierarchical.vision.recording import PictureRequest, record_pictures;"
         f"record_pictures({SMALL!r}, Path({str(tmp_path)!r}))"
     )
-    process = subprocess.Popen([sys.executable, "-c", code])
-    until = time.monotonic() + 120.0
-    while not list(tmp_path.rglob("*.npz")) and time.monotonic() < until:
-        time.sleep(0.02)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
+    process = Python(code)
+    process.wait_for(lambda: bool(list(tmp_path.rglob("*.npz"))))
+    process.end(signal.SIGKILL)
     assert 1 <= len(digests(tmp_path)) < 3
     shares: list[float] = []
     record_pictures(SMALL, tmp_path, shares.append)

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +25,7 @@ from dohyo.agents.learning.files.report import Report, Reporter, no_report
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.hierarchical.vision.weights import pictures
+from tests.forked import Python
 
 
 @pytest.fixture(scope="module")
@@ -79,12 +76,9 @@ def test_a_killed_process_leaves_what_can_be_resumed(data, tmp_path):
         "from pathlib import Path; from tests.agents.hierarchical.vision.test_train import trained;"
         f"trained(Path({str(data)!r}), Path({str(tmp_path)!r}), epochs=500, checkpoint_s=1e-9)"
     )
-    process = subprocess.Popen([sys.executable, "-c", code])
-    until = time.monotonic() + 120.0
-    while not list(tmp_path.glob("checkpoint-*.pt")) and time.monotonic() < until:
-        time.sleep(0.02)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
+    process = Python(code)
+    process.wait_for(lambda: bool(list(tmp_path.glob("checkpoint-*.pt"))))
+    assert process.end(signal.SIGKILL) == -signal.SIGKILL
     steps: list[int] = []
 
     def first(now: Report) -> None:

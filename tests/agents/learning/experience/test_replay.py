@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import random
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +17,7 @@ from tensordict import TensorDict, TensorDictBase
 
 from dohyo.agents.learning.experience.replay import Replay, ReplayConfig
 from dohyo.sumo_networks.errors import InvalidInputError
+from tests.forked import Python
 
 VECTOR = Box(-np.inf, np.inf, (2,), np.float32)
 PICTURE = Box(0, 255, (3, 4, 4), np.uint8)
@@ -289,15 +287,10 @@ def run_until_killed(folder: Path) -> None:
 def test_a_run_killed_at_a_random_moment_samples_on_to_the_bit(tmp_path: Path) -> None:
     command = "import sys, pathlib; from tests.agents.learning.experience.test_replay import run_until_killed as run; "
     command += "run(pathlib.Path(sys.argv[1]))"
-    child = subprocess.Popen([sys.executable, "-c", command, str(tmp_path)], cwd=Path(__file__).parents[4])
-    try:
-        while not (tmp_path / "checkpoint.pt").exists():
-            assert child.poll() is None
-            time.sleep(0.01)
-        time.sleep(random.uniform(0.0, 0.6))
-    finally:
-        os.kill(child.pid, signal.SIGKILL)
-        child.wait()
+    child = Python(command, str(tmp_path))
+    child.wait_for((tmp_path / "checkpoint.pt").exists)
+    time.sleep(random.uniform(0.0, 0.1))
+    assert child.end(signal.SIGKILL) == -signal.SIGKILL
     checkpoint = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
     resumed, whole = make(tmp_path, **SETTINGS), make(tmp_path / "whole", **SETTINGS)
     resumed.restore(checkpoint["replay"])

@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import pickle
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -23,6 +21,7 @@ from dohyo.agents.learning.files.checkpoint import (
     save_checkpoint,
 )
 from dohyo.sumo_networks.errors import InvalidInputError
+from tests.forked import Python
 
 ROOT = Path(__file__).parents[4]
 
@@ -67,15 +66,10 @@ from dohyo.agents.learning.files.checkpoint import save_checkpoint
 for steps in range(10_000):
     save_checkpoint(Path({str(tmp_path)!r}), steps, dict(steps=steps, weights=torch.full((400_000,), float(steps))))
 """
-    writer = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT)
-    try:
-        while not any(path.name.endswith("3.pt") for path in tmp_path.iterdir()):
-            assert writer.poll() is None
-            time.sleep(0.01)
-        time.sleep(0.037)
-    finally:
-        writer.send_signal(signal.SIGKILL)
-        writer.wait()
+    writer = Python(code)
+    writer.wait_for(lambda: any(path.name.endswith("3.pt") for path in tmp_path.iterdir()))
+    time.sleep(0.037)
+    assert writer.end(signal.SIGKILL) == -signal.SIGKILL
     state = load_checkpoint(tmp_path)
     assert (state["weights"] == state["steps"]).all()
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +20,7 @@ from dohyo.agents.mcts.predictors.recording import (
 )
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.world import ActorKind
+from tests.forked import Python
 
 SMALL = MotionRequest(networks=("town-train",), hours=0.008, seed=5, egos=2, episode_s=12.0)  # two episodes
 
@@ -77,7 +76,8 @@ def test_a_fresh_process_gives_the_same_bytes(recorded, tmp_path):
         "from pathlib import Path; from dohyo.agents.mcts.predictors.recording import MotionRequest, record_motion;"
         f"record_motion({SMALL!r}, Path({str(tmp_path)!r}))"
     )
-    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, timeout=300)
+    process = Python(code)
+    assert process.end() == 0, process.errors()
     assert digests(tmp_path) == digests(recorded)
 
 
