@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -11,18 +12,25 @@ from dohyo.evaluation.benchmarks.benchmark import Benchmark, TimeLimit, load_ben
 from dohyo.evaluation.benchmarks.documents import benchmark_names
 from dohyo.evaluation.running.executors import ProcessPool
 from dohyo.evaluation.running.run import run_benchmark
+from dohyo.sumo_networks.scenario import Scenario
 
 AGENT = "dohyo.agents.experts.autopilot:Autopilot"
 
 
 def shortened(benchmark: Benchmark) -> Benchmark:
-    """A mission of the first cell and one of the last, ten seconds each, among few."""
+    """A mission of the first cell and one of the last, five seconds each, among few."""
     cells = tuple(dict.fromkeys((benchmark.cells[0], benchmark.cells[-1])))
-    few = {"vehicles": 5, "bicycles": 1, "pedestrians": 0, "warm_up_s": 5.0}
+    few = {"vehicles": 5, "bicycles": 1, "pedestrians": 0, "warm_up_s": 2.0}
     cells = tuple(cell.model_copy(update={"traffic": cell.traffic.model_copy(update=few)}) for cell in cells)
     missions = {cell.missions: benchmark.missions[cell.missions][:1] for cell in cells}
-    update = {"cells": cells, "missions": missions, "time_limit": TimeLimit(speed_kmh=1000.0, extra_s=10.0)}
+    update = {"cells": cells, "missions": missions, "time_limit": TimeLimit(speed_kmh=1000.0, extra_s=5.0)}
     return benchmark.model_copy(update=update)
+
+
+@cache
+def scenarios_of(name: str) -> tuple[Scenario, ...]:
+    """Those of seed 0, which several tests look at."""
+    return tuple(load_benchmark(name).scenarios([0]))
 
 
 @pytest.mark.slow
@@ -39,8 +47,7 @@ def test_order_and_resuming_change_no_hash(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", benchmark_names())
 def test_every_scenario_can_be_driven_and_says_what_it_measures(name: str) -> None:
-    benchmark = load_benchmark(name)
-    scenarios = benchmark.scenarios([0])
+    benchmark, scenarios = load_benchmark(name), scenarios_of(name)
     assert len({(scenario.name, scenario.seed) for scenario in scenarios}) == len(scenarios)
     assert benchmark.metric.startswith(benchmark.headline.label)
 
@@ -59,8 +66,7 @@ def test_every_scenario_can_be_driven_and_says_what_it_measures(name: str) -> No
     ],
 )
 def test_they_are_as_long_as_they_say(name: str, count: int) -> None:
-    benchmark = load_benchmark(name)
-    assert len(benchmark.scenarios([0])) == benchmark.size == count
+    assert len(scenarios_of(name)) == load_benchmark(name).size == count
 
 
 def test_the_original_protocol_drives_every_mission_under_every_condition_at_10_km_h() -> None:
@@ -76,7 +82,7 @@ def test_the_original_protocol_drives_every_mission_under_every_condition_at_10_
 
 
 def test_obstacles_are_81_vehicles_and_78_pedestrians() -> None:
-    kinds = [event.kind for scenario in load_benchmark("obstacles").scenarios([0]) for event in scenario.events]
+    kinds = [event.kind for scenario in scenarios_of("obstacles") for event in scenario.events]
     assert (kinds.count("vehicle_appears"), kinds.count("pedestrian_steps_out")) == (81, 78)
 
 

@@ -95,9 +95,11 @@ def test_a_cluster_gives_the_records_of_the_process_pool(cluster: Any, tmp_path:
 @pytest.mark.parametrize("agent", ["tests.evaluation.agents:DiesOnce", f"{__name__}:KillsItsActorOnce"])
 def test_what_dies_once_is_driven_again(cluster: Any, tmp_path: Path, agent: str) -> None:
     settings = {"marker": str(tmp_path / "marker")}
-    crashed = run_benchmark(benchmark(), agent, settings=settings, out=tmp_path / "crashed", executor=RayExecutor())
+    crashed = run_benchmark(
+        benchmark(1), agent, settings=settings, out=tmp_path / "crashed", executor=RayExecutor(workers=2)
+    )
     assert Path(settings["marker"]).exists()
-    whole = run_benchmark(benchmark(), agent, settings=settings, out=tmp_path / "whole")
+    whole = run_benchmark(benchmark(1), agent, settings=settings, out=tmp_path / "whole")
     assert hashes(crashed) == hashes(whole)
 
 
@@ -143,7 +145,7 @@ def test_the_command_line_starts_and_ends_a_cluster_of_its_own(tmp_path: Path) -
     nowhere = evaluate(tmp_path, "--executor", "ray", "--address", "127.0.0.1:9")
     assert nowhere.returncode == 2
     assert "no Ray cluster at '127.0.0.1:9'" in nowhere.stderr
-    done = evaluate(tmp_path, "--executor", "ray", "--workers", "2")
+    done = evaluate(tmp_path, "--executor", "ray", "--workers", "1")
     assert done.returncode == 0, done.stderr
     assert len(list((tmp_path / "out" / "records").glob("*.json"))) == 2
     assert not done.stderr
