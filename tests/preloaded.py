@@ -6,4 +6,5 @@ import dohyo.agents.experts.autopilot
 import dohyo.agents.learning.gymnasium.task
 import dohyo.agents.mcts.mbappe
 import dohyo.evaluation.running.executors
+import dohyo.sumo_networks.envs.driving_env
 import dohyo.sumo_networks.preloaded  # noqa: F401
