@@ -15,6 +15,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from tensordict import TensorDict
+from torch import nn
+from torchrl.modules import MLP
 
 from dohyo.agents.learning.algorithms.icm import Icm, IcmConfig
 from dohyo.agents.learning.algorithms.intrinsic import IntrinsicReward
@@ -24,13 +26,14 @@ from dohyo.agents.learning.algorithms.ppo import Ppo
 from dohyo.agents.learning.algorithms.sac import Sac, SacConfig
 from dohyo.agents.learning.experience.collector import Collector
 from dohyo.agents.learning.experience.demonstrations import INDEX, Demonstrations, record_demonstrations
-from dohyo.agents.learning.imitation.bco import Bco, BcoConfig
+from dohyo.agents.learning.imitation.bco import Bco, BcoConfig, InverseDynamicsConfig
 from dohyo.agents.learning.imitation.gail import Gail, GailConfig
 from dohyo.agents.learning.runs.config import Positive, RunConfig
 from dohyo.agents.learning.runs.run import TaskRun
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
 from dohyo.agents.learning.runs.training import Learner, train_task
 from dohyo.agents.learning.tasks.task import named
+from dohyo.agents.parking.features import KartFeatures
 from dohyo.agents.parking.task import ParkingTask, Reward, SceneName
 from dohyo.sumo_networks.config import Config
 
@@ -47,7 +50,7 @@ class DemonstrationsConfig(Config):
         seed: Of the recording.
     """
 
-    episodes: Positive = 100
+    episodes: Positive = 400
     seed: int = 1_000_000
 
 
@@ -78,8 +81,8 @@ class ParkingConfig(RunConfig):
     environments: Positive = LOTS
     scene: SceneName = "complex"
     karts: Positive = 1
-    reward: Reward = "aligned"
-    progress: float = 0.0
+    reward: Reward = "strict"
+    progress: float = 0.05
     gradual: bool = False
     lots: Positive = 256
     algorithm: Literal["ppo", "poca", "sac"] = "ppo"
@@ -87,13 +90,15 @@ class ParkingConfig(RunConfig):
     gail: bool = False
     bco: bool = False
     ppo: PocaConfig = PocaConfig(
-        horizon=64, learning_rate=3e-4, learning_rate_decay=1.0, batch=1024, entropy=5e-3, hidden=(128, 128),
+        horizon=64, learning_rate=3e-4, learning_rate_decay=1.0, batch=1024, entropy=1e-3, gamma=0.995, hidden=(128, 128),
         normalised=True, initial_std=0.5,
     )  # fmt: skip
     sac: SacConfig = SacConfig(learning_rate=3e-4, hidden=(128, 128), updates_per_step=0.05)
     icm: IcmConfig = IcmConfig()
-    adversarial: GailConfig = GailConfig(strength=0.01, sees="next")
-    cloning: BcoConfig = BcoConfig(steps=65_536)
+    adversarial: GailConfig = GailConfig(strength=0.002, sees="next")
+    cloning: BcoConfig = BcoConfig(
+        experience="demonstrated", inverse=InverseDynamicsConfig(batch=512, epochs=10), batch=512, passes=20
+    )
     demonstrations: DemonstrationsConfig = DemonstrationsConfig()
 
     @property
@@ -107,18 +112,21 @@ def make_learner(settings: ParkingConfig, collector: Collector, run: TaskRun) ->
     task = settings.task
     if settings.algorithm == "sac":
         replay = make_replay(task, run, settings.sac, rows=len(collector))
-        return Sac(task, collector, replay, settings.sac, run.device)
+        return Sac(task, collector, replay, settings.sac, run.device, encoder=KartFeatures())
     shown = demonstrated(settings, run.folder) if settings.gail or settings.bco else None
-    spaces = named(task.observation_space), task.action_space
+    spaces, features = (named(task.observation_space), task.action_space), KartFeatures()
     intrinsic: list[IntrinsicReward] = []
     if settings.curiosity:
-        intrinsic.append(Icm(*spaces, settings.icm, run.device))
+        phi = nn.Sequential(features, MLP(features.features, settings.icm.features, num_cells=settings.icm.hidden))
+        intrinsic.append(Icm(*spaces, settings.icm, run.device, phi))
     if settings.gail and shown is not None:
-        intrinsic.append(Gail(shown, *spaces, settings.adversarial, run.device))
-    cloning = Bco(shown, *spaces, settings.cloning, run.device) if settings.bco and shown is not None else None
+        intrinsic.append(Gail(shown, *spaces, settings.adversarial, run.device, features))
+    cloning = None
+    if settings.bco and shown is not None:
+        cloning = Bco(shown, *spaces, settings.cloning, run.device, features)
     kind: Any = {"ppo": Ppo, "poca": Poca}[settings.algorithm]
     learner: Learner = kind(
-        task, collector, settings.ppo, run.device, settings.seed, intrinsic=intrinsic, cloning=cloning
+        task, collector, settings.ppo, run.device, settings.seed, features, intrinsic=intrinsic, cloning=cloning
     )
     return learner
 

@@ -1,13 +1,14 @@
 """BCO: behavioural cloning from observation (Torabi et al. 2018), for demonstrations without the expert's actions.
 
 An inverse dynamics model p(a | o, o') learns from the learner's own experience, by maximum likelihood. The demonstrated
-transitions get its most likely actions; behavioural cloning then learns from them.
+transitions get its most likely actions; behavioural cloning then learns from them. DPPO-IL (Albilani 2023) fits the
+model to demonstrated transitions with their actions instead.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import gymnasium
 import torch
@@ -49,6 +50,7 @@ class BcoConfig(Config):
     """Settings of BCO; all are ours, the thesis of the parking system has none.
 
     Attributes:
+        experience: What the inverse dynamics model learns from: "own" steps, or the "demonstrated" ones with actions.
         steps: Of own experience, of all environments together, in each iteration.
         iterations: Times that experience is added, the actions are inferred, and the policy is fitted; with more than
             one this is BCO(alpha).
@@ -59,6 +61,7 @@ class BcoConfig(Config):
         passes: Passes over the demonstrations in each iteration.
     """
 
+    experience: Literal["own", "demonstrated"] = "own"
     steps: Positive = 4096
     iterations: Positive = 1
     inverse: InverseDynamicsConfig = InverseDynamicsConfig()
@@ -77,6 +80,7 @@ class InverseDynamics(nn.Module):
         actions: gymnasium.Space[Any],
         config: InverseDynamicsConfig,
         device: torch.device,
+        encoder: nn.Module | None = None,
     ) -> None:
         """Draws weights from torch's generator.
 
@@ -85,14 +89,16 @@ class InverseDynamics(nn.Module):
             actions: Space of one action.
             config: Settings.
             device: Of the model.
+            encoder: Named observations -> (B, `features`), without weights; None: vectors are joined.
 
         Raises:
-            InvalidInputError: The observations hold pictures.
+            InvalidInputError: The observations hold pictures, and there is no encoder.
         """
         super().__init__()
         self._config, self._device = config, device
-        self._observation, self._action = ObservationEncoder(observations), ActionVector(actions)
-        self._body = MLP(2 * self._observation.features, self._action.size, num_cells=config.hidden)
+        self._observation, self._action = encoder or ObservationEncoder(observations), ActionVector(actions)
+        features: int = self._observation.features  # type: ignore[assignment]
+        self._body = MLP(2 * features, self._action.size, num_cells=config.hidden)
         self._log_std = nn.Parameter(torch.zeros(self._action.size))
         self.to(device)
         self._optimizer = torch.optim.Adam(self.parameters(), lr=config.learning_rate)
@@ -145,21 +151,23 @@ class Bco:
         actions: gymnasium.Space[Any],
         config: BcoConfig,
         device: torch.device,
+        encoder: nn.Module | None = None,
     ) -> None:
         """Draws weights from torch's generator.
 
         Args:
-            demonstrations: (D,) transitions; their actions are not read.
+            demonstrations: (D,) transitions; their actions are read only if the experience is the demonstrated one.
             observations: Space of one observation.
             actions: Space of one action.
             config: Settings.
             device: Of the model.
+            encoder: See `InverseDynamics`.
 
         Raises:
-            InvalidInputError: The observations hold pictures.
+            InvalidInputError: The observations hold pictures, and there is no encoder.
         """
         self._demonstrations, self._config = demonstrations, config
-        self.inverse = InverseDynamics(observations, actions, config.inverse, device)
+        self.inverse = InverseDynamics(observations, actions, config.inverse, device, encoder)
 
     def learn(
         self,
@@ -184,11 +192,19 @@ class Bco:
             return cloning_loss(actor, seen, rows["label"].to(seen.device), config.loss)
 
         for _ in range(config.iterations):
-            for _ in range(max(config.steps // len(collector), 1)):
-                step = collector.step(behaviour)
-                experience.append(step[step["active"]].select("observation", "action", ("next", "observation")))
-            collector.finished()
+            if config.experience == "demonstrated":
+                experience = [self._demonstrations]
+            else:
+                experience.append(_driven(collector, behaviour, config.steps))
             self.inverse.fit(TensorDict.cat(experience))
             told = self.inverse.label(self._demonstrations)
             labels.rows = TensorDict({"observation": told["observation"], "label": told["action"]}, told.batch_size)
             labels.fit(optimizer, loss, config.passes, config.batch)
+
+
+def _driven(collector: Collector, behaviour: Behaviour, count: int) -> TensorDictBase:
+    """Transitions of a number of steps, of all environments together."""
+    steps = [collector.step(behaviour) for _ in range(max(count // len(collector), 1))]
+    collector.finished()
+    kept = [step[step["active"]].select("observation", "action", ("next", "observation")) for step in steps]
+    return TensorDict.cat(kept)

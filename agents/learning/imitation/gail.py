@@ -63,6 +63,7 @@ class Gail:
         actions: gymnasium.Space[Any],
         config: GailConfig,
         device: torch.device,
+        encoder: nn.Module | None = None,
     ) -> None:
         """Draws weights from torch's generator.
 
@@ -72,17 +73,20 @@ class Gail:
             actions: Space of one action.
             config: Settings.
             device: Of the discriminator.
+            encoder: Named observations -> (B, `features`), without weights; None: vectors are joined.
 
         Raises:
-            InvalidInputError: There is no transition of the expert, or the observations hold pictures.
+            InvalidInputError: There is no transition of the expert, or the observations hold pictures without an
+                encoder.
         """
         if not len(demonstrations):
             raise InvalidInputError("expected transitions of an expert for GAIL, got none")
         self._config, self._device = config, device
-        self._observation = ObservationEncoder(observations)
+        self._observation = encoder or ObservationEncoder(observations)
         self._action = ActionVector(actions).to(device)
-        size = self._action.size if config.sees == "action" else self._observation.features
-        self._logit = MLP(self._observation.features + size, 1, num_cells=config.hidden, device=device)
+        features: int = self._observation.features  # type: ignore[assignment]
+        size = self._action.size if config.sees == "action" else features
+        self._logit = MLP(features + size, 1, num_cells=config.hidden, device=device)
         discriminator = TensorDictSequential(
             TensorDictModule(self._logit, in_keys=["observation", "action"], out_keys=["logit"]),
             TensorDictModule(nn.Sigmoid(), in_keys=["logit"], out_keys=["d_logits"]),  # TorchRL's name for D
