@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from dohyo.agents.parking.curves import wrapped
+from dohyo.agents.parking.expert.curves import wrapped
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.parking import kart
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from dohyo.agents.parking.expert import SHAPE
-from dohyo.agents.parking.hybrid_a_star import plan, touches
+from dohyo.agents.parking.expert.expert import SHAPE
+from dohyo.agents.parking.expert.hybrid_a_star import plan, touches
 
 GOAL = np.array([0.0, 9.0, math.pi / 2])
 GARAGE = np.array([[-1.5, 9.0, math.pi / 2, 5.0, 0.2], [1.5, 9.0, math.pi / 2, 5.0, 0.2], [0.0, 11.6, 0.0, 3.2, 0.2]])

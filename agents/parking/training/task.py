@@ -10,8 +10,8 @@ from gymnasium.spaces import Box
 
 from dohyo.agents.learning.tasks.curriculum import Curriculum
 from dohyo.agents.learning.tasks.task import Environments, Task, held_out_seeds
-from dohyo.agents.parking.curriculum import Doubling, levels
-from dohyo.agents.parking.guided import GuidedVectorEnv, forward_actions
+from dohyo.agents.parking.training.curriculum import Doubling, levels
+from dohyo.agents.parking.training.guided import GuidedVectorEnv, forward_actions
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.parking.generate import Scene
 from dohyo.sumo_networks.parking.observation import observation_space

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dohyo.agents.parking.expert import Expert
-from dohyo.agents.parking.guided import GuidedVectorEnv, scene_of
+from dohyo.agents.parking.expert.expert import Expert
+from dohyo.agents.parking.training.guided import GuidedVectorEnv, scene_of
 from dohyo.sumo_networks.parking.generate import Scene
 from dohyo.sumo_networks.parking.rules import JUDGED
+from dohyo.sumo_networks.parking.tables import WALK_SPEED, WALK_X, WALK_Y
 from dohyo.sumo_networks.parking.tables import WALK_SPEED, WALK_X, WALK_Y
 from dohyo.sumo_networks.parking.vector_env import Level
 
@@ -40,10 +41,9 @@ def test_the_expert_parks_aligned(scene, karts):
 def test_the_expert_waits_for_pedestrians_and_sees_them_move():
     lots = driven(Scene.PEDESTRIANS)
     assert lots.world.results().success.all()
-    seen = scene_of(lots.world, 0, 0).moving
-    walker = lots.world.view(0).walkers[0]
-    assert np.allclose(seen[0, :2], walker[[WALK_X, WALK_Y]])
-    assert np.hypot(seen[0, 5], seen[0, 6]) == pytest.approx(walker[WALK_SPEED], rel=1e-3)
+    before, walkers = scene_of(lots.world, 0, 0).moving, lots.world.view(0).walkers
+    assert np.allclose(before[:, :2], walkers[:, [WALK_X, WALK_Y]])
+    assert np.allclose(np.hypot(*before[:, 5:].T), walkers[:, WALK_SPEED])
 
 
 def test_an_expert_without_any_way_goes_on_a_bold_one():

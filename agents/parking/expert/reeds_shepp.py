@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from dohyo.agents.parking.curves import SEGMENTS, relative_to, wrapped
+from dohyo.agents.parking.expert.curves import SEGMENTS, relative_to, wrapped
 from dohyo.sumo_networks.arrays import FloatArray
 
 WORDS = np.array(

@@ -13,10 +13,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
-from dohyo.agents.parking.curves import poses_along
-from dohyo.agents.parking.dubins import dubins
-from dohyo.agents.parking.hybrid_a_star import SAMPLE_M, Shape, plan, touches
-from dohyo.agents.parking.tracker import AXLE_M, follow, rear_axle
+from dohyo.agents.parking.expert.curves import poses_along
+from dohyo.agents.parking.expert.dubins import dubins
+from dohyo.agents.parking.expert.hybrid_a_star import SAMPLE_M, Shape, plan, touches
+from dohyo.agents.parking.expert.tracker import AXLE_M, follow, rear_axle
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.parking import kart
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from dohyo.agents.learning.tasks.curriculum import Progress
-from dohyo.agents.parking.curriculum import Doubling, levels
-from dohyo.agents.parking.task import ParkingTask
+from dohyo.agents.parking.training.curriculum import Doubling, levels
+from dohyo.agents.parking.training.task import ParkingTask
 from dohyo.sumo_networks.parking.generate import Scene
 from dohyo.sumo_networks.parking.rules import ALIGNED
 

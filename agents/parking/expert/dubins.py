@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from dohyo.agents.parking.curves import SEGMENTS, relative_to
+from dohyo.agents.parking.expert.curves import SEGMENTS, relative_to
 from dohyo.sumo_networks.arrays import FloatArray
 
 _TURN = 2.0 * math.pi

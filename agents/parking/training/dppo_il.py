@@ -33,8 +33,8 @@ from dohyo.agents.learning.runs.run import TaskRun
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
 from dohyo.agents.learning.runs.training import Learner, train_task
 from dohyo.agents.learning.tasks.task import named
-from dohyo.agents.parking.features import KartFeatures
-from dohyo.agents.parking.task import ParkingTask, Reward, SceneName
+from dohyo.agents.parking.training.features import KartFeatures
+from dohyo.agents.parking.training.task import ParkingTask, Reward, SceneName
 from dohyo.sumo_networks.config import Config
 
 LOTS = 256
@@ -91,13 +91,17 @@ class ParkingConfig(RunConfig):
     bco: bool = False
     ppo: PocaConfig = PocaConfig(
         horizon=64, learning_rate=3e-4, learning_rate_decay=1.0, batch=1024, entropy=1e-3, gamma=0.995, hidden=(128, 128),
-        normalised=True, initial_std=0.5,
+        normalised=True, initial_std=0.3,
     )  # fmt: skip
     sac: SacConfig = SacConfig(learning_rate=3e-4, hidden=(128, 128), updates_per_step=0.05)
     icm: IcmConfig = IcmConfig()
     adversarial: GailConfig = GailConfig(strength=0.002, sees="next")
     cloning: BcoConfig = BcoConfig(
-        experience="demonstrated", inverse=InverseDynamicsConfig(batch=512, epochs=10), batch=512, passes=20
+        experience="demonstrated",
+        loss="huber",
+        inverse=InverseDynamicsConfig(batch=512, epochs=6),
+        batch=512,
+        passes=16,
     )
     demonstrations: DemonstrationsConfig = DemonstrationsConfig()
 

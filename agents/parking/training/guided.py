@@ -9,11 +9,12 @@ import numpy as np
 from gymnasium.spaces import Box
 from gymnasium.vector.utils import batch_space
 
-from dohyo.agents.parking.expert import Expert, Scene, wall_boxes
+from dohyo.agents.parking.expert.expert import Expert, Scene, wall_boxes
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from dohyo.sumo_networks.parking import kart
 from dohyo.sumo_networks.parking.observation import State
 from dohyo.sumo_networks.parking.rules import Outcome
+from dohyo.sumo_networks.parking.tables import OUTCOME, TARGET, WALK_RADIUS, WALK_SPEED, WALK_X, WALK_Y, WALKED
 from dohyo.sumo_networks.parking.tables import OUTCOME, TARGET, WALK_RADIUS, WALK_SPEED, WALK_X, WALK_Y, WALKED
 from dohyo.sumo_networks.parking.vector_env import Level, ParkingVectorEnv
 from dohyo.sumo_networks.parking.world import ParkingWorld
@@ -52,30 +53,25 @@ class GuidedVectorEnv(ParkingVectorEnv):
 def scene_of(world: ParkingWorld, lot: int, number: int) -> Scene:
     """What the expert of a kart sees."""
     view = world.view(lot)
-    walls, boxes = wall_boxes(view.walls), view.boxes[:, :5]
-    karts = [_kart(view.karts[other]) for other in _others(view.counts[:, OUTCOME], number)]
-    walkers = [_walker(row) for row in view.walkers]
-    spot = view.spots[view.counts[number, TARGET], :5]
-    return Scene(np.concatenate([walls, boxes]), np.array([*karts, *walkers]).reshape(-1, 7), spot)
+    others = np.flatnonzero((view.counts[:, OUTCOME] != Outcome.ABSENT) & (np.arange(len(view.karts)) != number))
+    moving = np.concatenate([_karts(view.karts[others]), _pedestrians(view.walkers)])
+    fixed = np.concatenate([wall_boxes(view.walls), view.boxes[:, :5]])
+    return Scene(fixed, moving, view.spots[view.counts[number, TARGET], :5])
 
 
-def _others(outcomes: IntArray, number: int) -> list[int]:
-    return [other for other in np.flatnonzero(outcomes != Outcome.ABSENT).tolist() if other != number]
+def _karts(karts: FloatArray) -> FloatArray:
+    """(K, 7) boxes and velocities of karts (K, 10)."""
+    size = np.tile([kart.LENGTH_M, kart.WIDTH_M], (len(karts), 1))
+    velocity = karts[:, [kart.SPEED]] * karts[:, [kart.COS, kart.SIN]]
+    return np.hstack([karts[:, [kart.X, kart.Y, kart.HEADING]], size, velocity])
 
 
-def _kart(body: FloatArray) -> FloatArray:
-    """(7,) box and velocity of a kart."""
-    heading, speed = body[kart.HEADING], body[kart.SPEED]
-    box = [body[kart.X], body[kart.Y], heading, kart.LENGTH_M, kart.WIDTH_M]
-    return np.array([*box, speed * np.cos(heading), speed * np.sin(heading)])
-
-
-def _walker(row: FloatArray) -> FloatArray:
-    """(7,) box and velocity of a pedestrian, a row of (P, 9)."""
-    there = row[2:4] - row[:2]
-    length = float(np.hypot(*there))
-    if length == 0.0:
-        return np.array([row[WALK_X], row[WALK_Y], 0.0, 2.0 * row[WALK_RADIUS], 2.0 * row[WALK_RADIUS], 0.0, 0.0])
-    back = -1.0 if row[WALKED] % (2.0 * length) >= length else 1.0
-    velocity = back * row[WALK_SPEED] * there / length
-    return np.array([row[WALK_X], row[WALK_Y], 0.0, 2.0 * row[WALK_RADIUS], 2.0 * row[WALK_RADIUS], *velocity])
+def _pedestrians(walkers: FloatArray) -> FloatArray:
+    """(P, 7) boxes and velocities of pedestrians (P, 9), who walk to and fro between two points."""
+    way = walkers[:, 2:4] - walkers[:, :2]
+    length = np.maximum(np.hypot(*way.T), 1e-9)
+    back = walkers[:, WALKED] % (2.0 * length) > length
+    speed = np.where(back, -1.0, 1.0) * walkers[:, WALK_SPEED] / length
+    size = 2.0 * np.repeat(walkers[:, [WALK_RADIUS]], 2, axis=1)
+    there = np.hstack([walkers[:, [WALK_X, WALK_Y]], np.zeros((len(walkers), 1)), size])
+    return np.hstack([there, speed[:, None] * way])

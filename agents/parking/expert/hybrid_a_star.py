@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from dohyo.agents.parking.curves import advanced, poses_along
-from dohyo.agents.parking.dubins import dubins
-from dohyo.agents.parking.reeds_shepp import reeds_shepp
+from dohyo.agents.parking.expert.curves import advanced, poses_along
+from dohyo.agents.parking.expert.dubins import dubins
+from dohyo.agents.parking.expert.reeds_shepp import reeds_shepp
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.geometry import box_overlaps
 

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dohyo.agents.parking.curves import advanced, poses_along, wrapped
-from dohyo.agents.parking.dubins import dubins
-from dohyo.agents.parking.reeds_shepp import reeds_shepp
+from dohyo.agents.parking.expert.curves import advanced, poses_along, wrapped
+from dohyo.agents.parking.expert.dubins import dubins
+from dohyo.agents.parking.expert.reeds_shepp import reeds_shepp
 
 RADIUS = 1.3
 COORDINATE = st.floats(-6.0, 6.0)

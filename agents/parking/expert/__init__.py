@@ -1,0 +1,1 @@
+"""Expert of parking: curves, a planner, a tracker."""

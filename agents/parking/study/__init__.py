@@ -1,0 +1,1 @@
+"""Study of parking: arms, their judgement, tables."""

@@ -1,0 +1,63 @@
+"""Arms of the parking study: rows 22 to 25 of the thesis's comparisons, as settings of the trainer `parking`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+from dohyo.agents.learning.files.settings import read_settings
+from dohyo.agents.parking.training.dppo_il import ParkingConfig
+
+SETTINGS: Final = Path(__file__).parents[1] / "configs" / "parking.toml"
+EXPERT: Final = "expert"
+"""Arm without a training."""
+WHOLE: Final = ("bco=true", "gail=true", "curiosity=true")
+"""Settings of DPPO-IL."""
+_SIMPLE: Final = ("scene=simple", "reward=simple", "steps=3000000", "ppo.gamma=0.99", "sac.gamma=0.99")
+_THREE: Final = (*WHOLE, "karts=3", "environments=258", "lots=86", "steps=20000000")
+
+
+@dataclass(frozen=True, slots=True)
+class ParkingArm:
+    """Trainings of an arm.
+
+    Attributes:
+        isolates: Difference from the other arms.
+        benchmarks: That its policies are judged on, the first is what they learned.
+        settings: On top of `SETTINGS`.
+        reported: Success that the thesis reports, %; None without one.
+    """
+
+    isolates: str
+    benchmarks: tuple[str, ...]
+    settings: tuple[str, ...] = ()
+    reported: float | None = None
+
+    def config(self, seed: int) -> ParkingConfig:
+        """Settings of a training."""
+        return read_settings(ParkingConfig, SETTINGS, (*self.settings, f"seed={seed}"))
+
+
+ONE, THREE, SIMPLE = "parking-complex", "parking-three", "parking-simple"
+UNSEEN: Final = ("parking-parallel", "parking-angled", "parking-pedestrians")
+"""Kinds of spot and pedestrians that no policy trains on."""
+ARMS: Final[Mapping[str, ParkingArm]] = MappingProxyType(
+    {
+        EXPERT: ParkingArm("hybrid A* and a tracker, with the whole lot known", (SIMPLE, ONE, *UNSEEN, THREE)),
+        "simple-ppo": ParkingArm("PPO, simple scene", (SIMPLE,), _SIMPLE, 98.0),
+        "simple-poca": ParkingArm("MA-POCA, simple scene", (SIMPLE,), (*_SIMPLE, "algorithm=poca")),
+        "simple-sac": ParkingArm("SAC, simple scene", (SIMPLE,), (*_SIMPLE, "algorithm=sac")),
+        "ppo": ParkingArm("PPO", (ONE,), (), 74.8),
+        "dppo": ParkingArm("PPO and curiosity", (ONE,), ("curiosity=true",)),
+        "dppo-gail": ParkingArm("PPO, curiosity and GAIL", (ONE,), ("curiosity=true", "gail=true")),
+        "dppo-il": ParkingArm("PPO, curiosity, GAIL and BCO", (ONE, *UNSEEN), WHOLE, 92.0),
+        "thesis-reward": ParkingArm("DPPO-IL, 0.5 m and 10 degrees", (ONE,), (*WHOLE, "reward=aligned")),
+        "without-dwell": ParkingArm("DPPO-IL, no dwell", (ONE,), (*WHOLE, "reward=without-dwell")),
+        "without-alignment": ParkingArm("DPPO-IL, no angles", (ONE,), (*WHOLE, "reward=without-alignment")),
+        "three": ParkingArm("three karts", (THREE,), _THREE, 81.0),
+        "three-curriculum": ParkingArm("three karts, curriculum", (THREE,), (*_THREE, "gradual=true"), 90.0),
+    }
+)
