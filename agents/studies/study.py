@@ -30,6 +30,7 @@ STUDIES: Mapping[str, str] = {
     "ghrl-policies": "dohyo.agents.hierarchical.study.evaluate_policies:STUDY",
     "ghrl-trainings": "dohyo.agents.hierarchical.study.trainings:STUDY",
     "mbappe": "dohyo.agents.mcts.study.study:STUDY",
+    "parking": "dohyo.agents.parking.study.study:STUDY",
     "peers": "dohyo.agents.studies.peers:STUDY",
 }
 """As "module:attribute", since systems take seconds to import."""

@@ -66,5 +66,9 @@ class OnnxPolicy:
 
     def __call__(self, observation: Mapping[str, Array]) -> Array:
         """One observation -> its action, (A,) float32 or () int64; observations that it does not use are ignored."""
-        (action,) = self._session.run([ACTION], {name: observation[name][None] for name in self.inputs})
-        return np.asarray(action[0])
+        return np.asarray(self.of_batch({name: observation[name][None] for name in self.inputs})[0])
+
+    def of_batch(self, observations: Mapping[str, Array]) -> Array:
+        """(N, ...) observations -> (N, A) float32 or (N,) int64 actions."""
+        (actions,) = self._session.run([ACTION], {name: observations[name] for name in self.inputs})
+        return np.asarray(actions)

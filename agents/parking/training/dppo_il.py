@@ -81,7 +81,7 @@ class ParkingConfig(RunConfig):
     environments: Positive = LOTS
     scene: SceneName = "complex"
     karts: Positive = 1
-    reward: Reward = "strict"
+    reward: Reward = "aligned"
     progress: float = 0.05
     gradual: bool = False
     lots: Positive = 256
@@ -90,7 +90,7 @@ class ParkingConfig(RunConfig):
     gail: bool = False
     bco: bool = False
     ppo: PocaConfig = PocaConfig(
-        horizon=64, learning_rate=3e-4, learning_rate_decay=1.0, batch=1024, entropy=1e-3, gamma=0.995, hidden=(128, 128),
+        horizon=64, learning_rate=3e-4, learning_rate_decay=1.0, batch=1024, entropy=1e-3, gamma=0.998, hidden=(128, 128),
         normalised=True, initial_std=0.3,
     )  # fmt: skip
     sac: SacConfig = SacConfig(learning_rate=3e-4, hidden=(128, 128), updates_per_step=0.05)

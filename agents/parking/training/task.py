@@ -46,7 +46,7 @@ class ParkingTask(Task):
     """
 
     scene: SceneName = "complex"
-    reward: Reward = "strict"
+    reward: Reward = "aligned"
     progress: float = 0.0
     karts: int = 1
     gradual: bool = False

@@ -1,0 +1,62 @@
+"""Judgement of policies and of the expert on held-out lots, by the rules of the benchmarks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+import numpy as np
+
+from dohyo.agents.learning.tasks.task import Array
+from dohyo.agents.parking.training.guided import GuidedVectorEnv
+from dohyo.agents.studies.rows import Row
+from dohyo.sumo_networks.parking.generate import Scene
+from dohyo.sumo_networks.parking.rules import JUDGED, Outcome
+from dohyo.sumo_networks.parking.vector_env import Level
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM
+
+FIRST_LOT: Final = HELD_OUT_FROM + 100_000
+"""Seed of the first judged lot; those of the evaluations that choose a training's best policy are below."""
+LOTS: Final = 100
+"""Lots in a row of the study."""
+SCENES: Final[Mapping[str, tuple[Scene, int]]] = {
+    "parking-simple": (Scene.SIMPLE, 1),
+    "parking-complex": (Scene.COMPLEX, 1),
+    "parking-three": (Scene.COMPLEX, 3),
+    "parking-parallel": (Scene.PARALLEL, 1),
+    "parking-angled": (Scene.ANGLED, 1),
+    "parking-pedestrians": (Scene.PEDESTRIANS, 1),
+}
+"""Kind of lot and number of karts of each benchmark."""
+
+Policy = Callable[[Mapping[str, Array]], Array]
+"""(N, ...) observations by name -> (N, 3) actions."""
+
+
+def judged(policy: Policy | None, benchmark: str, block: int) -> Row:
+    """Measures of a block of lots, %, all karts together.
+
+    Args:
+        policy: Drives all karts; None: the expert.
+        benchmark: Of `SCENES`.
+        block: Number of the block.
+    """
+    scene, karts = SCENES[benchmark]
+    lots = GuidedVectorEnv(LOTS, [Level(scene, JUDGED)], karts)
+    first = FIRST_LOT + LOTS * block
+    seen, _ = lots.reset(seed=[first + row // karts for row in range(lots.num_envs)])
+    while lots.running.any():
+        actions = lots.expert_actions(lots.running)[0] if policy is None else policy(seen)
+        seen, *_ = lots.step(actions)
+    results = lots.world.results()
+    parked = int(results.success.sum())
+    ended = {name: 100.0 * float((results.outcome == outcome).mean()) for name, outcome in _ENDS.items()}
+    return {
+        **ended,
+        "aligned": 100.0 * float(results.aligned.sum()) / parked if parked else 0.0,
+        "time_s": float(results.time_s[results.success].mean()) if parked else None,
+        "inclination_deg": float(np.degrees(np.median(results.inclination_rad[results.success]))) if parked else None,
+    }
+
+
+_ENDS: Final = {"success": Outcome.PARKED, "collided": Outcome.COLLIDED, "timed_out": Outcome.TIMED_OUT}

@@ -1,0 +1,77 @@
+"""Tables of the parking study."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from dohyo.agents.parking.study.arms import ARMS
+from dohyo.agents.studies.claims import Claim, judge
+from dohyo.agents.studies.crossed_bootstrap import Matched, estimate
+from dohyo.agents.studies.rows import Row, arms_in, is_lost, matched, named
+from dohyo.agents.studies.study import Results
+from dohyo.agents.studies.tables import claims_table, fixed
+from dohyo.evaluation.report.style import MISSING, markdown
+from dohyo.evaluation.statistics import mean_estimate
+
+SHOWN: Final = {
+    "success": "success, %",
+    "aligned": "aligned, % of successes",
+    "collided": "contacts, %",
+    "timed_out": "out of time, %",
+    "time_s": "time, s",
+}
+CLAIMS: Final = (
+    Claim("simple-ppo", ">", "simple-sac", "success", "parking-simple"),
+    Claim("simple-poca", ">", "simple-sac", "success", "parking-simple"),
+    Claim("dppo", ">", "ppo", "success", "parking-complex"),
+    Claim("dppo-gail", ">", "dppo", "success", "parking-complex"),
+    Claim("dppo-il", ">", "dppo-gail", "success", "parking-complex"),
+    Claim("three-curriculum", ">", "three", "success", "parking-three"),
+    Claim("three-curriculum", ">", "three", "aligned", "parking-three"),
+    Claim("thesis-reward", ">", "without-alignment", "aligned", "parking-complex"),
+    Claim("thesis-reward", ">", "without-dwell", "aligned", "parking-complex"),
+)
+"""Directions of the thesis's results."""
+
+
+def arms_table(results: Results) -> str:
+    """A row per arm and benchmark."""
+    rows = [row for row in results.rows if not is_lost(row)]
+    lines = []
+    for arm in arms_in(rows, [*ARMS]):
+        for benchmark in named([row for row in rows if row["arm"] == arm], "benchmark"):
+            some = [row for row in rows if (row["arm"], row["benchmark"]) == (arm, benchmark)]
+            means = [fixed(estimate(_values(some, arm, measure), mean_estimate)) for measure in SHOWN]
+            reported = ARMS[arm].reported
+            said = MISSING if reported is None or benchmark != ARMS[arm].benchmarks[0] else f"{reported:g}"
+            lines.append([arm, benchmark, *_trained(some), *means, said])
+    heads = ["arm", "benchmark", "trainings", "steps", "steps to 90 %", *SHOWN.values(), "thesis: success, %"]
+    return markdown(heads, lines) if lines else ""
+
+
+def claims(results: Results) -> str:
+    """Verdict on each direction of the thesis, on the lots that both arms drove."""
+    rows = [row for row in results.rows if not is_lost(row)]
+
+    def values(claim: Claim, arm: str) -> Matched:
+        return _values([row for row in rows if row["benchmark"] == claim.where], arm, claim.measure)
+
+    judged = judge(CLAIMS, values)
+    return claims_table(judged, {"claim": lambda one: str(one.claim), "measure": lambda one: one.claim.measure})
+
+
+def _values(rows: Iterable[Row], arm: str, measure: str) -> Matched:
+    """Values of an arm, without rows that have none, such as the time of a block in which nobody parked."""
+    return matched((row for row in rows if row[measure] is not None), arm, measure)
+
+
+def _trained(rows: Sequence[Row]) -> list[str]:
+    """Trainings of an arm, their steps, and their steps to the threshold."""
+    trainings = {row["training_seed"]: row for row in rows if row["training_seed"] is not None}.values()
+    if not trainings:
+        return [MISSING] * 3
+    open_ = sum(not row["finished"] for row in trainings)
+    count = f"{len(trainings)}" + (f", {open_} unfinished" if open_ else "")
+    reached = ", ".join(f"{row['threshold_steps']:,}" if row["threshold_steps"] else "never" for row in trainings)
+    return [count, ", ".join(f"{row['steps']:,}" for row in trainings), reached]
