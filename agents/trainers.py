@@ -65,7 +65,9 @@ TRAINERS: dict[str, Listed] = {
         "dohyo.agents.speed_planning.training.cruise_control_training:CRUISE_CONTROL",
         "set-points of a car's cruise control",
     ),
-    "parking": Listed("dohyo.agents.parking.training.dppo_il:PARKING", "parking of karts, by PPO, SAC, MA-POCA or DPPO-IL"),
+    "parking": Listed(
+        "dohyo.agents.parking.training.dppo_il:PARKING", "parking of karts, by PPO, SAC, MA-POCA or DPPO-IL"
+    ),
 }
 
 

@@ -164,6 +164,8 @@ class Ppo:
             start.learn(config.imitated_steps, self._look_back)
             self._collector.begin()
         if self._cloning is not None:
+            with torch.no_grad(), evaluating(self.encoder):
+                self._look_back(features(self._cloning.demonstrations["observation"]))
             self._cloning.learn(self.actor, features, self._collector, self.behaviour)
             self._collector.begin()
 

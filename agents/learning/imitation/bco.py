@@ -141,6 +141,7 @@ class Bco:
     """Fits a policy to demonstrated observations.
 
     Attributes:
+        demonstrations: (D,) transitions.
         inverse: The inverse dynamics model.
     """
 
@@ -166,7 +167,7 @@ class Bco:
         Raises:
             InvalidInputError: The observations hold pictures, and there is no encoder.
         """
-        self._demonstrations, self._config = demonstrations, config
+        self.demonstrations, self._config = demonstrations, config
         self.inverse = InverseDynamics(observations, actions, config.inverse, device, encoder)
 
     def learn(
@@ -193,11 +194,11 @@ class Bco:
 
         for _ in range(config.iterations):
             if config.experience == "demonstrated":
-                experience = [self._demonstrations]
+                experience = [self.demonstrations]
             else:
                 experience.append(_driven(collector, behaviour, config.steps))
             self.inverse.fit(TensorDict.cat(experience))
-            told = self.inverse.label(self._demonstrations)
+            told = self.inverse.label(self.demonstrations)
             labels.rows = TensorDict({"observation": told["observation"], "label": told["action"]}, told.batch_size)
             labels.fit(optimizer, loss, config.passes, config.batch)
 

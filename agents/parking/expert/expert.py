@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numba import njit
@@ -16,6 +16,7 @@ from numba import njit
 from dohyo.agents.parking.expert.curves import poses_along
 from dohyo.agents.parking.expert.dubins import dubins
 from dohyo.agents.parking.expert.hybrid_a_star import SAMPLE_M, Shape, plan, touches
+from dohyo.agents.parking.expert.scene import Scene
 from dohyo.agents.parking.expert.tracker import AXLE_M, follow, rear_axle
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.parking import kart
@@ -25,28 +26,12 @@ RADIUS_M: Final = 2.2
 SHAPE: Final = Shape(RADIUS_M, 0.5 * kart.LENGTH_M + AXLE_M, 0.5 * kart.LENGTH_M - AXLE_M, 0.5 * kart.WIDTH_M)
 MARGINS_M: Final = (0.35, 0.2, 0.08)
 """Margins of the kart in a plan, the first that has a path."""
-WALL_M: Final = 0.02
-"""Thickness of a wall in a plan."""
 EXPANSIONS: Final = 3000
 STUCK_S: Final = 2.0
 """Time of standing before something that moves, after which the expert plans around it."""
 PATIENCE_S: Final = 1.5
 """Time for which what moves is expected to go on as it does."""
 BRAKING_MPS2: Final = 1.2
-
-
-class Scene(NamedTuple):
-    """What an expert sees of a lot.
-
-    Attributes:
-        fixed: (B, 5) boxes of walls, blocks and parked cars.
-        moving: (M, 7) boxes of what may move, each with its velocity, m/s.
-        spot: (5,) the target's box.
-    """
-
-    fixed: FloatArray
-    moving: FloatArray
-    spot: FloatArray
 
 
 @dataclass
@@ -98,13 +83,6 @@ class Expert:
 def goal_in(spot: FloatArray) -> FloatArray:
     """(3,) pose of the rear axle of a kart in the middle of a spot (5,)."""
     return np.array([spot[0] - AXLE_M * math.cos(spot[2]), spot[1] - AXLE_M * math.sin(spot[2]), spot[2]])
-
-
-def wall_boxes(walls: FloatArray) -> FloatArray:
-    """(W, 5) boxes of walls (W, 4)."""
-    dx, dy = walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]
-    middle_x, middle_y = (walls[:, 0] + walls[:, 2]) / 2, (walls[:, 1] + walls[:, 3]) / 2
-    return np.column_stack([middle_x, middle_y, np.arctan2(dy, dx), np.hypot(dx, dy), np.full(len(walls), WALL_M)])
 
 
 @njit(cache=True)

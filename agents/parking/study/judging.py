@@ -10,24 +10,12 @@ import numpy as np
 from dohyo.agents.learning.tasks.task import Array
 from dohyo.agents.parking.training.guided import GuidedVectorEnv
 from dohyo.agents.studies.rows import Row
-from dohyo.sumo_networks.parking.generate import Scene
+from dohyo.evaluation.parking.benchmark import load_parking_benchmark, scene_of
 from dohyo.sumo_networks.parking.rules import JUDGED, Outcome
 from dohyo.sumo_networks.parking.vector_env import Level
-from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
-FIRST_LOT: Final = HELD_OUT_FROM + 100_000
-"""Seed of the first judged lot; those of the evaluations that choose a training's best policy are below."""
 LOTS: Final = 100
 """Lots in a row of the study."""
-SCENES: Final[Mapping[str, tuple[Scene, int]]] = {
-    "parking-simple": (Scene.SIMPLE, 1),
-    "parking-complex": (Scene.COMPLEX, 1),
-    "parking-three": (Scene.COMPLEX, 3),
-    "parking-parallel": (Scene.PARALLEL, 1),
-    "parking-angled": (Scene.ANGLED, 1),
-    "parking-pedestrians": (Scene.PEDESTRIANS, 1),
-}
-"""Kind of lot and number of karts of each benchmark."""
 
 Policy = Callable[[Mapping[str, Array]], Array]
 """(N, ...) observations by name -> (N, 3) actions."""
@@ -38,12 +26,12 @@ def judged(policy: Policy | None, benchmark: str, block: int) -> Row:
 
     Args:
         policy: Drives all karts; None: the expert.
-        benchmark: Of `SCENES`.
+        benchmark: Of parking.
         block: Number of the block.
     """
-    scene, karts = SCENES[benchmark]
-    lots = GuidedVectorEnv(LOTS, [Level(scene, JUDGED)], karts)
-    first = FIRST_LOT + LOTS * block
+    told = load_parking_benchmark(benchmark)
+    karts, first = told.karts, told.seeds[0] + LOTS * block
+    lots = GuidedVectorEnv(LOTS, [Level(scene_of(told.scene), JUDGED)], karts)
     seen, _ = lots.reset(seed=[first + row // karts for row in range(lots.num_envs)])
     while lots.running.any():
         actions = lots.expert_actions(lots.running)[0] if policy is None else policy(seen)

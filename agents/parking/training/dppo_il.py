@@ -90,18 +90,17 @@ class ParkingConfig(RunConfig):
     gail: bool = False
     bco: bool = False
     ppo: PocaConfig = PocaConfig(
-        horizon=64, learning_rate=3e-4, learning_rate_decay=1.0, batch=1024, entropy=1e-3, gamma=0.998, hidden=(128, 128),
-        normalised=True, initial_std=0.3,
+        horizon=64, learning_rate=3e-4, learning_rate_decay=1.0, batch=1024, entropy=1e-3, gamma=0.998,
+        hidden=(128, 128), normalised=True, initial_std=0.5,
     )  # fmt: skip
     sac: SacConfig = SacConfig(learning_rate=3e-4, hidden=(128, 128), updates_per_step=0.05)
     icm: IcmConfig = IcmConfig()
     adversarial: GailConfig = GailConfig(strength=0.002, sees="next")
     cloning: BcoConfig = BcoConfig(
         experience="demonstrated",
-        loss="huber",
         inverse=InverseDynamicsConfig(batch=512, epochs=6),
         batch=512,
-        passes=16,
+        passes=20,
     )
     demonstrations: DemonstrationsConfig = DemonstrationsConfig()
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 from gymnasium.spaces import Box
 
 from dohyo.agents.learning.tasks.curriculum import Curriculum
-from dohyo.agents.learning.tasks.task import Environments, Task, held_out_seeds
+from dohyo.agents.learning.tasks.task import Environments, Task
 from dohyo.agents.parking.training.curriculum import Doubling, levels
 from dohyo.agents.parking.training.guided import GuidedVectorEnv, forward_actions
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -17,7 +17,10 @@ from dohyo.sumo_networks.parking.generate import Scene
 from dohyo.sumo_networks.parking.observation import observation_space
 from dohyo.sumo_networks.parking.rules import ALIGNED, SIMPLE, WITHOUT_ALIGNMENT, WITHOUT_DWELL, Rules
 from dohyo.sumo_networks.parking.vector_env import MEASURES, Level
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
+FIRST_LOT: Final = HELD_OUT_FROM + 1_000_000
+"""First lot of the evaluations that choose the best policy of a training; the benchmarks' lots are below."""
 SceneName = Literal["simple", "complex"]
 Reward = Literal["simple", "strict", "aligned", "without-dwell", "without-alignment"]
 REWARDS: dict[Reward, Rules] = {
@@ -73,7 +76,7 @@ class ParkingTask(Task):
     @property
     def held_out(self) -> Sequence[int]:
         """See `Task`; all karts of a lot share its seed."""
-        return [seed for seed in held_out_seeds(self.lots) for _ in range(self.karts)]
+        return [FIRST_LOT + lot for lot in range(self.lots) for _ in range(self.karts)]
 
     @property
     def judged_at_once(self) -> int:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from dohyo.agents.parking.expert.expert import Expert
-from dohyo.agents.parking.training.guided import GuidedVectorEnv, scene_of
+from dohyo.agents.parking.expert.scene import scene_of
+from dohyo.agents.parking.training.guided import GuidedVectorEnv
 from dohyo.sumo_networks.parking.generate import Scene
 from dohyo.sumo_networks.parking.rules import JUDGED
-from dohyo.sumo_networks.parking.tables import WALK_SPEED, WALK_X, WALK_Y
 from dohyo.sumo_networks.parking.tables import WALK_SPEED, WALK_X, WALK_Y
 from dohyo.sumo_networks.parking.vector_env import Level
 
@@ -41,7 +41,7 @@ def test_the_expert_parks_aligned(scene, karts):
 def test_the_expert_waits_for_pedestrians_and_sees_them_move():
     lots = driven(Scene.PEDESTRIANS)
     assert lots.world.results().success.all()
-    before, walkers = scene_of(lots.world, 0, 0).moving, lots.world.view(0).walkers
+    before, walkers = scene_of(lots.world.view(0), 0).moving, lots.world.view(0).walkers
     assert np.allclose(before[:, :2], walkers[:, [WALK_X, WALK_Y]])
     assert np.allclose(np.hypot(*before[:, 5:].T), walkers[:, WALK_SPEED])
 
@@ -49,7 +49,7 @@ def test_the_expert_waits_for_pedestrians_and_sees_them_move():
 def test_an_expert_without_any_way_goes_on_a_bold_one():
     lots = GuidedVectorEnv(1, [Level(Scene.SIMPLE, JUDGED)])
     lots.reset(seed=[0])
-    scene = scene_of(lots.world, 0, 0)
+    scene = scene_of(lots.world.view(0), 0)
     spot = scene.spot
     blocked = scene._replace(fixed=np.array([[spot[0], spot[1], 0.0, 4.0, 4.0]]))
     expert = Expert()

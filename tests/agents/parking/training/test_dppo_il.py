@@ -23,7 +23,7 @@ SMALL = ParkingConfig(
 SMALL = SMALL.model_copy(update={"ppo": SMALL.ppo.model_copy(update={"horizon": 4, "hidden": (8,), "batch": 8})})
 
 
-class Killed(Exception):
+class KilledError(Exception):
     """The end of a process, as far as a run's folder shows."""
 
 
@@ -34,13 +34,13 @@ def rows(folder: Path) -> list[list[str]]:
 def test_dppo_il_that_is_killed_and_resumed_equals_one_that_is_not(tmp_path):
     def killed(report: Report) -> None:
         if report.steps == 48:
-            raise Killed
+            raise KilledError
 
     def train(folder: Path, resume: bool, report=lambda told: None) -> Path:
         return PARKING.train(SMALL, TrainRequest("parking", folder, resume, report))
 
     whole = train(tmp_path / "whole", resume=False)
-    with pytest.raises(Killed):
+    with pytest.raises(KilledError):
         train(tmp_path / "parts", resume=False, report=killed)
     parts = train(tmp_path / "parts", resume=True)
     assert parts.with_suffix(".onnx").read_bytes() == whole.with_suffix(".onnx").read_bytes()

@@ -1,0 +1,45 @@
+"""A trained policy as an agent of the parking benchmarks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from dohyo.agents.learning.policies.onnx_policy import OnnxPolicy
+from dohyo.agents.learning.tasks.task import SINGLE, named
+from dohyo.evaluation.parking.agent import ParkingSpec
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.parking.observation import observation_space
+
+SHIPPED: Final = Path(__file__).with_name("checkpoints") / "parking.onnx"
+
+
+class PolicyAgent:
+    """What `dohyo train parking` exported; it sees the observation of its kart alone.
+
+    Attributes:
+        spec: See `ParkingAgent`.
+    """
+
+    def __init__(self, policy: Path = SHIPPED) -> None:
+        """Reads the policy.
+
+        Args:
+            policy: ONNX file of a training, such as its best.onnx.
+
+        Raises:
+            InvalidInputError: The file is missing, or no policy of a kart's observation.
+        """
+        self.spec = ParkingSpec(name="parking")
+        self._policy = OnnxPolicy(Path(policy))
+        self._policy.check(named(observation_space(self.spec.state)))
+
+    def reset(self, seed: int) -> None:
+        """See `ParkingAgent`."""
+
+    def act(self, observation: Float32Array) -> Float32Array:
+        """See `ParkingAgent`."""
+        return self._policy({SINGLE: observation})
+
+    def close(self) -> None:
+        """See `ParkingAgent`."""
