@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, cast
 
@@ -53,6 +54,15 @@ class FakeScheduler:
         return {"running": 2, "queued": 3, "draining": False, "workers": 1}
 
 
+@cache
+def routes_of_all() -> list[Any]:
+    """The routes of every shop: FastAPI analyses them at the first request, which takes longer than most tests."""
+    app = FastAPI()
+    for module in (comparison, episodes, leaderboard, metrics, monitoring, rescoring):
+        app.include_router(module.router)
+    return app.router.routes
+
+
 class Shop:
     """Fills the database and the archive, and asks the routes.
 
@@ -69,8 +79,7 @@ class Shop:
         self.services = Services(settings, database, cast(Any, FakeScheduler()), Broadcast())
         app = FastAPI(lifespan=self._lifespan)
         errors.install(app)
-        for module in (comparison, episodes, leaderboard, metrics, monitoring, rescoring):
-            app.include_router(module.router)
+        app.router.routes[:] = routes_of_all()
         app.state.services = self.services
         self.client = TestClient(app, raise_server_exceptions=False)
 

@@ -65,7 +65,7 @@ def test_tokens_from_the_command_line_work_at_once_and_the_folder_is_taken(tmp_p
 def test_sigterm_under_load_ends_streams_and_queues_again_what_was_unfinished(tmp_path: Path) -> None:
     with serving(tmp_path / "data") as served:
         served.ask("POST", "/v1/agents", {"name": "a"})
-        served.ask("POST", "/v1/agents/a/submissions", {"kind": "builtin", "entry": "autopilot"})
+        served.ask("POST", "/v1/agents/a/submissions", {"kind": "builtin", "entry": "idm"})
         order = {"agent": "a", "benchmark": "quickstart", "seeds": [0, 1, 2]}
         evaluation = served.ask("POST", "/v1/evaluations", order)["id"]
         with httpx.stream("GET", f"{served.url}/v1/evaluations/{evaluation}/progress", timeout=60) as stream:
