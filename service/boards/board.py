@@ -7,7 +7,7 @@ from dataclasses import asdict
 from functools import lru_cache
 from typing import Any
 
-from sqlalchemy import func, select
+from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
 from dohyo.evaluation.statistics import paired
@@ -40,7 +40,9 @@ def rows_of(session: Session, ranking: Ranking, places: Sequence[Place], start: 
 
 def _facts(session: Session, evaluation_ids: Sequence[str]) -> dict[str, dict[str, Any]]:
     query = (
-        select(Result.facts, Evaluation, Submission, Agent.name, Agent.owner, Team.name)
+        select(Result.facts, Evaluation.id, Evaluation.seeds, Evaluation.finished)
+        .add_columns(Submission.id, Submission.version, Submission.kind, Submission.track)
+        .add_columns(Agent.name, Agent.owner, Team.name)
         .join(Evaluation, Evaluation.id == Result.evaluation_id)
         .join(Submission, Submission.id == Evaluation.submission_id)
         .join(Agent, Agent.id == Submission.agent_id)
@@ -48,21 +50,21 @@ def _facts(session: Session, evaluation_ids: Sequence[str]) -> dict[str, dict[st
         .where(Result.evaluation_id.in_(evaluation_ids))
     )
     found: dict[str, dict[str, Any]] = {}
-    for facts, evaluation, submission, agent, owner, team in session.execute(query):
-        found[evaluation.id] = {
+    for facts, one, seeds, finished, submission, version, kind, track, agent, owner, team in session.execute(query):
+        found[one] = {
             "agent": agent,
-            "version": submission.version,
-            "submission": submission.id,
-            "evaluation": evaluation.id,
+            "version": version,
+            "submission": submission,
+            "evaluation": one,
             "owner": owner,
             "team": team,
-            "kind": submission.kind.value,
-            "verified": submission.kind is not AgentKind.REMOTE,
-            "track": submission.track,
-            "seeds": len(evaluation.seeds),
+            "kind": kind.value,
+            "verified": kind is not AgentKind.REMOTE,
+            "track": track,
+            "seeds": len(seeds),
             "episodes": facts["episodes"],
             "drives": facts["drives"],
-            "finished": evaluation.finished.isoformat() if evaluation.finished else None,
+            "finished": finished.isoformat() if finished else None,
             "scores": facts["scores"],
             "per_km": facts["per_km"],
         }
@@ -74,7 +76,7 @@ _ENTRANT = func.coalesce(Evaluation.team_id, Evaluation.submission_id)
 
 def _runs(session: Session, ranking: Ranking, entrants: Sequence[str]) -> Mapping[str, int]:
     """Number of ordered runs of each entrant, also of those that failed or were cancelled."""
-    query = select(_ENTRANT, func.count()).where(Evaluation.ranking_id == ranking.id, _ENTRANT.in_(entrants))
+    query = select(_ENTRANT, func.count()).where(Evaluation.ranking_id == ranking.id, _of(entrants))
     return {row[0]: row[1] for row in session.execute(query.group_by(_ENTRANT))}
 
 
@@ -85,9 +87,15 @@ def _thrown_away(session: Session, ranking: Ranking, entrants: Sequence[str]) ->
         .select_from(Attempt)
         .join(Episode, Episode.id == Attempt.episode_id)
         .join(Evaluation, Evaluation.id == Episode.evaluation_id)
-        .where(Attempt.charged, Evaluation.ranking_id == ranking.id, _ENTRANT.in_(entrants))
+        .where(Attempt.charged, Evaluation.ranking_id == ranking.id, _of(entrants))
     )
     return {row[0]: row[1] for row in session.execute(query.group_by(_ENTRANT))}
+
+
+def _of(entrants: Sequence[str]) -> ColumnElement[bool]:
+    """Condition on `Evaluation`: a run of one of the entrants; in columns that have an index."""
+    alone = Evaluation.team_id.is_(None) & Evaluation.submission_id.in_(entrants)
+    return Evaluation.team_id.in_(entrants) | alone
 
 
 @lru_cache(maxsize=20_000)  # contenders are compared by identity, and live as long as their ranking is in memory

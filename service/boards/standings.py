@@ -131,25 +131,16 @@ def _refresh(session: Session, standing: _Standing, ranking: Ranking) -> None:
         return
     known = set(session.scalars(select(Result.evaluation_id).where(mine)))
     standing.runs = {one: run for one, run in standing.runs.items() if one in known}
-    new = select(Result, Evaluation.team_id).join(Evaluation, Evaluation.id == Result.evaluation_id).where(mine)
+    needed = (Result.evaluation_id, Result.entrant, Result.track, Result.score, Result.ordered, Result.facts["values"])
+    new = select(*needed, Evaluation.team_id).join(Evaluation, Evaluation.id == Result.evaluation_id).where(mine)
     if standing.runs:
         new = new.where(Result.evaluation_id.in_(known - standing.runs.keys()))
     # A run that was ordered first and cancelled leaves its place empty: an entrant must not choose among its runs.
     first = first_orders(session, ranking.id) if ranking.counts is Counts.FIRST else {}
-    for result, team in session.execute(new):
-        if result.facts["values"] and result.ordered == first.get(result.entrant, result.ordered):
-            standing.runs[result.evaluation_id] = _contender(result, ranking.challenge_id is not None and team is None)
+    for run, entrant, track, score, ordered, values, team in session.execute(new):
+        if values and ordered == first.get(entrant, ordered):
+            baseline = ranking.challenge_id is not None and team is None
+            array = np.array(values, dtype=np.float64)
+            standing.runs[run] = Contender(run, entrant, baseline, track, score, ordered, array)
     standing.state = state
     standing.places = Recent(20)
-
-
-def _contender(result: Result, baseline: bool) -> Contender:
-    return Contender(
-        evaluation=result.evaluation_id,
-        entrant=result.entrant,
-        baseline=baseline,
-        track=result.track,
-        score=result.score,
-        ordered=result.ordered,
-        values=np.array(result.facts["values"], dtype=np.float64),
-    )

@@ -9,7 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dohyo.evaluation import statistics
-from dohyo.evaluation.statistics import Estimate, mean_estimate, paired, ratio_estimate, share_estimate
+from dohyo.evaluation.statistics import (
+    Estimate,
+    mean_estimate,
+    paired,
+    ratio_estimate,
+    share_estimate,
+    significantly_below,
+)
 from dohyo.sumo_networks.errors import InvalidInputError
 
 values = st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=30)
@@ -92,6 +99,15 @@ def test_what_is_alike_is_not_told_apart() -> None:
     assert paired([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]).verdict == "="
     noise = np.random.default_rng(5).normal(0.0, 1.0, 30)
     assert paired(noise.tolist(), (-noise).tolist()).difference.n == 30
+
+
+def test_many_comparisons_at_once_have_the_verdicts_of_single_ones() -> None:
+    generator = np.random.default_rng(0)
+    best = generator.normal(0.0, 1.0, 9)
+    others = best + generator.normal(-0.6, 1.0, (60, 9))  # about half are lower, some barely
+    below = [paired(other.tolist(), best.tolist()).verdict == "<" for other in others]
+    assert significantly_below(best, others).tolist() == below
+    assert 10 < sum(below) < 50
 
 
 def test_one_pair_decides_nothing() -> None:
