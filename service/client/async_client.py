@@ -164,7 +164,7 @@ class AsyncClient:
         return await self._json(EvaluationView, Call("GET", path_of("evaluations", evaluation_id)))
 
     def follow(self, evaluation_id: str) -> AsyncIterator[EvaluationView]:
-        """States of an evaluation, each time that it changes; the last one is its end."""
+        """States of an evaluation, one at each event of it; the last one is its end."""
         path = path_of("evaluations", evaluation_id)
         return cast(AsyncIterator[EvaluationView], self._follow(path, f"{path}/progress"))
 

@@ -164,7 +164,7 @@ class Client:
         return self._json(EvaluationView, Call("GET", path_of("evaluations", evaluation_id)))
 
     def follow(self, evaluation_id: str) -> Iterator[EvaluationView]:
-        """States of an evaluation, each time that it changes; the last one is its end."""
+        """States of an evaluation, one at each event of it; the last one is its end."""
         path = path_of("evaluations", evaluation_id)
         return cast(Iterator[EvaluationView], self._follow(path, f"{path}/progress"))
 
