@@ -96,26 +96,33 @@ def advance(tables: Tables, actions: FloatArray, rewards: FloatArray) -> None:
             before[number] = _distance(spots, lot * MAX_SPOTS + counts[row, TARGET], bodies, number)
         if running == 0:
             continue
-        meets_walker = _walk(lot, walkers, lots[lot, WALKERS], bodies, counts)
+        walker_count = _walk(lot, walkers, lots[lot, WALKERS], bodies, counts)
         box_count = _find_boxes(lot, boxes, lots[lot, BOXES], bodies, near_boxes)
         wall_count = _find_walls(lot, walls, lots[lot, WALLS], bodies, near_walls)
-        # Where no kart can touch anything in this tick, each takes all substeps in one go, which is faster.
-        calm = box_count + wall_count == 0 and not (meets_walker or _karts_are_near(bodies))
-        for _ in range(1 if calm else kart.SUBSTEPS):
-            for number in range(size):
-                if counts[first + number, OUTCOME] == _RUNNING:
-                    spot = lot * MAX_SPOTS + counts[first + number, TARGET]
-                    steps = kart.SUBSTEPS if calm else 1
-                    _drive(first + number, steps, actions, karts, counts, spots, spot, radius)
-                    _write_body(karts, first + number, bodies, number)
-            if not calm:
-                for number in range(size):
-                    _touch(first, number, bodies, counts, boxes, near_boxes, box_count)
-                    _touch_wall(first, number, bodies, counts, walls, near_walls, wall_count)
-                    _touch_walker(lot, number, bodies, counts, walkers, lots[lot, WALKERS])
-                for row in range(first, first + size):
-                    if counts[row, OUTCOME] == _RUNNING and counts[row, TOUCHED] != 0:
-                        counts[row, OUTCOME] = _COLLIDED
+        # Karts that cannot meet take all substeps of a tick one after the other, and with nothing near in one go.
+        meeting = _karts_are_near(first, bodies, counts)
+        free = not meeting and box_count + wall_count + walker_count == 0
+        for _ in range(kart.SUBSTEPS if meeting else 1):
+            for row in range(first, first + size):
+                if counts[row, OUTCOME] != _RUNNING:
+                    continue
+                spot, steps = lot * MAX_SPOTS + counts[row, TARGET], kart.SUBSTEPS if free else 1
+                for _ in range(1 if meeting or free else kart.SUBSTEPS):
+                    _drive(row, steps, actions, karts, counts, spots, spot, radius)
+                    _write_body(karts, row, bodies, row - first)
+                    if box_count > 0:
+                        _touch_box(row, bodies, row - first, counts, boxes, near_boxes, box_count)
+                    if wall_count > 0:
+                        _touch_wall(row, bodies, row - first, counts, walls, near_walls, wall_count)
+                    if walker_count > 0:
+                        _touch_walker(row, bodies, row - first, counts, walkers, lot * MAX_PEDESTRIANS, walker_count)
+                    if counts[row, TOUCHED] != 0:
+                        break
+            if meeting:
+                _touch_karts(first, bodies, counts)
+            for row in range(first, first + size):
+                if counts[row, OUTCOME] == _RUNNING and counts[row, TOUCHED] != 0:
+                    counts[row, OUTCOME] = _COLLIDED
         lots[lot, TICK] += 1
         for number in range(size):
             row = first + number
@@ -181,13 +188,15 @@ def _find_walls(lot: int, walls: FloatArray, count: int, bodies: FloatArray, nea
 
 
 @njit(cache=True)
-def _karts_are_near(bodies: FloatArray) -> bool:
-    """Whether two karts may touch in this tick."""
+def _karts_are_near(first: int, bodies: FloatArray, counts: IntArray) -> bool:
+    """Whether a driving kart may touch another kart in this tick."""
     reach = 2.0 * (kart.RADIUS_M + _TRAVEL_M)
     for number in range(bodies.shape[0]):
-        for other in range(number):
+        if counts[first + number, OUTCOME] != _RUNNING:
+            continue
+        for other in range(bodies.shape[0]):
             dx, dy = bodies[number, 0] - bodies[other, 0], bodies[number, 1] - bodies[other, 1]
-            if dx * dx + dy * dy < reach * reach:
+            if dx * dx + dy * dy < reach * reach and other != number and counts[first + other, OUTCOME] != _ABSENT:
                 return True
     return False
 
@@ -220,11 +229,11 @@ def _drive(
 
 
 @njit(cache=True)
-def _walk(lot: int, walkers: FloatArray, count: int, bodies: FloatArray, counts: IntArray) -> bool:
+def _walk(lot: int, walkers: FloatArray, count: int, bodies: FloatArray, counts: IntArray) -> int:
     """Moves the pedestrians of a lot for one tick; those whose next step leads to a kart wait.
 
     Returns:
-        Whether a kart may touch one of them in this tick.
+        The number of pedestrians; 0 if no kart may touch one of them in this tick.
     """
     first, may_touch = lot * bodies.shape[0], False
     for row in range(lot * MAX_PEDESTRIANS, lot * MAX_PEDESTRIANS + count):
@@ -244,63 +253,57 @@ def _walk(lot: int, walkers: FloatArray, count: int, bodies: FloatArray, counts:
             waits = waits or (distance < radius + WAITS_M and distance < before)
         if not waits:
             walkers[row, WALKED], walkers[row, WALK_X], walkers[row, WALK_Y] = walked, x, y
-    return may_touch
+    return count if may_touch else 0
 
 
 @njit(cache=True)
-def _touch(
-    first: int,
-    number: int,
-    bodies: FloatArray,
-    counts: IntArray,
-    boxes: FloatArray,
-    near: IntArray,
-    nearby: int,
+def _touch_box(
+    row: int, bodies: FloatArray, number: int, counts: IntArray, boxes: FloatArray, near: IntArray, nearby: int
 ) -> None:
-    """Notes the kind of a box or kart that a kart touches."""
-    row = first + number
-    if counts[row, TOUCHED] != 0 or counts[row, OUTCOME] == _ABSENT:
-        return
-    for box in near[:nearby]:
-        if boxes_touch(bodies, number, boxes, box):
-            counts[row, TOUCHED] = int(boxes[box, KIND])
-            return
-    for other in range(bodies.shape[0]):
-        if other == number or counts[first + other, OUTCOME] == _ABSENT:
-            continue
-        if boxes_touch(bodies, number, bodies, other):
-            counts[row, TOUCHED] = _KART
-            return
+    """Notes the kind of a box that a kart touches."""
+    for index in range(nearby):
+        if boxes_touch(bodies, number, boxes, near[index]):
+            counts[row, TOUCHED] = int(boxes[near[index], KIND])
 
 
 @njit(cache=True)
 def _touch_wall(
-    first: int, number: int, bodies: FloatArray, counts: IntArray, walls: FloatArray, near: IntArray, nearby: int
+    row: int, bodies: FloatArray, number: int, counts: IntArray, walls: FloatArray, near: IntArray, nearby: int
 ) -> None:
-    """Notes a wall that a driving kart touches."""
-    row = first + number
-    if counts[row, OUTCOME] != _RUNNING or counts[row, TOUCHED] != 0:
-        return
-    for wall in near[:nearby]:
+    """Notes a wall that a kart touches."""
+    for index in range(nearby):
+        wall = near[index]
         ends = walls[wall, 0], walls[wall, 1], walls[wall, 2], walls[wall, 3]
         if touches_segment(bodies, number, ends):
             counts[row, TOUCHED] = _WALL
-            return
 
 
 @njit(cache=True)
-def _touch_walker(lot: int, number: int, bodies: FloatArray, counts: IntArray, walkers: FloatArray, count: int) -> None:
-    """Notes a pedestrian whom a driving kart touches."""
-    row = lot * bodies.shape[0] + number
-    if counts[row, OUTCOME] != _RUNNING or counts[row, TOUCHED] != 0:
-        return
-    for walker in range(lot * MAX_PEDESTRIANS, lot * MAX_PEDESTRIANS + count):
+def _touch_walker(
+    row: int, bodies: FloatArray, number: int, counts: IntArray, walkers: FloatArray, first: int, count: int
+) -> None:
+    """Notes a pedestrian whom a kart touches."""
+    for walker in range(first, first + count):
         if (
             distance_to(bodies, number, walkers[walker, WALK_X], walkers[walker, WALK_Y])
             <= walkers[walker, WALK_RADIUS]
         ):
             counts[row, TOUCHED] = _PEDESTRIAN
-            return
+
+
+@njit(cache=True)
+def _touch_karts(first: int, bodies: FloatArray, counts: IntArray) -> None:
+    """Notes all karts of a lot that touch another one, also parked ones."""
+    for number in range(bodies.shape[0]):
+        for other in range(number):
+            row, second = first + number, first + other
+            if counts[row, OUTCOME] == _ABSENT or counts[second, OUTCOME] == _ABSENT:
+                continue
+            if counts[row, OUTCOME] != _RUNNING and counts[second, OUTCOME] != _RUNNING:
+                continue
+            if boxes_touch(bodies, number, bodies, other):
+                counts[row, TOUCHED] = counts[row, TOUCHED] if counts[row, TOUCHED] != 0 else _KART
+                counts[second, TOUCHED] = counts[second, TOUCHED] if counts[second, TOUCHED] != 0 else _KART
 
 
 @njit(cache=True)
@@ -371,4 +374,7 @@ def _taken(spots: FloatArray, spot: int, karts: FloatArray, row: int, size: int,
 
 @njit(cache=True)
 def _inside(spots: FloatArray, spot: int, karts: FloatArray, row: int) -> bool:
-    return distance_to(spots, spot, karts[row, kart.X], karts[row, kart.Y]) == 0.0
+    """Whether the centre of a kart is in a spot."""
+    dx, dy = karts[row, kart.X] - spots[spot, 0], karts[row, kart.Y] - spots[spot, 1]
+    cos, sin = spots[spot, 5], spots[spot, 6]
+    return bool(abs(dx * cos + dy * sin) <= 0.5 * spots[spot, 3] and abs(dy * cos - dx * sin) <= 0.5 * spots[spot, 4])

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
+from functools import lru_cache
 from typing import Final, Literal
 
 import numpy as np
@@ -61,7 +62,10 @@ class Rules(Config):
     progress: float = 0.0
 
     def row(self) -> FloatArray:
-        """(9,) numbers for the kernel."""
+        """(9,) numbers for the kernel, which nobody may change."""
+        return _row(self)
+
+    def _numbers(self) -> FloatArray:
         row = np.zeros(WIDTH)
         ticks = round(self.seconds_s / TICK_S)
         row[RADIUS], row[STANDING] = self.radius_m, STANDS_BELOW_MPS if self.standing else math.inf
@@ -72,6 +76,11 @@ class Rules(Config):
         row[WHEEL] = math.inf if self.wheel_degrees is None else math.radians(self.wheel_degrees)
         row[ERROR] = math.inf if self.error_degrees is None else math.radians(self.error_degrees)
         return row
+
+
+@lru_cache(maxsize=64)
+def _row(rules: Rules) -> FloatArray:
+    return rules._numbers()
 
 
 RADIUS, DWELL_TICKS, ELAPSED_TICKS, STANDING, FARTHEST, REVERSING_ENDS, WHEEL, ERROR, PROGRESS = range(9)

@@ -196,7 +196,8 @@ class ParkingWorld:
 
     def _refresh(self, lots: IntArray) -> None:
         which = np.zeros((self.lots, self.karts), np.bool_)
-        which[lots] = self.running[lots]
+        which[lots] = True
+        which &= self.running
         self._observations[lots] = 0.0
         self._observe(which)
 

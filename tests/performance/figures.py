@@ -175,8 +175,21 @@ def learning() -> list[Figure]:
     ]
 
 
+def parking() -> list[Figure]:
+    """Karts in hundreds of lots, with observations: 50 ms are two million steps per second."""
+    from dohyo.sumo_networks.parking import Scene
+    from tests.performance import parking as parts
+
+    kernel = kernel_ms()
+    return [
+        duration("100,000 steps of karts, one in a lot", parts.measure(Scene.COMPLEX, 1), 50.0, kernel),
+        duration("100,000 steps of karts, three in a lot", parts.measure(Scene.COMPLEX, 3), 50.0, kernel),
+    ]
+
+
 PARTS: dict[str, Callable[[], list[Figure]]] = {
-    part.__name__: part for part in (world, senses, planners, rules, state, forecasts, perception, learning, wire)
+    part.__name__: part
+    for part in (world, senses, planners, rules, state, forecasts, perception, learning, wire, parking)
 }
 
 
