@@ -148,7 +148,7 @@ def test_every_path_named_exists(path: Path) -> None:
         if re.search(r"[A-Z]{4}|^out/|^build/|^\.venv/|^application/", name):
             continue  # a placeholder, made by a command, or a media type
         if re.fullmatch(r"[\w.]+(/[\w.]+)+/?", name):
-            assert (ROOT / name).exists(), name
+            assert (ROOT / name).exists() or (path.parent / name).exists(), name
         elif re.fullmatch(r"\w+\.(py|toml|yaml)", name):
             assert any(list(ROOT.glob(pattern + name)) for pattern in ("", *(f"{top}/**/" for top in FLOORS))), name
 
