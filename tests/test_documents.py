@@ -22,6 +22,7 @@ from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.benchmarks.documents import benchmark_names
 from dohyo.evaluation.freeway.benchmark import is_freeway_benchmark
+from dohyo.evaluation.parking.benchmark import is_parking_benchmark
 from dohyo.service.cli import app
 from dohyo.service.cli.lazy import LazyCommand
 from dohyo.service.settings import Settings
@@ -103,6 +104,9 @@ def test_every_agent_and_benchmark_of_a_command_exists(path: Path) -> None:
         agent, benchmark = named.get("--agent", "NAME"), named.get("--benchmark", "NAME")
         if words[:1] == ["worker"]:
             agent = named.get("--entry", "module:Class")  # --agent is its name at a service
+        if is_parking_benchmark(benchmark):
+            assert agent == "NAME" or agent in agent_entries()
+            continue
         if is_freeway_benchmark(benchmark):
             assert agent in ("NAME", "persistence", *shipped(), PLANNER, NOBODY)
             continue
@@ -211,7 +215,8 @@ def test_the_tables_of_sensors_and_controls() -> None:
 def test_the_page_of_benchmarks_has_all() -> None:
     freeway = {path.stem for path in (ROOT / "evaluation/benchmarks/freeway").glob("*.toml")}
     found = set(table(text("docs/reference/benchmarks.md"), "benchmark"))
-    assert found == {*benchmark_names(), *freeway, "localization"}
+    parking = {path.stem for path in (ROOT / "evaluation/benchmarks/parking").glob("*.toml")}
+    assert found == {*benchmark_names(), *freeway, *parking, "localization"}
 
 
 def test_the_page_of_networks_has_all() -> None:

@@ -167,7 +167,11 @@ class ParkingWorld:
         )
 
     def lot(self, lot: int) -> Lot:
-        """Description of a lot, with its karts and pedestrians where they are now, at rest."""
+        """Description of a lot, with its karts where they are now, at rest, and pedestrians where they began.
+
+        Raises:
+            ValueError: A kart touches something, so that no episode could begin so.
+        """
         return describe(self.view(lot), int(self.tables.lots[lot, LIMIT]))
 
     def results(self, lots: Sequence[int] | IntArray | slice = slice(None)) -> Results:
