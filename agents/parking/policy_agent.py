@@ -19,6 +19,7 @@ class PolicyAgent:
 
     Attributes:
         spec: See `ParkingAgent`.
+        files: The policy, whose digest records state.
     """
 
     def __init__(self, policy: Path = SHIPPED) -> None:
@@ -30,7 +31,7 @@ class PolicyAgent:
         Raises:
             InvalidInputError: The file is missing, or no policy of a kart's observation.
         """
-        self.spec = ParkingSpec(name="parking")
+        self.spec, self.files = ParkingSpec(name="parking"), (Path(policy),)
         self._policy = OnnxPolicy(Path(policy))
         self._policy.check(named(observation_space(self.spec.state)))
 
