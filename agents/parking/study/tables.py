@@ -29,8 +29,9 @@ CLAIMS: Final = (
     Claim("dppo-il", ">", "dppo-gail", "success", "parking-complex"),
     Claim("three-curriculum", ">", "three", "success", "parking-three"),
     Claim("three-curriculum", ">", "three", "aligned", "parking-three"),
-    Claim("thesis-reward", ">", "without-alignment", "aligned", "parking-complex"),
-    Claim("thesis-reward", ">", "without-dwell", "aligned", "parking-complex"),
+    Claim("dppo-il", ">", "without-alignment", "aligned", "parking-complex"),
+    Claim("dppo-il", ">", "without-dwell", "aligned", "parking-complex"),
+    Claim("strict", ">", "dppo-il", "aligned", "parking-complex"),
 )
 """Directions of the thesis's results."""
 

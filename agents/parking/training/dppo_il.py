@@ -50,7 +50,7 @@ class DemonstrationsConfig(Config):
         seed: Of the recording.
     """
 
-    episodes: Positive = 400
+    episodes: Positive = 600
     seed: int = 1_000_000
 
 
@@ -100,6 +100,7 @@ class ParkingConfig(RunConfig):
         experience="demonstrated",
         inverse=InverseDynamicsConfig(batch=512, epochs=6),
         batch=512,
+        learning_rate=5e-4,
         passes=20,
     )
     demonstrations: DemonstrationsConfig = DemonstrationsConfig()
