@@ -96,8 +96,8 @@ def training_facts(folder: Path) -> Row:
     return {"steps": curve[-1][0], "finished": finished, "threshold_steps": reached}
 
 
-def _together(cell: Cell) -> tuple[str, int | None]:
-    return cell.arm, cell.training_seed
+def _together(cell: Cell) -> tuple[str, int | None, str]:
+    return cell.arm, cell.training_seed, cell.benchmark
 
 
 STUDY = Study(

@@ -43,7 +43,7 @@ def arms_table(results: Results) -> str:
     for arm in arms_in(rows, [*ARMS]):
         for benchmark in named([row for row in rows if row["arm"] == arm], "benchmark"):
             some = [row for row in rows if (row["arm"], row["benchmark"]) == (arm, benchmark)]
-            means = [fixed(estimate(_values(some, arm, measure), mean_estimate)) for measure in SHOWN]
+            means = [_mean(some, arm, measure) for measure in SHOWN]
             reported = ARMS[arm].reported
             said = MISSING if reported is None or benchmark != ARMS[arm].benchmarks[0] else f"{reported:g}"
             lines.append([arm, benchmark, *_trained(some), *means, said])
@@ -60,6 +60,12 @@ def claims(results: Results) -> str:
 
     judged = judge(CLAIMS, values)
     return claims_table(judged, {"claim": lambda one: str(one.claim), "measure": lambda one: one.claim.measure})
+
+
+def _mean(rows: Sequence[Row], arm: str, measure: str) -> str:
+    """Mean with its interval over lots and trainings; "-" without values."""
+    values = _values(rows, arm, measure)
+    return fixed(estimate(values, mean_estimate)) if values else MISSING
 
 
 def _values(rows: Iterable[Row], arm: str, measure: str) -> Matched:

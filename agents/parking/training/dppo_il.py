@@ -11,6 +11,7 @@ Where the thesis has no number, the default is that of Unity ML-Agents, with whi
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -136,10 +137,10 @@ def make_learner(settings: ParkingConfig, collector: Collector, run: TaskRun) ->
 
 
 def demonstrated(settings: ParkingConfig, folder: Path) -> TensorDict:
-    """Transitions of the demonstrations in a run's folder, which are recorded where there are none."""
+    """Transitions of the demonstrations in a run's folder; where there are none, they are recorded on the last level."""
     folder = folder / "demonstrations"
     if not (folder / INDEX).exists():
-        wanted, plain = settings.demonstrations, settings.task
+        wanted, plain = settings.demonstrations, replace(settings.task, gradual=False)
         record_demonstrations(
             plain, folder, wanted.episodes, expert=_EXPERT, seed=wanted.seed,
             environments=16 * settings.karts, successes_only=True,
