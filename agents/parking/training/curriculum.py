@@ -15,7 +15,8 @@ from dohyo.sumo_networks.parking.generate import Scene
 from dohyo.sumo_networks.parking.rules import Rules
 from dohyo.sumo_networks.parking.vector_env import Level
 
-TASKS = 3
+TOLERANCES = ((0.5, 10.0), (0.4, 6.0), (0.3, 4.5), (0.25, 3.0))
+"""Radius [m] and heading error [degrees] of a kart in place, from the thesis's reward to the bounds of ISO 16787."""
 WINDOW = 500
 LEAST, ENOUGH = 0.7, 0.9
 
@@ -24,7 +25,6 @@ LEAST, ENOUGH = 0.7, 0.9
 class Doubling(Curriculum):
     """Promotes at twice the success rate of a level's first window, within `LEAST` and `ENOUGH`."""
 
-    levels: int = TASKS
     window: int = WINDOW
 
     def wanted(self, first: float) -> float:
@@ -32,10 +32,18 @@ class Doubling(Curriculum):
         return min(max(2.0 * first, LEAST), ENOUGH)
 
 
-def levels(scene: Scene, rules: Rules) -> tuple[Level, Level, Level]:
+def tasks(scene: Scene, rules: Rules) -> tuple[Level, ...]:
     """T1 to T3, of which the last one is a scene with its rules.
 
     T1: no obstacles, any heading in the spot. T2: the scene, any heading. T3: everything.
     """
     unaligned = rules.model_copy(update={"wheel_degrees": None, "error_degrees": None})
     return Level(Scene.SIMPLE, unaligned), Level(scene, unaligned), Level(scene, rules)
+
+
+def tolerances(scene: Scene, rules: Rules) -> tuple[Level, ...]:
+    """Ours: a scene with ever smaller tolerances. With the last one alone, a kart learns to stand before its spot."""
+    return tuple(
+        Level(scene, rules.model_copy(update={"radius_m": radius, "error_degrees": error}))
+        for radius, error in TOLERANCES
+    )

@@ -35,7 +35,7 @@ from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
 from dohyo.agents.learning.runs.training import Learner, train_task
 from dohyo.agents.learning.tasks.task import named
 from dohyo.agents.parking.training.features import KartFeatures
-from dohyo.agents.parking.training.task import ParkingTask, Reward, SceneName
+from dohyo.agents.parking.training.task import Gradual, ParkingTask, Reward, SceneName
 from dohyo.sumo_networks.config import Config
 
 LOTS = 256
@@ -64,7 +64,7 @@ class ParkingConfig(RunConfig):
         karts: In each lot.
         reward: See `agents.parking.task.REWARDS`.
         progress: Reward per metre towards the spot (ours).
-        gradual: Whether the curriculum is used.
+        gradual: See `ParkingTask`.
         lots: Held-out lots of an evaluation.
         algorithm: What learns.
         curiosity: Whether ICM rewards PPO or MA-POCA.
@@ -84,14 +84,14 @@ class ParkingConfig(RunConfig):
     karts: Positive = 1
     reward: Reward = "aligned"
     progress: float = 0.05
-    gradual: bool = False
+    gradual: Gradual = "none"
     lots: Positive = 256
     algorithm: Literal["ppo", "poca", "sac"] = "ppo"
     curiosity: bool = False
     gail: bool = False
     bco: bool = False
     ppo: PocaConfig = PocaConfig(
-        horizon=64, learning_rate=3e-4, learning_rate_decay=1.0, batch=1024, entropy=1e-3, gamma=0.998,
+        horizon=64, learning_rate=3e-4, learning_rate_decay=1.0, batch=1024, entropy=1e-3, gamma=0.9995,
         hidden=(128, 128), normalised=True, initial_std=0.5,
     )  # fmt: skip
     sac: SacConfig = SacConfig(learning_rate=3e-4, hidden=(128, 128), updates_per_step=0.05)
@@ -137,10 +137,10 @@ def make_learner(settings: ParkingConfig, collector: Collector, run: TaskRun) ->
 
 
 def demonstrated(settings: ParkingConfig, folder: Path) -> TensorDict:
-    """Transitions of the demonstrations in a run's folder; where there are none, they are recorded on the last level."""
+    """Transitions of the demonstrations in a run's folder; recorded on the last level where there are none."""
     folder = folder / "demonstrations"
     if not (folder / INDEX).exists():
-        wanted, plain = settings.demonstrations, replace(settings.task, gradual=False)
+        wanted, plain = settings.demonstrations, replace(settings.task, gradual="none")
         record_demonstrations(
             plain, folder, wanted.episodes, expert=_EXPERT, seed=wanted.seed,
             environments=16 * settings.karts, successes_only=True,

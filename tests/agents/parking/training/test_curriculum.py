@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dohyo.agents.learning.tasks.curriculum import Progress
-from dohyo.agents.parking.training.curriculum import Doubling, levels
+from dohyo.agents.parking.training.curriculum import Doubling, tasks, tolerances
 from dohyo.agents.parking.training.task import ParkingTask
 from dohyo.sumo_networks.parking.generate import Scene
 from dohyo.sumo_networks.parking.rules import ALIGNED
@@ -18,16 +18,16 @@ def episodes(progress: Progress, successes: int, of: int) -> None:
 
 @pytest.mark.parametrize(("first", "wanted"), [(0.0, 0.7), (0.3, 0.7), (0.4, 0.8), (0.5, 0.9), (0.8, 0.9)])
 def test_the_success_of_the_first_window_must_double_within_bounds(first, wanted):
-    assert Doubling().wanted(first) == pytest.approx(wanted)
+    assert Doubling(3).wanted(first) == pytest.approx(wanted)
 
 
 def test_a_learner_is_promoted_when_its_success_has_doubled():
-    progress = Progress(Doubling(window=10))
+    progress = Progress(Doubling(3, window=10))
     episodes(progress, 4, of=10)
     episodes(progress, 7, of=10)
     assert progress.level == 0
     kept = progress.state()
-    again = Progress(Doubling(window=10))
+    again = Progress(Doubling(3, window=10))
     again.restore(kept)
     for one in (progress, again):
         episodes(one, 8, of=10)
@@ -39,11 +39,18 @@ def test_a_learner_is_promoted_when_its_success_has_doubled():
 
 
 def test_obstacles_come_before_alignment_and_the_last_task_is_the_whole():
-    open_, crowded, whole = levels(Scene.COMPLEX, ALIGNED)
+    open_, crowded, whole = tasks(Scene.COMPLEX, ALIGNED)
     assert (open_.scene, crowded.scene, whole.scene) == (Scene.SIMPLE, Scene.COMPLEX, Scene.COMPLEX)
     assert crowded.rules.error_degrees is None
     assert whole.rules == ALIGNED
-    gradual = ParkingTask(gradual=True)
+    gradual = ParkingTask(gradual="tasks")
     assert gradual.levels[-1] == ParkingTask().levels[0]
     assert gradual.curriculum is not None
     assert gradual.curriculum.levels == len(gradual.levels)
+
+
+def test_tolerances_shrink_to_those_of_the_strict_reward():
+    shrinking = tolerances(Scene.COMPLEX, ALIGNED)
+    radii = [level.rules.radius_m for level in shrinking]
+    assert radii == sorted(radii, reverse=True)
+    assert ParkingTask(reward="strict", gradual="tolerances").levels[-1] == ParkingTask(reward="strict").levels[0]
