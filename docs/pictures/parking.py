@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 from dohyo.agents.registry import resolve
 from dohyo.evaluation.parking.agent import ParkingAgent
 from dohyo.evaluation.parking.benchmark import load_parking_benchmark, scene_of
-from dohyo.evaluation.parking.evaluate import make_agents
+from dohyo.evaluation.parking.running import make_agents
 from dohyo.sumo_networks.parking.observation import columns
 from dohyo.sumo_networks.parking.picture import draw_picture
 from dohyo.sumo_networks.parking.rules import JUDGED

@@ -77,7 +77,7 @@ def evaluate(
         refuse_driving_options(benchmark, given)
         chosen = parse_seeds(seeds) if seeds is not None else None
         if is_parking_benchmark(benchmark):
-            evaluate_on_parking(agent, benchmark, parse_settings(settings or []), chosen, out, json)
+            evaluate_on_parking(agent, benchmark, parse_settings(settings or []), chosen, out, workers, json)
         else:
             evaluate_on_freeway(agent, benchmark, parse_settings(settings or []), chosen, out, workers, json)
         return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -31,6 +32,7 @@ def evaluate_on_parking(
     settings: Mapping[str, Any],
     seeds: Sequence[int] | None,
     out: Path | None,
+    workers: int | None,
     as_json: bool,
 ) -> None:
     """Evaluates an agent that parks; prints the result, and writes records, motion and an HTML report."""
@@ -38,7 +40,8 @@ def evaluate_on_parking(
     folder = out or Path("out") / Path(benchmark).stem / re.sub(r"[^\w.-]", "_", agent)
     entry = resolve(agent)
     with _Bar(f"{agent} on {found.name}", hidden=as_json) as tell:
-        records = evaluate_parking(found, entry, settings, kind_of(entry, dict(settings)), seeds, folder, tell)
+        kind, processes = kind_of(entry, dict(settings)), workers or os.cpu_count() or 1
+        records = evaluate_parking(found, entry, settings, kind, seeds, folder, processes, tell)
     if as_json:
         print_json(_document(found.name, records))
         return
@@ -84,7 +87,7 @@ def verify_parking(path: Path, trust: bool, as_json: bool) -> None:
         except UntrustedRecordError as error:
             raise UntrustedRecordError(f"'{path}': {error} (--trust runs whatever the records name)") from error
     with _Bar(f"lots of {records[0].benchmark.name}", hidden=as_json) as tell:
-        replayed = drive_again(records, tell)
+        replayed = drive_again(records, os.cpu_count() or 1, tell)
     pairs = zip(records, replayed, strict=True)
     differing = [old.seed for old, new in pairs if old.record_hash != new]
     if as_json:

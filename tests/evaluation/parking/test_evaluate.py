@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from dohyo.evaluation.benchmarks.documents import benchmark_names, freeway_benchmark_names, parking_benchmark_names
+from dohyo.evaluation.parking import running
 from dohyo.evaluation.parking.benchmark import ParkingBenchmark, is_parking_benchmark, load_parking_benchmark
 from dohyo.evaluation.parking.evaluate import PAGE, drive_again, evaluate_parking
 from dohyo.evaluation.parking.motion import MOTION, read_motion
@@ -70,6 +71,15 @@ def test_records_replay_to_their_hashes_and_an_edited_one_is_refused(three, tmp_
     edited.write_text("")
     with pytest.raises(InvalidInputError, match="expected records of parking, got none"):
         read_records(edited)
+
+
+def test_processes_drive_as_one_does(three, monkeypatch):
+    _, records = three
+    monkeypatch.setattr(running, "CHUNK", 3)
+    told: list[tuple[int, int]] = []
+    hashes = drive_again(records, workers=2, tell=lambda *counts: told.append(counts))
+    assert hashes == [record.record_hash for record in records]
+    assert told == [(3, 6), (6, 6)]
 
 
 def test_motion_is_that_of_the_records(three, tmp_path):
