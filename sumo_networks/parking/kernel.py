@@ -32,6 +32,7 @@ from dohyo.sumo_networks.parking.tables import (
     TARGET,
     TICK,
     TOUCHED,
+    WAITED,
     WALK_RADIUS,
     WALK_SPEED,
     WALK_X,
@@ -48,6 +49,8 @@ _STRAYED, _ABSENT = int(Outcome.STRAYED), int(Outcome.ABSENT)
 _WALL, _KART, _PEDESTRIAN = int(Kind.WALL), int(Kind.KART), int(Kind.PEDESTRIAN)
 WAITS_M: Final = 0.6
 """A pedestrian waits while the next step would lead nearer than this to a kart."""
+TURNS_AFTER_S: Final = 2.0
+"""A pedestrian that has waited for so long turns back, so that it and a kart do not wait for each other for ever."""
 _TRAVEL_M: Final = 1.01 * kart.MAX_SPEED_MPS * kart.TICK_S
 
 
@@ -68,6 +71,7 @@ def begin(lot: int, starts: FloatArray, tables: Tables) -> None:
             karts[row, kart.COS], karts[row, kart.SIN] = math.cos(heading), math.sin(heading)
     for row in range(lot * MAX_PEDESTRIANS, (lot + 1) * MAX_PEDESTRIANS):
         walkers[row, WALKED], walkers[row, WALK_X], walkers[row, WALK_Y] = 0.0, walkers[row, 0], walkers[row, 1]
+        walkers[row, WAITED] = 0.0
     tables.lots[lot, TICK] = 0
     for row in range(lot * size, lot * size + starts.shape[0]):
         _choose_target(lot, row, size, tables.spots, tables.lots[lot, SPOTS], karts, counts)
@@ -230,7 +234,7 @@ def _drive(
 
 @njit(cache=True)
 def _walk(lot: int, walkers: FloatArray, count: int, bodies: FloatArray, counts: IntArray) -> int:
-    """Moves the pedestrians of a lot for one tick; those whose next step leads to a kart wait.
+    """Moves the pedestrians of a lot for one tick; those whose next step leads to a kart wait, and at last turn.
 
     Returns:
         The number of pedestrians; 0 if no kart may touch one of them in this tick.
@@ -251,8 +255,11 @@ def _walk(lot: int, walkers: FloatArray, count: int, bodies: FloatArray, counts:
             may_touch, distance = True, distance_to(bodies, number, x, y)
             before = distance_to(bodies, number, walkers[row, WALK_X], walkers[row, WALK_Y])
             waits = waits or (distance < radius + WAITS_M and distance < before)
+        walkers[row, WAITED] = walkers[row, WAITED] + kart.TICK_S if waits else 0.0
         if not waits:
             walkers[row, WALKED], walkers[row, WALK_X], walkers[row, WALK_Y] = walked, x, y
+        elif walkers[row, WAITED] > TURNS_AFTER_S:
+            walkers[row, WALKED], walkers[row, WAITED] = 2.0 * length - walkers[row, WALKED] % (2.0 * length), 0.0
     return count if may_touch else 0
 
 

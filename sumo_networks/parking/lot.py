@@ -101,7 +101,7 @@ class Spot(OrientedBox):
 
 
 class Pedestrian(Config):
-    """A disc that walks from one point to another and back, and waits for karts that are in the way.
+    """A disc that walks from one point to another and back. It waits for karts in its way, and turns back after 2 s.
 
     Attributes:
         x0_m: First point, where it begins.

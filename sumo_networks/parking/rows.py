@@ -34,7 +34,7 @@ class LotView:
         walls: (W, 4).
         boxes: (B, 9).
         spots: (S, 9).
-        walkers: (P, 9).
+        walkers: (P, 10).
         karts: (K, 10).
         counts: (K, 7).
     """

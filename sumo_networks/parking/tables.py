@@ -20,8 +20,9 @@ KIND: Final = STORED
 """Column of a box after those of a stored box: the kind that the radar reports."""
 FREE: Final = STORED
 """Column of a spot after those of a stored box: 1 if nothing stands in the spot, else 0."""
-WALK_SPEED, WALK_RADIUS, WALKED, WALK_X, WALK_Y = 4, 5, 6, 7, 8
-"""Columns of a pedestrian after the two points: speed [m/s], radius of the disc, way so far, present place [m]."""
+WALK_SPEED, WALK_RADIUS, WALKED, WALK_X, WALK_Y, WAITED = 4, 5, 6, 7, 8, 9
+"""Columns of a pedestrian after the two points: speed [m/s], radius of the disc, way so far, present place [m], and the
+time for which it has waited [s]."""
 WALLS, BOXES, SPOTS, WALKERS, LIMIT, TICK = range(6)
 """Columns of a lot: number of its walls, boxes, spots and pedestrians; time limit and time so far, in ticks."""
 OUTCOME, TARGET, HELD, TOUCHED, SHUNTS, GEAR, ENDED = range(7)
@@ -37,7 +38,7 @@ class Tables(NamedTuple):
         walls: (N * 16, 4) both ends, m.
         boxes: (N * 32, 9) blocks and parked cars: stored box, `KIND`.
         spots: (N * 24, 9) stored box, `FREE`.
-        walkers: (N * 8, 9) pedestrians: two points [m], `WALK_SPEED` to `WALK_Y`.
+        walkers: (N * 8, 10) pedestrians: two points [m], `WALK_SPEED` to `WAITED`.
         lots: (N, 6) `WALLS` to `TICK`.
         rules: (N, 9) `Rules.row`.
         karts: (N * K, 10) states, see `dohyo.sumo_networks.parking.kart`.
@@ -62,7 +63,7 @@ class Tables(NamedTuple):
             walls=np.zeros((lots * MAX_WALLS, 4)),
             boxes=np.zeros((lots * MAX_BOXES, STORED + 1)),
             spots=np.zeros((lots * MAX_SPOTS, STORED + 1)),
-            walkers=np.zeros((lots * MAX_PEDESTRIANS, 9)),
+            walkers=np.zeros((lots * MAX_PEDESTRIANS, 10)),
             lots=np.zeros((lots, 6), np.int64),
             rules=np.zeros((lots, WIDTH)),
             karts=np.zeros((lots * karts, kart.STATE)),

@@ -154,7 +154,7 @@ class ParkingWorld:
         return self._observations
 
     def view(self, lot: int) -> LotView:
-        """What stands in a lot, and its karts."""
+        """Rows of what stands and walks in a lot, and of its karts."""
         tables, counted = self.tables, self.tables.lots[lot]
         first, past = lot * self.karts, (lot + 1) * self.karts
         return LotView(

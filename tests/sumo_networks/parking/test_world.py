@@ -167,13 +167,23 @@ def test_contact_ends_the_episode_and_says_with_what(rest, kind):
 def test_a_pedestrian_waits_for_a_standing_kart_and_walks_on_when_it_is_gone():
     walker = Pedestrian(x0_m=-4.0, y0_m=-20.0, x1_m=4.0, y1_m=-20.0, speed_mps=1.0)
     world = world_of(lot_of(far(), pedestrians=(walker,)))
-    drive(world, REST, 100)
+    drive(world, REST, 40)
     assert outcome(world) == Outcome.RUNNING
     waits_at = float(world.view(0).walkers[0, 7])
     assert -2.0 < waits_at < -kart.WIDTH_M / 2 - 0.3
     world.view(0).karts[0, kart.Y] = -10.0
     drive(world, REST, 20)
     assert world.view(0).walkers[0, 7] == pytest.approx(waits_at + 2.0, abs=0.01)
+
+
+def test_a_pedestrian_that_waited_for_two_seconds_turns_back():
+    walker = Pedestrian(x0_m=-4.0, y0_m=-20.0, x1_m=4.0, y1_m=-20.0, speed_mps=1.0)
+    world = world_of(lot_of(far(), pedestrians=(walker,)))
+    drive(world, REST, 40)
+    waited_at = float(world.view(0).walkers[0, 7])
+    drive(world, REST, 20)
+    assert -4.0 < world.view(0).walkers[0, 7] < waited_at - 0.5
+    assert outcome(world) == Outcome.RUNNING
 
 
 def test_two_karts_that_meet_have_both_collided():
