@@ -17,7 +17,7 @@ EXPERT: Final = "expert"
 WHOLE: Final = ("bco=true", "gail=true", "curiosity=true", "ppo.learning_rate=2e-4")
 """Settings of DPPO-IL; a cloned policy has small deviations, which bear only small steps."""
 _SIMPLE: Final = ("scene=simple", "reward=simple", "steps=3000000", "ppo.gamma=0.99", "sac.gamma=0.99")
-_STRICT: Final = (*WHOLE, "reward=strict", "gradual=tolerances")
+_STRICT: Final = (*WHOLE, "reward=strict")
 _THREE: Final = (*WHOLE, "karts=3", "environments=258", "lots=86")
 
 
@@ -55,10 +55,10 @@ ARMS: Final[Mapping[str, ParkingArm]] = MappingProxyType(
         "dppo": ParkingArm("PPO and curiosity", (ONE,), ("curiosity=true",)),
         "dppo-gail": ParkingArm("PPO, curiosity and GAIL", (ONE,), ("curiosity=true", "gail=true")),
         "dppo-il": ParkingArm("PPO, curiosity, GAIL and BCO", (ONE,), WHOLE, 92.0),
-        "strict": ParkingArm("DPPO-IL, tolerances down to 0.25 m and 3 degrees", (ONE, *UNSEEN, THREE), _STRICT),
+        "strict": ParkingArm("DPPO-IL, 0.25 m and 3 degrees", (ONE, *UNSEEN, THREE), _STRICT),
         "without-dwell": ParkingArm("DPPO-IL, no dwell", (ONE,), (*WHOLE, "reward=without-dwell")),
         "without-alignment": ParkingArm("DPPO-IL, no angles", (ONE,), (*WHOLE, "reward=without-alignment")),
         "three": ParkingArm("three karts", (THREE,), _THREE, 81.0),
-        "three-curriculum": ParkingArm("three karts, curriculum", (THREE,), (*_THREE, "gradual=tasks"), 90.0),
+        "three-curriculum": ParkingArm("three karts, curriculum", (THREE,), (*_THREE, "gradual=true"), 90.0),
     }
 )

@@ -15,8 +15,6 @@ from dohyo.sumo_networks.parking.generate import Scene
 from dohyo.sumo_networks.parking.rules import Rules
 from dohyo.sumo_networks.parking.vector_env import Level
 
-TOLERANCES = ((0.5, 10.0), (0.4, 6.0), (0.3, 4.5), (0.25, 3.0))
-"""Radius [m] and heading error [degrees] of a kart in place, from the thesis's reward to the bounds of ISO 16787."""
 WINDOW = 500
 LEAST, ENOUGH = 0.7, 0.9
 
@@ -39,11 +37,3 @@ def tasks(scene: Scene, rules: Rules) -> tuple[Level, ...]:
     """
     unaligned = rules.model_copy(update={"wheel_degrees": None, "error_degrees": None})
     return Level(Scene.SIMPLE, unaligned), Level(scene, unaligned), Level(scene, rules)
-
-
-def tolerances(scene: Scene, rules: Rules) -> tuple[Level, ...]:
-    """Ours: a scene with ever smaller tolerances. With the last one alone, a kart learns to stand before its spot."""
-    return tuple(
-        Level(scene, rules.model_copy(update={"radius_m": radius, "error_degrees": error}))
-        for radius, error in TOLERANCES
-    )

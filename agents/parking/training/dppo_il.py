@@ -13,8 +13,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
+from pydantic import Field
 from tensordict import TensorDict
 from torch import nn
 from torchrl.modules import MLP
@@ -35,12 +36,16 @@ from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
 from dohyo.agents.learning.runs.training import Learner, train_task
 from dohyo.agents.learning.tasks.task import named
 from dohyo.agents.parking.training.features import KartFeatures
-from dohyo.agents.parking.training.task import Gradual, ParkingTask, Reward, SceneName
+from dohyo.agents.parking.training.task import ParkingTask, Reward, SceneName
 from dohyo.sumo_networks.config import Config
 
 LOTS = 256
 """Agents that learn together in the thesis, after it had begun with 8."""
 _EXPERT = "hybrid A* on Dubins curves with a tracker, forwards only"
+
+
+_SHOWN: dict[SceneName, Reward] = {"simple": "simple", "complex": "aligned"}
+"""Reward whose successes are demonstrated."""
 
 
 class DemonstrationsConfig(Config):
@@ -49,10 +54,12 @@ class DemonstrationsConfig(Config):
     Attributes:
         episodes: Recorded episodes, all of them successful.
         seed: Of the recording.
+        disturbance: See `GuidedVectorEnv`.
     """
 
-    episodes: Positive = 600
+    episodes: Positive = 500
     seed: int = 1_000_000
+    disturbance: Annotated[float, Field(ge=0)] = 0.3
 
 
 class ParkingConfig(RunConfig):
@@ -64,7 +71,7 @@ class ParkingConfig(RunConfig):
         karts: In each lot.
         reward: See `agents.parking.task.REWARDS`.
         progress: Reward per metre towards the spot (ours).
-        gradual: See `ParkingTask`.
+        gradual: Whether the curriculum is used.
         lots: Held-out lots of an evaluation.
         algorithm: What learns.
         curiosity: Whether ICM rewards PPO or MA-POCA.
@@ -84,7 +91,7 @@ class ParkingConfig(RunConfig):
     karts: Positive = 1
     reward: Reward = "aligned"
     progress: float = 0.05
-    gradual: Gradual = "none"
+    gradual: bool = False
     lots: Positive = 256
     algorithm: Literal["ppo", "poca", "sac"] = "ppo"
     curiosity: bool = False
@@ -99,10 +106,10 @@ class ParkingConfig(RunConfig):
     adversarial: GailConfig = GailConfig(strength=0.002, sees="next")
     cloning: BcoConfig = BcoConfig(
         experience="demonstrated",
-        inverse=InverseDynamicsConfig(batch=512, epochs=6),
+        inverse=InverseDynamicsConfig(batch=512, epochs=3),
         batch=512,
         learning_rate=5e-4,
-        passes=20,
+        passes=12,
     )
     demonstrations: DemonstrationsConfig = DemonstrationsConfig()
 
@@ -140,7 +147,8 @@ def demonstrated(settings: ParkingConfig, folder: Path) -> TensorDict:
     """Transitions of the demonstrations in a run's folder; recorded on the last level where there are none."""
     folder = folder / "demonstrations"
     if not (folder / INDEX).exists():
-        wanted, plain = settings.demonstrations, replace(settings.task, gradual="none")
+        wanted = settings.demonstrations
+        plain = replace(settings.task, gradual=False, reward=_SHOWN[settings.scene], disturbance=wanted.disturbance)
         record_demonstrations(
             plain, folder, wanted.episodes, expert=_EXPERT, seed=wanted.seed,
             environments=16 * settings.karts, successes_only=True,

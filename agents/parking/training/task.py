@@ -10,7 +10,7 @@ from gymnasium.spaces import Box
 
 from dohyo.agents.learning.tasks.curriculum import Curriculum
 from dohyo.agents.learning.tasks.task import Environments, Task
-from dohyo.agents.parking.training.curriculum import TOLERANCES, Doubling, tasks, tolerances
+from dohyo.agents.parking.training.curriculum import Doubling, tasks
 from dohyo.agents.parking.training.guided import GuidedVectorEnv, forward_actions
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.parking.generate import Scene
@@ -23,12 +23,9 @@ FIRST_LOT: Final = HELD_OUT_FROM + 1_000_000
 """First lot of the evaluations that choose the best policy of a training; the benchmarks' lots are below."""
 SceneName = Literal["simple", "complex"]
 Reward = Literal["simple", "strict", "aligned", "without-dwell", "without-alignment"]
-Gradual = Literal["none", "tasks", "tolerances"]
 REWARDS: dict[Reward, Rules] = {
     "simple": SIMPLE,
-    "strict": ALIGNED.model_copy(
-        update={"standing": True, "radius_m": TOLERANCES[-1][0], "error_degrees": TOLERANCES[-1][1]}
-    ),
+    "strict": ALIGNED.model_copy(update={"standing": True, "radius_m": 0.25, "error_degrees": 3.0}),
     "aligned": ALIGNED.model_copy(update={"standing": True}),
     "without-dwell": WITHOUT_DWELL,
     "without-alignment": WITHOUT_ALIGNMENT.model_copy(update={"standing": True}),
@@ -47,16 +44,18 @@ class ParkingTask(Task):
         reward: See `REWARDS`.
         progress: Reward per metre towards the spot, see `Rules`.
         karts: In each lot.
-        gradual: Curriculum: the thesis's "tasks", ours of "tolerances", or "none".
+        gradual: Whether there is a curriculum.
         lots: Number of held-out lots.
+        disturbance: See `GuidedVectorEnv`; for demonstrations.
     """
 
     scene: SceneName = "complex"
     reward: Reward = "aligned"
     progress: float = 0.0
     karts: int = 1
-    gradual: Gradual = "none"
+    gradual: bool = False
     lots: int = 256
+    disturbance: float = 0.0
 
     measures = MEASURES
     has_expert = True
@@ -89,16 +88,14 @@ class ParkingTask(Task):
     @property
     def curriculum(self) -> Curriculum | None:
         """See `Task`."""
-        return Doubling(len(self.levels)) if self.gradual != "none" else None
+        return Doubling(len(self.levels)) if self.gradual else None
 
     @property
     def levels(self) -> tuple[Level, ...]:
         """Levels of the curriculum, or the only one."""
         rules = REWARDS[self.reward].model_copy(update={"progress": self.progress})
         scene = Scene[self.scene.upper()]
-        if self.gradual == "none":
-            return (Level(scene, rules),)
-        return tasks(scene, rules) if self.gradual == "tasks" else tolerances(scene, rules)
+        return tasks(scene, rules) if self.gradual else (Level(scene, rules),)
 
     def make_environments(self, count: int, processes: bool) -> Environments:
         """See `Task`; all lots are in this process."""
@@ -108,4 +105,4 @@ class ParkingTask(Task):
             raise InvalidInputError(
                 f"task '{self.name}': expected environments that are a multiple of {self.karts} karts, got {count}"
             )
-        return GuidedVectorEnv(count // self.karts, self.levels, self.karts)
+        return GuidedVectorEnv(count // self.karts, self.levels, self.karts, self.disturbance)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dohyo.agents.learning.tasks.curriculum import Progress
-from dohyo.agents.parking.training.curriculum import Doubling, tasks, tolerances
+from dohyo.agents.parking.training.curriculum import Doubling, tasks
 from dohyo.agents.parking.training.task import ParkingTask
 from dohyo.sumo_networks.parking.generate import Scene
 from dohyo.sumo_networks.parking.rules import ALIGNED
@@ -43,14 +43,7 @@ def test_obstacles_come_before_alignment_and_the_last_task_is_the_whole():
     assert (open_.scene, crowded.scene, whole.scene) == (Scene.SIMPLE, Scene.COMPLEX, Scene.COMPLEX)
     assert crowded.rules.error_degrees is None
     assert whole.rules == ALIGNED
-    gradual = ParkingTask(gradual="tasks")
+    gradual = ParkingTask(gradual=True)
     assert gradual.levels[-1] == ParkingTask().levels[0]
     assert gradual.curriculum is not None
     assert gradual.curriculum.levels == len(gradual.levels)
-
-
-def test_tolerances_shrink_to_those_of_the_strict_reward():
-    shrinking = tolerances(Scene.COMPLEX, ALIGNED)
-    radii = [level.rules.radius_m for level in shrinking]
-    assert radii == sorted(radii, reverse=True)
-    assert ParkingTask(reward="strict", gradual="tolerances").levels[-1] == ParkingTask(reward="strict").levels[0]
