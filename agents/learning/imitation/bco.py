@@ -7,6 +7,7 @@ model to demonstrated transitions with their actions instead.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
@@ -35,7 +36,7 @@ class InverseDynamicsConfig(Config):
 
     Attributes:
         hidden: Width of each hidden layer.
-        learning_rate: Of Adam.
+        learning_rate: Of Adam, at the start; it falls as a half cosine.
         batch: Transitions in a gradient step.
         epochs: Passes over the experience.
     """
@@ -56,7 +57,7 @@ class BcoConfig(Config):
             one this is BCO(alpha).
         inverse: Settings of the inverse dynamics model, the table [inverse].
         loss: See `PolicyConfig`.
-        learning_rate: Of Adam, for the policy.
+        learning_rate: Of Adam, for the policy; it falls as a half cosine in each iteration.
         batch: Demonstrated transitions in a gradient step.
         passes: Passes over the demonstrations in each iteration.
     """
@@ -113,7 +114,8 @@ class InverseDynamics(nn.Module):
     def fit(self, experience: TensorDictBase) -> float:
         """Maximises the likelihood of the actions of (B,) own transitions; returns the last pass's mean loss."""
         size, batch = len(experience), self._config.batch
-        for _ in range(self._config.epochs):
+        for epoch in range(self._config.epochs):
+            set_rate(self._optimizer, self._config.learning_rate * cosine(epoch / self._config.epochs))
             total = 0.0
             for rows in torch.split(torch.randperm(size), batch):
                 action = experience["action"][rows].to(self._device)
@@ -200,7 +202,20 @@ class Bco:
             self.inverse.fit(TensorDict.cat(experience))
             told = self.inverse.label(self.demonstrations)
             labels.rows = TensorDict({"observation": told["observation"], "label": told["action"]}, told.batch_size)
-            labels.fit(optimizer, loss, config.passes, config.batch)
+            for done in range(config.passes):
+                set_rate(optimizer, config.learning_rate * cosine(done / config.passes))
+                labels.fit(optimizer, loss, 1, config.batch)
+
+
+def cosine(done: float) -> float:
+    """Factor of the learning rate after a share of the passes: from 1 to nearly 0 (Loshchilov and Hutter 2017)."""
+    return 0.5 * (1.0 + math.cos(math.pi * done))
+
+
+def set_rate(optimizer: torch.optim.Optimizer, rate: float) -> None:
+    """Sets the learning rate of all parameters."""
+    for group in optimizer.param_groups:
+        group["lr"] = rate
 
 
 def _driven(collector: Collector, behaviour: Behaviour, count: int) -> TensorDictBase:

@@ -106,10 +106,10 @@ class ParkingConfig(RunConfig):
     adversarial: GailConfig = GailConfig(strength=0.002, sees="next")
     cloning: BcoConfig = BcoConfig(
         experience="demonstrated",
-        inverse=InverseDynamicsConfig(batch=512, epochs=3),
+        inverse=InverseDynamicsConfig(batch=512, epochs=10),
         batch=512,
-        learning_rate=5e-4,
-        passes=12,
+        learning_rate=1e-3,
+        passes=15,
     )
     demonstrations: DemonstrationsConfig = DemonstrationsConfig()
 
