@@ -6,13 +6,14 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from dohyo.agents.parking.study.arms import ARMS
+from dohyo.agents.parking.study.judging import LOTS
 from dohyo.agents.studies.claims import Claim, judge
 from dohyo.agents.studies.crossed_bootstrap import Matched, estimate
 from dohyo.agents.studies.rows import Row, arms_in, is_lost, matched, named
 from dohyo.agents.studies.study import Results
 from dohyo.agents.studies.tables import claims_table, fixed
 from dohyo.evaluation.report.style import MISSING, markdown
-from dohyo.evaluation.statistics import mean_estimate
+from dohyo.evaluation.statistics import Estimate, mean_estimate, share_estimate
 
 SHOWN: Final = {
     "success": "success, %",
@@ -65,7 +66,14 @@ def claims(results: Results) -> str:
 def _mean(rows: Sequence[Row], arm: str, measure: str) -> str:
     """Mean with its interval over lots and trainings; "-" without values."""
     values = _values(rows, arm, measure)
-    return fixed(estimate(values, mean_estimate)) if values else MISSING
+    return fixed(estimate(values, of_blocks)) if values else MISSING
+
+
+def of_blocks(values: Sequence[float]) -> Estimate:
+    """Mean over blocks of lots; a share that is 0 or 100 % in all of them has Wilson's interval over the lots."""
+    if set(values) in ({0.0}, {100.0}):
+        return share_estimate([value == 100.0 for value in values for _ in range(LOTS)])
+    return mean_estimate(values)
 
 
 def _values(rows: Iterable[Row], arm: str, measure: str) -> Matched:
