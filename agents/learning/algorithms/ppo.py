@@ -186,7 +186,7 @@ class Ppo:
         row |= self._intrinsic_row | self._learn(batch)
         self._schedule.step()
         self.rounds += 1
-        if self._config.normalised:
+        if self._config.normalised and self._cloning is None:  # a cloned policy would change with the normalisation
             with torch.no_grad(), evaluating(self.encoder):
                 seen = self._features(batch["observation"])[batch["active"]]
             self._look_back(seen)

@@ -14,7 +14,7 @@ from dohyo.agents.parking.training.dppo_il import ParkingConfig
 SETTINGS: Final = Path(__file__).parents[1] / "configs" / "parking.toml"
 EXPERT: Final = "expert"
 """Arm without a training."""
-WHOLE: Final = ("bco=true", "gail=true", "curiosity=true", "ppo.learning_rate=2e-4")
+WHOLE: Final = ("bco=true", "gail=true", "curiosity=true", "ppo.learning_rate=1e-4")
 """Settings of DPPO-IL; a cloned policy has small deviations, which bear only small steps."""
 _SIMPLE: Final = ("scene=simple", "reward=simple", "steps=3000000", "ppo.gamma=0.99", "sac.gamma=0.99")
 _STRICT: Final = (*WHOLE, "reward=strict")
