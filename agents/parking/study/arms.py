@@ -17,7 +17,7 @@ EXPERT: Final = "expert"
 WHOLE: Final = ("bco=true", "gail=true", "curiosity=true", "ppo.learning_rate=1e-4")
 """Settings of DPPO-IL; a cloned policy has small deviations, which bear only small steps."""
 _SIMPLE: Final = ("scene=simple", "reward=simple", "steps=3000000", "ppo.gamma=0.99", "sac.gamma=0.99")
-_STRICT: Final = (*WHOLE, "reward=strict")
+_STRICT: Final = (*WHOLE, "reward=strict", "adversarial.strength=2e-4")
 _THREE: Final = (*WHOLE, "karts=3", "environments=258", "lots=86")
 
 
