@@ -7,6 +7,7 @@ import select
 import signal
 import struct
 import subprocess
+import time
 import weakref
 from threading import Lock
 from typing import Final
@@ -68,17 +69,22 @@ class ForkedProcess:
             os.kill(self.pid, number)
 
     def _look(self, timeout_s: float | None) -> int | None:
-        if not self.release.alive:
-            return self.returncode
-        ready = select.poll()
-        ready.register(self._pipe, select.POLLIN)
-        if self.returncode is None and ready.poll(None if timeout_s is None else timeout_s * 1000.0):
-            with self._reading:
-                if self.returncode is None:  # else another thread has read it
+        # One thread reads at a time: a second one in `poll` would sleep on when the first has emptied the pipe.
+        ends = None if timeout_s is None else time.monotonic() + timeout_s
+        if self.returncode is None and self._reading.acquire(timeout=-1.0 if timeout_s is None else timeout_s):
+            try:
+                if self.returncode is None and self.release.alive and self._readable(ends):
                     code = _number(self._pipe)
                     # A fork server that was ended takes its copies with it.
                     self.returncode = -signal.SIGKILL if code is None else code
+            finally:
+                self._reading.release()
         return self.returncode
+
+    def _readable(self, ends: float | None) -> bool:
+        ready = select.poll()
+        ready.register(self._pipe, select.POLLIN)
+        return bool(ready.poll(None if ends is None else max(ends - time.monotonic(), 0.0) * 1000.0))
 
 
 def _number(pipe: int) -> int | None:

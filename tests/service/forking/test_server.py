@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -57,6 +58,19 @@ def test_the_number_of_an_ended_copy_is_kept_until_its_release(tmp_path: Path) -
     assert Path(f"/proc/{copy.pid}").exists()
     copy.release()
     wait_until(lambda: not Path(f"/proc/{copy.pid}").exists(), "the server keeps the process")
+
+
+def test_all_that_wait_for_a_copy_see_its_end(tmp_path: Path) -> None:
+    for _ in range(20):
+        copy, answer = start("stay", tmp_path)
+        assert os.read(answer, 10) == b"here"
+        os.close(answer)
+        with ThreadPoolExecutor(4) as threads:
+            waiting = [threads.submit(copy.wait, 30.0) for _ in range(4)]
+            assert copy.poll() is None
+            os.kill(copy.pid, signal.SIGKILL)
+            assert [one.result() for one in waiting] == [-signal.SIGKILL] * 4
+        copy.release()
 
 
 def test_copies_end_with_their_server_and_the_next_one_gets_another(tmp_path: Path) -> None:
