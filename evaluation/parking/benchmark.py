@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
 from pydantic import Field, ValidationError
 
 from dohyo.evaluation.benchmarks.documents import parking_benchmark_names, parking_benchmark_path
 from dohyo.sumo_networks.config import Config, Name
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.parking.generate import Scene
-from dohyo.sumo_networks.parking.lot import MAX_KARTS
 from dohyo.sumo_networks.scenario import content_hash
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
+
+if TYPE_CHECKING:
+    from dohyo.sumo_networks.parking.generate import Scene
+
+MAX_KARTS: Final = 8
+"""That of lots, whose module loads numba, which a list of benchmarks does not need."""
 
 SceneName = Literal["simple", "complex", "parallel", "angled", "pedestrians"]
 
@@ -55,6 +59,8 @@ class ParkingBenchmark(Config):
 
 def scene_of(name: SceneName) -> Scene:
     """The scene of a name."""
+    from dohyo.sumo_networks.parking.generate import Scene  # see MAX_KARTS
+
     return Scene[name.upper()]
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from tests.service.conftest import MakeService
 from tests.service.served import info_of, short
+from tests.service.tables import sqlite_with_tables
 
 AUTOPILOT = "dohyo.agents.experts.autopilot:Autopilot"
 
@@ -20,7 +21,7 @@ def test_an_episode_process_has_no_secret_and_a_filter(
     from dohyo.service.submissions.model import AgentKind
 
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
-    service = make_service(processes=1, database=f"sqlite:///{tmp_path / 'secret.db'}")
+    service = make_service(processes=1, database=sqlite_with_tables(tmp_path / "secret.db"))
     service.start()
     service.hashes(service.submit(info_of(AUTOPILOT), short(), kind=AgentKind.BUILTIN))
     (process,) = service.episode_processes()

@@ -11,15 +11,13 @@ import pytest
 from dohyo.service.running.gauge import GAUGE_BYTES, Gauge
 from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.process import End, EpisodeProcess, Outcome
-from dohyo.sumo_networks.scenario import Traffic
 from tests.service.served import STEADY, info_of, short
 
-SLOW_START = Traffic(vehicles=40, warm_up_s=300.0)  # takes longer than the server waits before it looks
 SLUGGISH = "tests.evaluation.agents:Sluggish"
 
 
 def order(folder: Path, entry: str) -> EpisodeOrder:
-    (scenario,) = short().model_copy(update={"traffic": SLOW_START}).scenarios([0])
+    (scenario,) = short().scenarios([0])
     info = info_of(entry)
     return EpisodeOrder(
         scenario=scenario, info=info, benchmark=("b", "0" * 64), directory=folder, stem=info.name, act_deadline_s=10.0
@@ -41,7 +39,10 @@ def test_an_agent_that_takes_half_of_the_limit_has_failed(tmp_path: Path) -> Non
     assert "agent took more than 6 s" in outcome.text
 
 
-def test_a_drive_beyond_the_limit_is_the_machines_fault_where_the_agent_was_fast(tmp_path: Path) -> None:
+def test_a_drive_beyond_the_limit_is_the_machines_fault_where_the_agent_was_fast(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dohyo.service.running.process.POLL_S", 0.002)  # the drive takes a tenth of a second
     outcome = asyncio.run(drive(tmp_path, STEADY, 0.02))
     assert outcome.end is End.FAILED
     assert "more than 0.02 s, of which its agent took 0 s" in outcome.text
