@@ -7,6 +7,7 @@ import shlex
 import shutil
 import subprocess
 import tomllib
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -105,7 +106,9 @@ def test_every_agent_and_benchmark_of_a_command_exists(path: Path) -> None:
         if words[:1] == ["worker"]:
             agent = named.get("--entry", "module:Class")  # --agent is its name at a service
         if is_parking_benchmark(benchmark):
-            assert agent == "NAME" or agent in agent_entries()
+            if agent != "NAME":
+                module, _, name = agent_entries().get(agent, agent).partition(":")
+                assert hasattr(import_module(module), name), agent
             continue
         if is_freeway_benchmark(benchmark):
             assert agent in ("NAME", "persistence", *shipped(), PLANNER, NOBODY)
