@@ -25,7 +25,8 @@ from dohyo.service.policies.limits import PolicyLimits
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.policies import models
 
-LIMITS = PolicyLimits(memory_mb=1024, load_s=10.0, decision_s=2.0)
+# Long enough for a machine that is busy with other tests.
+LIMITS = PolicyLimits(memory_mb=1024, load_s=60.0, decision_s=60.0)
 
 
 def check(model: onnx.ModelProto | bytes, spec: AgentSpec = models.SPEC, limits: PolicyLimits = LIMITS) -> PolicyInfo:
@@ -220,9 +221,7 @@ def test_a_declared_shape_that_is_a_lie_is_found_by_the_trial() -> None:
 
 @pytest.mark.parametrize("bomb", [models.huge_constant(), models.doubling()], ids=["constant", "doubling"])
 def test_a_memory_bomb_is_refused(bomb: onnx.ModelProto) -> None:
-    # On a busy machine the time of the trial may be over before the memory is full.
-    reason = refusal(bomb)
-    assert "needs more than the 1024 MB of memory" in reason or "took longer than" in reason, reason
+    assert "needs more than the 1024 MB of memory" in refusal(bomb)
 
 
 def test_an_endless_loop_is_refused() -> None:

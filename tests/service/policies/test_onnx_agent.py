@@ -105,18 +105,20 @@ ZERO = {"zero": np.zeros(2, np.float32)}
 
 
 @pytest.mark.parametrize(
-    ("model", "status", "says"),
+    ("model", "decision_s", "status", "says"),
     [
-        (nan(), Status.AGENT_ACTION, "expected finite numbers"),
-        (models.endless(), Status.AGENT_DEADLINE, "a decision took longer than 0.5 s"),
-        (models.huge_constant(), Status.AGENT_RAISED, "more than the 2048 MB of memory"),
-        (other_interface(), Status.AGENT_SETUP, "no input 'speedometer'"),
+        (nan(), 60.0, Status.AGENT_ACTION, "expected finite numbers"),
+        (models.endless(), 0.5, Status.AGENT_DEADLINE, "a decision took longer than 0.5 s"),
+        (models.huge_constant(), 60.0, Status.AGENT_RAISED, "more than the 2048 MB of memory"),
+        (other_interface(), 60.0, Status.AGENT_SETUP, "no input 'speedometer'"),
     ],
     ids=["nan", "endless", "bomb", "another interface"],
 )
-def test_what_goes_wrong_is_the_agents_fault(folder: Path, model: onnx.ModelProto, status: Status, says: str) -> None:
+def test_what_goes_wrong_is_the_agents_fault(
+    folder: Path, model: onnx.ModelProto, decision_s: float, status: Status, says: str
+) -> None:
     sha256 = stored(folder, model.SerializeToString())
-    record = drive(OnnxPolicy(sha256, sensors=["speedometer"], limits=PolicyLimits(decision_s=0.5)))
+    record = drive(OnnxPolicy(sha256, sensors=["speedometer"], limits=PolicyLimits(decision_s=decision_s)))
     (ego,) = record.egos
     assert ego.status is status
     assert says in (ego.failure or "")
