@@ -21,9 +21,7 @@ from dohyo.agents.registry import agent_entries
 from dohyo.agents.speed_planning.benchmark import NOBODY, PLANNER
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
-from dohyo.evaluation.benchmarks.documents import benchmark_names
-from dohyo.evaluation.freeway.benchmark import is_freeway_benchmark
-from dohyo.evaluation.parking.benchmark import is_parking_benchmark
+from dohyo.evaluation.benchmarks.documents import Family, benchmark_names, find_family
 from dohyo.service.cli import app
 from dohyo.service.cli.lazy import LazyCommand
 from dohyo.service.settings import Settings
@@ -105,17 +103,17 @@ def test_every_agent_and_benchmark_of_a_command_exists(path: Path) -> None:
         agent, benchmark = named.get("--agent", "NAME"), named.get("--benchmark", "NAME")
         if words[:1] == ["worker"]:
             agent = named.get("--entry", "module:Class")  # --agent is its name at a service
-        if is_parking_benchmark(benchmark):
+        family = Family.DRIVING if benchmark in ("NAME", "mine.toml") else find_family(benchmark)
+        if family is Family.PARKING:
             if agent != "NAME":
                 module, _, name = agent_entries().get(agent, agent).partition(":")
                 assert hasattr(import_module(module), name), agent
             continue
-        if is_freeway_benchmark(benchmark):
+        if family is Family.FREEWAY:
             assert agent in ("NAME", "persistence", *shipped(), PLANNER, NOBODY)
             continue
         if agent not in ("NAME", "module:Class", "my_module:MyAgent"):
             make_agent(agent_entries().get(agent, agent))
-        assert benchmark in ("NAME", "mine.toml", *benchmark_names())
 
 
 def test_every_option_in_the_readme_exists() -> None:
@@ -216,10 +214,8 @@ def test_the_tables_of_sensors_and_controls() -> None:
 
 
 def test_the_page_of_benchmarks_has_all() -> None:
-    freeway = {path.stem for path in (ROOT / "evaluation/benchmarks/freeway").glob("*.toml")}
     found = set(table(text("docs/reference/benchmarks.md"), "benchmark"))
-    parking = {path.stem for path in (ROOT / "evaluation/benchmarks/parking").glob("*.toml")}
-    assert found == {*benchmark_names(), *freeway, *parking, "localization"}
+    assert found == {"localization", *(name for family in Family for name in benchmark_names(family))}
 
 
 def test_the_page_of_networks_has_all() -> None:

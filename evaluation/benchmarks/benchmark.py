@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from dohyo.evaluation.benchmarks.documents import benchmark_names, benchmark_path, read_document, with_cells
+from dohyo.evaluation.benchmarks.documents import Family, with_cells
 from dohyo.evaluation.benchmarks.headline import Headline
-from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.evaluation.benchmarks.loading import load
 from dohyo.sumo_networks.events import Event
 from dohyo.sumo_networks.events.auto_events import EVERY_M
 from dohyo.sumo_networks.scenario import Config, Mission, Name, Scenario, Traffic, content_hash
@@ -222,16 +220,4 @@ def load_benchmark(name: str) -> Benchmark:
         UnknownNameError: No benchmark has this name.
         InvalidInputError: The file is missing or invalid; the message says where.
     """
-    path = Path(name) if name.endswith(".toml") else benchmark_path(name)
-    if not name.endswith(".toml") and name not in benchmark_names():
-        raise UnknownNameError("benchmark", name, benchmark_names())
-    try:
-        return Benchmark.model_validate(read_document(path))
-    except OSError as error:
-        raise InvalidInputError(f"cannot read benchmark file '{path}': {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InvalidInputError(f"benchmark file '{path}' is not valid TOML: {error}") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise InvalidInputError(f"benchmark file '{path}': {where or 'file'}: {first['msg']}") from error
+    return load(name, Family.DRIVING, Benchmark.model_validate)

@@ -3,53 +3,91 @@
 from __future__ import annotations
 
 import tomllib
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+
 BENCHMARKS = Path(__file__).parent
-FREEWAY_BENCHMARKS = BENCHMARKS / "freeway"
-PARKING_BENCHMARKS = BENCHMARKS / "parking"
 _OF_A_CELL = ("network", "traffic", "conditions", "events")
 
 
-def benchmark_names() -> list[str]:
-    """Sorted names of the built-in benchmarks."""
-    return sorted(path.stem for path in BENCHMARKS.glob("*.toml"))
+class Family(StrEnum):
+    """Benchmarks that one kind of agent is evaluated on; the value is how messages name them."""
+
+    DRIVING = "driving"
+    FREEWAY = "the freeway"
+    PARKING = "parking"
 
 
-def freeway_benchmark_names() -> list[str]:
-    """Sorted names of the built-in benchmarks of the freeway."""
-    return sorted(path.stem for path in FREEWAY_BENCHMARKS.glob("*.toml"))
+_FOLDERS = {Family.DRIVING: ".", Family.FREEWAY: "freeway", Family.PARKING: "parking"}
+_FAMILIES = {"forecast": Family.FREEWAY, "traffic": Family.FREEWAY, "parking": Family.PARKING}
+"""Family by the key `kind` of a file; files without it are of driving."""
 
 
-def parking_benchmark_names() -> list[str]:
-    """Sorted names of the built-in benchmarks of parking."""
-    return sorted(path.stem for path in PARKING_BENCHMARKS.glob("*.toml"))
+def benchmark_names(family: Family) -> list[str]:
+    """Sorted names of the built-in benchmarks of a family."""
+    return sorted(path.stem for path in (BENCHMARKS / _FOLDERS[family]).glob("*.toml"))
 
 
-def benchmark_path(name: str) -> Path:
-    """File of a built-in benchmark."""
-    return BENCHMARKS / f"{name}.toml"
+def benchmark_path(name: str, family: Family) -> Path:
+    """File of a benchmark: a path that ends with .toml, or that of a built-in one.
+
+    Raises:
+        UnknownNameError: The family has no benchmark of this name.
+    """
+    if name.endswith(".toml"):
+        return Path(name)
+    if name not in benchmark_names(family):
+        raise UnknownNameError(f"benchmark of {family}", name, benchmark_names(family))
+    return BENCHMARKS / _FOLDERS[family] / f"{name}.toml"
 
 
-def freeway_benchmark_path(name: str) -> Path:
-    """File of a built-in benchmark of the freeway."""
-    return FREEWAY_BENCHMARKS / f"{name}.toml"
+def find_family(name: str) -> Family:
+    """Family of a benchmark, by its name or by the kind in a .toml file.
+
+    Raises:
+        UnknownNameError: No family has a benchmark of this name.
+        InvalidInputError: The file cannot be read, or its kind is unknown.
+    """
+    if name.endswith(".toml"):
+        return family_of(read_document(Path(name)), name)
+    families = {known: family for family in Family for known in benchmark_names(family)}
+    if name not in families:
+        raise UnknownNameError("benchmark", name, families)
+    return families[name]
 
 
-def parking_benchmark_path(name: str) -> Path:
-    """File of a built-in benchmark of parking."""
-    return PARKING_BENCHMARKS / f"{name}.toml"
+def family_of(document: dict[str, Any], where: str) -> Family:
+    """Family of a document; `where` names its file in the error.
+
+    Raises:
+        InvalidInputError: The kind is unknown.
+    """
+    if "kind" not in document:
+        return Family.DRIVING
+    kind = document["kind"]
+    if not isinstance(kind, str) or kind not in _FAMILIES:
+        kinds = ", ".join(f"'{known}'" for known in _FAMILIES)
+        raise InvalidInputError(
+            f"benchmark file '{where}': kind: expected {kinds}, or no kind for a benchmark of driving, got {kind!r}"
+        )
+    return _FAMILIES[kind]
 
 
 def read_document(path: Path) -> dict[str, Any]:
     """The tables of a file; a file that is `like` another one takes missing keys from that one.
 
     Raises:
-        OSError: The file cannot be read.
-        ValueError: It is not valid TOML.
+        InvalidInputError: The file cannot be read, or is not valid TOML.
     """
-    document = tomllib.loads(path.read_text(encoding="utf-8"))
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InvalidInputError(f"cannot read benchmark file '{path}': {error.strerror}") from error
+    except ValueError as error:
+        raise InvalidInputError(f"benchmark file '{path}' is not valid TOML: {error}") from error
     if (like := document.pop("like", None)) is None:
         return document
     return read_document(path.with_name(f"{like}.toml")) | document

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter
 
-from dohyo.evaluation.benchmarks.documents import freeway_benchmark_names, freeway_benchmark_path
+from dohyo.evaluation.benchmarks.documents import Family
+from dohyo.evaluation.benchmarks.loading import load
 from dohyo.sumo_networks.config import Config, Name
-from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.networks.entries import user_catalog
 from dohyo.sumo_networks.scenario import content_hash
 
@@ -109,16 +108,6 @@ FreewayBenchmark = ForecastBenchmark | TrafficBenchmark
 _READ: TypeAdapter[FreewayBenchmark] = TypeAdapter(Annotated[FreewayBenchmark, Field(discriminator="kind")])
 
 
-def is_freeway_benchmark(name: str) -> bool:
-    """Whether a name, or the path of a .toml file, is that of a benchmark of the freeway."""
-    if not name.endswith(".toml"):
-        return name in freeway_benchmark_names()
-    try:
-        return "kind" in tomllib.loads(Path(name).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return False  # the function that loads it reports the error
-
-
 def load_freeway_benchmark(name: str) -> FreewayBenchmark:
     """Loads a benchmark of the freeway by its name, or from the path of a .toml file.
 
@@ -126,19 +115,7 @@ def load_freeway_benchmark(name: str) -> FreewayBenchmark:
         UnknownNameError: No benchmark has this name.
         InvalidInputError: The file is missing or invalid; the message says where.
     """
-    if not name.endswith(".toml") and name not in freeway_benchmark_names():
-        raise UnknownNameError("benchmark of the freeway", name, freeway_benchmark_names())
-    path = Path(name) if name.endswith(".toml") else freeway_benchmark_path(name)
-    try:
-        return _READ.validate_python(tomllib.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise InvalidInputError(f"cannot read benchmark file '{path}': {error.strerror}") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "file"
-        raise InvalidInputError(f"benchmark file '{path}': {where}: {first['msg']}") from error
-    except ValueError as error:
-        raise InvalidInputError(f"benchmark file '{path}' is not valid TOML: {error}") from error
+    return load(name, Family.FREEWAY, _READ.validate_python)
 
 
 def days_folder(benchmark: ForecastBenchmark) -> Path:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from dohyo.evaluation.benchmarks.documents import parking_benchmark_names, parking_benchmark_path
+from dohyo.evaluation.benchmarks.documents import Family
+from dohyo.evaluation.benchmarks.loading import load
 from dohyo.sumo_networks.config import Config, Name
-from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.scenario import content_hash
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
@@ -64,16 +62,6 @@ def scene_of(name: SceneName) -> Scene:
     return Scene[name.upper()]
 
 
-def is_parking_benchmark(name: str) -> bool:
-    """Whether a name, or the path of a .toml file, is that of a benchmark of parking."""
-    if not name.endswith(".toml"):
-        return name in parking_benchmark_names()
-    try:
-        return tomllib.loads(Path(name).read_text(encoding="utf-8")).get("kind") == "parking"
-    except (OSError, ValueError):
-        return False  # the function that loads it reports the error
-
-
 def load_parking_benchmark(name: str) -> ParkingBenchmark:
     """Loads a benchmark of parking by its name, or from the path of a .toml file.
 
@@ -81,16 +69,4 @@ def load_parking_benchmark(name: str) -> ParkingBenchmark:
         UnknownNameError: No benchmark has this name.
         InvalidInputError: The file is missing or invalid; the message says where.
     """
-    if not name.endswith(".toml") and name not in parking_benchmark_names():
-        raise UnknownNameError("benchmark of parking", name, parking_benchmark_names())
-    path = Path(name) if name.endswith(".toml") else parking_benchmark_path(name)
-    try:
-        return ParkingBenchmark.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise InvalidInputError(f"cannot read benchmark file '{path}': {error.strerror}") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "file"
-        raise InvalidInputError(f"benchmark file '{path}': {where}: {first['msg']}") from error
-    except ValueError as error:
-        raise InvalidInputError(f"benchmark file '{path}' is not valid TOML: {error}") from error
+    return load(name, Family.PARKING, ParkingBenchmark.model_validate)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
-from dohyo.evaluation.benchmarks.documents import benchmark_names, freeway_benchmark_names
+from dohyo.evaluation.benchmarks.documents import Family, benchmark_names
 from dohyo.evaluation.freeway.benchmark import TrafficBenchmark, load_freeway_benchmark
 from dohyo.sumo_networks.errors import UnknownNameError
 
@@ -24,9 +24,9 @@ def find_benchmark(name: str) -> AnyBenchmark:
     Raises:
         UnknownNameError: There is none, or the service does not evaluate it.
     """
-    if name in benchmark_names():
+    if name in benchmark_names(Family.DRIVING):
         return load_benchmark(name)
-    if name in freeway_benchmark_names():
+    if name in benchmark_names(Family.FREEWAY):
         found = load_freeway_benchmark(name)
         if isinstance(found, TrafficBenchmark):
             return found
@@ -41,5 +41,7 @@ def read_benchmark(document: Mapping[str, Any]) -> AnyBenchmark:
 
 
 def _names() -> list[str]:
-    freeway = [name for name in freeway_benchmark_names() if isinstance(load_freeway_benchmark(name), TrafficBenchmark)]
-    return [*benchmark_names(), *freeway]
+    freeway = [
+        name for name in benchmark_names(Family.FREEWAY) if isinstance(load_freeway_benchmark(name), TrafficBenchmark)
+    ]
+    return [*benchmark_names(Family.DRIVING), *freeway]

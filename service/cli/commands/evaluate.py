@@ -6,18 +6,16 @@ import ast
 import os
 import re
 from collections import Counter
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Column
 
 from dohyo.agents.registry import kind_of, resolve_with
+from dohyo.evaluation.benchmarks.documents import Family, find_family
 from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
-from dohyo.evaluation.freeway.benchmark import is_freeway_benchmark
-from dohyo.evaluation.parking.benchmark import is_parking_benchmark
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.running.executors import Executor, ProcessPool
@@ -28,15 +26,13 @@ from dohyo.evaluation.scores.nuplan.summary import by_type, lost_drives, score_r
 from dohyo.evaluation.summary import as_document, summarise, summarise_cells
 from dohyo.service.cli.closed_loop import print_closed_loop, print_legend
 from dohyo.service.cli.commands.freeway import evaluate_on_freeway
-from dohyo.service.cli.commands.parking import evaluate_on_parking, refuse_driving_options
+from dohyo.service.cli.commands.parking import evaluate_on_parking
 from dohyo.service.cli.output import Json, console, print_cells, print_comparison, print_json, print_part
 from dohyo.service.cli.own_modules import find_own_modules
+from dohyo.service.cli.progress import ProgressBar
 from dohyo.sumo_networks.errors import InvalidInputError
 
 SEEDS_BELOW = 2**31
-NAME_WIDTH, BAR_WIDTH = 24, 8
-OTHER_COLUMNS_WIDTH = 34
-"""Width of the progress line's numbers and times with all spaces between columns, characters."""
 
 
 class Engine(StrEnum):
@@ -65,7 +61,10 @@ def evaluate(
 ) -> None:
     """Evaluates an agent on a benchmark. Run again, it continues where it stopped."""
     find_own_modules()
-    if is_freeway_benchmark(benchmark) or is_parking_benchmark(benchmark):
+    family = find_family(benchmark)
+    chosen = parse_seeds(seeds) if seeds is not None else None
+    folder = out or Path("out") / Path(benchmark).stem / re.sub(r"[^\w.-]", "_", agent)
+    if family is not Family.DRIVING:
         given = {
             "only": only is not None,
             "sample": sample is not None,
@@ -74,45 +73,28 @@ def evaluate(
             "executor": executor is Engine.RAY,
             "address": address is not None,
         }
-        refuse_driving_options(benchmark, given)
-        chosen = parse_seeds(seeds) if seeds is not None else None
-        if is_parking_benchmark(benchmark):
-            evaluate_on_parking(agent, benchmark, parse_settings(settings or []), chosen, out, workers, json)
-        else:
-            evaluate_on_freeway(agent, benchmark, parse_settings(settings or []), chosen, out, workers, json)
+        _refuse_driving_options(benchmark, given)
+        evaluate_on = evaluate_on_parking if family is Family.PARKING else evaluate_on_freeway
+        processes = workers or os.cpu_count() or 1
+        evaluate_on(agent, benchmark, parse_settings(settings or []), chosen, folder, processes, json)
         return
-    bar = _progress(hidden=json)
-    task = bar.add_task(f"{agent} on {benchmark}", total=None, note="")
-
-    def show(record: EpisodeRecord | None, done: int, total: int) -> None:
-        bar.start()  # after all checks, so that a refusal is one line
-        bar.update(task, completed=done, total=total, note=_note(record))
-
-    def show_logs(done: int, total: int) -> None:
-        if total:
-            bar.start()
-            bar.update(task, completed=done, total=total, note="logs of the recorded runs")
-
     entry, made_with = resolve_with(agent, parse_settings(settings or []))
-    try:
+    with ProgressBar(f"{agent} on {benchmark}", hidden=json) as bar:
         result = run_benchmark(
             benchmark,
             entry,
             settings=made_with,
             kind=kind_of(entry, made_with),
-            seeds=parse_seeds(seeds) if seeds is not None else None,
+            seeds=chosen,
             only=parse_names(only) if only is not None else (),
             sample=sample,
-            out=out or Path("out") / Path(benchmark).stem / re.sub(r"[^\w.-]", "_", agent),
+            out=folder,
             executor=_executor(executor, workers, address),
             act_deadline_s=deadline,
-            progress=show,
-            preparing=show_logs,
+            progress=lambda record, done, total: bar(done, total, _note(record)),
+            preparing=lambda done, total: bar(done, total, "logs of the recorded runs"),
             reverse=reverse,
         )
-    finally:
-        if bar.live.is_started:
-            bar.stop()
     rules = result.manifest.benchmark.rules
     summary = summarise(result.records, rules=rules)
     scored = score_records(zip(result.records, result.paths, strict=True)) if _closed_loop(result) else []
@@ -136,31 +118,19 @@ def evaluate(
     console.print(f"records in {result.paths[0].parent}")
 
 
+def _refuse_driving_options(benchmark: str, given: Mapping[str, bool]) -> None:
+    """Raises InvalidInputError for the first option given that only benchmarks of driving agents have."""
+    for name, is_given in given.items():
+        if is_given:
+            raise InvalidInputError(f"--{name}: expected a benchmark of driving agents, got '{benchmark}'")
+
+
 def _executor(engine: Engine, workers: int | None, address: str | None) -> Executor:
     if engine is Engine.RAY:
         return RayExecutor(address, workers)
     if address is not None:
         raise InvalidInputError("--address: only with --executor ray")
     return ProcessPool(workers or os.cpu_count() or 1)
-
-
-def _progress(hidden: bool) -> Progress:
-    left = max(1, console.width - NAME_WIDTH - BAR_WIDTH - OTHER_COLUMNS_WIDTH)
-    columns = (
-        TextColumn("{task.description}", markup=False, table_column=_clipped(NAME_WIDTH)),
-        BarColumn(BAR_WIDTH),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[note]}", markup=False, table_column=_clipped(left)),
-    )
-    return Progress(*columns, console=console, disable=hidden)
-
-
-def _clipped(width: int) -> Column:
-    """One-line column; longer text ends in an ellipsis."""
-    return Column(max_width=width, no_wrap=True, overflow="ellipsis")
 
 
 def _note(record: EpisodeRecord | None) -> str:

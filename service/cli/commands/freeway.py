@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import os
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, days_folder, load_freeway_benchmark
 from dohyo.evaluation.freeway.page import finding, unit_word, write_page
 from dohyo.evaluation.freeway.result import FreewayResult, rows
 from dohyo.service.cli.output import DASH, console, interval, number, print_json, print_rows
+from dohyo.service.cli.progress import ProgressBar
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.freeway.dataset import make_dataset
 
@@ -23,37 +20,24 @@ def evaluate_on_freeway(
     benchmark: str,
     settings: Mapping[str, Any],
     seeds: Sequence[int] | None,
-    out: Path | None,
-    workers: int | None,
+    folder: Path,
+    workers: int,
     as_json: bool,
 ) -> None:
     """Evaluates a forecaster or a controller; prints the result, and writes it as JSON and as an HTML report."""
     found = load_freeway_benchmark(benchmark)
-    folder = out or Path("out") / Path(benchmark).stem / re.sub(r"[^\w.-]", "_", agent)
-    processes = workers or os.cpu_count() or 1
-    progress = _progress(hidden=as_json)
-    task = progress.add_task(f"days of {found.name}", total=None)
+    if isinstance(found, ForecastBenchmark):
+        from dohyo.agents.forecasting.benchmark import evaluate_forecaster  # torch takes seconds to import
 
-    def tell(done: int, of: int, share: float) -> None:
-        if done < of:
-            progress.start()  # after all checks, so that a refusal is one line
-        progress.update(task, completed=done + share, total=of)
+        if seeds is not None:
+            raise InvalidInputError(f"benchmark '{found.name}' has fixed days: leave out --seeds")
+        with ProgressBar(f"days of {found.name}", hidden=as_json) as bar:
+            result = evaluate_forecaster(found, agent, settings, folder, workers, _days(bar))
+    else:
+        from dohyo.agents.speed_planning.benchmark import evaluate_controller
 
-    try:
-        if isinstance(found, ForecastBenchmark):
-            from dohyo.agents.forecasting.benchmark import evaluate_forecaster  # torch takes seconds to import
-
-            if seeds is not None:
-                raise InvalidInputError(f"benchmark '{found.name}' has fixed days: leave out --seeds")
-            result = evaluate_forecaster(found, agent, settings, folder, processes, tell)
-        else:
-            from dohyo.agents.speed_planning.benchmark import evaluate_controller
-
-            progress.update(task, description=f"{agent} on {found.name}")
-            result = evaluate_controller(found, agent, settings, seeds, folder, processes, tell)
-    finally:
-        if progress.live.is_started:
-            progress.stop()
+        with ProgressBar(f"{agent} on {found.name}", hidden=as_json) as bar:
+            result = evaluate_controller(found, agent, settings, seeds, folder, workers, _days(bar))
     page = write_page(folder, result)
     if as_json:
         print_json(result.document())
@@ -69,20 +53,14 @@ def prepare_days(benchmark: str, workers: int) -> None:
         raise InvalidInputError(
             f"benchmark '{found.name}' has nothing to prepare: its mornings are simulated during the evaluation"
         )
-    with _progress(hidden=False) as bar:
-        task = bar.add_task(f"days of {found.name}", total=None)
-        made = make_dataset(
-            found.order, days_folder(found), lambda done, of, share: bar.update(task, completed=done + share, total=of),
-            workers,
-        )  # fmt: skip
+    with ProgressBar(f"days of {found.name}") as bar:
+        made = make_dataset(found.order, days_folder(found), _days(bar), workers)
     console.print(f"{made} made, {found.number - made} kept, in {days_folder(found)}", soft_wrap=True)
 
 
-def _progress(hidden: bool) -> Progress:
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.2f} of {task.total}"))
-    return Progress(
-        *columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True, disable=hidden
-    )
+def _days(bar: ProgressBar) -> Callable[[int, int, float], None]:
+    """A function that shows finished days, all days, and the share of the current day."""
+    return lambda done, total, share: bar(done + share, total)
 
 
 def _print(result: FreewayResult) -> None:

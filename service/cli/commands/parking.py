@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from dohyo.agents.registry import kind_of, resolve
 from dohyo.evaluation.parking.benchmark import load_parking_benchmark
@@ -20,8 +18,8 @@ from dohyo.evaluation.parking.record import RECORDS, ParkingRecord, read_records
 from dohyo.evaluation.parking.result import MEASURES, summarise_parking
 from dohyo.service.cli.output import console, interval, print_json, print_rows
 from dohyo.service.cli.own_modules import find_own_modules
+from dohyo.service.cli.progress import ProgressBar
 from dohyo.service.episodes.recorded_agents import UntrustedRecordError, check_known
-from dohyo.sumo_networks.errors import InvalidInputError
 
 DIFFERS = 1
 
@@ -31,17 +29,15 @@ def evaluate_on_parking(
     benchmark: str,
     settings: Mapping[str, Any],
     seeds: Sequence[int] | None,
-    out: Path | None,
-    workers: int | None,
+    folder: Path,
+    workers: int,
     as_json: bool,
 ) -> None:
     """Evaluates an agent that parks; prints the result, and writes records, motion and an HTML report."""
     found = load_parking_benchmark(benchmark)
-    folder = out or Path("out") / Path(benchmark).stem / re.sub(r"[^\w.-]", "_", agent)
     entry = resolve(agent)
-    with _Bar(f"{agent} on {found.name}", hidden=as_json) as tell:
-        kind, processes = kind_of(entry, dict(settings)), workers or os.cpu_count() or 1
-        records = evaluate_parking(found, entry, settings, kind, seeds, folder, processes, tell)
+    with ProgressBar(f"{agent} on {found.name}", hidden=as_json) as tell:
+        records = evaluate_parking(found, entry, settings, kind_of(entry, dict(settings)), seeds, folder, workers, tell)
     if as_json:
         print_json(_document(found.name, records))
         return
@@ -86,7 +82,7 @@ def verify_parking(path: Path, trust: bool, as_json: bool) -> None:
             check_known(records[0].agent)
         except UntrustedRecordError as error:
             raise UntrustedRecordError(f"'{path}': {error} (--trust runs whatever the records name)") from error
-    with _Bar(f"lots of {records[0].benchmark.name}", hidden=as_json) as tell:
+    with ProgressBar(f"lots of {records[0].benchmark.name}", hidden=as_json) as tell:
         replayed = drive_again(records, os.cpu_count() or 1, tell)
     pairs = zip(records, replayed, strict=True)
     differing = [old.seed for old, new in pairs if old.record_hash != new]
@@ -98,13 +94,6 @@ def verify_parking(path: Path, trust: bool, as_json: bool) -> None:
         console.print(f"same: all {len(records)} lots")
     if differing:
         raise typer.Exit(DIFFERS)
-
-
-def refuse_driving_options(benchmark: str, given: Mapping[str, bool]) -> None:
-    """Raises InvalidInputError for the first option given that only benchmarks of driving agents have."""
-    for name, is_given in given.items():
-        if is_given:
-            raise InvalidInputError(f"--{name}: expected a benchmark of driving agents, got '{benchmark}'")
 
 
 def _document(benchmark: str, records: Sequence[ParkingRecord]) -> dict[str, Any]:
@@ -123,24 +112,3 @@ def _print(evaluated: Mapping[str, Sequence[ParkingRecord]]) -> None:
         failures = [one.failure for record in records for one in record.karts if one.failure]
         if failures:
             console.print(f"{name} failed in {len(failures)} karts: {failures[0]}", highlight=False)
-
-
-class _Bar:
-    """A progress bar that begins with the first lot, so that a refusal is one line."""
-
-    def __init__(self, title: str, hidden: bool) -> None:
-        columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
-        times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-        self._progress = Progress(*columns, *times, console=console, transient=True, disable=hidden)
-        self._task = self._progress.add_task(title, total=None)
-
-    def __enter__(self) -> _Bar:
-        return self
-
-    def __call__(self, done: int, total: int) -> None:
-        self._progress.start()
-        self._progress.update(self._task, completed=done, total=total)
-
-    def __exit__(self, *_: object) -> None:
-        if self._progress.live.is_started:
-            self._progress.stop()

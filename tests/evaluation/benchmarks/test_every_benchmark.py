@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, TimeLimit, load_benchmark
-from dohyo.evaluation.benchmarks.documents import benchmark_names
+from dohyo.evaluation.benchmarks.documents import Family, benchmark_names
 from dohyo.evaluation.running.executors import ProcessPool
 from dohyo.evaluation.running.run import run_benchmark
 from dohyo.sumo_networks.scenario import Scenario
@@ -34,7 +34,7 @@ def scenarios_of(name: str) -> tuple[Scenario, ...]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", benchmark_names())
+@pytest.mark.parametrize("name", benchmark_names(Family.DRIVING))
 def test_order_and_resuming_change_no_hash(name: str, tmp_path: Path) -> None:
     short = shortened(load_benchmark(name))
     first = run_benchmark(short, AGENT, seeds=[0], out=tmp_path / "a", executor=ProcessPool(1))
@@ -45,7 +45,7 @@ def test_order_and_resuming_change_no_hash(name: str, tmp_path: Path) -> None:
     assert [record.record_hash for record in again.records] == hashes
 
 
-@pytest.mark.parametrize("name", benchmark_names())
+@pytest.mark.parametrize("name", benchmark_names(Family.DRIVING))
 def test_every_scenario_can_be_driven_and_says_what_it_measures(name: str) -> None:
     benchmark, scenarios = load_benchmark(name), scenarios_of(name)
     assert len({(scenario.name, scenario.seed) for scenario in scenarios}) == len(scenarios)

@@ -8,7 +8,6 @@ from rich.console import Console
 from dohyo.evaluation.statistics import Estimate
 from dohyo.evaluation.summary import Summary
 from dohyo.service.cli import output
-from dohyo.service.cli.commands import evaluate
 from dohyo.service.cli.commands.evaluate import parse_seeds
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -30,21 +29,6 @@ def test_impossible_seeds_say_what_is_wrong(text: str, says: str) -> None:
     with pytest.raises(InvalidInputError) as raised:
         parse_seeds(text)
     assert says in str(raised.value)
-
-
-@pytest.mark.parametrize("columns", [80, 120])
-def test_the_progress_line_is_one_line(columns: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    console = Console(width=columns, force_terminal=True, color_system=None, legacy_windows=False)
-    monkeypatch.setattr(evaluate, "console", console)
-    bar = evaluate._progress(hidden=False)
-    note = "precrash.cut-in-3 s12: failed: agent deviated from the route"
-    bar.add_task("hierarchical-master on precrash-conditions", total=240, completed=17, note=note)
-    with console.capture() as shown:
-        console.print(bar.get_renderable())
-    (line,) = shown.get().splitlines()
-    assert "hierarchical-mast" in line
-    assert "17/240" in line
-    assert "precrash" in line
 
 
 def summary(km: float) -> Summary:

@@ -1,0 +1,64 @@
+"""A bar of progress for evaluations and preparations."""
+
+from __future__ import annotations
+
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Column
+
+from dohyo.service.cli.output import console
+
+NAME_WIDTH, BAR_WIDTH = 24, 8
+OTHER_COLUMNS_WIDTH = 34
+"""Width of the line's numbers and times with all spaces between columns, characters."""
+
+
+class ProgressBar:
+    """A line that appears with the first progress on work that is not yet done.
+
+    A refusal before it is thus a single line, and work that was done before shows none.
+    """
+
+    def __init__(self, title: str, hidden: bool = False) -> None:
+        """Prepares the line.
+
+        Args:
+            title: Description of the work.
+            hidden: Whether nothing is shown.
+        """
+        note_width = max(1, console.width - NAME_WIDTH - BAR_WIDTH - OTHER_COLUMNS_WIDTH)
+        columns = (
+            TextColumn("{task.description}", markup=False, table_column=_clipped(NAME_WIDTH)),
+            BarColumn(BAR_WIDTH),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[note]}", markup=False, table_column=_clipped(note_width)),
+        )
+        self._progress = Progress(*columns, console=console, disable=hidden)
+        self._task = self._progress.add_task(title, total=None, note="")
+
+    def __enter__(self) -> ProgressBar:
+        return self
+
+    def __call__(self, done: float, total: int, note: str = "") -> None:
+        """Shows that so many of all are done; a part of one counts as a fraction."""
+        if done < total:
+            self._progress.start()
+        self._progress.update(self._task, completed=done, total=total, note=note)
+
+    def __exit__(self, *_: object) -> None:
+        if self._progress.live.is_started:
+            self._progress.stop()
+
+
+def _clipped(width: int) -> Column:
+    """One-line column; longer text ends in an ellipsis."""
+    return Column(max_width=width, no_wrap=True, overflow="ellipsis")
