@@ -115,9 +115,8 @@ class Icm(nn.Module):
         """Gradient steps of both models and the features.
 
         Returns:
-            Mean reward of the transitions before the steps, and the mean of each loss.
+            Mean of each loss.
         """
-        reward = float(self.reward(transitions).mean())
         sums, count = defaultdict[str, float](float), 0
         for _ in range(self._config.epochs):
             for rows in torch.split(torch.randperm(len(transitions)), self._config.batch):
@@ -128,7 +127,7 @@ class Icm(nn.Module):
                 count += 1
                 sums["icm_inverse"] += inverse.item()
                 sums["icm_forward"] += forward.item()
-        return {"icm_reward": reward, **{name: value / count for name, value in sums.items()}}
+        return {name: value / count for name, value in sums.items()}
 
     def state(self) -> dict[str, Any]:
         """State for a checkpoint."""

@@ -16,7 +16,7 @@ class IntrinsicReward(Protocol):
     """Source of rewards. Its randomness comes from torch's global generator.
 
     Attributes:
-        columns: Of metrics.csv, which `update` returns.
+        columns: Of metrics.csv: the mean reward of a round, then what `update` returns.
     """
 
     columns: tuple[str, ...]
@@ -25,7 +25,7 @@ class IntrinsicReward(Protocol):
         """(B, 1) rewards of (B,) transitions, to be added to those of the task."""
 
     def update(self, transitions: TensorDictBase) -> Mapping[str, Number]:
-        """Learns from the (B,) transitions of a round; values of the columns."""
+        """Learns from the (B,) transitions of a round; values of the columns after the first."""
 
     def state(self) -> dict[str, Any]:
         """State for a checkpoint, as tensors and plain values."""
@@ -51,5 +51,5 @@ def add_intrinsic(sources: Sequence[IntrinsicReward], transitions: TensorDictBas
     rewards = [source.reward(lived) for source in sources]
     for source, reward in zip(sources, rewards, strict=True):
         transitions["next", "reward"][active] += reward
-        row |= source.update(lived)
+        row |= {source.columns[0]: float(reward.mean()), **source.update(lived)}
     return row

@@ -106,11 +106,9 @@ class Gail:
         """Gradient steps of the discriminator on the expert's and the policy's transitions.
 
         Returns:
-            Mean reward of the policy's transitions before the steps, mean loss, and mean D of the expert's and of the
-            policy's transitions after the steps.
+            Mean loss, and mean D of a batch of the expert's and of one of the policy's transitions after the steps.
         """
-        reward, policy = self.reward(transitions).mean(), self._seen(transitions)
-        total = 0.0
+        policy, total = self._seen(transitions), 0.0
         for _ in range(self._config.updates):
             (seen, second), (own_seen, own_second) = self._drawn(self._expert), self._drawn(policy)
             names = ("observation", "action", "collector_observation", "collector_action")
@@ -122,8 +120,11 @@ class Gail:
             loss.backward()
             self._optimizer.step()
             total += loss.item()
-        means = {"gail_reward": float(reward), "gail_loss": total / self._config.updates}
-        return means | {"gail_expert": self._output(self._expert), "gail_policy": self._output(policy)}
+        return {
+            "gail_loss": total / self._config.updates,
+            "gail_expert": self._output(self._drawn(self._expert)),
+            "gail_policy": self._output(self._drawn(policy)),
+        }
 
     def state(self) -> dict[str, Any]:
         """State for a checkpoint."""

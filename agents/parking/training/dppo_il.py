@@ -102,7 +102,7 @@ class ParkingConfig(RunConfig):
         hidden=(128, 128), normalised=True, initial_std=0.5,
     )  # fmt: skip
     sac: SacConfig = SacConfig(learning_rate=3e-4, hidden=(128, 128), updates_per_step=0.05)
-    icm: IcmConfig = IcmConfig()
+    icm: IcmConfig = IcmConfig(batch=1024, epochs=1)
     adversarial: GailConfig = GailConfig(strength=0.002, sees="next")
     cloning: BcoConfig = BcoConfig(
         experience="demonstrated",
