@@ -138,6 +138,9 @@ def advance(tables: Tables, actions: FloatArray, rewards: FloatArray) -> None:
             rewards[row] = rule[lot, rules.PROGRESS] * (before[number] - distance)
             if counts[row, OUTCOME] != _RUNNING:
                 rewards[row] += 1.0 if counts[row, OUTCOME] == _PARKED else -1.0
+                if counts[row, OUTCOME] == _PARKED and rule[lot, rules.ALIGNMENT] != 0.0:
+                    aligned = alignment_of(karts, row, spots, lot * MAX_SPOTS + counts[row, TARGET])
+                    rewards[row] += rule[lot, rules.ALIGNMENT] * aligned
                 counts[row, ENDED] = lots[lot, TICK]
                 karts[row, kart.SPEED] = 0.0
         if size > 1:
@@ -340,6 +343,16 @@ def _judged(
         if held and late and abs(karts[row, kart.SPEED]) < rule[lot, rules.STANDING]:
             return _PARKED
     return _TIMED_OUT if lots[lot, TICK] >= lots[lot, LIMIT] else _RUNNING
+
+
+@njit(cache=True)
+def alignment_of(karts: FloatArray, row: int, spots: FloatArray, spot: int) -> float:
+    """How well a kart is aligned with a spot: 1 exactly, and 1/e at one of the bounds of ISO 16787."""
+    error = wrap(karts[row, kart.HEADING] - spots[spot, 2])
+    dx, dy = karts[row, kart.X] - spots[spot, 0], karts[row, kart.Y] - spots[spot, 1]
+    angle = min(abs(error), math.pi - abs(error)) / rules.ALIGNED_ANGLE_RAD
+    side = (dy * spots[spot, 5] - dx * spots[spot, 6]) / rules.ALIGNED_DEVIATION_M
+    return math.exp(-angle * angle - side * side)
 
 
 @njit(cache=True)

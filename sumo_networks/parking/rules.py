@@ -49,6 +49,7 @@ class Rules(Config):
         error_degrees: In place, a heading error of this size or more ends the episode; None: any.
         progress: Reward per metre by which a kart comes nearer to its spot. The thesis has none; it does not change
             which behaviour is best, since what a kart gains on a way to a spot it loses on the way back.
+        alignment: Reward of a parked kart for its alignment, times `kernel.alignment_of`. The thesis has none.
     """
 
     radius_m: float = Field(default=0.5, gt=0)
@@ -60,9 +61,10 @@ class Rules(Config):
     wheel_degrees: float | None = Field(default=None, gt=0)
     error_degrees: float | None = Field(default=None, gt=0)
     progress: float = 0.0
+    alignment: float = Field(default=0.0, ge=0)
 
     def row(self) -> FloatArray:
-        """(9,) numbers for the kernel, which nobody may change."""
+        """(10,) numbers for the kernel, which nobody may change."""
         return _row(self)
 
     def _numbers(self) -> FloatArray:
@@ -72,7 +74,7 @@ class Rules(Config):
         row[DWELL_TICKS] = ticks if self.seconds == "dwell" else 0
         row[ELAPSED_TICKS] = ticks if self.seconds == "elapsed" else 0
         row[FARTHEST] = math.inf if self.farthest_m is None else self.farthest_m
-        row[REVERSING_ENDS], row[PROGRESS] = self.reversing_ends, self.progress
+        row[REVERSING_ENDS], row[PROGRESS], row[ALIGNMENT] = self.reversing_ends, self.progress, self.alignment
         row[WHEEL] = math.inf if self.wheel_degrees is None else math.radians(self.wheel_degrees)
         row[ERROR] = math.inf if self.error_degrees is None else math.radians(self.error_degrees)
         return row
@@ -83,9 +85,9 @@ def _row(rules: Rules) -> FloatArray:
     return rules._numbers()
 
 
-RADIUS, DWELL_TICKS, ELAPSED_TICKS, STANDING, FARTHEST, REVERSING_ENDS, WHEEL, ERROR, PROGRESS = range(9)
+RADIUS, DWELL_TICKS, ELAPSED_TICKS, STANDING, FARTHEST, REVERSING_ENDS, WHEEL, ERROR, PROGRESS, ALIGNMENT = range(10)
 """Columns of `Rules.row`; angles in rad."""
-WIDTH: Final = 9
+WIDTH: Final = 10
 
 JUDGED: Final = Rules(standing=True)
 """Rules of the benchmarks: 1 s in place and standing, in time, without contact. Alignment is measured

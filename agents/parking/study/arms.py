@@ -18,6 +18,7 @@ WHOLE: Final = ("bco=true", "gail=true", "curiosity=true", "ppo.learning_rate=1e
 """Settings of DPPO-IL; a cloned policy has small deviations, which bear only small steps."""
 _SIMPLE: Final = ("scene=simple", "reward=simple", "steps=3000000", "ppo.gamma=0.99", "sac.gamma=0.99")
 _STRICT: Final = (*WHOLE, "reward=strict", "adversarial.strength=2e-4")
+_GRADED: Final = (*WHOLE, "reward=graded")
 _THREE: Final = (*WHOLE, "karts=3", "environments=258", "lots=86")
 
 
@@ -56,6 +57,7 @@ ARMS: Final[Mapping[str, ParkingArm]] = MappingProxyType(
         "dppo-gail": ParkingArm("PPO, curiosity and GAIL", (ONE,), ("curiosity=true", "gail=true")),
         "dppo-il": ParkingArm("PPO, curiosity, GAIL and BCO", (ONE, *UNSEEN, THREE), WHOLE, 92.0),
         "strict": ParkingArm("DPPO-IL, 0.25 m and 3 degrees", (ONE,), _STRICT),
+        "graded": ParkingArm("DPPO-IL, a bonus for alignment", (ONE, *UNSEEN, THREE), _GRADED),
         "without-dwell": ParkingArm("DPPO-IL, no dwell", (ONE,), (*WHOLE, "reward=without-dwell")),
         "without-alignment": ParkingArm("DPPO-IL, no angles", (ONE,), (*WHOLE, "reward=without-alignment")),
         "three": ParkingArm("three karts", (THREE,), _THREE, 81.0),

@@ -150,6 +150,16 @@ def test_progress_is_paid_per_metre_and_taken_back():
 
 
 @pytest.mark.parametrize(
+    ("degrees", "sideways_m", "bonus"),
+    [(0.0, 0.0, 2.0), (3.0, 0.0, 2.0 / math.e), (-3.0, 0.0, 2.0 / math.e), (0.0, 0.2, 2.0 / math.e), (9.0, 0.0, 0.0)],
+)
+def test_a_parked_kart_is_paid_for_its_alignment(degrees, sideways_m, bonus):
+    pose = Pose(x_m=sideways_m, y_m=0.1, heading_rad=NORTH + math.radians(degrees))
+    world = world_of(lot_of(pose), Rules(seconds="none", alignment=2.0))
+    assert float(world.step(np.broadcast_to(REST, (1, 1, 3)))[0, 0]) == pytest.approx(1.0 + bonus, abs=1e-3)
+
+
+@pytest.mark.parametrize(
     ("rest", "kind"),
     [
         ({"walls": (Wall(x0_m=-3, y0_m=-10, x1_m=3, y1_m=-10),)}, Kind.WALL),
