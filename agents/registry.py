@@ -13,12 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from dohyo.evaluation.entry import load_entry
+from dohyo.evaluation.kinds import BenchmarkKind, OtherKindError, kind_for
 from dohyo.evaluation.settings import Schema, settings_schema
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 if TYPE_CHECKING:
-    from dohyo.evaluation.records.record import Kind
+    from dohyo.evaluation.records.record import AgentInfo, Kind
 
 GROUP = "dohyo.agents"
 LOCALIZED = "dohyo.agents.localization.localized:Localized"
@@ -56,6 +57,11 @@ class AgentView(Config):
     sensors: tuple[str, ...]
     control: str
     entry: str
+
+    @property
+    def kind(self) -> BenchmarkKind:
+        """Kind of benchmark that it is for."""
+        return kind_for(self.control)
 
 
 def agent_schema(name: str) -> Schema:
@@ -96,11 +102,28 @@ def agent_views() -> dict[str, AgentView]:
 
 def _spec(entry: str) -> dict[str, Any]:
     """What an agent of another package says of itself; it must be imported."""
-    from dohyo.evaluation.agent import make_agent
+    return describe_agent(entry, {}).model_dump(include={"track", "sensors", "control"})
 
-    agent = make_agent(entry)
-    agent.close()
-    return {"track": agent.spec.track, "sensors": agent.spec.sensors, "control": agent.spec.control}
+
+def describe_agent(entry: str, settings: Mapping[str, Any], kind: Kind = "local") -> AgentInfo:
+    """Description of an agent that drives cars or parks karts; it is made for it.
+
+    Raises:
+        InvalidInputError: The agent cannot be made.
+    """
+    from dohyo.evaluation.agent import agent_info, make_agent
+    from dohyo.evaluation.parking.agent import make_parking_agent
+
+    agent: Any
+    try:
+        agent = make_agent(entry, settings)
+    except OtherKindError:
+        agent = make_parking_agent(entry, settings)
+    try:
+        return agent_info(agent, entry, settings, kind)
+    finally:
+        if hasattr(agent, "close"):
+            agent.close()
 
 
 def resolve(name: str) -> str:

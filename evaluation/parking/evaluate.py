@@ -8,14 +8,17 @@ from pathlib import Path
 from typing import Any
 
 from dohyo.evaluation.agent import agent_info
+from dohyo.evaluation.kinds import OtherKindError
 from dohyo.evaluation.parking.agent import make_parking_agent
 from dohyo.evaluation.parking.benchmark import ParkingBenchmark
 from dohyo.evaluation.parking.drive import Drive
 from dohyo.evaluation.parking.motion import write_motion
 from dohyo.evaluation.parking.page import Evaluated, shown_records, write_parking_page
-from dohyo.evaluation.parking.record import RECORDS, ParkingRecord, read_records, write_records
+from dohyo.evaluation.parking.record import ParkingRecord, write_records
+from dohyo.evaluation.parking.resumption import forget_chunks, keep, kept
 from dohyo.evaluation.parking.running import Order, Tell, close_agents, drive_all
 from dohyo.evaluation.records.record import AgentInfo, Kind
+from dohyo.evaluation.running.lock import held
 from dohyo.sumo_networks.errors import InvalidInputError
 
 PAGE = "report.html"
@@ -31,7 +34,7 @@ def evaluate_parking(
     workers: int = 1,
     tell: Tell = lambda done, total: None,
 ) -> list[ParkingRecord]:
-    """Drives an agent in the lots of a benchmark; an evaluation that is complete is only read.
+    """Drives an agent in the lots of a benchmark; a second call drives only the missing lots.
 
     Args:
         benchmark: The benchmark.
@@ -47,15 +50,26 @@ def evaluate_parking(
         InvalidInputError: The agent cannot be made, or the folder holds another evaluation or cannot be written.
         SimulationError: A process died.
     """
-    chosen, info = list(benchmark.seeds if seeds is None else seeds), _info(entry, settings, kind)
-    if (out / RECORDS).exists():
-        before = read_records(out / RECORDS)
-        if _same(before, benchmark, info, chosen):
-            return before
-        raise InvalidInputError(f"'{out}' holds another evaluation of parking: choose another --out")
+    chosen = list(benchmark.seeds if seeds is None else seeds)
+    try:
+        info = _info(entry, settings, kind)
+    except OtherKindError as error:
+        raise InvalidInputError(f"benchmark '{benchmark.name}': {error}") from error
     if (out / "evaluation.json").exists() or (out / "result.json").exists():
         raise InvalidInputError(f"'{out}' holds an evaluation on another kind of benchmark: choose another --out")
-    return _written(out, drive_all(Order(benchmark, info, settings), chosen, workers, tell))
+    with held(out):
+        driven = kept(out, benchmark, info, chosen)
+        if missing := [seed for seed in chosen if seed not in driven]:
+            done, total = len(driven), len(chosen)
+            drives = drive_all(
+                *(Order(benchmark, info, settings), missing, workers),
+                tell=lambda more, _: tell(done + more, total),
+                keep=lambda chunk: keep(out, chunk),
+            )
+            driven |= {drive.record.seed: drive for drive in drives}
+            _write(out, [driven[seed] for seed in chosen])
+        forget_chunks(out)
+    return [driven[seed].record for seed in chosen]
 
 
 def drive_again(records: Sequence[ParkingRecord], workers: int = 1, tell: Tell = lambda done, total: None) -> list[str]:
@@ -90,18 +104,10 @@ def _info(entry: str, settings: Mapping[str, Any], kind: Kind) -> AgentInfo:
         close_agents([agent])
 
 
-def _same(records: Sequence[ParkingRecord], benchmark: ParkingBenchmark, info: AgentInfo, seeds: Sequence[int]) -> bool:
-    first = records[0]
-    same = first.benchmark.sha256 == benchmark.sha256 and first.agent == info
-    return same and [record.seed for record in records] == list(seeds)
-
-
-def _written(out: Path, drives: Sequence[Drive]) -> list[ParkingRecord]:
+def _write(out: Path, drives: Sequence[Drive]) -> None:
     records = [drive.record for drive in drives]
-    out.mkdir(parents=True, exist_ok=True)
     write_motion(out, drives)
     write_records(out, records)
     shown = {record.seed for record in shown_records(records)}
     motions = {drive.record.seed: drive.motion for drive in drives if drive.record.seed in shown}
     write_parking_page(out / PAGE, [Evaluated(records[0].agent.name, records, motions)])
-    return records

@@ -35,7 +35,13 @@ class Order:
     settings: Mapping[str, Any]
 
 
-def drive_all(order: Order, seeds: Sequence[int], workers: int, tell: Tell) -> list[Drive]:
+def drive_all(
+    order: Order,
+    seeds: Sequence[int],
+    workers: int,
+    tell: Tell,
+    keep: Callable[[Sequence[Drive]], None] = lambda chunk: None,
+) -> list[Drive]:
     """Drives lots in this process, or in several.
 
     Args:
@@ -43,6 +49,7 @@ def drive_all(order: Order, seeds: Sequence[int], workers: int, tell: Tell) -> l
         seeds: Seeds of the lots.
         workers: Number of processes; 1: this one alone.
         tell: Called with the number of lots driven and of all lots.
+        keep: Called with each chunk of lots as soon as it is driven.
 
     Returns:
         One drive per seed, in their order.
@@ -53,13 +60,14 @@ def drive_all(order: Order, seeds: Sequence[int], workers: int, tell: Tell) -> l
     """
     chunks = [seeds[first : first + CHUNK] for first in range(0, len(seeds), CHUNK)]
     if min(workers, len(chunks)) < 2:
-        return _drive(order, seeds, tell)
+        return _drive_here(order, chunks, len(seeds), tell, keep)
     drives: dict[int, list[Drive]] = {}
     with worker_pool(min(workers, len(chunks)), _drive) as pool:
         futures = {pool.submit(_drive, order, chunk): number for number, chunk in enumerate(chunks)}
         try:
             for future in as_completed(futures):
                 drives[futures[future]] = future.result()
+                keep(drives[futures[future]])
                 tell(sum(map(len, drives.values())), len(seeds))
         except BrokenProcessPool as error:
             raise SimulationError(f"a process that drove '{order.info.name}' died: {error}") from error
@@ -82,6 +90,21 @@ def close_agents(agents: Sequence[ParkingAgent]) -> None:
     for agent in agents:
         if hasattr(agent, "close"):
             agent.close()
+
+
+def _drive_here(
+    order: Order, chunks: Sequence[Sequence[int]], total: int, tell: Tell, keep: Callable[[Sequence[Drive]], None]
+) -> list[Drive]:
+    drives: list[Drive] = []
+    for chunk in chunks:
+        before = len(drives)
+
+        def shifted(done: int, _: int, before: int = before) -> None:
+            tell(before + done, total)
+
+        drives += _drive(order, chunk, shifted)
+        keep(drives[before:])
+    return drives
 
 
 def _drive(order: Order, seeds: Sequence[int], tell: Tell | None = None) -> list[Drive]:

@@ -14,6 +14,7 @@ from dohyo.evaluation.benchmarks.part import select
 from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
 from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
 from dohyo.evaluation.episode.runner import versions
+from dohyo.evaluation.kinds import OtherKindError
 from dohyo.evaluation.records.record import EpisodeRecord, Kind
 from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.running.executors import Executor, ProcessPool
@@ -83,7 +84,10 @@ def run_benchmark(
     """
     if isinstance(benchmark, str):
         benchmark = load_benchmark(benchmark)
-    agent = make_agent(entry, settings)
+    try:
+        agent = make_agent(entry, settings)
+    except OtherKindError as error:
+        raise InvalidInputError(f"benchmark '{benchmark.name}': {error}") from error
     info = agent_info(agent, entry, settings, kind)
     agent.close()
     scenarios = select(benchmark.scenarios(seeds if seeds is not None else benchmark.seeds), only, sample)

@@ -8,9 +8,27 @@ from typing import Any
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.benchmarks.documents import Family, benchmark_names
 from dohyo.evaluation.freeway.benchmark import TrafficBenchmark, load_freeway_benchmark
-from dohyo.sumo_networks.errors import UnknownNameError
+from dohyo.evaluation.kinds import BenchmarkKind, OtherKindError, check_kind
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 AnyBenchmark = Benchmark | TrafficBenchmark
+
+
+def kind_of(benchmark: AnyBenchmark) -> BenchmarkKind:
+    """Kind of a benchmark."""
+    return "driving" if isinstance(benchmark, Benchmark) else "freeway"
+
+
+def check_agent(info: Mapping[str, Any], benchmark: AnyBenchmark) -> None:
+    """Checks that a submission is for a benchmark.
+
+    Raises:
+        InvalidInputError: It is for another kind of benchmark.
+    """
+    try:
+        check_kind(info["name"], info["control"], kind_of(benchmark))
+    except OtherKindError as error:
+        raise InvalidInputError(f"benchmark '{benchmark.name}': {error}") from error
 
 
 def offered_benchmarks() -> list[AnyBenchmark]:

@@ -16,7 +16,7 @@ from dohyo.evaluation.freeway.morning import MorningsManifest
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.running.manifest import Manifest
 from dohyo.service.accounts.access import Caller, Reader, Submitter
-from dohyo.service.benchmarks.catalog import AnyBenchmark, find_benchmark, read_benchmark
+from dohyo.service.benchmarks.catalog import AnyBenchmark, check_agent, find_benchmark, read_benchmark
 from dohyo.service.boards.model import Ranking
 from dohyo.service.boards.rankings import check_entry, open_ranking
 from dohyo.service.challenges.queries import find_phase
@@ -28,7 +28,6 @@ from dohyo.service.evaluations import queries as evaluations
 from dohyo.service.evaluations.access import Aspect, find_visible, require, seen_by, visible_among
 from dohyo.service.evaluations.model import BenchmarkVersion, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.views import EvaluationView, view_evaluation
-from dohyo.service.freeway.planner import check_kind
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.storage import deletion
 from dohyo.service.storage.usage import check_bytes
@@ -300,7 +299,7 @@ def _create(order: EvaluationOrder, caller: Caller, services: Services, key: str
         submission = _submission(session, caller, order)
     # Planning routes is slow the first time, so it happens outside of any transaction; only what has room is planned.
     plan = _ranked_plan(order, submission, services) if order.ranked else _practice_plan(order, services)
-    check_kind(submission.info, plan.benchmark)
+    check_agent(submission.info, plan.benchmark)
     with services.database.reading() as session:
         _check_room(session, services, caller.owner, plan.benchmark.size * len(plan.seeds))
     scenarios = plan.benchmark.scenarios(plan.seeds)

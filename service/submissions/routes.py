@@ -10,12 +10,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from sqlalchemy.orm import Session
 
 from dohyo.evaluation.agent import AgentSpec
+from dohyo.evaluation.kinds import PLANNING_CONTROL
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.accounts.access import Caller, Reader, Submitter
 from dohyo.service.database.engine import serialise
 from dohyo.service.database.idempotency import made_before, remember
 from dohyo.service.errors import NotFoundError, TooManyRequestsError
-from dohyo.service.freeway.planner import CONTROL as PLANNER_CONTROL
 from dohyo.service.freeway.planner import check_planner
 from dohyo.service.jobs.orders import Wait, answer_job, check_room, order_job, ordered
 from dohyo.service.state import Services, ServicesOf
@@ -195,12 +195,12 @@ def delete_submission(
 
 def _remote(order: RemoteOrder, agent: str) -> AgentInfo:
     try:
-        if order.control == PLANNER_CONTROL:
+        if order.control == PLANNING_CONTROL:
             check_planner(order.track, order.sensors)
         else:
             make_sensors(order.sensors, Track[order.track.upper()])
-        if order.control not in (*CONTROLS, PLANNER_CONTROL):
-            raise UnknownNameError("control", order.control, [*CONTROLS, PLANNER_CONTROL])
+        if order.control not in (*CONTROLS, PLANNING_CONTROL):
+            raise UnknownNameError("control", order.control, [*CONTROLS, PLANNING_CONTROL])
     except UnknownNameError as error:
         raise InvalidInputError(str(error)) from error
     name = order.name or agent

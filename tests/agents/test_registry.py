@@ -6,7 +6,7 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from dohyo.agents import registry
-from dohyo.agents.registry import GROUP, agent_entries, agent_schema, agent_views, resolve
+from dohyo.agents.registry import GROUP, agent_entries, agent_schema, agent_views, describe_agent, resolve
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.entry import load_entry
 from dohyo.evaluation.settings import check_against, settings_schema
@@ -47,8 +47,8 @@ def test_the_same_agent_offered_twice_is_one(monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.parametrize("name", agent_entries())
 def test_what_is_declared_of_an_agent_is_what_its_class_says(name: str) -> None:
-    view, spec = agent_views()[name], make_agent(resolve(name)).spec
-    assert (view.track, view.sensors, view.control) == (spec.track, spec.sensors, spec.control)
+    view, info = agent_views()[name], describe_agent(resolve(name), {})
+    assert (view.track, view.sensors, view.control) == (info.track, info.sensors, info.control)
 
 
 def test_the_stored_settings_are_those_of_the_constructors() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,14 @@ class Greedy:
             return np.array([0.0, 0.0, 1.0])
         speed = kart.MAX_SPEED_MPS * math.hypot(observation[4], observation[5])
         return np.array([np.clip(target_mps - speed + 0.06, 0, 1), np.clip(self.gain * error, -1, 1), -1.0])
+
+
+class Slow(Greedy):
+    """Takes its time before each lot."""
+
+    def reset(self, seed: int) -> None:
+        """See the class."""
+        time.sleep(0.05)
 
 
 class Seer(Greedy):

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -21,6 +24,7 @@ from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.parking import lot
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
+ROOT = Path(__file__).parents[3]
 HERE = "tests.evaluation.parking.parkers"
 SEEDS = range(HELD_OUT_FROM, HELD_OUT_FROM + 6)
 
@@ -99,8 +103,57 @@ def test_a_complete_evaluation_is_read_and_another_one_refused(three):
     before = (folder / RECORDS).stat().st_mtime_ns
     assert evaluated(folder) == records
     assert (folder / RECORDS).stat().st_mtime_ns == before
-    with pytest.raises(InvalidInputError, match="holds another evaluation of parking"):
+    with pytest.raises(InvalidInputError, match="'greedy' as it was before its code or settings changed"):
         evaluated(folder, settings={"gain": 1.5})
+    with pytest.raises(InvalidInputError, match="holds benchmark parking-three"):
+        evaluated(folder, name="parking-simple")
+    with pytest.raises(InvalidInputError, match=f"holds lot {SEEDS[4]}, which is not to be driven"):
+        evaluate_parking(load_parking_benchmark("parking-three"), f"{HERE}:Greedy", {}, "local", SEEDS[:4], folder)
+
+
+KILLED = """
+import sys
+from pathlib import Path
+from dohyo.evaluation.parking import running
+from dohyo.evaluation.parking.benchmark import load_parking_benchmark
+from dohyo.evaluation.parking.evaluate import evaluate_parking
+from tests.evaluation.parking.test_evaluate import HERE, MANY
+running.CHUNK = 3
+evaluate_parking(load_parking_benchmark("parking-simple"), f"{HERE}:Slow", {}, "local", MANY, Path(sys.argv[1]))
+"""
+MANY = range(HELD_OUT_FROM, HELD_OUT_FROM + 30)
+
+
+def test_kill_nine_loses_no_lot_that_was_kept(tmp_path):
+    out, simple = tmp_path / "killed", load_parking_benchmark("parking-simple")
+    process = subprocess.Popen([sys.executable, "-c", KILLED, str(out)], cwd=ROOT)
+    while len(list(out.glob(f"driven/*/{RECORDS}"))) < 2:
+        assert process.poll() is None
+        time.sleep(0.01)
+    with pytest.raises(InvalidInputError, match="in use by another process"):
+        evaluate_parking(simple, f"{HERE}:Slow", {}, "local", MANY, out)
+    process.kill()
+    process.wait()
+    assert not (out / RECORDS).exists()
+    with pytest.raises(InvalidInputError, match="or another agent"):
+        evaluate_parking(simple, f"{HERE}:Greedy", {}, "local", MANY, out)
+    told: list[tuple[int, int]] = []
+    resumed = evaluate_parking(simple, f"{HERE}:Slow", {}, "local", MANY, out, tell=lambda *one: told.append(one))
+    assert told[0] >= (7, 30)
+    assert told[-1] == (30, 30)
+    assert resumed == read_records(out / RECORDS)
+    assert not (out / "driven").exists()
+    assert resumed == evaluate_parking(simple, f"{HERE}:Slow", {}, "local", MANY, tmp_path / "undisturbed")
+    assert (out / MOTION).read_bytes() == (tmp_path / "undisturbed" / MOTION).read_bytes()
+
+
+def test_more_lots_complete_an_evaluation(three, tmp_path):
+    _, records = three
+    some = load_parking_benchmark("parking-three"), f"{HERE}:Greedy", {}, "local"
+    evaluate_parking(*some, SEEDS[2:4], tmp_path)
+    told: list[int] = []
+    assert evaluate_parking(*some, SEEDS, tmp_path, tell=lambda done, _: told.append(done)) == records
+    assert told == [3, 4, 5, 6]
 
 
 def test_rates_count_karts_and_intervals_are_over_lots(three):
@@ -155,7 +208,10 @@ def test_a_privileged_agent_is_shown_the_lot(tmp_path):
     ("entry", "said"),
     [
         ("tests.evaluation.parking.parkers:ParkingSpec", "setting 'name': expected text"),
-        ("dohyo.agents.experts.reckless:Reckless", "cannot park: expected a ParkingSpec, got AgentSpec"),
+        (
+            "dohyo.agents.experts.reckless:Reckless",
+            "benchmark 'parking-simple': expected agents that park .*, and 'reckless' has",
+        ),
         ("tests.evaluation.parking.parkers:Nobody", "has no 'Nobody'"),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -41,6 +42,29 @@ def test_an_agent_is_evaluated_verified_and_reported(
 
     assert dohyo(monkeypatch, "report", out, "--out", page) == 0
     assert page.read_text().count('<svg class="plan"') == 4
+
+
+def test_the_registered_agents_park_and_are_verified_without_trust(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("parking", "parking-expert"):
+        order = ("evaluate", "--agent", name, "--benchmark", "parking-complex", "--seeds", "0-1", "--workers", "1")
+        assert dohyo(monkeypatch, *order, "--out", tmp_path / name) == 0
+        assert dohyo(monkeypatch, "verify", tmp_path / name / "records.jsonl") == 0
+        assert "same: all 2 lots" in capsys.readouterr().out
+    assert dohyo(monkeypatch, "agents", "list", "--json") == 0
+    listed = {one["name"]: one["for"] for one in json.loads(capsys.readouterr().out)}
+    assert (listed["parking"], listed["parking-expert"], listed["idm"]) == ("parking", "parking", "driving")
+
+
+@pytest.mark.parametrize(
+    ("agent", "benchmark"), [("idm", "parking-complex"), ("parking", "quickstart"), ("parking-expert", "quickstart")]
+)
+def test_agents_of_the_other_kind_are_refused_by_name(agent, benchmark, monkeypatch, capsys, tmp_path):
+    assert dohyo(monkeypatch, "evaluate", "--agent", agent, "--benchmark", benchmark, "--out", tmp_path / "out") == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert re.search(f"benchmark '{benchmark}': expected agents that .*, and '{agent}' has control", said)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
