@@ -57,10 +57,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         study = study_named(name)
         if given.action == "run":
             _run(name, study, given)
+        elif not (results := _stored(study, given)).rows:
+            print(f"{name}: no stored rows")
         elif given.action == "table":
-            _table(study, given)
+            _table(study, results, given)
         elif study.figures is not None:
-            for path in study.figures(_stored(study, given), given.out or Path("out/studies") / name):
+            for path in study.figures(results, given.out or Path("out/studies") / name):
                 print(f"figure: {path}")
 
 
@@ -92,8 +94,7 @@ def _run(name: str, study: Study[Any], given: argparse.Namespace) -> None:
     print(f"rows: {out}" + (f"; {lost} cells were lost, the same command runs them again" if lost else ""))
 
 
-def _table(study: Study[Any], given: argparse.Namespace) -> None:
-    results = _stored(study, given)
+def _table(study: Study[Any], results: Results, given: argparse.Namespace) -> None:
     for section, table in study.tables.items():
         text = table(results) if given.section in (None, section) else ""
         if text and given.write:

@@ -4,6 +4,10 @@ A claim is judged by the differences of its arms on the scenarios that both drov
 two-sided, from the crossed bootstrap; all claims of a list are corrected together (Holm 1979), so that the chance of
 any false verdict in the list is at most 5 %. A list of twenty claims without correction has a false one in two of
 three studies.
+
+A claim about trained arms with fewer than three trainings is not resolved, as scenarios of one training say nothing
+about other seeds. It counts in the correction with a p-value of 1, so that it makes no other claim easier. Arms without
+training, such as rules, experts and planners, need none.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, differe
 from dohyo.evaluation.statistics import Estimate
 
 LEVEL: Final = 0.05
+ENOUGH_TRAININGS: Final = 3
 Relation = Literal[">", "<", "="]
 Verdict = Literal["reproduced", "not resolved", "contradicted"]
 
@@ -53,7 +58,7 @@ class Judgement:
         claim: The claim.
         difference: Mean of left - right with its 95 % interval, which is not corrected.
         trainings: Mean difference of each training, by seed.
-        p: Two-sided p-value.
+        p: Two-sided p-value; 1 with too few trainings.
         adjusted: The same after Holm's correction over the list.
         verdict: Of the corrected p-value.
     """
@@ -64,6 +69,11 @@ class Judgement:
     p: float
     adjusted: float
     verdict: Verdict
+
+    @property
+    def few_trainings(self) -> bool:
+        """Whether the arms have too few trainings for a verdict."""
+        return _has_few(self.trainings)
 
 
 def judge(
@@ -80,13 +90,19 @@ def judge(
     """
     pairs = [(claim, difference(values(claim, claim.left), values(claim, claim.right))) for claim in claims]
     pairs = [(claim, matched) for claim, matched in pairs if matched]
-    p_values = [p_value(matched) for _, matched in pairs]
+    means = [by_training(matched) for _, matched in pairs]
+    p_values = [1.0 if _has_few(of) else p_value(matched) for of, (_, matched) in zip(means, pairs, strict=True)]
     judged = []
-    for (claim, matched), p, adjusted in zip(pairs, p_values, holm(p_values), strict=True):
+    for (claim, matched), of, p, adjusted in zip(pairs, means, p_values, holm(p_values), strict=True):
         found = interval(matched)
         said = verdict(claim.relation, found.mean or 0.0, adjusted)
-        judged.append(Judgement(claim, found, by_training(matched), p, adjusted, said))
+        judged.append(Judgement(claim, found, of, p, adjusted, said))
     return judged
+
+
+def _has_few(trainings: Mapping[int | None, float]) -> bool:
+    """Whether something was trained, but too few times; values without a training have the seed None."""
+    return 0 < len(trainings.keys() - {None}) < ENOUGH_TRAININGS
 
 
 def verdict(relation: Relation, mean: float, adjusted: float) -> Verdict:

@@ -12,14 +12,12 @@ from pathlib import Path
 from typing import Final
 
 from dohyo.agents.studies.claims import Judgement
-from dohyo.evaluation.report.style import interval, markdown, number
+from dohyo.evaluation.report.style import MISSING, interval, markdown, number
 from dohyo.evaluation.statistics import Estimate
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
 PAGE: Final = "RESULTS.md"
-ENOUGH_TRAININGS: Final = 3
-"""With fewer, a verdict says nothing about other seeds of the training, and its cell has their number."""
 
 
 def claims_table(
@@ -35,20 +33,16 @@ def claims_table(
         shown: Difference with its interval.
     """
     heads = [*before, "paired difference", "p (Holm)", "verdict"]
-    rows = [
-        [*(cell(one) for cell in before.values()), shown(one), probability(one.adjusted), verdict_cell(one)]
-        for one in judged
-    ]
+    rows = [[*(cell(one) for cell in before.values()), shown(one), *_verdict_cells(one)] for one in judged]
     return markdown(heads, rows) if rows else ""
 
 
-def verdict_cell(one: Judgement) -> str:
-    """Verdict; a resolved one on few trainings has their number."""
-    few = 0 < len(one.trainings.keys() - {None}) < ENOUGH_TRAININGS
-    if not few or one.verdict == "not resolved":
-        return one.verdict
+def _verdict_cells(one: Judgement) -> tuple[str, str]:
+    """Corrected p-value and verdict; with too few trainings, their number in place of a test."""
     count = len(one.trainings)
-    return f"{one.verdict}, of {count} training{'s' * (count > 1)}"
+    if one.few_trainings:
+        return MISSING, f"{one.verdict}: {count} training{'s' * (count > 1)}"
+    return probability(one.adjusted), one.verdict
 
 
 def each_training(one: Judgement) -> str:

@@ -10,7 +10,7 @@ from dohyo.agents.studies.crossed_bootstrap import Matched, estimate, of_pairs, 
 
 
 def pairs(*differences: float) -> Matched:
-    """Differences of one training, a scenario each."""
+    """Values of an arm without training, a scenario each."""
     return {(f"m{i:03}",): {None: value} for i, value in enumerate(differences)}
 
 
@@ -66,6 +66,37 @@ def test_only_common_scenarios_and_trainings_count_and_claims_without_any_are_le
     (only,) = judge(claims, arms(left=left, right=right))
     assert only.difference.mean == pytest.approx(3.5)
     assert only.trainings == {0: 3.0, 1: 4.0}
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "resolved"),
+    [
+        ([None], [None], True),
+        ([0, 1, 2], [None], True),
+        ([0, 1, 2], [0, 1, 2], True),
+        ([0, 1], [None], False),
+        ([0, 1, 2], [0, 1], False),
+        ([0], [0], False),
+    ],
+)
+def test_a_verdict_on_trained_arms_needs_three_trainings(left, right, resolved):
+    def trained(seeds: list[int | None], value: float) -> Matched:
+        return {(f"m{i:03}",): dict.fromkeys(seeds, value + i) for i in range(20)}
+
+    (one,) = judge([Claim("a", ">", "b", "score")], arms(a=trained(left, 5.0), b=trained(right, 1.0)))
+    assert one.difference.mean == pytest.approx(4.0)
+    assert one.verdict == ("reproduced" if resolved else "not resolved")
+    assert one.few_trainings is (one.p == 1.0) is (not resolved)
+
+
+def test_claims_of_few_trainings_make_no_other_claim_easier():
+    generator = np.random.default_rng(3)
+    near, zero = pairs(*generator.normal(0.45, 1.0, 30)), pairs(*[0.0] * 30)
+    once = {key: {0: 1.0} for key in near}
+    claims = [Claim("near", ">", "zero", "score"), *[Claim("once", ">", "zero", "score")] * 9]
+    alone, *rest = judge(claims, arms(near=near, zero=zero, once=once))
+    assert alone.adjusted == pytest.approx(min(1.0, 10 * alone.p))
+    assert {(one.adjusted, one.verdict) for one in rest} == {(1.0, "not resolved")}
 
 
 @pytest.mark.parametrize(("count", "resolved"), [(5, False), (6, True)])

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from dohyo.agents.studies import __main__ as command
 from dohyo.agents.studies.__main__ import main
 from dohyo.agents.studies.claims import Claim, judge
 from dohyo.agents.studies.rows import Row
@@ -48,7 +49,7 @@ def test_every_section_holds_what_its_stored_rows_give(name: str) -> None:
         assert text in ("", found[1])
 
 
-def test_a_verdict_on_few_trainings_says_how_many() -> None:
+def test_a_claim_of_few_trainings_is_not_resolved_and_says_why() -> None:
     def table(seeds: range | tuple[None]) -> str:
         rows = {
             arm: {(f"m{i}",): dict.fromkeys(seeds, base + i) for i in range(20)} for arm, base in (("a", 9), ("b", 1))
@@ -58,7 +59,8 @@ def test_a_verdict_on_few_trainings_says_how_many() -> None:
 
     difference = "8.00 [8.00, 8.00]"
     assert table(range(3)) == f"| a > b | +8, +8, +8 | {difference} n=60 | < 0.001 | reproduced |"
-    assert table(range(1)) == f"| a > b | +8 | {difference} n=20 | < 0.001 | reproduced, of 1 training |"
+    assert table(range(1)) == f"| a > b | +8 | {difference} n=20 | — | not resolved: 1 training |"
+    assert table(range(2)).endswith("| — | not resolved: 2 trainings |")
     assert table((None,)) == f"| a > b | +8 | {difference} n=20 | < 0.001 | reproduced |"
 
 
@@ -81,6 +83,16 @@ def test_a_choice_without_cells_and_rows_that_are_not_there_are_refused(tmp_path
         main(["ghrl", "run", "--arms", "nobody", "--out", str(tmp_path)])
     with pytest.raises(InvalidInputError, match="expected stored rows, found none"):
         main(["ghrl", "table", "--rows", str(tmp_path)])
+
+
+def test_the_tables_of_all_studies_leave_a_page_without_stored_rows_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command, "STUDIES", {"dissipation": STUDIES["dissipation"]})
+    before = study_named("dissipation").page.read_text()
+    main(["all", "table", "--rows", str(tmp_path), "--write"])
+    assert study_named("dissipation").page.read_text() == before
+    assert capsys.readouterr().out == "dissipation: no stored rows\n"
 
 
 def test_rows_of_other_options_are_refused(tmp_path: Path) -> None:
