@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from dohyo.evaluation.benchmarks.documents import Family
 from dohyo.evaluation.benchmarks.loading import load
 from dohyo.sumo_networks.config import Config, Name
+from dohyo.sumo_networks.parking.limits import MAX_KARTS
 from dohyo.sumo_networks.scenario import content_hash
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
 if TYPE_CHECKING:
     from dohyo.sumo_networks.parking.generate import Scene
-
-MAX_KARTS: Final = 8
-"""That of lots, whose module loads numba, which a list of benchmarks does not need."""
 
 SceneName = Literal["simple", "complex", "parallel", "angled", "pedestrians"]
 
@@ -57,7 +55,7 @@ class ParkingBenchmark(Config):
 
 def scene_of(name: SceneName) -> Scene:
     """The scene of a name."""
-    from dohyo.sumo_networks.parking.generate import Scene  # see MAX_KARTS
+    from dohyo.sumo_networks.parking.generate import Scene  # loads numba, which a list of benchmarks does not need
 
     return Scene[name.upper()]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.parking.contact import distance_to_segment, store_box
-from dohyo.sumo_networks.parking.lot import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS
+from dohyo.sumo_networks.parking.limits import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS
 from dohyo.sumo_networks.parking.radar import Kind
 from dohyo.sumo_networks.parking.tables import BOXES, FREE, KIND, LIMIT, SPOTS, WALKERS, WALLS, Tables
 

@@ -15,7 +15,7 @@ from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.geometry import wrap
 from dohyo.sumo_networks.parking import kart, rules
 from dohyo.sumo_networks.parking.contact import STORED, boxes_touch, distance_to, touches_segment
-from dohyo.sumo_networks.parking.lot import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS
+from dohyo.sumo_networks.parking.limits import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS
 from dohyo.sumo_networks.parking.radar import Kind
 from dohyo.sumo_networks.parking.rules import Outcome
 from dohyo.sumo_networks.parking.tables import (

@@ -18,9 +18,9 @@ from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.parking import kart
 from dohyo.sumo_networks.parking.contact import STORED, boxes_touch, distance_to, store_box, touches_segment
+from dohyo.sumo_networks.parking.limits import MAX_BOXES, MAX_KARTS, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS
 
 TIME_LIMIT_S = 60.0
-MAX_WALLS, MAX_BOXES, MAX_SPOTS, MAX_PEDESTRIANS, MAX_KARTS = 16, 32, 24, 8, 8
 _SHARED_LINE_M = 0.02
 """Spots side by side share a line; they overlap if they share more than this."""
 

@@ -7,11 +7,8 @@ from dataclasses import dataclass
 
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.parking import kart
+from dohyo.sumo_networks.parking.limits import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS
 from dohyo.sumo_networks.parking.lot import (
-    MAX_BOXES,
-    MAX_PEDESTRIANS,
-    MAX_SPOTS,
-    MAX_WALLS,
     Block,
     Lot,
     ParkedCar,

@@ -8,7 +8,7 @@ from numba import njit
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from dohyo.sumo_networks.parking import kart, radar
 from dohyo.sumo_networks.parking.contact import STORED
-from dohyo.sumo_networks.parking.lot import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS
+from dohyo.sumo_networks.parking.limits import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS
 from dohyo.sumo_networks.parking.observation import write_radar, write_state
 from dohyo.sumo_networks.parking.rules import Outcome
 from dohyo.sumo_networks.parking.tables import (

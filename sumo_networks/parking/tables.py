@@ -13,7 +13,7 @@ import numpy as np
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.parking import kart
 from dohyo.sumo_networks.parking.contact import STORED
-from dohyo.sumo_networks.parking.lot import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS
+from dohyo.sumo_networks.parking.limits import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS
 from dohyo.sumo_networks.parking.rules import WIDTH, Outcome
 
 KIND: Final = STORED

@@ -13,7 +13,8 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.geometry import wrap_angle
 from dohyo.sumo_networks.parking import kart, kernel
 from dohyo.sumo_networks.parking.generate import Scene, draw
-from dohyo.sumo_networks.parking.lot import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS, Lot
+from dohyo.sumo_networks.parking.limits import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS
+from dohyo.sumo_networks.parking.lot import Lot
 from dohyo.sumo_networks.parking.observation import COLUMNS
 from dohyo.sumo_networks.parking.rows import LotView, describe, write_lot
 from dohyo.sumo_networks.parking.rules import (

@@ -177,7 +177,7 @@ def learning() -> list[Figure]:
 
 def parking() -> list[Figure]:
     """Karts in hundreds of lots, with observations: 50 ms are two million steps per second."""
-    from dohyo.sumo_networks.parking import Scene
+    from dohyo.sumo_networks.parking.generate import Scene
     from tests.performance import parking as parts
 
     kernel = kernel_ms()

@@ -11,7 +11,8 @@ import time
 
 import numpy as np
 
-from dohyo.sumo_networks.parking import ParkingWorld, Scene
+from dohyo.sumo_networks.parking.generate import Scene
+from dohyo.sumo_networks.parking.world import ParkingWorld
 
 LOTS, TICKS, ROUNDS = 512, 100, 15
 

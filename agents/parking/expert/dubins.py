@@ -7,25 +7,15 @@ import math
 import numpy as np
 from numba import njit
 
-from dohyo.agents.parking.expert.curves import SEGMENTS, relative_to
+from dohyo.agents.parking.expert.curves import SEGMENTS
 from dohyo.sumo_networks.arrays import FloatArray
 
 _TURN = 2.0 * math.pi
 
 
 @njit(cache=True)
-def dubins(start: FloatArray, goal: FloatArray, radius: float) -> tuple[float, FloatArray]:
-    """Shortest forward curve between two poses.
-
-    Args:
-        start: (3,) x, y [m] and heading [rad].
-        goal: (3,) likewise.
-        radius: Turning radius, m.
-
-    Returns:
-        Length [m], and the curve, see `curves`.
-    """
-    x, y, heading = relative_to(start, goal, radius)
+def dubins(x: float, y: float, heading: float) -> tuple[float, FloatArray]:
+    """Length of the shortest curve to a pose, and the curve; frame and unit are those of `relative_to`."""
     best, curve = math.inf, np.zeros((SEGMENTS, 2))
     for first in (1.0, -1.0):
         for last in (1.0, -1.0):
@@ -37,7 +27,7 @@ def dubins(start: FloatArray, goal: FloatArray, radius: float) -> tuple[float, F
         if t + p + q < best:
             best = t + p + q
             curve[0], curve[1], curve[2] = (first, t), (-first, p), (first, q)
-    return best * radius, curve
+    return best, curve
 
 
 @njit(cache=True)

@@ -14,9 +14,9 @@ import numpy as np
 from numba import njit
 
 from dohyo.agents.parking.expert.curves import poses_along
-from dohyo.agents.parking.expert.dubins import dubins
 from dohyo.agents.parking.expert.hybrid_a_star import SAMPLE_M, Shape, plan, touches
 from dohyo.agents.parking.expert.scene import Scene
+from dohyo.agents.parking.expert.shortest import shortest_curve
 from dohyo.agents.parking.expert.tracker import AXLE_M, follow, rear_axle
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.parking import kart
@@ -77,7 +77,8 @@ class Expert:
                 self.path, self._at = path, 0
                 return
         if fresh:  # rather a bold way than none
-            self.path, self._at = poses_along(start, dubins(start, goal, RADIUS_M)[1], RADIUS_M, SAMPLE_M), 0
+            curve = shortest_curve(start, goal, RADIUS_M, reverse=False)[1]
+            self.path, self._at = poses_along(start, curve, RADIUS_M, SAMPLE_M), 0
 
 
 def goal_in(spot: FloatArray) -> FloatArray:

@@ -14,8 +14,7 @@ import numpy as np
 from numba import njit
 
 from dohyo.agents.parking.expert.curves import advanced, poses_along
-from dohyo.agents.parking.expert.dubins import dubins
-from dohyo.agents.parking.expert.reeds_shepp import reeds_shepp
+from dohyo.agents.parking.expert.shortest import shortest_curve
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.geometry import box_overlaps
 
@@ -133,7 +132,7 @@ def _key(pose: FloatArray) -> tuple[int, int, int]:
 @njit(cache=True)
 def _ahead(pose: FloatArray, goal: FloatArray, radius: float, reverse: bool) -> float:
     """Heuristic: length of the shortest curve without obstacles."""
-    return reeds_shepp(pose, goal, radius)[0] if reverse else dubins(pose, goal, radius)[0]
+    return shortest_curve(pose, goal, radius, reverse)[0]
 
 
 @njit(cache=True)
@@ -159,7 +158,7 @@ def _shot(start: FloatArray, goal: FloatArray, boxes: FloatArray, shape: Shape, 
         before = goal.copy()
         before[0] -= straight * math.cos(goal[2])
         before[1] -= straight * math.sin(goal[2])
-        length, curve = reeds_shepp(start, before, shape.radius) if reverse else dubins(start, before, shape.radius)
+        length, curve = shortest_curve(start, before, shape.radius, reverse)
         price = length + straight + STRAIGHT_COST * (STRAIGHTS_M[-1] - straight)
         if price >= best:
             continue

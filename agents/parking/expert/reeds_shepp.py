@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from dohyo.agents.parking.expert.curves import SEGMENTS, relative_to, wrapped
+from dohyo.agents.parking.expert.curves import SEGMENTS, wrapped
 from dohyo.sumo_networks.arrays import FloatArray
 
 WORDS = np.array(
@@ -33,18 +33,8 @@ _Lengths = tuple[float, float, float, float, float]
 
 
 @njit(cache=True)
-def reeds_shepp(start: FloatArray, goal: FloatArray, radius: float) -> tuple[float, FloatArray]:
-    """Shortest curve between two poses, forwards and in reverse.
-
-    Args:
-        start: (3,) x, y [m] and heading [rad].
-        goal: (3,) likewise.
-        radius: Turning radius, m.
-
-    Returns:
-        Length [m], and the curve, see `curves`.
-    """
-    x, y, heading = relative_to(start, goal, radius)
+def reeds_shepp(x: float, y: float, heading: float) -> tuple[float, FloatArray]:
+    """Length of the shortest curve to a pose, and the curve; frame and unit are those of `relative_to`."""
     heading = wrapped(heading)
     best, curve = math.inf, np.zeros((SEGMENTS, 2))
     for back in (False, True):
@@ -60,7 +50,7 @@ def reeds_shepp(start: FloatArray, goal: FloatArray, radius: float) -> tuple[flo
                     if total < best - 1e-12:
                         best = total
                         _write(curve, word, found, direction, side, back)
-    return best * radius, curve
+    return best, curve
 
 
 @njit(cache=True)

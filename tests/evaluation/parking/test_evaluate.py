@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from dohyo.evaluation.benchmarks.documents import Family, benchmark_names
-from dohyo.evaluation.parking import benchmark, running
+from dohyo.evaluation.parking import running
 from dohyo.evaluation.parking.benchmark import ParkingBenchmark, load_parking_benchmark
 from dohyo.evaluation.parking.evaluate import PAGE, drive_again, evaluate_parking
 from dohyo.evaluation.parking.motion import MOTION, read_motion
@@ -21,7 +21,6 @@ from dohyo.evaluation.parking.page import Evaluated, write_parking_page
 from dohyo.evaluation.parking.record import RECORDS, ParkingRecord, read_records
 from dohyo.evaluation.parking.result import compare_parking, summarise_parking
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.parking import lot
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
 ROOT = Path(__file__).parents[3]
@@ -236,7 +235,3 @@ def test_the_page_shows_every_agent_with_plan_views(three, tmp_path):
     other = [record.model_copy(update={"benchmark": foreign}) for record in records]
     with pytest.raises(InvalidInputError, match="different benchmarks"):
         write_parking_page(tmp_path / "both.html", [both[0], Evaluated("two", other, {})])
-
-
-def test_a_benchmark_has_at_most_as_many_karts_as_a_lot() -> None:
-    assert benchmark.MAX_KARTS == lot.MAX_KARTS

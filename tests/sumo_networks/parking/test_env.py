@@ -11,8 +11,11 @@ from pettingzoo.test import parallel_api_test, parallel_seed_test
 from dohyo.agents.learning.tasks.environments import check_environments
 from dohyo.sumo_networks.ego.control import InvalidActionError
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.parking import ALIGNED, JUDGED, SIMPLE, Level, ParkingEnv, ParkingVectorEnv, Scene
+from dohyo.sumo_networks.parking.env import ParkingEnv
+from dohyo.sumo_networks.parking.generate import Scene
 from dohyo.sumo_networks.parking.lot import Pose
+from dohyo.sumo_networks.parking.rules import ALIGNED, JUDGED, SIMPLE
+from dohyo.sumo_networks.parking.vector_env import Level, ParkingVectorEnv
 from tests.sumo_networks.parking.lots import REST, lot_of
 
 IN_PLACE = lot_of(Pose(x_m=0.0, y_m=0.0, heading_rad=math.pi / 2))

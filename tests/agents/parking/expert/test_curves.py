@@ -11,20 +11,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dohyo.agents.parking.expert.curves import advanced, poses_along, wrapped
-from dohyo.agents.parking.expert.dubins import dubins
-from dohyo.agents.parking.expert.reeds_shepp import reeds_shepp
+from dohyo.agents.parking.expert.shortest import shortest_curve
 
 RADIUS = 1.3
 COORDINATE = st.floats(-6.0, 6.0)
 POSE = st.tuples(COORDINATE, COORDINATE, st.floats(-math.pi, math.pi)).map(np.array)
-CURVES = pytest.mark.parametrize("shortest", [reeds_shepp, dubins])
 
 
-@CURVES
+@pytest.mark.parametrize("reverse", [False, True])
 @settings(max_examples=200, deadline=None)
 @given(start=POSE, goal=POSE)
-def test_a_curve_ends_at_its_goal_and_is_no_shorter_than_the_straight_line(shortest, start, goal):
-    length, curve = shortest(start, goal, RADIUS)
+def test_a_curve_ends_at_its_goal_and_is_no_shorter_than_the_straight_line(reverse, start, goal):
+    length, curve = shortest_curve(start, goal, RADIUS, reverse)
     end = poses_along(start, curve, RADIUS, step=0.1)[-1]
     assert np.abs(end[:2] - goal[:2]).max() < 1e-6
     assert abs(wrapped(end[2] - goal[2])) < 1e-6
@@ -35,15 +33,15 @@ def test_a_curve_ends_at_its_goal_and_is_no_shorter_than_the_straight_line(short
 @settings(max_examples=200, deadline=None)
 @given(start=POSE, goal=POSE)
 def test_reverse_makes_a_way_as_long_as_its_way_back_and_never_longer(start, goal):
-    length, _ = reeds_shepp(start, goal, RADIUS)
-    assert length == pytest.approx(reeds_shepp(goal, start, RADIUS)[0], abs=1e-6)
-    assert length <= dubins(start, goal, RADIUS)[0] + 1e-9
+    length, _ = shortest_curve(start, goal, RADIUS, reverse=True)
+    assert length == pytest.approx(shortest_curve(goal, start, RADIUS, reverse=True)[0], abs=1e-6)
+    assert length <= shortest_curve(start, goal, RADIUS, reverse=False)[0] + 1e-9
 
 
 @settings(max_examples=100, deadline=None)
 @given(start=POSE, goal=POSE)
 def test_a_forward_curve_never_goes_back(start, goal):
-    assert (dubins(start, goal, RADIUS)[1][:, 1] >= 0.0).all()
+    assert (shortest_curve(start, goal, RADIUS, reverse=False)[1][:, 1] >= 0.0).all()
 
 
 def test_no_curve_of_up_to_four_segments_on_a_grid_is_shorter():
@@ -56,11 +54,15 @@ def test_no_curve_of_up_to_four_segments_on_a_grid_is_shorter():
         for steering, length in drawn:
             x, y, heading = advanced(x, y, heading, steering, length)
         goal = np.array([x, y, heading])
-        assert reeds_shepp(np.zeros(3), goal, 1.0)[0] <= sum(abs(length) for _, length in drawn) + 1e-6
+        shortest = shortest_curve(np.zeros(3), goal, 1.0, reverse=True)[0]
+        assert shortest <= sum(abs(length) for _, length in drawn) + 1e-6
 
 
 def test_known_curves():
-    assert reeds_shepp(np.zeros(3), np.array([-3.0, 0.0, 0.0]), 1.0)[0] == pytest.approx(3.0)
-    assert dubins(np.zeros(3), np.array([0.0, 2.0, math.pi]), 1.0)[0] == pytest.approx(math.pi)
+    def length(*goal: float, reverse: bool) -> float:
+        return shortest_curve(np.zeros(3), np.array(goal), 1.0, reverse)[0]
+
+    assert length(-3.0, 0.0, 0.0, reverse=True) == pytest.approx(3.0)
+    assert length(0.0, 2.0, math.pi, reverse=False) == pytest.approx(math.pi)
     # Three quarter turns change the heading by a right angle on the spot; forwards alone it takes more.
-    assert reeds_shepp(np.zeros(3), np.array([0.0, 0.0, math.pi / 2]), 1.0)[0] < math.pi
+    assert length(0.0, 0.0, math.pi / 2, reverse=True) < math.pi
