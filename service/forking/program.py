@@ -77,7 +77,7 @@ class Copies:
             if pid == 0:
                 _become(json.loads(content), others, server)
             self._watch(pid, pipe)
-        except OSError:  # too many processes; the closed pipe tells of it
+        except OSError:  # too many processes or files; the closed pipe tells of it
             traceback.print_exc()
             os.close(pipe)
         for other in others:
@@ -85,7 +85,12 @@ class Copies:
         return True
 
     def _watch(self, pid: int, pipe: int) -> None:
-        process = os.pidfd_open(pid)
+        try:
+            process = os.pidfd_open(pid)
+        except OSError:  # nobody could end it later
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+            raise
         self._running[process] = pid, pipe
         self._poll.register(process, select.POLLIN)
         _write(pipe, pid)
