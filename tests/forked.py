@@ -29,11 +29,13 @@ ROOT = Path(__file__).parents[1]
 LOADED = (
     "dohyo.sumo_networks.preloaded",
     "dohyo.sumo_networks.envs.driving_env",
+    "dohyo.service.app",
     "dohyo.service.cli.commands.train",
     "dohyo.agents.learning.gymnasium.task",
     "dohyo.agents.hierarchical.study.trainings",
     "dohyo.agents.studies.__main__",
 )
+MAIN = "from dohyo.service.cli import main; main()"
 PATIENCE_S = 300.0
 
 
@@ -43,9 +45,17 @@ class Python:
     Attributes:
         pid: Its number.
         returncode: How it ended, as subprocess says it; None before its end is known.
+        streams: Its stdout and stderr, to be read while it runs; only if piped.
     """
 
-    def __init__(self, code: str, *arguments: str, cwd: Path = ROOT, env: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        code: str,
+        *arguments: str,
+        cwd: Path = ROOT,
+        env: Mapping[str, str] | None = None,
+        piped: bool = False,
+    ) -> None:
         """Starts it.
 
         Args:
@@ -53,9 +63,13 @@ class Python:
             arguments: What follows in sys.argv.
             cwd: Its working directory, also the first place where it looks for modules.
             env: Environment variables; by default those of this process.
+            piped: Whether `streams` are read instead of `output` and `errors`.
         """
         self._files = tempfile.TemporaryDirectory()
         self._out, self._err = (Path(self._files.name) / name for name in ("out", "err"))
+        if piped:
+            os.mkfifo(self._out)
+            os.mkfifo(self._err)
         self.returncode: int | None = None
         self.pid = _server().ask(
             "start",
@@ -65,6 +79,8 @@ class Python:
             env=dict(os.environ if env is None else env),
             files=[str(self._out), str(self._err)],
         )
+        # Each is opened once the process has opened it.
+        self.streams = [path.open() for path in (self._out, self._err)] if piped else []
 
     def poll(self) -> int | None:
         """Its exit code once it has ended, else None."""
@@ -96,6 +112,14 @@ class Python:
             time.sleep(0.01)
         return code
 
+    def kill(self) -> None:
+        """Sends SIGKILL, unless it is known to have ended."""
+        self.send_signal(signal.SIGKILL)
+
+    def wait(self, timeout: float = PATIENCE_S) -> int:
+        """Waits for its end; returns its exit code."""
+        return self.end(timeout=timeout)
+
     def output(self) -> str:
         """What it has written to stdout."""
         return self._out.read_text()
@@ -105,9 +129,9 @@ class Python:
         return self._err.read_text()
 
 
-def dohyo(*arguments: str, cwd: Path = ROOT, env: Mapping[str, str] | None = None) -> Python:
+def dohyo(*arguments: str, cwd: Path = ROOT, env: Mapping[str, str] | None = None, piped: bool = False) -> Python:
     """A `dohyo` command in a process of its own."""
-    return Python("from dohyo.service.cli import main; main()", *arguments, cwd=cwd, env=env)
+    return Python(MAIN, *arguments, cwd=cwd, env=env, piped=piped)
 
 
 class _Server:

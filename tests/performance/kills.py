@@ -24,7 +24,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from http.client import HTTPException
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import Any, Final
 
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.episode.runner import run_episode
@@ -73,8 +73,8 @@ class Result:
 class Campaign:
     """A service under load whose processes are killed."""
 
-    def __init__(self, service: Service, seed: int, log: IO[bytes]) -> None:
-        self._service, self._random, self._log = service, random.Random(seed), log
+    def __init__(self, service: Service, seed: int) -> None:
+        self._service, self._random = service, random.Random(seed)
         self._infos = {kind: _info(kind.value) for kind in (AgentKind.BUILTIN, AgentKind.REMOTE)}
         self._evaluations: dict[str, AgentKind] = {}
         self._finished: dict[str, tuple[str | None, Any]] = {}
@@ -84,7 +84,7 @@ class Campaign:
 
     def run(self, kills: int) -> None:
         """Kills so many processes, and waits for the end of all evaluations."""
-        self._service.start(self._log)
+        self._service.start()
         try:
             while self.kills.total() < kills:
                 self._keep_busy()
@@ -141,7 +141,7 @@ class Campaign:
         if target == "server":
             self._service.kill()
             self._compare()
-            self._service.start(self._log)
+            self._service.start()
         elif target == "worker":
             worker = self._random.choice(self._workers)
             worker.kill()
@@ -203,9 +203,8 @@ def campaign(database: str, kills: int, seed: int) -> Result:
         service = Service(folder, **options)
         stack.callback(service.close)
         begun = time.monotonic()
-        with (folder / "log").open("wb") as log:
-            run = Campaign(service, seed, log)
-            run.run(kills)
+        run = Campaign(service, seed)
+        run.run(kills)
         return run.result(database, time.monotonic() - begun)
 
 

@@ -234,9 +234,9 @@ def measure_real(quick: bool) -> dict[str, Any]:
     local = run_episode(scenario, {"ego": make_agent(STEADY)})
     tick_ms = (time.perf_counter() - began) / local.ticks * 1000
     context = multiprocessing.get_context("spawn")
-    with tempfile.TemporaryDirectory() as data, tempfile.TemporaryFile() as log:  # a line per request is no result
+    with tempfile.TemporaryDirectory() as data:
         service = Service(Path(data), processes=1, requests_per_minute=1_000_000, lease_ttl_s=60)
-        service.start(log)
+        service.start()
         try:
             shown = service.submit(info_of("dohyo.agents.experts.autopilot:Autopilot"), one, kind=_builtin())
             service.wait(shown)

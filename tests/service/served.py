@@ -6,11 +6,10 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from sqlalchemy import select
 
@@ -30,6 +29,7 @@ from dohyo.service.evaluations.queries import add_evaluation
 from dohyo.service.settings import Settings
 from dohyo.service.submissions.model import Agent, AgentKind, Submission
 from dohyo.sumo_networks.scenario import Mission, Place, Traffic
+from tests.forked import Python, dohyo
 from tests.service.tables import sqlite_with_tables
 
 ROOT = Path(__file__).parents[2]
@@ -92,43 +92,34 @@ class Service:
             self.other_token = create_token(session, "somebody-else", Role.WORKER)[1]
         self.port = _free_port()
         self.url = f"http://127.0.0.1:{self.port}"
-        self.process: subprocess.Popen[bytes] | None = None
+        self.process: Python | None = None
 
-    def start(self, log: IO[bytes] | None = None) -> None:
-        """Starts the process and waits until it listens; it writes its log here, or where this process does."""
-        program = "from dohyo.service.cli import main; main()"
-        command = [sys.executable, "-c", program, "serve", "--data", str(self.data), "--port", str(self.port)]
-        self.process = subprocess.Popen(
-            command, cwd=ROOT, env=os.environ | self.environment, stdout=subprocess.DEVNULL, stderr=log
-        )
+    def start(self) -> None:
+        """Starts the process and waits until it listens."""
+        serve = ["serve", "--data", str(self.data), "--port", str(self.port)]
+        self.process = dohyo(*serve, env=os.environ | self.environment)
         wait_until(self._listens, "the service does not listen")
 
     def _listens(self) -> bool:
         assert self.process is not None
-        assert self.process.poll() is None, "the service ended at its start"
+        assert self.process.poll() is None, f"the service ended at its start: {self.process.errors()}"
         with socket.socket() as probe:
             return probe.connect_ex(("127.0.0.1", self.port)) == 0
 
     def kill(self) -> None:
         """kill -9."""
         assert self.process is not None
-        self.process.kill()
-        self.process.wait()
+        self.process.end(signal.SIGKILL)
 
     def terminate(self) -> int:
         """SIGTERM, and what it ends with."""
         assert self.process is not None
-        self.process.send_signal(signal.SIGTERM)
-        return self.process.wait(60)
+        return self.process.end(signal.SIGTERM)
 
     def close(self) -> None:
         """Whatever it does, it is gone afterwards."""
         if self.process is not None and self.process.poll() is None:
-            self.process.terminate()
-            try:
-                self.process.wait(10)
-            except subprocess.TimeoutExpired:
-                self.kill()
+            self.process.end(signal.SIGKILL)
         self.database.close()
 
     def episode_processes(self) -> list[int]:

@@ -8,7 +8,6 @@ import re
 import signal
 import ssl
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -20,9 +19,8 @@ import httpx
 from typer.testing import CliRunner
 
 from dohyo.service.cli.main import app
+from tests.forked import MAIN, Python, dohyo
 
-MAIN = "from dohyo.service.cli import main; main()"
-DOHYO = [sys.executable, "-c", MAIN]
 START_S = 300.0
 
 
@@ -46,30 +44,14 @@ class Served:
         """
         self._verify = ssl.create_default_context(cafile=certificate) if certificate else True
         environment = {key: value for key, value in os.environ.items() if not key.startswith("DOHYO_")}
-        self.process = subprocess.Popen(
-            [
-                sys.executable,
-                "-c",
-                f"{before}\n{MAIN}",
-                "serve",
-                "--port",
-                "0",
-                "--data",
-                str(data),
-                "--processes",
-                "1",
-                *options,
-            ],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env=environment,
-        )
+        serve = ["serve", "--port", "0", "--data", str(data), "--processes", "1", *options]
+        self.process = Python(f"{before}\n{MAIN}", *serve, env=environment, piped=True)
+        out, err = self.process.streams
         self.printed: list[str] = []
         self.log: list[dict[str, Any]] = []
         self._readers = [
-            threading.Thread(target=self._read, args=(self.process.stdout, self.printed.append)),
-            threading.Thread(target=self._read, args=(self.process.stderr, self._note)),
+            threading.Thread(target=self._read, args=(out, self.printed.append)),
+            threading.Thread(target=self._read, args=(err, self._note)),
         ]
         for reader in self._readers:
             reader.start()
@@ -115,8 +97,7 @@ class Served:
 
     def end(self, with_signal: int = signal.SIGTERM) -> int:
         """Its exit code."""
-        self.process.send_signal(with_signal)
-        code = self.process.wait(60)
+        code = self.process.end(with_signal)
         for reader in self._readers:
             reader.join(10)
         return code
@@ -130,13 +111,14 @@ def serving(data: Path, *options: str, before: str = "", certificate: Path | Non
         yield served
     finally:
         if served.process.poll() is None:
-            served.process.kill()
-            served.process.wait()
+            served.process.end(signal.SIGKILL)
 
 
 def run(*arguments: str, patience_s: float = 300) -> subprocess.CompletedProcess[str]:
     """A command in a process of its own."""
-    return subprocess.run([*DOHYO, *arguments], capture_output=True, text=True, timeout=patience_s, check=False)
+    process = dohyo(*arguments)
+    code = process.end(timeout=patience_s)
+    return subprocess.CompletedProcess(arguments, code, process.output(), process.errors())
 
 
 def command(*arguments: str) -> Any:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -18,10 +17,11 @@ import pytest
 from onnx import helper
 from playwright.sync_api import Browser, Locator, Page, expect
 
+from tests.forked import Python, dohyo
 from tests.service.browsing import READY, visiting
 from tests.service.policies.models import model
 from tests.service.served import wait_until
-from tests.service.serving import DOHYO, Served, serving
+from tests.service.serving import Served, serving
 
 pytestmark = pytest.mark.slow
 
@@ -234,15 +234,15 @@ def upload_in_the_browser(ann: Entrant, served: Served, policy: Path) -> None:
     expect(page.locator(".prose")).to_contain_text("<img src=x onerror=alert(1)> is text.")
 
 
-def drive_from_another_process(bob: Entrant, served: Served, folder: Path) -> subprocess.Popen[bytes]:
+def drive_from_another_process(bob: Entrant, served: Served, folder: Path) -> Python:
     """Bob makes a worker's token in the browser, submits a remote agent, and starts a worker and a ranked run."""
     page = opened(bob.page, served, "/account")
     page.get_by_role("button", name="make a token").click()
     token = page.locator(".once .secret").inner_text()
     opened(page, served, "/submit?challenge=autumn")
     environment = os.environ | {"DOHYO_TOKEN": bob.token}
-    command = [*DOHYO, "worker", "--server", served.url, "--agent", "bob-remote", "--entry", "idm"]
-    worker = subprocess.Popen(command, env=environment, cwd=folder)
+    options = ["--server", served.url, "--agent", "bob-remote", "--entry", "idm"]
+    worker = dohyo("worker", *options, env=environment, cwd=folder)
     with bob.http(served) as http:
 
         def submitted() -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import subprocess
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,9 +25,10 @@ from dohyo.service.client.client import Client
 from dohyo.service.policies.agent import ENTRY, OnnxPolicy
 from dohyo.sumo_networks.errors import InvalidInputError
 from examples.onnx_policy import SENSORS, export
+from tests.forked import dohyo
 from tests.service.browsing import READY, visiting
 from tests.service.served import wait_until
-from tests.service.serving import DOHYO, Served, command, run, serving
+from tests.service.serving import Served, command, run, serving
 
 pytestmark = pytest.mark.slow
 
@@ -78,7 +78,7 @@ def evaluations(served: Served, user: Client, folder: Path) -> dict[str, list[di
     user.submit_onnx("pursuit", folder / "policy.onnx", spec)
     token = served.ask("POST", "/v1/tokens", {"owner": "user", "role": "submitter"})["token"]
     options = ["--server", served.url, "--agent", "remote-pilot", "--entry", "autopilot", "--episodes", "2"]
-    worker = subprocess.Popen([*DOHYO, "worker", *options], env=os.environ | {"DOHYO_TOKEN": token})
+    worker = dohyo("worker", *options, env=os.environ | {"DOHYO_TOKEN": token})
     try:
         ids = {agent: user.evaluate(agent, "quickstart", ranked=True)["id"] for agent in ("pilot", "pursuit")}
         wait_until(lambda: "remote-pilot" in submitted(user), "the worker submits nothing", PATIENCE_S)
@@ -86,7 +86,7 @@ def evaluations(served: Served, user: Client, folder: Path) -> dict[str, list[di
         for one in ids.values():
             ended = user.wait(one, PATIENCE_S)
             assert (ended["status"], ended["progress"]["done"]) == ("done", len(DRIVES)), ended
-        assert worker.wait(60) == 0
+        assert worker.wait() == 0
     finally:
         worker.kill()
         worker.wait()

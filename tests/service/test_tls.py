@@ -20,7 +20,7 @@ from dohyo.service.evaluations.model import EpisodeStatus, EvaluationStatus
 from dohyo.service.webhooks import delivery
 from dohyo.service.webhooks import queries as webhooks
 from tests.service.harness import finish, running
-from tests.service.serving import DOHYO, serving
+from tests.service.serving import run, serving
 from tests.service.webhooks.receiver import Receiver, settled
 
 
@@ -63,12 +63,7 @@ def test_client_worker_and_command_line_speak_to_a_service_whose_certificate_the
         with Client(url, served.token) as client:
             assert client.get("/v1/me")["role"] == "admin"
             client.register_agent("remote")
-        done = subprocess.run(
-            [*DOHYO, "submit", "remote", "--remote", "--server", url, "--token", served.token],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        done = run("submit", "remote", "--remote", "--server", url, "--token", served.token)
         assert done.returncode == 0, done.stderr
         with WorkerSession(url, served.token, "remote") as session:
             assert session.acquire(0.0) is None

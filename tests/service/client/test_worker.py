@@ -26,6 +26,7 @@ from dohyo.service.client.worker_session import WorkerSession
 from dohyo.service.evaluations.model import EpisodeStatus
 from dohyo.service.submissions.model import AgentKind
 from dohyo.sumo_networks.errors import InvalidInputError
+from tests.forked import Python, dohyo
 from tests.service.conftest import MakeService
 from tests.service.served import ROOT, STEADY, Service, info_of, short, wait_until
 
@@ -38,16 +39,15 @@ def service(running_service: Service) -> Service:
     return running_service
 
 
-def dohyo_worker(service: Service, agent: str, *options: str, token: str = "") -> subprocess.Popen[bytes]:
-    program = "from dohyo.service.cli import main; main()"
-    command = [sys.executable, "-c", program, "worker", "--server", service.url, "--agent", agent, *options]
-    return subprocess.Popen(command, cwd=ROOT, env=os.environ | {"DOHYO_TOKEN": token or service.submitter_token})
+def dohyo_worker(service: Service, agent: str, *options: str, token: str = "") -> Python:
+    environment = os.environ | {"DOHYO_TOKEN": token or service.submitter_token}
+    return dohyo("worker", "--server", service.url, "--agent", agent, *options, env=environment)
 
 
 @pytest.fixture
-def ended() -> list[subprocess.Popen[bytes]]:
+def ended() -> list[subprocess.Popen[bytes] | Python]:
     """Processes that are ended after the test."""
-    processes: list[subprocess.Popen[bytes]] = []
+    processes: list[subprocess.Popen[bytes] | Python] = []
     yield processes  # type: ignore[misc]
     for process in processes:
         if process.poll() is None:
@@ -66,7 +66,7 @@ def ended() -> list[subprocess.Popen[bytes]]:
     ],
 )
 def test_the_example_workers_drive_the_quickstart(
-    service: Service, command: list[str], ended: list[subprocess.Popen[bytes]]
+    service: Service, command: list[str], ended: list[subprocess.Popen[bytes] | Python]
 ) -> None:
     name = Path(command[1]).suffix.strip(".")
     info = AgentInfo(name=name, entry=name, track="map", sensors=("route",), control="target_speed_steering")
@@ -81,7 +81,7 @@ def test_the_example_workers_drive_the_quickstart(
 
 @pytest.mark.slow
 def test_dohyo_worker_submits_drives_and_gives_back_when_it_is_stopped(
-    service: Service, ended: list[subprocess.Popen[bytes]]
+    service: Service, ended: list[subprocess.Popen[bytes] | Python]
 ) -> None:
     worker = dohyo_worker(service, "cli-steady", "--entry", STEADY)
     ended.append(worker)
@@ -159,7 +159,7 @@ def test_a_worker_with_another_agent_than_was_submitted_gives_the_episode_back(s
 
 @pytest.mark.slow
 def test_a_worker_outlives_the_service_and_goes_on_with_the_next(
-    make_service: MakeService, ended: list[subprocess.Popen[bytes]]
+    make_service: MakeService, ended: list[subprocess.Popen[bytes] | Python]
 ) -> None:
     service, benchmark, info = make_service(), short(missions=3), info_of(STEADY)
     evaluation = service.submit(info, benchmark)
