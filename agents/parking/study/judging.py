@@ -8,10 +8,12 @@ from typing import Final
 import numpy as np
 
 from dohyo.agents.learning.tasks.task import Array
+from dohyo.agents.parking.study.arms import REACHED, SIMPLE
 from dohyo.agents.parking.training.guided import GuidedVectorEnv
 from dohyo.agents.studies.rows import Row
 from dohyo.evaluation.parking.benchmark import load_parking_benchmark, scene_of
 from dohyo.sumo_networks.parking.rules import JUDGED, Outcome
+from dohyo.sumo_networks.parking.rules import SIMPLE as FIRST_REWARD
 from dohyo.sumo_networks.parking.vector_env import Level
 
 LOTS: Final = 100
@@ -26,17 +28,18 @@ def judged(policy: Policy | None, benchmark: str, block: int) -> Row:
 
     Args:
         policy: Drives all karts; None: the expert.
-        benchmark: Of parking.
+        benchmark: Of parking, or `REACHED`.
         block: Number of the block.
     """
-    told = load_parking_benchmark(benchmark)
+    lots, rules = (SIMPLE, FIRST_REWARD) if benchmark == REACHED else (benchmark, JUDGED)
+    told = load_parking_benchmark(lots)
     karts, first = told.karts, told.seeds[0] + LOTS * block
-    lots = GuidedVectorEnv(LOTS, [Level(scene_of(told.scene), JUDGED)], karts)
-    seen, _ = lots.reset(seed=[first + row // karts for row in range(lots.num_envs)])
-    while lots.running.any():
-        actions = lots.expert_actions(lots.running)[0] if policy is None else policy(seen)
-        seen, *_ = lots.step(actions)
-    results = lots.world.results()
+    driven = GuidedVectorEnv(LOTS, [Level(scene_of(told.scene), rules)], karts)
+    seen, _ = driven.reset(seed=[first + row // karts for row in range(driven.num_envs)])
+    while driven.running.any():
+        actions = driven.expert_actions(driven.running)[0] if policy is None else policy(seen)
+        seen, *_ = driven.step(actions)
+    results = driven.world.results()
     parked = int(results.success.sum())
     ended = {name: 100.0 * float((results.outcome == outcome).mean()) for name, outcome in _ENDS.items()}
     return {

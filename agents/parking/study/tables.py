@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from dohyo.agents.parking.study.arms import ARMS
+from dohyo.agents.parking.study.arms import ARMS, REACHED
 from dohyo.agents.parking.study.judging import LOTS
 from dohyo.agents.studies.claims import Claim, judge
 from dohyo.agents.studies.crossed_bootstrap import Matched, estimate
@@ -23,8 +23,8 @@ SHOWN: Final = {
     "time_s": "time, s",
 }
 CLAIMS: Final = (
-    Claim("simple-ppo", ">", "simple-sac", "success", "parking-simple"),
-    Claim("simple-poca", ">", "simple-sac", "success", "parking-simple"),
+    Claim("simple-ppo", ">", "simple-sac", "success", REACHED),
+    Claim("simple-poca", ">", "simple-sac", "success", REACHED),
     Claim("dppo", ">", "ppo", "success", "parking-complex"),
     Claim("dppo-gail", ">", "dppo", "success", "parking-complex"),
     Claim("dppo-il", ">", "dppo-gail", "success", "parking-complex"),
@@ -33,6 +33,7 @@ CLAIMS: Final = (
     Claim("dppo-il", ">", "without-alignment", "aligned", "parking-complex"),
     Claim("dppo-il", ">", "without-dwell", "aligned", "parking-complex"),
     Claim("strict", ">", "dppo-il", "aligned", "parking-complex"),
+    Claim("graded", ">", "dppo-il", "aligned", "parking-complex"),
 )
 """Directions of the thesis's results."""
 
