@@ -14,12 +14,12 @@ from dohyo.agents.parking.training.dppo_il import ParkingConfig
 SETTINGS: Final = Path(__file__).parents[1] / "configs" / "parking.toml"
 EXPERT: Final = "expert"
 """Arm without a training."""
-WHOLE: Final = ("bco=true", "gail=true", "curiosity=true", "ppo.learning_rate=1e-4")
-"""Settings of DPPO-IL; a cloned policy has small deviations, which bear only small steps."""
+WHOLE: Final = ("bco=true", "gail=true", "curiosity=true")
+"""Settings of DPPO-IL."""
 _SIMPLE: Final = ("scene=simple", "reward=simple", "steps=800000", "ppo.gamma=0.99", "sac.gamma=0.99")
 _STRICT: Final = (*WHOLE, "reward=strict", "adversarial.strength=2e-4")
 _GRADED: Final = (*WHOLE, "reward=graded")
-_THREE: Final = (*WHOLE, "karts=3", "environments=258", "lots=86")
+_THREE: Final = (*_GRADED, "karts=3", "environments=258", "lots=86")
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,9 @@ ARMS: Final[Mapping[str, ParkingArm]] = MappingProxyType(
         "graded": ParkingArm("DPPO-IL, a bonus for alignment", (ONE, *UNSEEN, THREE), _GRADED),
         "without-dwell": ParkingArm("DPPO-IL, no dwell", (ONE,), (*WHOLE, "reward=without-dwell")),
         "without-alignment": ParkingArm("DPPO-IL, no angles", (ONE,), (*WHOLE, "reward=without-alignment")),
-        "three": ParkingArm("three karts", (THREE,), _THREE, 81.0),
-        "three-curriculum": ParkingArm("three karts, curriculum", (THREE,), (*_THREE, "gradual=true"), 90.0),
+        "three": ParkingArm("three karts, reward of graded", (THREE,), _THREE, 81.0),
+        "three-curriculum": ParkingArm(
+            "three karts, reward of graded, curriculum", (THREE,), (*_THREE, "gradual=true"), 90.0
+        ),
     }
 )

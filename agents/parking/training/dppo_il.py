@@ -98,7 +98,7 @@ class ParkingConfig(RunConfig):
     gail: bool = False
     bco: bool = False
     ppo: PocaConfig = PocaConfig(
-        horizon=64, learning_rate=3e-4, learning_rate_decay=1.0, batch=1024, entropy=1e-3, gamma=0.9995,
+        horizon=64, learning_rate=3e-4, learning_rate_decay=0.985, batch=1024, entropy=1e-3, gamma=0.9995,
         hidden=(128, 128), normalised=True, initial_std=0.5,
     )  # fmt: skip
     sac: SacConfig = SacConfig(learning_rate=3e-4, hidden=(128, 128), updates_per_step=0.05)
