@@ -45,8 +45,8 @@ class ParkingArm:
 
 ONE, THREE, SIMPLE = "parking-complex", "parking-three", "parking-simple"
 REACHED: Final = "parking-simple, reached"
-"""The lots of `SIMPLE`, where a kart succeeds by the thesis's first reward: its centre comes within 0.5 m of the spot's,
-at any speed. The judge also demands that it stands there for 1 s, which that reward does not teach."""
+"""The lots of `SIMPLE`, judged by the thesis's first reward: a kart's centre comes within 0.5 m of its spot's, at any
+speed. The judge also demands that it stands there for 1 s, which that reward does not teach."""
 UNSEEN: Final = ("parking-parallel", "parking-angled", "parking-pedestrians")
 """Kinds of spot and pedestrians that no policy trains on."""
 ARMS: Final[Mapping[str, ParkingArm]] = MappingProxyType(
@@ -63,9 +63,7 @@ ARMS: Final[Mapping[str, ParkingArm]] = MappingProxyType(
         "graded": ParkingArm("DPPO-IL, a bonus for alignment", (ONE, *UNSEEN, THREE), _GRADED),
         "without-dwell": ParkingArm("DPPO-IL, no dwell", (ONE,), (*WHOLE, "reward=without-dwell")),
         "without-alignment": ParkingArm("DPPO-IL, no angles", (ONE,), (*WHOLE, "reward=without-alignment")),
-        "three": ParkingArm("three karts, reward of graded", (THREE,), _THREE, 81.0),
-        "three-curriculum": ParkingArm(
-            "three karts, reward of graded, curriculum", (THREE,), (*_THREE, "gradual=true"), 90.0
-        ),
+        "three": ParkingArm("three karts, graded", (THREE,), _THREE, 81.0),
+        "three-curriculum": ParkingArm("three karts, graded, curriculum", (THREE,), (*_THREE, "gradual=true"), 90.0),
     }
 )
