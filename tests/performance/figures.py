@@ -176,7 +176,7 @@ def learning() -> list[Figure]:
 
 
 def parking() -> list[Figure]:
-    """Karts in hundreds of lots, with observations: 50 ms are two million steps per second."""
+    """Karts in hundreds of lots, with observations: 50 ms are two million steps per second. And the policy."""
     from dohyo.sumo_networks.parking.generate import Scene
     from tests.performance import parking as parts
 
@@ -184,6 +184,7 @@ def parking() -> list[Figure]:
     return [
         duration("100,000 steps of karts, one in a lot", parts.measure(Scene.COMPLEX, 1), 50.0, kernel),
         duration("100,000 steps of karts, three in a lot", parts.measure(Scene.COMPLEX, 3), 50.0, kernel),
+        duration("decision of the shipped parking policy", parts.decision_ms(), 0.1, kernel),
     ]
 
 
