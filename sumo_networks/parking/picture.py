@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -25,19 +26,20 @@ _TARGET, _WALKER = "#2E7D5B", "#B7791F"
 KARTS: Final = ("#5B4B8A", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#6B7280")
 
 
-def draw_picture(view: LotView, size: int = SIZE) -> NDArray[np.uint8]:
+def draw_picture(view: LotView, size: int = SIZE, ways: Sequence[FloatArray] = ()) -> NDArray[np.uint8]:
     """Draws a lot: spots, targets in green, parked cars, walls, pedestrians, and karts with a notch at the front.
 
     Args:
         view: Rows of the lot.
         size: Width and height, pixels.
+        ways: (P, 2) points of a line for each kart, drawn below it, m.
 
     Returns:
         (size, size, 3) RGB, north up.
     """
     picture = Image.new("RGB", (size * _FINE, size * _FINE), _SAND)
     pen = ImageDraw.Draw(picture)
-    place = _placing(view, size * _FINE)
+    place = _placing(view, size * _FINE, ways)
     there = [row for row in range(len(view.karts)) if view.counts[row, OUTCOME] != Outcome.ABSENT]
     targets = {int(view.counts[row, TARGET]) for row in there}
     for number, spot in enumerate(view.spots):
@@ -53,6 +55,8 @@ def draw_picture(view: LotView, size: int = SIZE) -> NDArray[np.uint8]:
         at = np.array([[walker[WALK_X], walker[WALK_Y]]])
         reach = walker[WALK_RADIUS] * np.array([[-1.0, 1.0], [1.0, -1.0]])
         pen.ellipse(place(at + reach), fill=_WALKER)
+    for row, way in enumerate(ways):
+        pen.line(place(way), fill=KARTS[row % len(KARTS)], width=2 * _FINE)
     for row in there:
         _draw_kart(pen, place, view.karts[row], KARTS[row % len(KARTS)])
     small = picture.resize((size, size), Image.Resampling.BOX)
@@ -75,9 +79,9 @@ def _corners(box: FloatArray) -> FloatArray:
     return np.asarray(box[:2] + local @ np.array([[cos, sin], [-sin, cos]]))
 
 
-def _placing(view: LotView, pixels: int) -> Any:
-    """A function from (P, 2) points in the lot to pixels, so that everything in the lot is seen."""
-    ends = [view.walls.reshape(-1, 2), view.spots[:, :2], view.boxes[:, :2], view.karts[:, [kart.X, kart.Y]]]
+def _placing(view: LotView, pixels: int, ways: Sequence[FloatArray] = ()) -> Any:
+    """A function from (P, 2) points in the lot to pixels, so that everything in the lot and every way is seen."""
+    ends = [view.walls.reshape(-1, 2), view.spots[:, :2], view.boxes[:, :2], view.karts[:, [kart.X, kart.Y]], *ways]
     points = np.concatenate(ends)
     low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
     scale = pixels / float((high - low).max())
