@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
 from pydantic import Field
 
@@ -15,6 +16,8 @@ from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
 if TYPE_CHECKING:
     from dohyo.sumo_networks.parking.generate import Scene
+
+LOT: Final = "lot"
 
 SceneName = Literal["simple", "complex", "parallel", "angled", "pedestrians"]
 
@@ -51,6 +54,30 @@ class ParkingBenchmark(Config):
     def seeds(self) -> range:
         """Seeds of the lots that are driven by default; no training uses them."""
         return range(HELD_OUT_FROM, HELD_OUT_FROM + self.lots)
+
+    @property
+    def size(self) -> int:
+        """Number of lots per seed."""
+        return 1
+
+    def scenarios(self, seeds: Sequence[int] | None = None) -> tuple[LotScenario, ...]:
+        """One lot for each seed; None: for the default seeds."""
+        return tuple(LotScenario(benchmark=self, seed=seed) for seed in (self.seeds if seeds is None else seeds))
+
+
+class LotScenario(Config):
+    """One lot: everything that is needed to draw it again.
+
+    Attributes:
+        benchmark: Scene, and number of karts.
+        seed: Seed of the lot.
+    """
+
+    name: ClassVar[str] = LOT
+    cell: ClassVar[str] = LOT
+
+    benchmark: ParkingBenchmark
+    seed: int
 
 
 def scene_of(name: SceneName) -> Scene:

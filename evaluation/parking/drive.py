@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 
@@ -15,10 +15,12 @@ from dohyo.evaluation.parking.benchmark import ParkingBenchmark, scene_of
 from dohyo.evaluation.parking.record import Ending, KartRecord, ParkingRecord
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.errors import AgentError, SimulationError
 from dohyo.sumo_networks.parking import kart
 from dohyo.sumo_networks.parking.observation import columns
 from dohyo.sumo_networks.parking.radar import Kind
 from dohyo.sumo_networks.parking.rules import JUDGED, Outcome
+from dohyo.sumo_networks.parking.tables import WALK_X, WALK_Y
 from dohyo.sumo_networks.parking.world import ParkingWorld
 
 _ENDINGS: dict[Outcome, Ending] = {
@@ -33,11 +35,12 @@ _FULL_BRAKE = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """The drive of all karts in one lot.
+    """The drive of all karts in one lot, with the walks of its pedestrians.
 
     Attributes:
         record: The facts.
-        motion: (T, K, 4) x, y [m], heading [rad], speed [m/s] at the beginning and after each tick.
+        motion: (T, K + P, 4) x, y [m], heading [rad], speed [m/s] of karts, then of pedestrians, at the beginning and
+            after each tick. A pedestrian has heading and speed 0.
     """
 
     record: ParkingRecord
@@ -71,7 +74,12 @@ def drive_lots(
 
 
 def drive_lot(
-    world: ParkingWorld, benchmark: ParkingBenchmark, seed: int, agents: Sequence[ParkingAgent], info: AgentInfo
+    world: ParkingWorld,
+    benchmark: ParkingBenchmark,
+    seed: int,
+    agents: Sequence[ParkingAgent],
+    info: AgentInfo,
+    show: Callable[[int, Mapping[int, Float32Array]], None] = lambda tick, observations: None,
 ) -> Drive:
     """Drives one lot until every kart's episode has ended; a kart whose agent fails brakes and ends as failed.
 
@@ -81,19 +89,22 @@ def drive_lot(
         seed: Seed of the lot.
         agents: One per kart.
         info: Description of the agent, for the record.
+        show: Called before the decisions of each tick, with its number and the observations of the karts that decide.
     """
     world.draw([0], [seed], scene_of(benchmark.scene), JUDGED)
     drivers = [_Driver(agent, number, seed) for number, agent in enumerate(agents)]
-    motion = [world.view(0).karts[:, _SHOWN].astype(np.float32)]
+    motion = [_places(world)]
     while (running := world.running[0]).any():
         actions = np.tile(_FULL_BRAKE, (1, world.karts, 1))
-        for driver in drivers:
-            if running[driver.number]:
-                actions[0, driver.number] = driver.action(world)
+        deciding = [driver for driver in drivers if running[driver.number] and not driver.failure]
+        if deciding:
+            show(len(motion) - 1, {driver.number: driver.observation(world) for driver in deciding})
+        for driver in deciding:
+            actions[0, driver.number] = driver.action(world)
         if all(drivers[number].failure for number in np.flatnonzero(running)):
             break
         world.step(actions)
-        motion.append(world.view(0).karts[:, _SHOWN].astype(np.float32))
+        motion.append(_places(world))
     moved = np.stack(motion)
     karts = tuple(_record(world, driver) for driver in drivers)
     record = ParkingRecord(
@@ -107,6 +118,14 @@ def drive_lot(
     return Drive(record.sealed(), moved)
 
 
+def _places(world: ParkingWorld) -> Float32Array:
+    """(K + P, 4) one row of `Drive.motion`."""
+    view = world.view(0)
+    walkers = np.zeros((len(view.walkers), len(_SHOWN)))
+    walkers[:, :2] = view.walkers[:, [WALK_X, WALK_Y]]
+    return np.concatenate([view.karts[:, _SHOWN], walkers]).astype(np.float32)
+
+
 class _Driver:
     """An agent in its kart; it answers with full brake once it has failed."""
 
@@ -115,19 +134,30 @@ class _Driver:
         self._columns: IntArray = columns(agent.spec.state)
         try:
             agent.reset(seed)
+        except SimulationError:  # the machine failed: for example, the sandbox of a policy cannot start
+            raise
+        except AgentError as error:  # its message is already written for people
+            self.failure = str(error)
         except Exception as error:  # an agent's code may raise anything
             self.failure = f"reset raised {type(error).__name__}: {error}"
 
+    def observation(self, world: ParkingWorld) -> Float32Array:
+        """Columns of the present observation that the agent sees."""
+        return np.asarray(world.observations[0, self.number, self._columns])
+
     def action(self, world: ParkingWorld) -> FloatArray:
         """(3,) the agent's action for the present observation."""
-        if self.failure:
-            return _FULL_BRAKE
         try:
             if self.agent.spec.track == "privileged":
                 self.agent.look(world.view(0), self.number)
-            given = self.agent.act(world.observations[0, self.number, self._columns])
+            given = self.agent.act(self.observation(world))
             action = np.asarray(given, np.float64)
-        except Exception as error:  # an agent's code may raise anything
+        except SimulationError:
+            raise
+        except AgentError as error:
+            self.failure = str(error)
+            return _FULL_BRAKE
+        except Exception as error:
             self.failure = f"act raised {type(error).__name__}: {error}"
             return _FULL_BRAKE
         if action.shape != (3,) or not np.isfinite(action).all():

@@ -72,13 +72,19 @@ def evaluate_parking(
     return [driven[seed].record for seed in chosen]
 
 
-def drive_again(records: Sequence[ParkingRecord], workers: int = 1, tell: Tell = lambda done, total: None) -> list[str]:
+def drive_again(
+    records: Sequence[ParkingRecord],
+    workers: int = 1,
+    tell: Tell = lambda done, total: None,
+    more: Mapping[str, Any] | None = None,
+) -> list[str]:
     """Drives the lots of records again; returns the new hashes, in their order.
 
     Args:
         records: Of one agent on one benchmark; their agent is built as they say, so that they must be trusted.
         workers: Number of processes.
         tell: Called with the number of lots driven and of all lots.
+        more: Keyword arguments of the agent's constructor besides those in the records, such as the path of a policy.
 
     Raises:
         InvalidInputError: The agent cannot be made, or is another one here, or the version of dohyo is another one.
@@ -87,10 +93,11 @@ def drive_again(records: Sequence[ParkingRecord], workers: int = 1, tell: Tell =
     first = records[0]
     if (here := version("dohyo")) != first.version:
         raise InvalidInputError(f"the records were made by dohyo {first.version}: expected the same here, got {here}")
-    info = _info(first.agent.entry, first.agent.settings, first.agent.kind)
+    settings = {**first.agent.settings, **(more or {})}
+    info = _info(first.agent.entry, settings, first.agent.kind).model_copy(update={"settings": first.agent.settings})
     if info != first.agent:
         raise InvalidInputError(f"agent '{info.name}' has changed since the records were made, or is another one")
-    order = Order(first.benchmark, info, first.agent.settings)
+    order = Order(first.benchmark, info, settings)
     drives = drive_all(order, [one.seed for one in records], workers, tell)
     return [drive.record.record_hash for drive in drives]
 

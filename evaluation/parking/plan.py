@@ -26,13 +26,16 @@ def plan_view(record: ParkingRecord, motion: Float32Array) -> str:
 
     Args:
         record: The facts.
-        motion: (T, K, 4) x, y [m], heading [rad], speed of all karts.
+        motion: (T, K + P, 4) x, y [m], heading [rad], speed of all karts, then of pedestrians.
     """
     world = ParkingWorld(1, record.benchmark.karts)
     world.draw([0], [record.seed], scene_of(record.benchmark.scene), JUDGED)
     view = world.view(0)
     left, top, width, height = _frame(view, motion)
-    shapes = [*_lot(view), *(shape for number in range(motion.shape[1]) for shape in _drive(motion[:, number], number))]
+    shapes = [
+        *_lot(view),
+        *(shape for number in range(len(record.karts)) for shape in _drive(motion[:, number], number)),
+    ]
     label = f"lot {record.seed}: " + ", ".join(one.ending.replace("_", " ") for one in record.karts)
     return (
         f'<svg class="plan" role="img" aria-label="{label}" '

@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import ValidationError
 
-from dohyo.evaluation.parking.benchmark import ParkingBenchmark
+from dohyo.evaluation.parking.benchmark import LotScenario, ParkingBenchmark
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -63,7 +63,7 @@ class ParkingRecord(Config):
         agent: The agent of every kart.
         version: Version of dohyo.
         karts: The drives, in the order of the karts.
-        motion_sha256: Hash of the motion of all karts, tick by tick.
+        motion_sha256: Hash of the motion of all karts and pedestrians, tick by tick.
         record_hash: Hex sha256 of all the rest.
     """
 
@@ -75,6 +75,11 @@ class ParkingRecord(Config):
     karts: tuple[KartRecord, ...]
     motion_sha256: str
     record_hash: str = ""
+
+    @property
+    def scenario(self) -> LotScenario:
+        """The lot that was driven."""
+        return LotScenario(benchmark=self.benchmark, seed=self.seed)
 
     def sealed(self) -> ParkingRecord:
         """The record with its hash."""
@@ -112,13 +117,26 @@ def read_records(path: Path) -> list[ParkingRecord]:
         lines = path.read_bytes().splitlines()
     except OSError as error:
         raise InvalidInputError(f"cannot read '{path}': {error.strerror}") from error
-    records = [_parse(line, f"'{path}', line {number}") for number, line in enumerate(lines, 1)]
+    records = [parse_record(line, f"'{path}', line {number}") for number, line in enumerate(lines, 1)]
+    check_alike(records, path)
+    return records
+
+
+def check_alike(records: Sequence[ParkingRecord], path: Path) -> None:
+    """Checks that records are of one evaluation.
+
+    Args:
+        records: Records of one file or folder.
+        path: Its place in messages.
+
+    Raises:
+        InvalidInputError: There is none, or they are of several agents or benchmarks.
+    """
     if not records:
         raise InvalidInputError(f"'{path}': expected records of parking, got none")
     first = records[0]
     if any((one.benchmark.sha256, one.agent) != (first.benchmark.sha256, first.agent) for one in records):
         raise InvalidInputError(f"'{path}': expected records of one agent on one benchmark")
-    return records
 
 
 def is_parking_records(path: Path) -> bool:
@@ -126,9 +144,18 @@ def is_parking_records(path: Path) -> bool:
     return path.name == RECORDS or (path / RECORDS).is_file()
 
 
-def _parse(line: bytes, where: str) -> ParkingRecord:
+def parse_record(content: bytes, where: str) -> ParkingRecord:
+    """Parses a record and checks its hash.
+
+    Args:
+        content: Its JSON.
+        where: Place of the record in messages.
+
+    Raises:
+        InvalidInputError: It is no record of a lot, or its hash is another one.
+    """
     try:
-        record = ParkingRecord.model_validate_json(line)
+        record = ParkingRecord.model_validate_json(content)
     except ValidationError as error:
         raise InvalidInputError(f"{where}: expected a record of parking: {error.errors()[0]['msg']}") from error
     if record.record_hash != record.content_hash():

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dohyo.evaluation.parking.record import KartRecord, ParkingRecord
+from dohyo.evaluation.parking.record import ParkingRecord
 from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired, ratio_estimate, share_estimate
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -59,18 +59,57 @@ class ParkingResult:
         return dataclasses.asdict(self)
 
 
+@dataclass(frozen=True, slots=True)
+class LotCounts:
+    """The karts of one lot, counted.
+
+    Attributes:
+        karts: Number of karts.
+        parked: Of these, how many parked.
+        aligned: How many parked and are aligned.
+        contacts: How many touched something.
+        timed_out: How many ran out of time.
+        times_s: Times of those that parked.
+    """
+
+    karts: int
+    parked: int
+    aligned: int
+    contacts: int
+    timed_out: int
+    times_s: Sequence[float]
+
+
+def count_karts(record: ParkingRecord) -> LotCounts:
+    """Counts of one lot."""
+    karts = record.karts
+    return LotCounts(
+        karts=len(karts),
+        parked=sum(one.parked for one in karts),
+        aligned=sum(one.aligned for one in karts),
+        contacts=sum(one.touched != "nothing" for one in karts),
+        timed_out=sum(one.ending == "timed_out" for one in karts),
+        times_s=[one.time_s for one in karts if one.parked],
+    )
+
+
+def estimate_measure(key: str, lots: Sequence[LotCounts]) -> Estimate:
+    """Estimate of one of `MEASURES` over lots."""
+    match key:
+        case "time_s":
+            return mean_estimate([time_s for lot in lots for time_s in lot.times_s])
+        case "aligned":
+            return _share([(lot.aligned, lot.parked) for lot in lots])
+        case _:
+            return _share([(getattr(lot, "parked" if key == "success" else key), lot.karts) for lot in lots])
+
+
 def summarise_parking(records: Sequence[ParkingRecord]) -> ParkingResult:
     """Result of the records of one agent on one benchmark."""
-    karts = [one for record in records for one in record.karts]
+    karts, lots = [one for record in records for one in record.karts], [count_karts(record) for record in records]
     return ParkingResult(
         agent=records[0].agent.name,
-        estimates={
-            "success": _share(records, lambda one: one.parked),
-            "aligned": _share(records, lambda one: one.aligned, lambda one: one.parked),
-            "time_s": mean_estimate([one.time_s for one in karts if one.parked]),
-            "contacts": _share(records, lambda one: one.touched != "nothing"),
-            "timed_out": _share(records, lambda one: one.ending == "timed_out"),
-        },
+        estimates={measure.key: estimate_measure(measure.key, lots) for measure in MEASURES},
         endings=dict(Counter(one.ending for one in karts).most_common()),
         touched=dict(Counter(one.touched for one in karts if one.touched != "nothing").most_common()),
     )
@@ -93,17 +132,12 @@ def _parked_share(record: ParkingRecord) -> float:
     return 100.0 * sum(one.parked for one in record.karts) / len(record.karts)
 
 
-def _share(
-    records: Sequence[ParkingRecord],
-    counts: Callable[[KartRecord], bool],
-    among: Callable[[KartRecord], bool] = lambda one: True,
-) -> Estimate:
-    """Percentage of the karts for which something holds, among some karts."""
-    chosen = [some for record in records if (some := [one for one in record.karts if among(one)])]
-    found, sizes = [sum(map(counts, some)) for some in chosen], [len(some) for some in chosen]
-    if sum(found) in (0, sum(sizes)) or all(size == 1 for size in sizes):
+def _share(counts: Sequence[tuple[int, int]]) -> Estimate:
+    """Percentage of the karts for which something holds, from their number and the number of all karts of each lot."""
+    counts = [(found, size) for found, size in counts if size]
+    found, sizes = sum(found for found, _ in counts), sum(size for _, size in counts)
+    if found in (0, sizes) or all(size == 1 for _, size in counts):
         # Resampling shows no spread where all karts are alike; a lot then counts as one.
-        estimate = share_estimate([count > 0 for count in found])
-        return dataclasses.replace(estimate, n=sum(sizes))
-    ratio = ratio_estimate([100.0 * count for count in found], sizes, floor=1.0)
-    return dataclasses.replace(ratio, n=sum(sizes))
+        return dataclasses.replace(share_estimate([found > 0 for found, _ in counts]), n=sizes)
+    ratio = ratio_estimate([100.0 * found for found, _ in counts], [size for _, size in counts], floor=1.0)
+    return dataclasses.replace(ratio, n=sizes)

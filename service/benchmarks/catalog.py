@@ -1,4 +1,4 @@
-"""Benchmarks by name and from their stored documents: of drives, and of freeway mornings."""
+"""Benchmarks by name and from their stored documents: of drives, of parking lots, and of freeway mornings."""
 
 from __future__ import annotations
 
@@ -8,15 +8,25 @@ from typing import Any
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.benchmarks.documents import Family, benchmark_names
 from dohyo.evaluation.freeway.benchmark import TrafficBenchmark, load_freeway_benchmark
+from dohyo.evaluation.freeway.morning import MorningScenario
 from dohyo.evaluation.kinds import BenchmarkKind, OtherKindError, check_kind
+from dohyo.evaluation.parking.benchmark import LotScenario, ParkingBenchmark, load_parking_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.scenario import Scenario
 
-AnyBenchmark = Benchmark | TrafficBenchmark
+AnyBenchmark = Benchmark | TrafficBenchmark | ParkingBenchmark
+AnyScenario = Scenario | MorningScenario | LotScenario
 
 
 def kind_of(benchmark: AnyBenchmark) -> BenchmarkKind:
     """Kind of a benchmark."""
-    return "driving" if isinstance(benchmark, Benchmark) else "freeway"
+    match benchmark:
+        case Benchmark():
+            return "driving"
+        case ParkingBenchmark():
+            return "parking"
+        case TrafficBenchmark():
+            return "freeway"
 
 
 def check_agent(info: Mapping[str, Any], benchmark: AnyBenchmark) -> None:
@@ -44,6 +54,8 @@ def find_benchmark(name: str) -> AnyBenchmark:
     """
     if name in benchmark_names(Family.DRIVING):
         return load_benchmark(name)
+    if name in benchmark_names(Family.PARKING):
+        return load_parking_benchmark(name)
     if name in benchmark_names(Family.FREEWAY):
         found = load_freeway_benchmark(name)
         if isinstance(found, TrafficBenchmark):
@@ -55,6 +67,8 @@ def read_benchmark(document: Mapping[str, Any]) -> AnyBenchmark:
     """A benchmark from its stored document."""
     if document.get("kind") == "traffic":
         return TrafficBenchmark.model_validate(document)
+    if document.get("kind") == "parking":
+        return ParkingBenchmark.model_validate(document)
     return Benchmark.model_validate(document)
 
 
@@ -62,4 +76,4 @@ def _names() -> list[str]:
     freeway = [
         name for name in benchmark_names(Family.FREEWAY) if isinstance(load_freeway_benchmark(name), TrafficBenchmark)
     ]
-    return [*benchmark_names(Family.DRIVING), *freeway]
+    return [*benchmark_names(Family.DRIVING), *benchmark_names(Family.PARKING), *freeway]

@@ -8,6 +8,7 @@ from fastapi import APIRouter
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.freeway.morning import MORNING
+from dohyo.evaluation.parking.benchmark import LOT, ParkingBenchmark
 from dohyo.service.accounts.access import Reader
 from dohyo.service.benchmarks.catalog import AnyBenchmark, find_benchmark, offered_benchmarks
 from dohyo.service.benchmarks.views import BenchmarkVersionView, BenchmarkView
@@ -55,6 +56,8 @@ def _view(benchmark: AnyBenchmark) -> BenchmarkView:
             "networks": list(benchmark.networks),
             "cells": [cell.name for cell in benchmark.cells],
         }
+    elif isinstance(benchmark, ParkingBenchmark):
+        facts = {"kind": "parking", "rules": None, "networks": [], "cells": [LOT]}
     else:
         facts = {"kind": "freeway", "rules": None, "networks": [benchmark.network], "cells": [MORNING]}
     return BenchmarkView(

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from dohyo.evaluation.benchmarks.headline import Headline
+from dohyo.evaluation.kinds import BenchmarkKind
 from dohyo.service.web.views import Version, View
 
 
@@ -18,9 +19,10 @@ class BenchmarkView(View):
     version: Version
     description: str
     kind: Annotated[
-        Literal["driving", "freeway"],
+        BenchmarkKind,
         Field(
-            description="driving: agents drive cars. freeway: planners of connected cars smooth a morning's traffic."
+            description="driving: agents drive cars. parking: agents park karts. freeway: planners of connected cars "
+            "smooth a morning's traffic."
         ),
     ]
     headline: Annotated[Headline | Literal["speed_std_mps"], Field(description="The score that ranks agents.")]

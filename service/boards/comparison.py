@@ -42,13 +42,13 @@ def compare_entries(entries: Sequence[Entry], metric: str) -> dict[str, Any]:
 
 def differing_scenarios(entries: Sequence[Entry], metric: str, most: int = SCENARIOS) -> list[dict[str, Any]]:
     """The scenarios with the largest spread of a score, ties by the driving score's, then by name and seed."""
-    sides = [_by_scenario(entry) for entry in entries]
+    sides, second = [_by_scenario(entry) for entry in entries], _second(entries, metric)
     common = set.intersection(*(set(side) for side in sides))
     found = []
     for scenario, seed in common:
         drives = [side[scenario, seed] for side in sides]
         values = [_mean([drive.score(metric) for drive in some]) for some in drives]
-        scores = [_mean([drive.score("driving_score") for drive in some]) for some in drives]
+        scores = [_mean([drive.score(second) for drive in some]) for some in drives]
         found.append(
             {
                 "scenario": scenario,
@@ -63,6 +63,11 @@ def differing_scenarios(entries: Sequence[Entry], metric: str, most: int = SCENA
         )
     found.sort(key=lambda one: (-one["spread"], min(one["driving_scores"]) - max(one["driving_scores"]), *_name(one)))
     return [one for one in found if one["spread"] or len(set(one["driving_scores"])) > 1][:most]
+
+
+def _second(entries: Sequence[Entry], metric: str) -> str:
+    """The score that decides between equal ones: the driving score, where all drives have it."""
+    return "driving_score" if all("driving_score" in scores_of(entry.drives) for entry in entries) else metric
 
 
 def _check(entries: Sequence[Entry]) -> None:

@@ -43,6 +43,6 @@ def _compared(caller: Caller, services: Services, readers: Readers, evaluation: 
     missing = [one for one in evaluation if one not in found]
     if missing:
         raise NotFoundError(f"no evaluation '{missing[0]}'")
-    headline = readers.benchmark(seen[0][1]).headline
+    headline = readers.stored(seen[0][1]).headline
     document = compare_entries([found[one] for one in evaluation], headline)
     return Response(msgspec.json.encode(document), media_type="application/json")

@@ -10,12 +10,14 @@ from typing import Any, Final
 
 import numpy as np
 
+from dohyo.evaluation.kinds import BenchmarkKind
 from dohyo.evaluation.report.spreadsheet import csv_text
 from dohyo.evaluation.statistics import Estimate, significantly_below
 from dohyo.service.boards.model import Counts
 from dohyo.service.evaluations.scoring import (
     CLOSED_LOOP_SCORES,
     MORNING_SCORES,
+    PARKING_SCORES,
     Drive,
     estimate,
     rates_per_km,
@@ -24,8 +26,8 @@ from dohyo.service.evaluations.scoring import (
 from dohyo.sumo_networks.arrays import FloatArray
 
 COLUMNS = ("driving_score", "route_completion", "infraction_penalty", "irs", "success", "nocrash_success")
-OF_SOME = ("drove_2500m", *CLOSED_LOOP_SCORES, *MORNING_SCORES)
-"""Columns of benchmarks that rank by nuPlan's score or one of its terms, and of freeway mornings."""
+OF_SOME = ("drove_2500m", *CLOSED_LOOP_SCORES, *MORNING_SCORES, *PARKING_SCORES)
+"""Columns of benchmarks that rank by nuPlan's score or one of its terms, of freeway mornings, and of parking lots."""
 
 
 @dataclass(frozen=True)
@@ -167,8 +169,10 @@ _FIRST_BLOCK: Final = 8
 _LARGEST_BLOCK: Final = 512
 
 
-def columns_of(metric: str) -> tuple[str, ...]:
+def columns_of(metric: str, kind: BenchmarkKind) -> tuple[str, ...]:
     """The scores that a leaderboard shows."""
+    if kind == "parking":
+        return PARKING_SCORES
     if metric in MORNING_SCORES:
         return MORNING_SCORES
     if metric in CLOSED_LOOP_SCORES:
@@ -176,9 +180,9 @@ def columns_of(metric: str) -> tuple[str, ...]:
     return COLUMNS if metric in COLUMNS else (metric, *COLUMNS)
 
 
-def as_csv(rows: Sequence[Mapping[str, Any]], metric: str) -> str:
+def as_csv(rows: Sequence[Mapping[str, Any]], metric: str, kind: BenchmarkKind) -> str:
     """The leaderboard as CSV: a line per row of its document, each score with the ends of its interval."""
-    columns = columns_of(metric)
+    columns = columns_of(metric, kind)
     header = ["rank", "team", "agent", "version", "owner", "kind", "verified", "baseline", "track", "evaluation"]
     header += ["runs", "thrown_away", "seeds", "drives"]
     lines: list[list[object]] = []

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from pydantic import ValidationError
 
-from dohyo.evaluation.freeway.morning import MORNING, parse_morning
+from dohyo.evaluation.freeway.morning import MORNING, MorningRecord, parse_morning
+from dohyo.evaluation.parking.benchmark import LOT
+from dohyo.evaluation.parking.record import ParkingRecord
+from dohyo.evaluation.parking.record import parse_record as parse_lot
 from dohyo.evaluation.records.foreign_files import check_file_name
+from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.signature import Signature, signature_path
 from dohyo.evaluation.records.store import FACTS_LIMIT_BYTES, TABLE_LIMIT_BYTES, parse_record
 from dohyo.service.client.calls import Call, path_of
@@ -17,6 +21,9 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from dohyo.service.client.answers import EpisodeView
+
+_Parser = Callable[[bytes, str], EpisodeRecord | MorningRecord | ParkingRecord]
+_PARSERS: Final[Mapping[str, _Parser]] = {MORNING: parse_morning, LOT: parse_lot}
 
 SIGNATURE_HEADER: Final = "dohyo-signature"
 
@@ -37,14 +44,15 @@ class Download:
             InvalidInputError: Its names cannot be a file name.
         """
         stem = check_file_name(f"{episode['scenario']}-s{episode['seed']}", "the server's name of an episode")
-        self._episode, self._is_morning = episode, episode.get("cell") == MORNING
+        self._episode, cell = episode, str(episode.get("cell"))
+        self._parse = _PARSERS.get(cell, parse_record)
         self.path = folder / f"{stem}.json"
         record, trajectory = (
             Call("GET", path_of("episodes", str(episode["id"]), part)) for part in ("record", "trajectory")
         )
         facts = (self.path, record, FACTS_LIMIT_BYTES)
         table = (self.path.with_suffix(".parquet"), trajectory, TABLE_LIMIT_BYTES)
-        self.parts = (facts,) if self._is_morning else (table, facts)
+        self.parts = (facts,) if cell == MORNING else (table, facts)
 
     def files(self, path: Path, content: bytes, headers: Mapping[str, str]) -> list[tuple[Path, bytes]]:
         """Files to write for one answer: itself, and the signature of the facts before them.
@@ -54,8 +62,7 @@ class Download:
         """
         if path != self.path:
             return [(path, content)]
-        parse = parse_morning if self._is_morning else parse_record
-        record, episode = parse(content, path.name), self._episode
+        record, episode = self._parse(content, path.name), self._episode
         there = (record.scenario.name, record.scenario.seed, record.record_hash)
         if there != (episode["scenario"], episode["seed"], episode["record_hash"]):
             raise InvalidInputError(f"{path.name}: expected the record of this episode, got another episode's")

@@ -13,15 +13,18 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from types import FrameType
 from typing import Any
 
+import numpy as np
+
 from dohyo.evaluation.agent import Agent, agent_info, make_agent
 from dohyo.evaluation.episode.deadline import deadline
 from dohyo.evaluation.episode.guarded_agent import describe
+from dohyo.evaluation.kinds import PARKING_CONTROL, OtherKindError
 from dohyo.service.client.worker_session import (
     Drive,
     LeaseLostError,
@@ -31,6 +34,7 @@ from dohyo.service.client.worker_session import (
     WireError,
     WorkerSession,
 )
+from dohyo.service.parking.interface import check_action as check_parking
 from dohyo.sumo_networks.ego.control import InvalidActionError, make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, DohyoError, InvalidInputError
@@ -67,7 +71,7 @@ class Driver:
         Raises:
             InvalidInputError: The agent cannot be built, or fails.
         """
-        agent = make_agent(self.entry, self.settings)
+        agent = self._make()
         try:
             if hasattr(agent, "warm_up"):
                 agent.warm_up()
@@ -82,7 +86,7 @@ class Driver:
         Raises:
             InvalidInputError: The agent cannot be built, or differs from the submitted one.
         """
-        made = {ego: make_agent(self.entry, self.settings) for ego in drive.missions}
+        made = {ego: self._make() for ego in drive.missions}
         for agent in made.values():
             info = agent_info(agent, self.entry, self.settings)
             wanted = drive.spec
@@ -92,6 +96,14 @@ class Driver:
                     f"'{wanted['control']}'; '{self.entry}' here has {[*info.sensors]} and '{info.control}'"
                 )
         return made
+
+    def _make(self) -> Agent:
+        try:
+            return make_agent(self.entry, self.settings)
+        except OtherKindError:
+            from dohyo.service.parking.worker_agent import Parker  # loads numba
+
+            return Parker(self.entry, self.settings)
 
 
 def work(session: WorkerSession, driver: Driver, episodes: int | None = None) -> None:
@@ -150,7 +162,7 @@ def drive_episode(session: WorkerSession, driver: Driver, drive: Drive) -> None:
 
 def _decide_all(session: WorkerSession, agents: Mapping[str, Agent], drive: Drive) -> None:
     """Decides tick after tick; a fault of the agent ends the episode with the text of a local evaluation."""
-    control = make_control(drive.spec["control"], VehicleParameters(), TICK_S)
+    check = _check_of(drive.spec["control"])
     seconds, started = drive.first_deadline_s, False
     while not drive.done:
         try:
@@ -160,12 +172,19 @@ def _decide_all(session: WorkerSession, agents: Mapping[str, Agent], drive: Driv
                         agent.reset(drive.missions[ego], drive.seed)
                 actions = {ego: agents[ego].act(seen) for ego, seen in drive.observations.items()}
             for action in actions.values():
-                control.checked(action)
+                check(action)
         except Exception as error:  # an agent may raise anything
             _report(session, drive, error)
             return
         session.step(drive, actions)
         seconds, started = drive.deadline_s, True
+
+
+def _check_of(control: str) -> Callable[[np.ndarray], object]:
+    """Function that raises InvalidActionError for an action that a control cannot take."""
+    if control == PARKING_CONTROL:
+        return check_parking
+    return make_control(control, VehicleParameters(), TICK_S).checked
 
 
 def _report(session: WorkerSession, drive: Drive, error: Exception) -> None:

@@ -11,14 +11,17 @@ import shutil
 from pathlib import Path
 
 from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario, read_morning
+from dohyo.evaluation.parking.benchmark import LotScenario
+from dohyo.evaluation.parking.lot_files import read_lot, read_lot_motion
+from dohyo.evaluation.parking.record import ParkingRecord
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.store import read_record
+from dohyo.service.benchmarks.catalog import AnyScenario
 from dohyo.service.settings import Settings
 from dohyo.service.storage.files import file_lock
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.scenario import Scenario
 
-Record = EpisodeRecord | MorningRecord
+Record = EpisodeRecord | MorningRecord | ParkingRecord
 
 
 def staged_folder(settings: Settings, evaluation_id: str) -> Path:
@@ -36,7 +39,7 @@ def record_size(facts: Path) -> int:
     return sum(file.stat().st_size for file in (facts, facts.with_suffix(".parquet")) if file.exists())
 
 
-def shelve(settings: Settings, staged: Path, scenario: Scenario | MorningScenario) -> Record:
+def shelve(settings: Settings, staged: Path, scenario: AnyScenario) -> Record:
     """Links a staged record into the archive, unless the same hash is there already.
 
     A record lost to the infrastructure is returned but not archived.
@@ -50,13 +53,24 @@ def shelve(settings: Settings, staged: Path, scenario: Scenario | MorningScenari
         InvalidInputError: The record is missing, incomplete, or of another scenario.
         OSError: A file operation failed.
     """
-    is_morning = isinstance(scenario, MorningScenario)
-    record: Record = read_morning(staged) if is_morning else read_record(staged)
+    record = _read(staged, scenario)
     if record.scenario != scenario:
         raise InvalidInputError(f"{staged}: expected a record of scenario '{scenario.name}', seed {scenario.seed}")
     if lost_because(record) is None:
         ensure_archived(settings, staged, record)
     return record
+
+
+def _read(staged: Path, scenario: AnyScenario) -> Record:
+    match scenario:
+        case MorningScenario():
+            return read_morning(staged)
+        case LotScenario():
+            lot = read_lot(staged)
+            read_lot_motion(staged, lot)  # must be there and whole
+            return lot
+        case _:
+            return read_record(staged)
 
 
 def ensure_archived(settings: Settings, staged: Path, record: Record) -> None:
@@ -78,7 +92,7 @@ def ensure_archived(settings: Settings, staged: Path, record: Record) -> None:
 
 def lost_because(record: Record) -> str | None:
     """Infrastructure fault of a record; None for a record that counts."""
-    if isinstance(record, MorningRecord):
+    if not isinstance(record, EpisodeRecord):
         return None
     return next((ego.failure or ego.status.value for ego in record.egos if ego.status.infrastructure_fault), None)
 

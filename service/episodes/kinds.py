@@ -7,15 +7,16 @@ from pathlib import Path
 from typing import Any, Final
 
 from dohyo.agents.registry import agent_entries
+from dohyo.evaluation.parking.lot_files import is_lot, read_lot
 from dohyo.evaluation.records.store import read_record
 from dohyo.service.confinement.folders import private_folder
 from dohyo.service.confinement.limits import Limits
 from dohyo.service.confinement.runner import run
 from dohyo.service.episodes.archive import archived_path
 from dohyo.service.episodes.explanations import TRACE
+from dohyo.service.episodes.recorded_agents import POLICY_SETTINGS
 from dohyo.service.errors import ConflictError
 from dohyo.service.jobs.kind import Kind, Made, Task
-from dohyo.service.policies.agent import ENTRY as POLICY
 from dohyo.service.policies.agent import FOLDER_VARIABLE, SHA256
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
@@ -47,9 +48,9 @@ def redrive(task: Task) -> Made:
                 environment=environment,
                 stopped=task.stop.is_set,
             )
-            if answer["same"]:
+            if answer["same"] and not is_lot(record):
                 _keep(folder / TRACE, trace_path(record))
-            else:
+            elif not answer["same"]:
                 logger.error("%s: driven again, its episode gave a different record", record.name)
     except InvalidInputError as error:
         raise ConflictError(str(error)) from error
@@ -68,11 +69,11 @@ def _needs(record: Path, policies: Path) -> tuple[list[Path], list[str]]:
     """Files and modules that the drive reads: of a policy its own file alone, since others belong to others."""
     reads, imports = [record, user_catalog()], []
     entries = set(agent_entries().values())
-    for ego in read_record(record).egos:
-        if ego.agent.entry == POLICY and SHA256.fullmatch(name := str(ego.agent.settings.get("sha256"))):
+    for agent in [read_lot(record).agent] if is_lot(record) else [ego.agent for ego in read_record(record).egos]:
+        if agent.entry in POLICY_SETTINGS and SHA256.fullmatch(name := str(agent.settings.get("sha256"))):
             reads.append(policies / f"{name}.onnx")
-        elif ego.agent.entry in entries:
-            imports.append(ego.agent.entry.partition(":")[0])
+        elif agent.entry in entries:
+            imports.append(agent.entry.partition(":")[0])
     return reads, imports
 
 

@@ -9,13 +9,18 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, BinaryIO, Final
+from typing import Annotated, BinaryIO, Final, TypeVar
 
 from fastapi import Depends, Request
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.freeway.benchmark import TrafficBenchmark
 from dohyo.evaluation.freeway.morning import MORNING, read_morning
+from dohyo.evaluation.parking.benchmark import LOT
+from dohyo.evaluation.parking.lot_files import read_lot, read_lot_motion
+from dohyo.evaluation.parking.record import ParkingRecord
 from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.signature import Sealed
 from dohyo.evaluation.records.store import read_record, read_trajectory
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.service.accounts.access import Caller
@@ -29,11 +34,14 @@ from dohyo.service.evaluations.model import BenchmarkVersion, Episode, Evaluatio
 from dohyo.service.settings import Settings
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.submissions.model import AgentKind
+from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
 STRIPES: Final = 64
 COUNTS_S: Final = 5.0
+
+R = TypeVar("R", bound=Sealed)
 
 logger = logging.getLogger("dohyo.service")
 
@@ -64,19 +72,22 @@ class Readers:
         """The same, of a benchmark of drives.
 
         Raises:
-            ConflictError: It is one of freeway mornings.
+            ConflictError: It is one of parking lots, or of freeway mornings.
         """
         benchmark = self.stored(version)
         if not isinstance(benchmark, Benchmark):
-            raise ConflictError(f"benchmark '{version.name}' has freeway mornings, and no drives")
+            raise ConflictError(f"benchmark '{version.name}' has no drives on roads")
         return benchmark
 
     def network_of(self, version: BenchmarkVersion, cell: str) -> str:
-        """Network of a benchmark's cell; empty for an unknown cell."""
-        benchmark = self.stored(version)
-        if not isinstance(benchmark, Benchmark):
-            return benchmark.network
-        return next((one.network for one in benchmark.cells if one.name == cell), "")
+        """Network of a benchmark's cell; empty for an unknown cell, and for lots."""
+        match benchmark := self.stored(version):
+            case Benchmark():
+                return next((one.network for one in benchmark.cells if one.name == cell), "")
+            case TrafficBenchmark():
+                return benchmark.network
+            case _:
+                return ""
 
     def counts(self, services: Services) -> tuple[Mapping[str, int], Mapping[str, int]]:
         """Counts of episodes and evaluations by status, at most a few seconds old."""
@@ -168,13 +179,23 @@ def record_of(settings: Settings, episode: Episode) -> EpisodeRecord:
     """
     path = record_path(settings, episode)
     _refuse_morning(path, episode)
+    _refuse_lot(episode)
+    return _checked(path, episode, read_record)
+
+
+def lot_of(settings: Settings, episode: Episode) -> tuple[ParkingRecord, Float32Array]:
+    """Record and motion of an episode in a parking lot, after a check of their hashes.
+
+    Raises:
+        ConflictError: The episode has no record yet.
+        GoneError: The record or the motion can no longer be read.
+    """
+    path = record_path(settings, episode)
+    record = _checked(path, episode, read_lot)
     try:
-        record = read_record(path)
+        return record, read_lot_motion(path, record)
     except InvalidInputError as error:
         raise unreadable(episode, error) from error
-    if record.record_hash != episode.record_hash:
-        raise unreadable(episode)
-    return record
 
 
 def trajectory_of(settings: Settings, episode: Episode) -> Trajectory:
@@ -206,28 +227,46 @@ def open_trajectory(settings: Settings, episode: Episode) -> BinaryIO:
             file = stack.enter_context(path.with_suffix(".parquet").open("rb"))
         except FileNotFoundError as error:
             raise unreadable(episode, error) from error
-        trajectory_of(settings, episode)
+        lot_of(settings, episode) if is_lot(episode) else trajectory_of(settings, episode)
         stack.pop_all()
     return file
 
 
 def check_record(settings: Settings, episode: Episode) -> None:
-    """Checks the hash of an episode's record, or of a morning's.
+    """Checks the hash of an episode's record, of any kind.
 
     Raises:
         ConflictError: The episode has no record yet.
         GoneError: The record can no longer be read.
     """
     path = record_path(settings, episode)
-    if not _is_morning(path, episode):
+    if _is_morning(path, episode):
+        _checked(path, episode, read_morning)
+    elif is_lot(episode):
+        _checked(path, episode, read_lot)
+    else:
         record_of(settings, episode)
-        return
+
+
+def _checked(path: Path, episode: Episode, read: Callable[[Path], R]) -> R:
+    """A record of any kind, after a check of its hash."""
     try:
-        found = read_morning(path).record_hash
+        record = read(path)
     except InvalidInputError as error:
         raise unreadable(episode, error) from error
-    if found != episode.record_hash:
+    if record.record_hash != episode.record_hash:
         raise unreadable(episode)
+    return record
+
+
+def is_lot(episode: Episode) -> bool:
+    """Whether an episode is in a parking lot."""
+    return episode.cell == LOT
+
+
+def _refuse_lot(episode: Episode) -> None:
+    if is_lot(episode):
+        raise ConflictError(f"episode '{episode.id}' is in a parking lot: it has no drives on roads")
 
 
 def _is_morning(path: Path, episode: Episode) -> bool:

@@ -41,8 +41,8 @@ class EpisodeDetail(EpisodeView):
     agent_version: Annotated[int, Field(description="Version of the agent.")]
     benchmark: Annotated[str, Field(description="Name of the benchmark.")]
     benchmark_version: Version
-    rules: Annotated[str | None, Field(description="Of the driving score; null in freeway mornings.")]
-    network: Annotated[str | None, Field(description="Network of the scenario; null where withheld.")]
+    rules: Annotated[str | None, Field(description="Of the driving score; null where no car is driven.")]
+    network: Annotated[str | None, Field(description="Network of the scenario; null in lots and where withheld.")]
 
 
 class EventsView(View):

@@ -8,7 +8,7 @@ module of the agent is imported that is not registered, and before any agent is 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,13 +17,17 @@ from dohyo.evaluation.agent import Agent, agent_info, make_agent, source_digest
 from dohyo.evaluation.entry import load_entry
 from dohyo.evaluation.episode.runner import versions
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
+from dohyo.service.parking.interface import POLICY as PARKER
 from dohyo.service.policies.agent import ENTRY as POLICY
-from dohyo.service.policies.agent import OnnxPolicy
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.entries import network_names
 
-POLICY_SETTINGS: Final = frozenset({"sha256", "name", "track", "sensors", "control", "onnxruntime"})
+POLICY_SETTINGS: Final[Mapping[str, frozenset[str]]] = {
+    POLICY: frozenset({"sha256", "name", "track", "sensors", "control", "onnxruntime"}),
+    PARKER: frozenset({"sha256", "name", "state", "onnxruntime"}),
+}
+"""Settings of an uploaded policy in a record, by its entry."""
 
 
 class UntrustedRecordError(InvalidInputError):
@@ -72,11 +76,11 @@ def check_known(info: AgentInfo) -> None:
         raise UntrustedRecordError(
             f"agent '{info.name}' drove through policy workers, so its decisions cannot be repeated here"
         )
-    if info.entry == POLICY:
-        unknown = sorted(set(info.settings) - POLICY_SETTINGS)
+    if info.entry in POLICY_SETTINGS:
+        unknown = sorted(set(info.settings) - POLICY_SETTINGS[info.entry])
         if unknown:
             raise UntrustedRecordError(f"policy '{info.name}': a record has no setting '{unknown[0]}'")
-        _compare(info, [OnnxPolicy])
+        _compare(info, [load_entry(info.entry, "agent")])
         return
     if not is_registered(info.entry, info.settings):
         raise UntrustedRecordError(f"agent '{info.name}': no installed package registers '{info.entry}'")

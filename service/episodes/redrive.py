@@ -11,10 +11,12 @@ import numpy as np
 from dohyo.evaluation.agent import Agent, Explanation, Observation
 from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
 from dohyo.evaluation.episode.runner import drive_episode
+from dohyo.evaluation.parking.lot_files import is_lot, read_lot
+from dohyo.evaluation.parking.record import ParkingRecord
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.store import read_record
 from dohyo.service.episodes.explanations import TRACE, Trace
-from dohyo.service.episodes.recorded_agents import build_agents
+from dohyo.service.episodes.recorded_agents import build_agents, check_known
 from dohyo.sumo_networks.scenario import Mission
 
 
@@ -71,11 +73,26 @@ def drive_again(arguments: Mapping[str, Any]) -> dict[str, Any]:
         arguments: `record`: path of the record.
 
     Returns:
-        `expected`, `replayed`: hashes; `same`: whether they are equal. Then `TRACE` lies in the working directory.
+        `expected`, `replayed`: hashes; `same`: whether they are equal. Then `TRACE` lies in the working directory, but
+        for lots, whose agents explain nothing.
     """
-    record, trace = read_record(Path(arguments["record"])), Trace()
+    path = Path(arguments["record"])
+    if is_lot(path):
+        return _park_again(read_lot(path))
+    record, trace = read_record(path), Trace()
     again = redrive(record, trace)
     same = again.record_hash == record.record_hash
     if same:
         trace.write(Path.cwd() / TRACE)
-    return {"expected": record.record_hash, "replayed": again.record_hash, "same": same}
+    return _compared(record.record_hash, again.record_hash)
+
+
+def _park_again(record: ParkingRecord) -> dict[str, Any]:
+    from dohyo.evaluation.parking.evaluate import drive_again  # loads numba
+
+    check_known(record.agent)
+    return _compared(record.record_hash, *drive_again([record]))
+
+
+def _compared(expected: str, replayed: str) -> dict[str, Any]:
+    return {"expected": expected, "replayed": replayed, "same": expected == replayed}

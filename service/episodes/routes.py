@@ -21,6 +21,8 @@ from dohyo.service.episodes.readers import (
     ReadersOf,
     check_record,
     episode_for,
+    is_lot,
+    lot_of,
     open_trajectory,
     record_of,
     record_path,
@@ -70,7 +72,7 @@ def get_episode(identifier: Identified, caller: Reader, services: ServicesOf, re
         benchmark=version.name,
         benchmark_version=version.sha256,
         rules=benchmark.rules if isinstance(benchmark, Benchmark) else None,
-        network=readers.network_of(version, episode.cell) if told else None,
+        network=readers.network_of(version, episode.cell) or None if told else None,
     )
 
 
@@ -147,7 +149,10 @@ def get_episode_events(identifier: Identified, caller: Reader, services: Service
 async def get_episode_replay(
     identifier: Identified, request: Request, caller: Reader, services: ServicesOf, readers: ReadersOf, heavy: Heavy
 ) -> Response:
-    """Data of a replay except the roads (`/v1/networks/{name}/map`): poses, lights, infractions, series."""
+    """Data of a replay except the roads (`/v1/networks/{name}/map`): poses, lights, infractions, series.
+
+    Of a parking lot (`kind: parking`): what stands there, and the motion of karts and pedestrians.
+    """
     episode, _, version = await run_in_threadpool(episode_for, services, caller, identifier, Aspect.REPLAYS)
     path = record_path(services.settings, episode)
     headers = immutable(f"{episode.record_hash}-{episode.id}-replay{FORMAT}", services)
@@ -205,7 +210,7 @@ async def get_episode_explanation(
 async def verify_episode(identifier: Identified, caller: Holder, services: ServicesOf, wait_s: Wait) -> Any:
     """Orders a job that drives the episode again and compares the hashes; it takes as long as the episode did."""
     episode, evaluation, _ = await run_in_threadpool(episode_for, services, caller, identifier, Aspect.RECORDS)
-    await run_in_threadpool(_repeatable, services, episode, evaluation)
+    await run_in_threadpool(_check_repeatable, services, episode, evaluation)
     return await answer_job(services, await _redrive(services, caller, episode), wait_s, made=200)
 
 
@@ -235,12 +240,21 @@ def _subject(episode: Episode) -> str:
     return f"record {episode.record_hash}"
 
 
+def _check_repeatable(services: Services, episode: Episode, evaluation: Evaluation) -> None:
+    refuse_unrepeatable(evaluation)
+    check_record(services.settings, episode)
+
+
 def _repeatable(services: Services, episode: Episode, evaluation: Evaluation) -> EpisodeRecord:
     refuse_unrepeatable(evaluation)
     return record_of(services.settings, episode)
 
 
 def _replay(services: Services, readers: Readers, episode: Episode, version: BenchmarkVersion) -> bytes:
+    if is_lot(episode):
+        from dohyo.service.parking.replay import replay_of_lot  # loads numba
+
+        return encode(replay_of_lot(*lot_of(services.settings, episode), episode=episode.id))
     facts, moves = record_of(services.settings, episode), trajectory_of(services.settings, episode)
     try:
         network = load_network(facts.scenario.network)

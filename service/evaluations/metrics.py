@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
@@ -48,7 +49,7 @@ def cells_of(entry: Entry) -> dict[str, list[Drive]]:
 def _rows(entry: Entry, names: Sequence[str], kinds: Sequence[str]) -> Iterator[list[object]]:
     for drive in entry.drives:
         who = ["drive", drive.cell, drive.scenario, drive.seed, drive.facts["name"], drive.episode, drive.status.value]
-        scores = [value for name in names for value in (drive.score(name), None, None)]
+        scores = [value for name in names for value in (_finite(drive.score(name)), None, None)]
         counts = [drive.facts["infractions"].get(kind, 0) for kind in kinds]
         yield [*who, 1, *(drive.facts[name] for name in _LENGTHS), *scores, *counts]
     for cell, drives in cells_of(entry).items():
@@ -64,6 +65,10 @@ def _group(
     sums = [sum(drive.facts[name] for drive in drives) for name in _LENGTHS]
     counts = [sum(drive.facts["infractions"].get(kind, 0) for drive in drives) for kind in kinds]
     return [row, cell, None, None, None, None, None, len(drives), *sums, *scores, *counts]
+
+
+def _finite(score: float) -> float | None:
+    return score if math.isfinite(score) else None
 
 
 def _drive(drive: Drive) -> dict[str, Any]:

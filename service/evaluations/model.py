@@ -5,11 +5,12 @@ from __future__ import annotations
 import secrets
 from datetime import datetime
 from enum import StrEnum
-from typing import Any, Literal
+from typing import Any
 
 from sqlalchemy import BigInteger, ForeignKey, Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
+from dohyo.evaluation.kinds import BenchmarkKind
 from dohyo.service.boards.model import Ranking
 from dohyo.service.database.base import Base, now
 from dohyo.service.submissions.model import AgentKind, Submission
@@ -71,9 +72,10 @@ class BenchmarkVersion(Base):
     created: Mapped[datetime] = mapped_column(default=now)
 
     @property
-    def kind(self) -> Literal["driving", "freeway"]:
-        """Whether agents drive cars in it, or planners set the speeds of connected cars."""
-        return "freeway" if self.document.get("kind") == "traffic" else "driving"
+    def kind(self) -> BenchmarkKind:
+        """Whether agents drive cars or park karts in it, or planners set the speeds of connected cars."""
+        kinds: dict[str | None, BenchmarkKind] = {"traffic": "freeway", "parking": "parking"}
+        return kinds.get(self.document.get("kind"), "driving")
 
 
 class Evaluation(Base):

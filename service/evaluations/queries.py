@@ -9,8 +9,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, func, select, update
 from sqlalchemy.orm import Session
 
-from dohyo.evaluation.freeway.morning import MorningScenario
-from dohyo.service.benchmarks.catalog import AnyBenchmark
+from dohyo.service.benchmarks.catalog import AnyBenchmark, AnyScenario
 from dohyo.service.database.base import new_id, now
 from dohyo.service.database.pages import newest_first
 from dohyo.service.evaluations.model import (
@@ -22,7 +21,6 @@ from dohyo.service.evaluations.model import (
     EvaluationStatus,
 )
 from dohyo.service.submissions.model import Agent, Submission
-from dohyo.sumo_networks.scenario import Scenario
 
 UNFINISHED = (EvaluationStatus.QUEUED, EvaluationStatus.RUNNING)
 AGAIN = (EpisodeStatus.LOST, EpisodeStatus.CANCELLED)
@@ -47,7 +45,7 @@ def add_evaluation(
     submission: Submission,
     benchmark: AnyBenchmark,
     seeds: Sequence[int],
-    scenarios: Sequence[Scenario | MorningScenario],
+    scenarios: Sequence[AnyScenario],
     *,
     slow_policy: str,
     act_deadline_s: float,

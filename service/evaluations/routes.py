@@ -13,6 +13,8 @@ from sqlalchemy.orm import Session
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.freeway.morning import MorningsManifest
+from dohyo.evaluation.parking.benchmark import ParkingBenchmark
+from dohyo.evaluation.parking.lot_files import LotsManifest
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.running.manifest import Manifest
 from dohyo.service.accounts.access import Caller, Reader, Submitter
@@ -185,7 +187,7 @@ async def stream_evaluation_progress(
 @router.get("/{identifier}/manifest", responses=problems(403, 404))
 def get_evaluation_manifest(
     identifier: Identifier, caller: Reader, services: ServicesOf
-) -> Manifest | MorningsManifest:
+) -> Manifest | MorningsManifest | LotsManifest:
     """Manifest of an evaluation with the whole benchmark; with the records it makes a result folder."""
     with services.database.reading() as session:
         evaluation = find_visible(session, caller, identifier)
@@ -194,6 +196,8 @@ def get_evaluation_manifest(
         agent = AgentInfo.model_validate(evaluation.submission.info)
     if isinstance(benchmark, Benchmark):
         return Manifest(agent=agent, benchmark=benchmark, benchmark_sha256=sha256)
+    if isinstance(benchmark, ParkingBenchmark):
+        return LotsManifest(agent=agent, benchmark=benchmark, benchmark_sha256=sha256)
     return MorningsManifest(agent=agent, benchmark=benchmark, benchmark_sha256=sha256)
 
 

@@ -6,11 +6,15 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
 from dohyo.evaluation.freeway.morning import LOWER_IS_BETTER, PLANNER, MorningRecord
+from dohyo.evaluation.parking.benchmark import LOT
+from dohyo.evaluation.parking.record import Ending, ParkingRecord
+from dohyo.evaluation.parking.result import MEASURES, LotCounts, count_karts, estimate_measure
 from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord, Infraction
 from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.scores.driving import MIN_KM, Rules
@@ -19,6 +23,7 @@ from dohyo.evaluation.scores.nuplan.summary import TERMS, applies, score_records
 from dohyo.evaluation.scores.rates import infraction_counts, route_km
 from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired, ratio_estimate, share_estimate
 from dohyo.evaluation.summary import SHARES, score_drive
+from dohyo.service.episodes.archive import Record
 
 SCORE_KEYS: Final[Mapping[str, str]] = {
     "driving_score": "ds",
@@ -39,8 +44,19 @@ CLOSED_LOOP_SCORES: Final = ("closed_loop", *TERMS)
 MORNING_SCORES: Final = ("speed_std_mps", "throughput_vph", "speed_mps", "speed_std_within_mps", "fuel_circles_g_km")
 """Scores of freeway mornings: measures of all vehicles, the headline first."""
 
+PARKING_SCORES: Final = tuple(measure.key for measure in MEASURES)
+"""Scores of parking lots, the headline first."""
 
-@dataclass(frozen=True, slots=True)
+_STATUSES: Final[Mapping[Ending, Status]] = {
+    "failed": Status.AGENT_RAISED,
+    "collided": Status.COLLIDED,
+    "timed_out": Status.TIMED_OUT,
+    "parked": Status.COMPLETED,
+}
+"""Statuses of karts' endings, the worst first."""
+
+
+@dataclass(frozen=True)
 class Drive:
     """Drive of one ego in one episode, from a summary.
 
@@ -68,8 +84,20 @@ class Drive:
         """How it ended."""
         return Status(self.facts["status"])
 
+    @cached_property
+    def lot(self) -> LotCounts | None:
+        """The karts of a lot, counted; None for a drive on roads."""
+        counts = self.facts.get("parking")
+        return None if counts is None else LotCounts(**counts)
+
     def score(self, name: str) -> float:
-        """A score by its name, see `scores_of`: percent, but the infraction penalty in [0, 1]."""
+        """A score by its name, see `scores_of`: percent, but the infraction penalty in [0, 1].
+
+        NaN is a score of a lot in which no kart parked, if it is one of those that did.
+        """
+        if self.lot is not None:
+            mean = estimate_measure(name, [self.lot]).mean
+            return math.nan if mean is None else mean
         if name in MORNING_SCORES:
             return float(self.facts["morning"][name])
         if name in CLOSED_LOOP_SCORES:
@@ -78,10 +106,12 @@ class Drive:
         return 100.0 * value if name in SHARES else value
 
 
-def is_agent_fault(record: EpisodeRecord | MorningRecord) -> bool:
+def is_agent_fault(record: Record) -> bool:
     """Whether an agent failed as a program."""
     if isinstance(record, MorningRecord):
         return record.failure is not None
+    if isinstance(record, ParkingRecord):
+        return any(one.ending == "failed" for one in record.karts)
     return any(ego.status.agent_fault for ego in record.egos)
 
 
@@ -90,7 +120,7 @@ def rank_sign(headline: str) -> float:
     return -1.0 if headline in LOWER_IS_BETTER else 1.0
 
 
-def summary_at(path: Path, record: EpisodeRecord | MorningRecord, rules: Rules) -> dict[str, Any]:
+def summary_at(path: Path, record: Record, rules: Rules) -> dict[str, Any]:
     """`summary_of` a record on disk, with the closed-loop score where its scenario has a reference.
 
     Raises:
@@ -98,6 +128,8 @@ def summary_at(path: Path, record: EpisodeRecord | MorningRecord, rules: Rules) 
     """
     if isinstance(record, MorningRecord):
         return summary_of_morning(record)
+    if isinstance(record, ParkingRecord):
+        return summary_of_lot(record)
     scored = score_records([(record, path)]) if applies(record) else []
     return summary_of(record, rules, {drive.ego: drive.terms for drive in scored})
 
@@ -146,18 +178,39 @@ def summary_of_morning(record: MorningRecord) -> dict[str, Any]:
     return {"egos": [planner], "decision_ms": None, "wall_s": record.wall_s}
 
 
+def summary_of_lot(record: ParkingRecord) -> dict[str, Any]:
+    """A lot as the summary of one drive, that of all its karts, with `parking`: the fields of `LotCounts`."""
+    endings = [one.ending for one in record.karts]
+    lot: dict[str, Any] = {
+        "name": LOT,
+        "status": next(status for ending, status in _STATUSES.items() if ending in endings).value,
+        "success": all(one.parked for one in record.karts),
+        "parking": asdict(count_karts(record)),
+        "infractions": {},
+        "marks": [],
+        **dict.fromkeys(("km", "route_m"), 0.0),
+        "driven_m": math.fsum(one.driven_m for one in record.karts),
+        "duration_s": max(one.time_s for one in record.karts),
+    }
+    return {"egos": [lot], "decision_ms": None, "wall_s": None}
+
+
 def scores_of(drives: Iterable[Drive]) -> tuple[str, ...]:
     """Names of the scores that all of some drives have; without any drive, those that every drive has."""
     drives = tuple(drives)
     if any("morning" in drive.facts for drive in drives):
         measured = all(drive.facts["morning"].get(name) is not None for drive in drives for name in MORNING_SCORES)
         return MORNING_SCORES if measured else ()
+    if any(drive.lot is not None for drive in drives):
+        return PARKING_SCORES
     closed_loop = bool(drives) and all("closed_loop" in drive.facts for drive in drives)
     return (*SCORE_KEYS, *(CLOSED_LOOP_SCORES if closed_loop else ()))
 
 
 def estimate(name: str, drives: Sequence[Drive], lost: int = 0) -> Estimate:
     """Mean of a score over drives, and over lost ones as 0; the interval is Wilson's for shares, else bootstrap."""
+    if lots := [drive.lot for drive in drives if drive.lot is not None]:
+        return estimate_measure(name, lots)
     values = [*(drive.score(name) for drive in drives), *[0.0] * lost]
     share = name in SHARES or (name in CLOSED_LOOP_SCORES and set(values) <= {0.0, 100.0})
     return share_estimate([value > 0.0 for value in values]) if share else mean_estimate(values)
@@ -180,13 +233,14 @@ def summarise_drives(drives: Sequence[Drive], lost: int = 0) -> dict[str, Any]:
         "km": math.fsum(km),
         "scores": {name: asdict(estimate(name, drives)) for name in names},
         "scores_lost_as_zero": {name: asdict(estimate(name, drives, lost)) for name in names}
-        if lost and not set(names) <= set(MORNING_SCORES)
+        if lost and names not in (MORNING_SCORES, PARKING_SCORES)
         else None,
         "per_km": {
             kind.value: asdict(
                 ratio_estimate([drive.facts["infractions"].get(kind.value, 0) for drive in drives], km, floor=MIN_KM)
             )
             for kind in InfractionKind
+            if names != PARKING_SCORES
         },
         "statuses": {status.value: statuses[status] for status in Status if statuses[status]},
     }
@@ -204,7 +258,7 @@ def rates_per_km(drives: Sequence[Drive]) -> dict[str, float]:
 def compare_drives(name: str, ours: Iterable[Drive], theirs: Iterable[Drive]) -> Comparison | None:
     """How a score differs on the drives both made, ours - theirs; None where there is no such drive."""
     a, b = ({drive.key: drive.score(name) for drive in side} for side in (ours, theirs))
-    keys = sorted(a.keys() & b.keys())
+    keys = sorted(key for key in a.keys() & b.keys() if math.isfinite(a[key]) and math.isfinite(b[key]))
     return paired([a[key] for key in keys], [b[key] for key in keys]) if keys else None
 
 

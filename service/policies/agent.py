@@ -20,6 +20,8 @@ from dohyo.service.policies.sandbox import Sandbox
 from dohyo.sumo_networks.errors import AgentError, InvalidInputError
 
 ENTRY = "dohyo.service.policies.agent:OnnxPolicy"
+NAME = "onnx"
+"""Name on the command line of an agent that is an ONNX file: `--agent onnx --set path=FILE`."""
 FOLDER_VARIABLE = "DOHYO_POLICIES"
 SHA256 = re.compile(r"[0-9a-f]{64}")
 
@@ -96,6 +98,10 @@ class OnnxPolicy(Agent):
 
     def reset(self, mission: Mission, seed: int) -> None:
         """Starts a new process: states are zero, random operators draw from the seed."""
+        self.start(seed)
+
+    def start(self, seed: int) -> None:
+        """The same, for agents that have no mission."""
         self.close()
         self._sandbox = Sandbox(self._content, self._inputs, self._limits, seed)
 

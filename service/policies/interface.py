@@ -10,6 +10,16 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from dohyo.evaluation.agent import AgentSpec
+from dohyo.evaluation.kinds import PARKING_CONTROL
+from dohyo.service.parking.interface import (
+    ACTION_SHAPE,
+    INPUT,
+    check_parker,
+    control_document,
+    observation_shape,
+    sensor_documents,
+)
+from dohyo.service.parking.interface import SENSORS as PARKING_SENSORS
 from dohyo.service.wire.enumerations import enumeration_documents
 from dohyo.sumo_networks.ego.control import CONTROLS, make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
@@ -24,7 +34,7 @@ RULES = (
     "One output 'action' of the control's shape, float32, likewise. A policy that remembers has inputs 'state_NAME', "
     "float32, of a fixed shape, each with an output 'next_state_NAME' of the same shape; they are zeros at the start "
     "of every episode. Random operators draw from the scenario's seed. Operators of the domains ai.onnx and "
-    "ai.onnx.ml; all weights inside the file."
+    "ai.onnx.ml; all weights inside the file. A policy that parks has one sensor, and its input is named 'observation'."
 )
 
 
@@ -50,6 +60,9 @@ def expected_inputs(spec: AgentSpec) -> tuple[Tensor, ...]:
         UnknownNameError: A sensor is unknown.
         InvalidInputError: The track does not permit a sensor.
     """
+    if spec.control == PARKING_CONTROL:
+        check_parker(spec.track, spec.sensors)
+        return (Tensor(INPUT, observation_shape(spec.sensors[0]), "float32"),)
     sensors = make_sensors(spec.sensors, Track[spec.track.upper()])
     return tuple(Tensor(sensor.name, tuple(sensor.space.shape), _dtype(sensor.space)) for sensor in sensors)
 
@@ -60,6 +73,8 @@ def expected_action(spec: AgentSpec) -> Tensor:
     Raises:
         UnknownNameError: The control is unknown.
     """
+    if spec.control == PARKING_CONTROL:
+        return Tensor(ACTION, ACTION_SHAPE, "float32")
     return Tensor(ACTION, tuple(_control(spec.control)[0].shape), "float32")
 
 
@@ -83,13 +98,15 @@ def published_spec() -> dict[str, Any]:
     """Every sensor and every control interface, as plain JSON."""
     return {
         "rules": RULES,
-        "sensors": {name: _sensor_document(name) for name in SENSORS},
-        "controls": {name: _control_document(name) for name in CONTROLS},
+        "sensors": {name: _sensor_document(name) for name in (*SENSORS, *PARKING_SENSORS)},
+        "controls": {name: _control_document(name) for name in (*CONTROLS, PARKING_CONTROL)},
         "enumerations": enumeration_documents(),
     }
 
 
 def _sensor_document(name: str) -> dict[str, Any]:
+    if name in PARKING_SENSORS:
+        return sensor_documents()[name]
     (sensor,) = make_sensors([name])
     return {
         "name": name,
@@ -100,6 +117,8 @@ def _sensor_document(name: str) -> dict[str, Any]:
 
 
 def _control_document(name: str) -> dict[str, Any]:
+    if name == PARKING_CONTROL:
+        return control_document()
     space, description = _control(name)
     return {"control": name, **_space_document(space), "dtype": "float32", "description": description}
 

@@ -18,6 +18,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario, write_morning
+from dohyo.evaluation.parking.benchmark import LotScenario
 from dohyo.evaluation.running.executors import drive_job, lost_episode
 from dohyo.service.confinement.rights import confine_episodes
 from dohyo.service.running.channel import Channel, Kind
@@ -62,6 +63,10 @@ def _drive(order: EpisodeOrder, channel: Channel, gauge: Gauge, cluster: str | N
     try:
         if isinstance(order.scenario, MorningScenario):
             return Kind.FINISHED, _plan_morning(order, order.scenario, channel, gauge)
+        if isinstance(order.scenario, LotScenario):
+            from dohyo.service.parking.drive import park  # numba's kernels take a second to load
+
+            return Kind.FINISHED, park(order, order.scenario, channel, gauge)
         if order.verdict is not None:
             lost_episode(order.job, *order.verdict)
         elif order.remote:

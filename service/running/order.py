@@ -10,6 +10,7 @@ from typing import Any, Literal
 from dohyo.agents.registry import resolve
 from dohyo.evaluation.agent import agent_info, make_agent
 from dohyo.evaluation.freeway.morning import MorningScenario
+from dohyo.evaluation.parking.benchmark import LotScenario
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.running.job import Job
@@ -23,7 +24,7 @@ class EpisodeOrder(Config):
     """One episode to drive, and the folder of its record.
 
     Attributes:
-        scenario: Scenario to drive, or a morning on the freeway to plan.
+        scenario: Scenario to drive, a morning on the freeway to plan, or a lot to park in.
         info: Agent, as its record will name it.
         benchmark: Name and content hash.
         directory: Folder for the record.
@@ -35,7 +36,7 @@ class EpisodeOrder(Config):
         verdict: Status and reason of an episode that is recorded without driving.
     """
 
-    scenario: Scenario | MorningScenario
+    scenario: Scenario | MorningScenario | LotScenario
     info: AgentInfo
     benchmark: tuple[str, str]
     directory: Path
@@ -63,7 +64,7 @@ class EpisodeOrder(Config):
                 "control": info.control,
                 "settings": info.settings,
             },
-            "missions": [self._told_mission(mission) for mission in self.missions],
+            "missions": [self._told_mission(mission) for mission in self.missions] or self._told_karts(),
             "seed": self.agent_seed,
         }
 
@@ -73,11 +74,20 @@ class EpisodeOrder(Config):
             return name
         return mission.model_dump(mode="json", include={"start", "goal", "via"}) | name
 
+    def _told_karts(self) -> list[dict[str, str]]:
+        return [{"name": name} for name in self.wire_names.values()]
+
     @property
     def wire_names(self) -> dict[str, str]:
         """Name of each ego on the wire: a name in the scenario may be that of a public mission."""
-        egos = [mission.name for mission in self.missions]
-        return {ego: "ego" if len(egos) == 1 else f"ego-{number}" for number, ego in enumerate(egos)}
+        return {ego: "ego" if len(self.egos) == 1 else f"ego-{number}" for number, ego in enumerate(self.egos)}
+
+    @property
+    def egos(self) -> tuple[str, ...]:
+        """Names of the egos: those of the missions, or of the karts."""
+        if isinstance(self.scenario, LotScenario):
+            return tuple(f"kart-{number}" for number in range(self.scenario.benchmark.karts))
+        return tuple(mission.name for mission in self.missions)
 
     @property
     def decision_s(self) -> float:
@@ -86,8 +96,8 @@ class EpisodeOrder(Config):
 
     @property
     def missions(self) -> tuple[Mission, ...]:
-        """Missions of the egos; none in a morning."""
-        return () if isinstance(self.scenario, MorningScenario) else self.scenario.missions
+        """Missions of the egos; none in a morning and in a lot."""
+        return self.scenario.missions if isinstance(self.scenario, Scenario) else ()
 
     @property
     def agent(self) -> str:
@@ -99,10 +109,10 @@ class EpisodeOrder(Config):
         """The order as a job of `dohyo.evaluation.running.executors`.
 
         Raises:
-            InvalidInputError: The order is of a morning, which only policy workers plan.
+            InvalidInputError: The order is of a morning, which only policy workers plan, or of a lot.
         """
-        if isinstance(self.scenario, MorningScenario):
-            raise InvalidInputError("a morning on the freeway is planned by policy workers only")
+        if not isinstance(self.scenario, Scenario):
+            raise InvalidInputError(f"expected an episode on roads, got a {self.scenario.name}")
         return Job(self.scenario, self.info, self.benchmark, self.directory, self.stem, self.act_deadline_s)
 
 

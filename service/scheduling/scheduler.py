@@ -20,12 +20,11 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 from sqlalchemy.exc import OperationalError, SQLAlchemyError
 from sqlalchemy.orm import Session
 
-from dohyo.evaluation.freeway.morning import MorningScenario
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.records.specifications import Status
 from dohyo.service.accounts.model import Token
 from dohyo.service.accounts.queries import is_valid
-from dohyo.service.benchmarks.catalog import read_benchmark
+from dohyo.service.benchmarks.catalog import AnyScenario, read_benchmark
 from dohyo.service.episodes.archive import (
     Record,
     discard,
@@ -49,7 +48,6 @@ from dohyo.service.wire.messages import Format, encode
 from dohyo.service.workers.lease import RemoteEpisode
 from dohyo.service.workers.leases import SWEEP_S, LeaseBook
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
-from dohyo.sumo_networks.scenario import Scenario
 
 if TYPE_CHECKING:
     from dohyo.service.database.engine import Database
@@ -109,7 +107,7 @@ class Scheduler:
         self._live: dict[str, Live] = {}
         self._idle: list[EpisodeProcess] = []
         self._turns = Turns()
-        self._scenarios: dict[str, Sequence[Scenario | MorningScenario]] = {}
+        self._scenarios: dict[str, Sequence[AnyScenario]] = {}
         self._woken = asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
         self._draining = self._stopped = False

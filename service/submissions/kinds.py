@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from dohyo.agents.registry import agent_entries
 from dohyo.evaluation.agent import AgentSpec, agent_info
+from dohyo.evaluation.kinds import kind_for
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.confinement.limits import Limits
 from dohyo.service.confinement.runner import run
 from dohyo.service.jobs.kind import Kind, Made, Task
+from dohyo.service.parking.interface import POLICY as PARKER
+from dohyo.service.parking.interface import check_parker, state_of
 from dohyo.service.policies.agent import ENTRY, OnnxPolicy
 from dohyo.service.policies.limits import MEGABYTE, PolicyLimits
 from dohyo.service.storage.files import file_lock
@@ -20,6 +23,9 @@ from dohyo.service.submissions.model import AgentKind, Submission
 from dohyo.service.submissions.views import view_submission
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.files import write_atomically
+
+if TYPE_CHECKING:
+    from dohyo.service.parking.policy import OnnxParker
 
 TRIAL: Final = Limits(wall_s=60.0, cpu_s=60, memory_mb=3000, file_mb=1, folder_mb=10)
 
@@ -37,10 +43,10 @@ def try_onnx(task: Task) -> Made:
     content = task.file.read_bytes()
     limits = PolicyLimits(file_mb=task.services.settings.upload_limit_bytes / MEGABYTE)
     try:
-        policy = OnnxPolicy(content=content, **AgentSpec(**task.arguments["spec"]).model_dump(), limits=limits)
+        policy = _policy(content, AgentSpec(**task.arguments["spec"]), limits)
     except UnknownNameError as error:
         raise InvalidInputError(str(error)) from error
-    info = agent_info(policy, ENTRY, policy.settings, "onnx")
+    info = agent_info(policy, ENTRY if isinstance(policy, OnnxPolicy) else PARKER, policy.settings, "onnx")  # type: ignore[arg-type]  # it reads the spec alone
     if task.stop.is_set():
         raise InvalidInputError("it was cancelled")
     with file_lock(policy.sha256):
@@ -66,6 +72,15 @@ def _store(task: Task, kind: AgentKind, info: AgentInfo, policy_sha256: str | No
             )
         view = view_submission(submission, name)
     return Made(view.model_dump(mode="json"), f"/v1/agents/{name}/submissions/{view.version}")
+
+
+def _policy(content: bytes, spec: AgentSpec, limits: PolicyLimits) -> OnnxPolicy | OnnxParker:
+    if kind_for(spec.control) != "parking":
+        return OnnxPolicy(content=content, **spec.model_dump(), limits=limits)
+    check_parker(spec.track, spec.sensors)
+    from dohyo.service.parking.policy import OnnxParker  # loads numba
+
+    return OnnxParker(content=content, name=spec.name, state=state_of(spec.sensors[0]), limits=limits)
 
 
 def _keep(folder: Path, content: bytes) -> None:

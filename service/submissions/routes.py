@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Body, Path, Request
@@ -10,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from sqlalchemy.orm import Session
 
 from dohyo.evaluation.agent import AgentSpec
-from dohyo.evaluation.kinds import PLANNING_CONTROL
+from dohyo.evaluation.kinds import PARKING_CONTROL, PLANNING_CONTROL, kind_for
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.accounts.access import Caller, Reader, Submitter
 from dohyo.service.database.engine import serialise
@@ -18,6 +19,7 @@ from dohyo.service.database.idempotency import made_before, remember
 from dohyo.service.errors import NotFoundError, TooManyRequestsError
 from dohyo.service.freeway.planner import check_planner
 from dohyo.service.jobs.orders import Wait, answer_job, check_room, order_job, ordered
+from dohyo.service.parking.interface import check_parker
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.storage import deletion
 from dohyo.service.submissions import queries
@@ -195,12 +197,7 @@ def delete_submission(
 
 def _remote(order: RemoteOrder, agent: str) -> AgentInfo:
     try:
-        if order.control == PLANNING_CONTROL:
-            check_planner(order.track, order.sensors)
-        else:
-            make_sensors(order.sensors, Track[order.track.upper()])
-        if order.control not in (*CONTROLS, PLANNING_CONTROL):
-            raise UnknownNameError("control", order.control, [*CONTROLS, PLANNING_CONTROL])
+        _check_declared(order.track, order.sensors, order.control)
     except UnknownNameError as error:
         raise InvalidInputError(str(error)) from error
     name = order.name or agent
@@ -215,6 +212,19 @@ def _remote(order: RemoteOrder, agent: str) -> AgentInfo:
         control=order.control,
         settings=order.settings,
     )
+
+
+def _check_declared(track: TrackName, sensors: Sequence[str], control: str) -> None:
+    """Checks sensors and control of a remote agent, by the kind of benchmark that it is for."""
+    match kind_for(control):
+        case "freeway":
+            check_planner(track, sensors)
+        case "parking":
+            check_parker(track, sensors)
+        case "driving":
+            make_sensors(sensors, Track[track.upper()])
+            if control not in CONTROLS:
+                raise UnknownNameError("control", control, [*CONTROLS, PARKING_CONTROL, PLANNING_CONTROL])
 
 
 def _spec(text: str | None, agent: str) -> AgentSpec:

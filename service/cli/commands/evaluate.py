@@ -30,6 +30,8 @@ from dohyo.service.cli.commands.parking import evaluate_on_parking
 from dohyo.service.cli.output import Json, console, print_cells, print_comparison, print_json, print_part
 from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.service.cli.progress import ProgressBar
+from dohyo.service.policies.agent import ENTRY as POLICY
+from dohyo.service.policies.agent import NAME as ONNX
 from dohyo.sumo_networks.errors import InvalidInputError
 
 SEEDS_BELOW = 2**31
@@ -43,7 +45,7 @@ class Engine(StrEnum):
 
 
 def evaluate(
-    agent: Annotated[str, typer.Option(help="Registered name, or your own module:Class.")],
+    agent: Annotated[str, typer.Option(help="Registered name, your own module:Class, or onnx with --set path=FILE.")],
     benchmark: Annotated[str, typer.Option(help="Name, or path of a .toml file.")],
     seeds: Annotated[str | None, typer.Option(help="Such as 0,1,2 or 0-4; default: the benchmark's own.")] = None,
     only: Annotated[
@@ -78,7 +80,7 @@ def evaluate(
         processes = workers or os.cpu_count() or 1
         evaluate_on(agent, benchmark, parse_settings(settings or []), chosen, folder, processes, json)
         return
-    entry, made_with = resolve_with(agent, parse_settings(settings or []))
+    entry, made_with = resolve_with(POLICY if agent == ONNX else agent, parse_settings(settings or []))
     with ProgressBar(f"{agent} on {benchmark}", hidden=json) as bar:
         result = run_benchmark(
             benchmark,

@@ -12,6 +12,7 @@ import typer
 from dohyo.agents.registry import kind_of, resolve
 from dohyo.evaluation.parking.benchmark import load_parking_benchmark
 from dohyo.evaluation.parking.evaluate import PAGE, drive_again, evaluate_parking
+from dohyo.evaluation.parking.lot_files import is_lots_folder, read_lot_motions, read_lots
 from dohyo.evaluation.parking.motion import read_motion
 from dohyo.evaluation.parking.page import Evaluated, comparisons, shown_records, write_parking_page
 from dohyo.evaluation.parking.record import RECORDS, ParkingRecord, read_records
@@ -20,6 +21,8 @@ from dohyo.service.cli.output import console, interval, print_json, print_rows
 from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.service.cli.progress import ProgressBar
 from dohyo.service.episodes.recorded_agents import UntrustedRecordError, check_known
+from dohyo.service.parking.interface import POLICY as PARKER
+from dohyo.service.policies.agent import NAME as ONNX
 
 DIFFERS = 1
 
@@ -35,7 +38,7 @@ def evaluate_on_parking(
 ) -> None:
     """Evaluates an agent that parks; prints the result, and writes records, motion and an HTML report."""
     found = load_parking_benchmark(benchmark)
-    entry = resolve(agent)
+    entry = PARKER if agent == ONNX else resolve(agent)
     with ProgressBar(f"{agent} on {found.name}", hidden=as_json) as tell:
         records = evaluate_parking(found, entry, settings, kind_of(entry, dict(settings)), seeds, folder, workers, tell)
     if as_json:
@@ -53,11 +56,13 @@ def report_parking(folders: Sequence[Path], out: Path) -> None:
     """
     evaluated: list[Evaluated] = []
     for folder in folders:
-        records = read_records(folder / RECORDS)
+        fetched = is_lots_folder(folder)
+        records = read_lots(folder) if fetched else read_records(folder / RECORDS)
+        motions = (read_lot_motions if fetched else read_motion)(folder, shown_records(records))
         name = records[0].agent.name
         if name in {one.name for one in evaluated}:
             name = f"{name} ({folder.name})"
-        evaluated.append(Evaluated(name, records, read_motion(folder, shown_records(records))))
+        evaluated.append(Evaluated(name, records, motions))
     path = write_parking_page(out, evaluated)
     _print({one.name: one.records for one in evaluated})
     for first, second, comparison in comparisons(evaluated):
@@ -75,15 +80,7 @@ def verify_parking(path: Path, trust: bool, as_json: bool) -> None:
         InvalidInputError: The records were changed, or their agent cannot be made or is not one they may choose.
     """
     records = read_records(path if path.is_file() else path / RECORDS)
-    if trust:
-        find_own_modules()
-    else:
-        try:
-            check_known(records[0].agent)
-        except UntrustedRecordError as error:
-            raise UntrustedRecordError(f"'{path}': {error} (--trust runs whatever the records name)") from error
-    with ProgressBar(f"lots of {records[0].benchmark.name}", hidden=as_json) as tell:
-        replayed = drive_again(records, os.cpu_count() or 1, tell)
+    replayed = drive_lots_again(path, records, trust, hidden=as_json)
     pairs = zip(records, replayed, strict=True)
     differing = [old.seed for old, new in pairs if old.record_hash != new]
     if as_json:
@@ -94,6 +91,33 @@ def verify_parking(path: Path, trust: bool, as_json: bool) -> None:
         console.print(f"same: all {len(records)} lots")
     if differing:
         raise typer.Exit(DIFFERS)
+
+
+def drive_lots_again(
+    path: Path, records: Sequence[ParkingRecord], trust: bool, policy: Path | None = None, hidden: bool = True
+) -> list[str]:
+    """Drives the lots of records again; returns the new hashes, in their order.
+
+    Args:
+        path: Place of the records, for messages.
+        records: Of one agent on one benchmark.
+        trust: Whether to build whatever agent they name.
+        policy: ONNX file of their policy; None: it lies in the folder of uploaded policies.
+        hidden: Whether to hide the progress bar.
+
+    Raises:
+        InvalidInputError: Their agent cannot be made, or is not one that they may choose.
+    """
+    if trust:
+        find_own_modules()
+    else:
+        try:
+            check_known(records[0].agent)
+        except UntrustedRecordError as error:
+            raise UntrustedRecordError(f"'{path}': {error} (--trust runs whatever the records name)") from error
+    with ProgressBar(f"lots of {records[0].benchmark.name}", hidden=hidden) as tell:
+        more = {} if policy is None else {"path": str(policy)}
+        return drive_again(records, os.cpu_count() or 1, tell, more)
 
 
 def _document(benchmark: str, records: Sequence[ParkingRecord]) -> dict[str, Any]:

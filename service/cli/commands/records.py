@@ -12,6 +12,7 @@ import typer
 
 from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.freeway.morning import is_morning, read_morning
+from dohyo.evaluation.parking.lot_files import is_lot, is_lots_folder, read_lot
 from dohyo.evaluation.parking.record import is_parking_records
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
 from dohyo.evaluation.records.signature import Sealed
@@ -32,7 +33,7 @@ from dohyo.evaluation.scores.nuplan.summary import (
 from dohyo.evaluation.scores.nuplan.summary import as_document as closed_loop_document
 from dohyo.evaluation.summary import as_document, compare, score_drive, summarise, summarise_cells
 from dohyo.service.cli.closed_loop import print_closed_loop, print_legend, print_terms
-from dohyo.service.cli.commands.parking import report_parking, verify_parking
+from dohyo.service.cli.commands.parking import drive_lots_again, report_parking, verify_parking
 from dohyo.service.cli.commands.signatures import Key, SignatureOnly, SignedBy, Signer, check_signature
 from dohyo.service.cli.output import (
     Json,
@@ -61,7 +62,7 @@ def report(
     irs_length: IrsOption = "driven",
 ) -> None:
     """Compares evaluations: a table here, and one self-contained HTML file."""
-    parking = [is_parking_records(folder) for folder in folders]
+    parking = [is_parking_records(folder) or is_lots_folder(folder) for folder in folders]
     if any(parking):
         if not all(parking):
             raise InvalidInputError("these folders hold evaluations of driving and of parking; compare one at a time")
@@ -149,6 +150,9 @@ def verify(
             raise InvalidInputError(f"'{record}': records of parking are not signed: expected no option but --trust")
         verify_parking(record, trust, json)
         return
+    if is_lot(record):
+        _verify_lot(record, key, server, signature_only, policy, trust, json)
+        return
     if is_morning(record):
         _verify_morning(record, key, server, signature_only, json)
         return
@@ -165,6 +169,18 @@ def verify(
         close_all(agents.values())
     _print_verified(record, old, new.record_hash, signer, part_of_record(record), json)
     if new.record_hash != old.record_hash:
+        raise typer.Exit(DIFFERS)
+
+
+def _verify_lot(
+    path: Path, key: str | None, server: str | None, signature_only: bool, policy: Path | None, trust: bool, json: bool
+) -> None:
+    """Checks hash and signature of a lot's record, drives the lot again and compares."""
+    lot = read_lot(path)
+    signer = check_signature(path, lot, key, server)
+    replayed = None if signature_only else drive_lots_again(path, [lot], trust, policy)[0]
+    _print_verified(path, lot, replayed, signer, "", json)
+    if replayed not in (None, lot.record_hash):
         raise typer.Exit(DIFFERS)
 
 

@@ -10,6 +10,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from dohyo.evaluation.freeway.morning import MorningsManifest, parse_mornings_manifest
+from dohyo.evaluation.parking.lot_files import LotsManifest, parse_lots_manifest
 from dohyo.evaluation.records.foreign_files import check_file_name
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.running.manifest import MANIFEST, RECORDS, Manifest, parse_manifest
@@ -135,8 +136,8 @@ def fetch(
         manifest = _manifest(client.manifest(evaluation))
         paths = client.download(evaluation, folder / RECORDS)
         write_atomically(folder / MANIFEST, manifest.model_dump_json(indent=1).encode())
-    drives = isinstance(manifest, Manifest)
-    command = f"dohyo report {folder}" if drives else "dohyo verify --signature-only RECORD"
+    mornings = isinstance(manifest, MorningsManifest)
+    command = "dohyo verify --signature-only RECORD" if mornings else f"dohyo report {folder}"
     console.print(f"{len(paths)} records in {folder} ({command})", highlight=False, soft_wrap=True)
 
 
@@ -232,12 +233,15 @@ def _default_folder(state: EvaluationView) -> Path:
     return Path("out", *(check_file_name(name, "the server's name of benchmark and agent") for name in names))
 
 
-def _manifest(document: Document) -> Manifest | MorningsManifest:
-    """The server's manifest, of drives or of freeway mornings, after its checks."""
-    benchmark = document.get("benchmark")
-    mornings = isinstance(benchmark, dict) and benchmark.get("kind") == "traffic"
-    parse = parse_mornings_manifest if mornings else parse_manifest
-    return parse(dumps(document).encode(), "the server's manifest")
+def _manifest(document: Document) -> Manifest | MorningsManifest | LotsManifest:
+    """The server's manifest, of drives, parking lots or freeway mornings, after its checks."""
+    benchmark, content = document.get("benchmark"), dumps(document).encode()
+    kind = benchmark.get("kind") if isinstance(benchmark, dict) else None
+    if kind == "traffic":
+        return parse_mornings_manifest(content, "the server's manifest")
+    if kind == "parking":
+        return parse_lots_manifest(content, "the server's manifest")
+    return parse_manifest(content, "the server's manifest")
 
 
 def _done(state: EvaluationView | Document) -> str:

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dohyo.agents.registry import resolve_with
-from dohyo.evaluation.agent import agent_info, make_agent
+from dohyo.agents.registry import describe_agent, resolve_with
 from dohyo.service.cli.commands.evaluate import parse_settings
 from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.service.client.client import Client
@@ -34,9 +33,7 @@ def worker(
     logging.getLogger("httpx").setLevel(logging.WARNING)
     find_own_modules()
     resolved, given = resolve_with(entry or agent, parse_settings(settings or []))
-    probe = make_agent(resolved, given)
-    info = agent_info(probe, resolved, given, "remote")
-    probe.close()
+    info = describe_agent(resolved, given, "remote")
     with Client(server, token) as client:
         version = client.ensure_remote(agent, info)
     logging.getLogger("dohyo.worker").info("agent '%s', version %d, for %s", agent, version, server)

@@ -1,0 +1,192 @@
+"""Drives a parking lot: in this process by built-in and ONNX agents, or in lockstep with a policy worker."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import TypeVar
+
+from dohyo.agents.registry import describe_agent, resolve
+from dohyo.evaluation.episode.deadline import deadline
+from dohyo.evaluation.episode.guarded_agent import WARM_UP_DEADLINE_S
+from dohyo.evaluation.parking.agent import ParkingAgent, ParkingSpec
+from dohyo.evaluation.parking.benchmark import LotScenario
+from dohyo.evaluation.parking.drive import drive_lot
+from dohyo.evaluation.parking.lot_files import write_lot
+from dohyo.evaluation.parking.running import close_agents, make_agents
+from dohyo.evaluation.records.record import AgentInfo
+from dohyo.service.parking.interface import ACTION_SHAPE, check_action, state_of
+from dohyo.service.running.channel import SEEN, Channel
+from dohyo.service.running.gauge import Gauge
+from dohyo.service.running.order import EpisodeOrder
+from dohyo.service.running.remote import Bridge
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.errors import AgentError, InvalidInputError
+from dohyo.sumo_networks.parking import kart
+from dohyo.sumo_networks.parking.rows import LotView
+from dohyo.sumo_networks.parking.world import ParkingWorld
+
+T = TypeVar("T")
+
+
+def park(order: EpisodeOrder, scenario: LotScenario, channel: Channel, gauge: Gauge) -> bytes:
+    """Drives an order's lot and writes its record.
+
+    Args:
+        order: Order to drive.
+        scenario: The order's lot.
+        channel: Channel to the server.
+        gauge: Times that the server reads.
+
+    Returns:
+        The last tick of a worker, as `SEEN`; nothing without a worker.
+
+    Raises:
+        InvalidInputError: The agent cannot be made, or differs from the submitted one.
+    """
+    if order.verdict is not None:
+        _drive(order, scenario, [_Failed(ParkingSpec(name="failed"), order.verdict[1])] * scenario.benchmark.karts)
+        return b""
+    if order.remote:
+        return _park_remotely(order, scenario, channel, gauge)
+    _check_unchanged(order.info)
+    gauge.begin()
+    agents = make_agents(scenario.benchmark, resolve(order.info.entry), order.info.settings)
+    try:
+        _drive(order, scenario, [_Watched(agent.spec, agent, order.act_deadline_s, gauge.watch) for agent in agents])
+    finally:
+        close_agents(agents)
+    return b""
+
+
+def _park_remotely(order: EpisodeOrder, scenario: LotScenario, channel: Channel, gauge: Gauge) -> bytes:
+    bridge = Bridge(channel, order.wire_names, ACTION_SHAPE, check_action, order.slow_policy)
+    (sensor,) = order.info.sensors
+    spec, tick = ParkingSpec(name=order.info.name, state=state_of(sensor)), 0
+
+    def show(number: int, observations: Mapping[int, Float32Array]) -> None:
+        nonlocal tick
+        tick = number
+        bridge.show(number, {order.egos[one]: {sensor: seen} for one, seen in observations.items()})
+
+    agents = [_Remote(spec, bridge, ego, gauge.watch_worker, order.act_deadline_s) for ego in order.egos]
+    _drive(order, scenario, agents, show)
+    return SEEN.pack(tick + 1, round((tick + 1) * kart.TICK_S, 3), bridge.missed, bridge.clipped)
+
+
+def _drive(
+    order: EpisodeOrder,
+    scenario: LotScenario,
+    agents: Sequence[ParkingAgent],
+    show: Callable[[int, Mapping[int, Float32Array]], None] = lambda tick, observations: None,
+) -> None:
+    benchmark = scenario.benchmark
+    drive = drive_lot(_world(benchmark.karts), benchmark, scenario.seed, agents, order.info, show)
+    write_lot(order.directory, order.stem, drive)
+
+
+@cache
+def _world(karts: int) -> ParkingWorld:
+    return ParkingWorld(1, karts)
+
+
+@cache
+def _described(entry: str, settings: str) -> AgentInfo:
+    """Description of the agent as it is here, with settings in JSON; read once, since this process keeps its code."""
+    return describe_agent(entry, json.loads(settings))
+
+
+def _check_unchanged(info: AgentInfo) -> None:
+    """Checks that the installed code is that which was submitted, since the record would be wrong.
+
+    Raises:
+        InvalidInputError: It differs.
+    """
+    there = _described(resolve(info.entry), json.dumps(info.settings, sort_keys=True))
+    if (there.source_sha256, there.files_sha256) != (info.source_sha256, info.files_sha256):
+        raise InvalidInputError(f"agent '{info.name}': its code has changed since it was submitted; submit it again")
+
+
+@dataclass(slots=True)
+class _Parker:
+    """Base of the agents here."""
+
+    spec: ParkingSpec
+
+    def reset(self, seed: int) -> None:
+        """See `ParkingAgent`."""
+
+    def look(self, lot: LotView, number: int) -> None:
+        """See `ParkingAgent`."""
+
+    def close(self) -> None:
+        """See `ParkingAgent`."""
+
+
+@dataclass(slots=True)
+class _Failed(_Parker):
+    """An agent that has failed already, such as one whose process was ended in an earlier attempt."""
+
+    why: str
+
+    def reset(self, seed: int) -> None:
+        """See `ParkingAgent`."""
+        raise AgentError(self.why)
+
+    def act(self, observation: Float32Array) -> Float32Array:
+        """See `ParkingAgent`."""
+        raise AgentError(self.why)
+
+
+@dataclass(slots=True)
+class _Remote(_Parker):
+    """A kart that a worker drives."""
+
+    bridge: Bridge
+    ego: str
+    watch: Callable[[float], None]
+    act_deadline_s: float
+
+    def act(self, observation: Float32Array) -> Float32Array:
+        """The worker's action for the observation that it has already received."""
+        self.watch(self.act_deadline_s)
+        try:
+            return self.bridge.decision(self.ego)
+        finally:
+            self.watch(0.0)
+
+
+@dataclass(slots=True)
+class _Watched(_Parker):
+    """An agent under deadlines; the server ends this process where a call never returns."""
+
+    agent: ParkingAgent
+    act_deadline_s: float
+    watch: Callable[[float], None]
+    decided: bool = False
+
+    def reset(self, seed: int) -> None:
+        """See `ParkingAgent`."""
+        self.decided = False
+        self._call(lambda: self.agent.reset(seed), WARM_UP_DEADLINE_S)
+
+    def look(self, lot: LotView, number: int) -> None:
+        """See `ParkingAgent`."""
+        self.agent.look(lot, number)
+
+    def act(self, observation: Float32Array) -> Float32Array:
+        """See `ParkingAgent`; the first decision may compile."""
+        seconds = self.act_deadline_s if self.decided else WARM_UP_DEADLINE_S
+        action = self._call(lambda: self.agent.act(observation), seconds)
+        self.decided = True
+        return action
+
+    def _call(self, call: Callable[[], T], seconds: float) -> T:
+        self.watch(seconds)
+        try:
+            with deadline(seconds, f"agent '{self.spec.name}'"):
+                return call()
+        finally:
+            self.watch(0.0)
