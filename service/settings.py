@@ -56,7 +56,8 @@ class Settings(BaseSettings):
         queued_per_owner: Most waiting episodes of one owner.
         evaluations_per_owner: Most unfinished evaluations of one owner.
         read_seconds_per_minute: Processor seconds a minute that one owner, or one address without a token, may use for
-            maps, replays, boards, tables, records, comparisons and rescoring.
+            maps, replays, boards, tables, records, comparisons and rescoring; and as many again for orders of
+            evaluations.
         bytes_per_owner: Most bytes that one owner keeps: records, policies, networks, uploads that wait.
         records_kept_days: Days after the end of an evaluation after which its records' files are removed, of ranked
             runs too; rows and scores stay. None: never.

@@ -17,7 +17,7 @@ from dohyo.service.jobs.runner import JobRunner
 from dohyo.service.monitoring.metrics import Metrics
 from dohyo.service.settings import Settings
 from dohyo.service.signing.keys import SigningKeys
-from dohyo.service.web.heavy import HeavyReads
+from dohyo.service.web.heavy import HeavyWork
 
 if TYPE_CHECKING:
     from dohyo.service.scheduling.scheduler import Scheduler
@@ -166,12 +166,14 @@ class Services:
     metrics: Metrics = field(default_factory=Metrics)
     streams: Counter[str] = field(default_factory=Counter)
     jobs: JobRunner = field(init=False)
-    reads: HeavyReads = field(init=False)
+    reads: HeavyWork = field(init=False)
+    orders: HeavyWork = field(init=False)
     signing: SigningKeys = field(init=False)
 
     def __post_init__(self) -> None:
         self.events.watch(self.metrics.note_event)
-        self.reads = HeavyReads(self.settings.read_seconds_per_minute)
+        seconds = self.settings.read_seconds_per_minute
+        self.reads, self.orders = HeavyWork("reads", seconds), HeavyWork("orders", seconds)
         self.jobs = JobRunner(self.settings, self.database, self.events)
         self.signing = SigningKeys(self.settings.signing_key, self.settings.retired_signing_keys)
 

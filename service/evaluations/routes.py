@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Header, Query, Request, Response
@@ -113,7 +114,9 @@ async def create_evaluation(
 ) -> EvaluationView:
     """Queues one agent on one benchmark; 429 past a quota, 503 where the queue is full, 409 where a phase is closed."""
     _refuse_while_ending(services)
-    view = await run_in_threadpool(_create, order, caller, services, idempotency_key)
+    # One order of an owner at a time, or an owner with many would have every thread and the database's lock.
+    planned = partial(_create, order, caller, services, idempotency_key)
+    view = await services.orders.compute(planned, caller.owner, anonymous=False)
     services.scheduler.wake()
     services.events.publish("evaluations", {"evaluation": view.id, "status": view.status})
     return view

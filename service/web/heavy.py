@@ -1,7 +1,8 @@
-"""Heavy reads: computed in a few threads of their own, and paid by each caller in processor seconds.
+"""Heavy work of requests: done in a few threads of its own, and paid by each caller in processor seconds.
 
-Threads that answer small requests therefore never wait behind them. Callers take turns: each has one read at a time, so
-that a caller with many reads delays any other one by a single read. Callers without a token have one of the threads.
+Threads that answer small requests therefore never wait behind it. Callers take turns: each has one request at a time,
+so that a caller with many of them delays any other one by a single one. Callers without a token have all threads but
+one. Reads and orders are apart, so that neither waits for the other.
 """
 
 from __future__ import annotations
@@ -39,20 +40,26 @@ class _Purse:
 
 @dataclass(slots=True)
 class _Queue:
-    """Reads of one caller that have not ended, and the turn that they take one after another."""
+    """Requests of one caller that have not ended, and the turn that they take one after another."""
 
-    reads: int = 0
+    requests: int = 0
     turn: asyncio.Lock = field(default_factory=asyncio.Lock)
 
 
-class HeavyReads:
-    """The threads, and what each caller has used of them."""
+class HeavyWork:
+    """Threads for one kind of requests, and what each caller has used of them."""
 
-    def __init__(self, seconds_per_minute: float, clock: Callable[[], float] = time.monotonic) -> None:
-        """Starts with a full purse for everybody."""
-        self._most_s, self._clock = seconds_per_minute, clock
+    def __init__(self, kind: str, seconds_per_minute: float, clock: Callable[[], float] = time.monotonic) -> None:
+        """Starts with a full purse for everybody.
+
+        Args:
+            kind: Such as "reads", for messages.
+            seconds_per_minute: Processor seconds that a caller may use.
+            clock: Time, s.
+        """
+        self._kind, self._most_s, self._clock = kind, seconds_per_minute, clock
         self._purses: OrderedDict[str, _Purse] = OrderedDict()
-        self._threads = ThreadPoolExecutor(AT_ONCE, "read")
+        self._threads = ThreadPoolExecutor(AT_ONCE, kind)
         self._room, self._anonymous = asyncio.Semaphore(AT_ONCE), asyncio.Semaphore(AT_ONCE - 1)
         self._queues: dict[str, _Queue] = {}
 
@@ -65,8 +72,8 @@ class HeavyReads:
             anonymous: Whether the caller has no token.
 
         Raises:
-            TooManyRequestsError: The purse is empty, or too many reads of this payer wait.
-            BusyError: Too many reads wait.
+            TooManyRequestsError: The purse is empty, or too many requests of this payer wait.
+            BusyError: Too many requests wait.
         """
         self._check(payer)
         async with self._turn(payer), AsyncExitStack() as stack:
@@ -82,19 +89,19 @@ class HeavyReads:
 
     @asynccontextmanager
     async def _turn(self, payer: str) -> AsyncIterator[None]:
-        """Waits until no other read of the payer is computed or stands before a thread."""
-        if sum(queue.reads for queue in self._queues.values()) >= MOST_WAITING:
-            raise BusyError("too many costly reads are waiting")
+        """Waits until no other request of the payer is computed or stands before a thread."""
+        if sum(queue.requests for queue in self._queues.values()) >= MOST_WAITING:
+            raise BusyError(f"too many costly {self._kind} are waiting")
         queue = self._queues.setdefault(payer, _Queue())
-        if queue.reads >= MOST_WAITING_PER_CALLER:
-            raise TooManyRequestsError(f"at most {MOST_WAITING_PER_CALLER} costly reads at once")
-        queue.reads += 1
+        if queue.requests >= MOST_WAITING_PER_CALLER:
+            raise TooManyRequestsError(f"at most {MOST_WAITING_PER_CALLER} costly {self._kind} at once")
+        queue.requests += 1
         try:
             async with queue.turn:
                 yield
         finally:
-            queue.reads -= 1
-            if not queue.reads:
+            queue.requests -= 1
+            if not queue.requests:
                 del self._queues[payer]
 
     def _check(self, payer: str) -> None:
@@ -123,7 +130,7 @@ class Compute(Protocol):
 
 def _heavy(request: Request) -> Compute:
     async def compute(work: Callable[[], T]) -> T:
-        reads: HeavyReads = request.app.state.services.reads
+        reads: HeavyWork = request.app.state.services.reads
         anonymous = getattr(request.state, "caller", None) is None
         return await reads.compute(work, payer_of(request), anonymous)
 
@@ -150,6 +157,6 @@ def _timed(work: Callable[[], T]) -> tuple[T | Exception, float]:
     began = time.thread_time()
     try:
         result: T | Exception = work()
-    except Exception as error:  # a read that fails is paid for too
+    except Exception as error:  # what fails is paid for too
         result = error
     return result, time.thread_time() - began

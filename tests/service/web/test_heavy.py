@@ -7,14 +7,16 @@ import threading
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import httpx
 import pytest
 
 from dohyo.service.errors import BusyError, TooManyRequestsError
 from dohyo.service.web import heavy
-from dohyo.service.web.heavy import HeavyReads
+from dohyo.service.web.heavy import HeavyWork
 from tests.evaluation.builders import ego, episode
+from tests.service.harness import assert_problem, running
 from tests.service.served import Service
 from tests.service.shop import Shop
 
@@ -26,7 +28,7 @@ def burn() -> int:
 
 def test_an_empty_purse_is_refused_until_it_is_refilled() -> None:
     clock = [0.0]
-    reads = HeavyReads(0.001, lambda: clock[0])
+    reads = HeavyWork("reads", 0.001, clock=lambda: clock[0])
 
     async def run() -> None:
         await reads.compute(burn, "address a", True)
@@ -41,7 +43,7 @@ def test_an_empty_purse_is_refused_until_it_is_refilled() -> None:
 
 
 def test_anonymous_callers_leave_a_thread_to_those_with_a_token() -> None:
-    reads, free = HeavyReads(60.0), threading.Event()
+    reads, free = HeavyWork("reads", 60.0), threading.Event()
 
     async def run() -> None:
         held = [asyncio.create_task(reads.compute(lambda: free.wait(60), f"address {n}", True)) for n in range(5)]
@@ -55,7 +57,7 @@ def test_anonymous_callers_leave_a_thread_to_those_with_a_token() -> None:
 
 def test_a_read_that_fails_is_paid_for_and_a_long_queue_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(heavy, "MOST_WAITING", 1)
-    reads, free = HeavyReads(0.001), threading.Event()
+    reads, free = HeavyWork("reads", 0.001), threading.Event()
 
     def fail() -> None:
         burn()
@@ -79,7 +81,7 @@ def test_a_read_that_fails_is_paid_for_and_a_long_queue_is_refused(monkeypatch: 
 def test_a_caller_with_many_reads_delays_another_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """And has no more than its share of those that wait."""
     monkeypatch.setattr(heavy, "MOST_WAITING_PER_CALLER", 20)
-    reads, free, ended = HeavyReads(60.0), threading.Event(), list[str]()
+    reads, free, ended = HeavyWork("reads", 60.0), threading.Event(), list[str]()
 
     async def read(payer: str) -> None:
         await reads.compute(lambda: free.wait(60), payer, True)
@@ -105,10 +107,23 @@ def test_a_reader_pays_for_boards_tables_and_records(shop: Shop) -> None:
     paths += [f"/v1/evaluations/{evaluation}/{what}" for what in ("metrics", "metrics.csv", "infractions")]
     paths += [f"/v1/episodes/{one}/{what}" for what in ("record", "trajectory", "events")]
     for path in paths:
-        shop.services.reads = HeavyReads(1e-9)
+        shop.services.reads = HeavyWork("reads", 1e-9)
         answers = [shop.client.get(path), shop.client.get(path), shop.client.get(path, headers=shop.token("ann"))]
         assert [answer.status_code for answer in answers] == [200, 429, 200], path
         assert int(answers[1].headers["retry-after"]) > 0
+
+
+def test_an_owner_pays_for_orders(tmp_path: Path) -> None:
+    with running(tmp_path / "data") as service:
+        greedy, modest = service.caller("greedy"), service.caller("modest")
+        greedy.agent("a")
+        modest.agent("b")
+        service.services.orders = HeavyWork("orders", 1e-9)
+        greedy.evaluation("a")
+        refused = greedy.post("/v1/evaluations", {"agent": "a", "benchmark": "quickstart"})
+        assert_problem(refused, 429, "of computing a minute")
+        assert int(refused.headers["retry-after"]) > 0
+        modest.evaluation("b")
 
 
 @pytest.fixture(scope="module")
