@@ -147,7 +147,7 @@ def test_the_service_starts_answers_and_stops(dohyo: str, folder: Path) -> None:
         assert service.stdout is not None
         url = service.stdout.readline().strip().removeprefix("dohyo: ")
         transport = httpx.HTTPTransport(retries=5)
-        with httpx.Client(transport=transport, timeout=30) as client:
+        with httpx.Client(transport=transport, timeout=120) as client:
             assert client.get(f"{url}/health/live").status_code == 200
             assert client.get(f"{url}/v1/benchmarks").status_code in (200, 401)
         service.send_signal(signal.SIGTERM)

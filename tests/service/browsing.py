@@ -9,10 +9,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Page, Route, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Page, Route, expect, sync_playwright
 
 CHROMIUM = shutil.which("chromium")
 READY = "main:not([data-state=loading])"
+PATIENCE_MS = 120_000
+expect.set_options(timeout=PATIENCE_MS)
 
 
 @dataclass
@@ -61,7 +63,7 @@ def visiting(browser: Browser, origin: str) -> Iterator[Visitor]:
         context = browser.new_context(viewport={"width": width, "height": height}, **options)
         contexts.append(context)
         one = Visit(context.new_page(), origin)
-        one.page.set_default_timeout(20_000)
+        one.page.set_default_timeout(PATIENCE_MS)
 
         def pass_own(route: Route) -> None:
             if route.request.url.startswith((origin, "data:", "blob:")):

@@ -17,7 +17,7 @@ from pathlib import Path
 import psycopg
 import pytest
 
-START_S = 60.0
+START_S = 180.0
 
 
 def binaries() -> Path | None:
@@ -81,7 +81,7 @@ def _wait(url: str, server: subprocess.Popen[bytes], log: Path) -> None:
     deadline = time.monotonic() + START_S
     while True:
         try:
-            psycopg.connect(url, connect_timeout=2).close()
+            psycopg.connect(url, connect_timeout=20).close()
             return
         except psycopg.OperationalError:
             if server.poll() is not None or time.monotonic() > deadline:

@@ -75,7 +75,7 @@ class Served:
             if self.printed:
                 url = self.printed[0].removeprefix("dohyo: ")
                 try:
-                    if httpx.get(f"{url}/health/ready", timeout=1, verify=self._verify).status_code == 200:
+                    if httpx.get(f"{url}/health/ready", timeout=10, verify=self._verify).status_code == 200:
                         return url
                 except httpx.TransportError:
                     pass
@@ -91,15 +91,20 @@ class Served:
     def ask(self, method: str, path: str, json: Any = None) -> Any:
         """What the administrator is answered."""
         headers = {"authorization": f"Bearer {self.token}", "prefer": "wait=30"}
-        answer = httpx.request(method, self.url + path, json=json, headers=headers, timeout=40, verify=self._verify)
+        answer = httpx.request(method, self.url + path, json=json, headers=headers, timeout=120, verify=self._verify)
         assert answer.status_code < 300, (answer.text, self.log)
         return answer.json()
 
     def end(self, with_signal: int = signal.SIGTERM) -> int:
         """Its exit code."""
-        code = self.process.end(with_signal)
+        self.process.send_signal(with_signal)
+        return self.ended()
+
+    def ended(self) -> int:
+        """The same of a process that was told to end."""
+        code = self.process.wait()
         for reader in self._readers:
-            reader.join(10)
+            reader.join(60)
         return code
 
 

@@ -68,7 +68,7 @@ def test_client_worker_and_command_line_speak_to_a_service_whose_certificate_the
         with WorkerSession(url, served.token, "remote") as session:
             assert session.acquire(0.0) is None
         trusting = ssl.create_default_context(cafile=certificate)
-        assert "max-age" in httpx.get(url, verify=trusting).headers["strict-transport-security"]
+        assert "max-age" in httpx.get(url, verify=trusting, timeout=120).headers["strict-transport-security"]
         with pytest.raises(httpx.TransportError):
             httpx.get(f"http://localhost:{port}/v1/me", timeout=5)
         assert served.end() == 0

@@ -69,7 +69,7 @@ def test_trajectories_cover_every_tick() -> None:
     ],
 )
 def test_an_agents_fault_ends_its_episode_and_says_why(agent: agents.Steady, status: Status, says: str) -> None:
-    record = run_episode(scenario(), {"ego": agent}, act_deadline_s=0.2)
+    record = run_episode(scenario(), {"ego": agent}, act_deadline_s=0.2 if status is Status.AGENT_DEADLINE else 60.0)
     (ego,) = record.egos
     assert ego.status is status
     assert says in (ego.failure or "")

@@ -106,7 +106,7 @@ def test_the_shell_completes_commands_and_options(tmp_path: Path) -> None:
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=120,
         env=os.environ | environment | {"PYTHONPATH": str(ROOT)},
         check=False,
     )

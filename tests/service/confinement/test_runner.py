@@ -7,7 +7,6 @@ import json
 import logging
 import os
 import tempfile
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +22,7 @@ from dohyo.service.confinement.runner import run, run_async
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.served import wait_until
 
-LIMITS = Limits(wall_s=30.0, cpu_s=20, memory_mb=1500, file_mb=20, folder_mb=60)
+LIMITS = Limits(wall_s=120.0, cpu_s=60, memory_mb=1500, file_mb=20, folder_mb=60)
 HERE = Path(__file__).parent
 HOSTILE = "tests.service.confinement.hostile"
 
@@ -46,7 +45,7 @@ def groups(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 def nothing_is_left(groups: list[int]) -> Iterator[None]:
     """After each test no confined process and no private folder of this process exists."""
     yield
-    wait_until(lambda: not any(map(processes_of, groups)), "a confined process lives on", 10.0)
+    wait_until(lambda: not any(map(processes_of, groups)), "a confined process lives on")
     assert left_folders() == []
 
 
@@ -97,7 +96,7 @@ def test_a_task_has_no_variable_of_the_service(monkeypatch: pytest.MonkeyPatch) 
 def test_an_attack_is_one_error_that_the_log_names(
     name: str, says: str, groups: list[int], caplog: pytest.LogCaptureFixture
 ) -> None:
-    limits = replace(LIMITS, wall_s=1.0 if "took longer" in says else 30.0, cpu_s=1 if name == "Loop" else 20)
+    limits = replace(LIMITS, wall_s=1.0 if "took longer" in says else 120.0, cpu_s=1 if name == "Loop" else 60)
     with pytest.raises(InvalidInputError, match=f"(?i){says}"):
         attack(name, limits)
     assert len(groups) == 1
@@ -134,24 +133,23 @@ def test_no_more_programs_than_allowed(tmp_path: Path, groups: list[int]) -> Non
     town.write_text(f'<osm version="0.6">{nodes}</osm>')
     arguments = {"file": str(town), "name": "town", "lights": False, "limit_mb": 100.0, "licence": None}
     with pytest.raises(InvalidInputError, match="it started 2 processes, at most 1 are allowed"):
-        run("import_roads", arguments, replace(LIMITS, processes=1, wall_s=60.0, cpu_s=60), reads=[town])
+        run("import_roads", arguments, replace(LIMITS, processes=1), reads=[town])
 
 
 def test_a_cancelled_task_is_ended(groups: list[int]) -> None:
     async def cancelled() -> None:
         arguments = {"entry": f"{HOSTILE}:Sleep", "settings": {}}
-        task = asyncio.create_task(run_async("describe_agent", arguments, replace(LIMITS, wall_s=60.0), reads=[HERE]))
+        task = asyncio.create_task(run_async("describe_agent", arguments, LIMITS, reads=[HERE]))
         await asyncio.to_thread(wait_until, lambda: bool(groups), "the task does not start")
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task
 
     asyncio.run(cancelled())
-    wait_until(lambda: not processes_of(groups[0]), "the confined process lives on", 10.0)
+    wait_until(lambda: not processes_of(groups[0]), "the confined process lives on")
     wait_until(
         lambda: not list(Path(tempfile.gettempdir()).glob(f"{folders.PREFIX}{os.getpid()}-*")),
         "its folder is left",
-        10.0,
     )
 
 
@@ -174,11 +172,9 @@ def test_no_more_tasks_at_once_than_allowed(monkeypatch: pytest.MonkeyPatch) -> 
     while slots.acquire(blocking=False):
         held += 1
     try:
-        began = time.monotonic()
         with pytest.raises(BusyError, match="too many tasks 'describe_agent'"):
             attack("Sleep")
         assert held == 2
-        assert time.monotonic() >= began
     finally:
         for _ in range(held):
             slots.release()

@@ -14,7 +14,7 @@ from playwright.sync_api import Browser
 from tests.service.browsing import Visitor, visiting
 from tests.service.dashboard import fake as fakes
 
-START_S = 10.0
+START_S = 120.0
 
 
 @dataclass

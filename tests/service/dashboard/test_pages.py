@@ -35,8 +35,7 @@ def test_every_page_is_drawn_silently_and_without_other_hosts_wide_and_at_360_px
     assert page.locator("main").get_attribute("data-state") == "ready"
     assert page.locator("h1").count() == 1
     page.set_viewport_size({"width": 360, "height": 740})
-    page.wait_for_timeout(100)
-    assert page.evaluate("document.documentElement.scrollWidth") <= 360
+    page.wait_for_function("document.documentElement.scrollWidth <= 360")
     assert one.complaints == []
     assert one.foreign == []
 

@@ -76,7 +76,7 @@ def test_services_that_start_at_once_do_not_race(empty_database_url: str) -> Non
     for child in children:
         child.start()
     for child in children:
-        child.join(60)
+        child.join(120)
     assert [child.exitcode for child in children] == [0, 0, 0]
     database = Database(empty_database_url)
     with database.reading() as session:

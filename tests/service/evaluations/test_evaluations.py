@@ -252,7 +252,7 @@ def test_progress_tells_the_state_first_then_each_episode_then_the_end(service: 
     listening = threading.Event()
 
     def drive() -> None:
-        listening.wait(10)
+        listening.wait(120)
         events.publish(topic, {"episode": "ep-1", "status": "done", "done": 1, "total": 6})
         events.publish("evaluation:ev-other", {"episode": "ep-9", "status": "done"})
         finish(service.services.database, evaluation, EvaluationStatus.DONE, EpisodeStatus.DONE)

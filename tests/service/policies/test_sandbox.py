@@ -128,7 +128,6 @@ def test_a_large_image_goes_through() -> None:
 
 def test_an_endless_loop_is_ended_at_the_deadline() -> None:
     sandbox = start(models.triggered(models.endless()), PolicyLimits(memory_mb=1024, decision_s=1.0))
-    assert sandbox.decide(SLOW).tolist() == SLOW["speedometer"].tolist()
     with pytest.raises(AgentTimeoutError, match="a decision took longer than 1 s"):
         sandbox.decide(FAST)
     assert not running(sandbox.pid)

@@ -69,5 +69,5 @@ PROGRAM = """if True:
 
 
 def test_a_model_in_an_episode_process_is_ended_at_its_deadline() -> None:
-    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=False, timeout=60)
+    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, done.stderr

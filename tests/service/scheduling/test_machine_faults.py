@@ -32,7 +32,7 @@ from dohyo.service.scheduling.scheduler import Scheduler
 from dohyo.service.state import Broadcast
 from dohyo.service.submissions.model import AgentKind
 from tests.service.conftest import MakeService
-from tests.service.served import STEADY, Service, info_of, short, wait_until
+from tests.service.served import PATIENCE_S, STEADY, Service, info_of, short, wait_until
 from tests.service.workers.wire_worker import hire
 
 pytestmark = pytest.mark.slow
@@ -59,7 +59,7 @@ async def scheduled(shop: Service) -> AsyncIterator[Scheduler]:
         database.close()
 
 
-async def until(true: Callable[[], bool], patience_s: float = 60.0) -> None:
+async def until(true: Callable[[], bool], patience_s: float = PATIENCE_S) -> None:
     """Waits until something holds, on the event loop."""
     ends = time.monotonic() + patience_s
     while not await asyncio.to_thread(true):
@@ -95,7 +95,7 @@ class Stop:
 
     def __call__(self, *arguments: Any) -> Any:
         self.reached.set()
-        assert self.may_go_on.wait(60)
+        assert self.may_go_on.wait(PATIENCE_S)
         return self._real(*arguments)
 
 
@@ -237,7 +237,7 @@ def test_a_full_disk_costs_an_attempt_and_nothing_that_was_done(small_disk: Path
 def test_drives_that_outlast_the_drain_are_queued_again_and_a_step_under_way_is_told_abort(
     make_service: MakeService,
 ) -> None:
-    service = make_service(drain_s=0.5)
+    service = make_service(drain_s=5.0)
     infos = [info_of(STEADY).model_copy(update={"name": name}) for name in ("steps", "waits")]
     evaluations = [service.submit(info, short()) for info in infos]
     service.start()
@@ -249,13 +249,17 @@ def test_drives_that_outlast_the_drain_are_queued_again_and_a_step_under_way_is_
     for process in processes:
         os.kill(process, signal.SIGSTOP)  # the simulation stands still: the step is under way when the drain ends
     answers: list[Any] = []
-    stepping = threading.Thread(
-        target=lambda: answers.append(workers[0].step(episodes[0]["lease"], replies[0]["tick"], {"ego": [6.0, 0.0]}))
-    )
+    begun = threading.Event()
+
+    def step() -> None:
+        begun.set()
+        answers.append(workers[0].step(episodes[0]["lease"], replies[0]["tick"], {"ego": [6.0, 0.0]}))
+
+    stepping = threading.Thread(target=step)
     stepping.start()
-    time.sleep(0.2)
-    assert service.terminate() == 0
-    stepping.join(20)
+    begun.wait()
+    assert service.terminate() == 0  # the step arrives before the drain ends
+    stepping.join(PATIENCE_S)
     ((status, last),) = answers
     assert (status, last["directive"], last["done"], last["observations"]) == (200, "abort", True, {})
     for evaluation in evaluations:

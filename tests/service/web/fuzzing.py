@@ -58,7 +58,7 @@ def listening(data: Path) -> Iterator[tuple[str, Harness]]:
         time.sleep(0.01)
     url = f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}"
     try:
-        with httpx.Client(base_url=url, timeout=60.0) as client:
+        with httpx.Client(base_url=url, timeout=120.0) as client:
             yield url, Harness(client, app.state.services)  # type: ignore[arg-type]
     finally:
         server.should_exit = True

@@ -21,7 +21,7 @@ from tests.service.served import wait_until
 from tests.service.serving import Served, serving
 
 ATTACKERS, ROOM = 1500, 1000
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 # A slow request may take ten minutes: each answer of this test comes while those are open.
 FEW_AND_PATIENT = f"""
 import os, dohyo.service.server as server
@@ -136,7 +136,7 @@ async def echo(scope: Any, receive: Any, send: Any) -> None:
 @contextmanager
 def limited(*, keep_alive_s: float = 5.0, **limits: Any) -> Iterator[int]:
     """The port of a bare application with these limits, and this time between two requests, s."""
-    given = {"header_s": 0.3, "body_s": 0.3, "unread_s": 0.3} | limits
+    given = {"header_s": 1.0, "body_s": 1.0, "unread_s": 0.3} | limits
     server = uvicorn.Server(
         uvicorn.Config(
             echo,
@@ -219,14 +219,14 @@ def test_a_silent_connection_after_an_answer_has_the_time_between_requests() -> 
 
 
 def test_a_long_body_that_comes_fast_enough_is_read_to_its_end() -> None:
-    """0.6 s of body are twice the time that a body has without its bytes."""
+    """2 s of body are twice the time that a body has without its bytes."""
     with limited(body_rate=1000.0) as port, connect(port) as one:
-        one.send(b"POST / HTTP/1.1\r\ncontent-length: 12000\r\nconnection: close\r\n\r\n")
+        one.send(b"POST / HTTP/1.1\r\ncontent-length: 20000\r\nconnection: close\r\n\r\n")
         pause = threading.Event()
-        for _ in range(12):
+        for _ in range(20):
             one.send(b"x" * 1000)
-            pause.wait(0.05)
-        assert read(one).endswith(b"12000\r\n0\r\n\r\n")
+            pause.wait(0.1)
+        assert read(one).endswith(b"20000\r\n0\r\n\r\n")
 
 
 def test_headers_that_never_end_are_cut_off() -> None:
@@ -245,7 +245,7 @@ def test_headers_that_never_end_are_cut_off() -> None:
 def test_an_answer_that_is_not_read_ends() -> None:
     with limited() as port, connect(port) as one:
         one.send(b"GET /long HTTP/1.1\r\n\r\n")
-        threading.Event().wait(1.0)
+        threading.Event().wait(3.0)
         assert len(read(one)) < 100_000_000
 
 

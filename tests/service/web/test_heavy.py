@@ -137,7 +137,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 
 
 def test_maps_of_boxes_that_nobody_asked_for_before_keep_nobody_waiting(service: Service) -> None:
-    with httpx.Client(base_url=service.url, timeout=60.0, limits=httpx.Limits(max_connections=100)) as client:
+    with httpx.Client(base_url=service.url, timeout=120.0, limits=httpx.Limits(max_connections=100)) as client:
 
         def draw(number: int) -> httpx.Response:
             box = {"x0": -10_000.0 - number, "y0": -10_000, "x1": 10_000, "y1": 10_000}

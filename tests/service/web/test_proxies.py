@@ -63,7 +63,7 @@ def behind_a_proxy(data: Path, trusted: str) -> Iterator[tuple[Served, str]]:
 
 def statuses(url: str, address: str, count: int, forged: bool = False) -> list[int]:
     """Of so many requests from an address."""
-    with httpx.Client(transport=httpx.HTTPTransport(local_address=address), timeout=20) as client:
+    with httpx.Client(transport=httpx.HTTPTransport(local_address=address), timeout=120) as client:
         headers = [{"x-forwarded-for": f"10.9.8.{number}"} if forged else {} for number in range(count)]
         return [client.get(f"{url}/v1/agents", headers=one).status_code for one in headers]
 

@@ -16,6 +16,8 @@ from dohyo.service.webhooks import queries as webhooks
 from dohyo.service.webhooks.model import Delivery
 from tests.service.harness import Harness
 
+PATIENCE_S = 120.0
+
 
 class Receiver:
     """A web server that notes what it gets, and answers as it is told."""
@@ -49,18 +51,21 @@ class Receiver:
         self.server.server_close()
 
     def wait(self, count: int) -> None:
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + PATIENCE_S
         while len(self.got) < count:
             assert time.monotonic() < deadline, f"got {len(self.got)} of {count}"
             time.sleep(0.01)
 
 
 class Dripping:
-    """A server that answers every connection with a byte of a header, again and again."""
+    """A server that answers every connection with a byte of a header, again and again.
 
-    def __init__(self, begin: bytes) -> None:
+    The answers begin in several ways, in turn.
+    """
+
+    def __init__(self, *begins: bytes) -> None:
         self.connections: list[socket.socket] = []
-        self._begin = begin
+        self._begins = begins
         self._listener = socket.create_server(("127.0.0.1", 0), backlog=64)
         self.port = self._listener.getsockname()[1]
         self._stop = threading.Event()
@@ -71,16 +76,19 @@ class Dripping:
         while not self._stop.is_set():
             try:
                 one = self._listener.accept()[0]
-                one.send(self._begin)
+                one.send(self._begin_of(len(self.connections)))
                 self.connections.append(one)
             except OSError:
                 continue
 
     def _drip(self) -> None:
         while not self._stop.wait(0.05):
-            for one in list(self.connections):
+            for number, one in enumerate(list(self.connections)):
                 with contextlib.suppress(OSError):
-                    one.send(b"x" if self._begin else b"H")
+                    one.send(b"x" if self._begin_of(number) else b"H")
+
+    def _begin_of(self, number: int) -> bytes:
+        return self._begins[number % len(self._begins)]
 
     def __enter__(self) -> Dripping:
         for thread in self._threads:
@@ -95,7 +103,7 @@ class Dripping:
             one.close()
 
     def wait(self, count: int) -> None:
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + PATIENCE_S
         while len(self.connections) < count:
             assert time.monotonic() < deadline, f"{len(self.connections)} of {count} connections"
             time.sleep(0.01)
@@ -108,7 +116,7 @@ def deliveries(service: Harness) -> list[Delivery]:
 
 def settled(service: Harness) -> list[Delivery]:
     """Deliveries once nothing more will be tried."""
-    deadline = time.monotonic() + 15
+    deadline = time.monotonic() + PATIENCE_S
     while True:
         found = deliveries(service)
         if found and all(one.delivered or one.attempts >= webhooks.ATTEMPTS for one in found):

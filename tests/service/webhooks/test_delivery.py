@@ -23,7 +23,7 @@ from dohyo.service.webhooks import queries as webhooks
 from dohyo.service.webhooks.model import Delivery
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.harness import Harness, assert_problem, finish, running
-from tests.service.webhooks.receiver import Dripping, Receiver, settled
+from tests.service.webhooks.receiver import Dripping, Receiver, deliveries, settled
 
 
 @pytest.fixture
@@ -48,12 +48,10 @@ def test_the_end_of_an_evaluation_is_told_signed_and_once(telling: Harness, rece
     other.post("/v1/webhooks", {"url": url})
     team.agent("a")
     evaluation = team.evaluation("a")
-    time.sleep(0.2)
-    assert receiver.got == []
+    assert deliveries(telling) == []
     finish(telling.services.database, evaluation, EvaluationStatus.DONE, EpisodeStatus.DONE)
-    receiver.wait(1)
-    settled(telling)
-    time.sleep(0.2)
+    (one,) = settled(telling)
+    assert one.attempts == 1
     ((headers, body),) = receiver.got
     told = json.loads(body)
     assert (told["event"], told["evaluation"], told["status"]) == ("evaluation.finished", evaluation, "done")
@@ -61,7 +59,7 @@ def test_the_end_of_an_evaluation_is_told_signed_and_once(telling: Harness, rece
     timestamp, given = (part.split("=", 1)[1] for part in headers["dohyo-signature"].split(","))
     assert given == hmac.new(secret.encode(), f"{timestamp}.".encode() + body, hashlib.sha256).hexdigest()
     assert abs(int(timestamp) - time.time()) < 30
-    assert headers["dohyo-delivery"] == settled(telling)[0].id
+    assert headers["dohyo-delivery"] == one.id
 
 
 def test_a_resumed_evaluation_is_told_again_when_it_ends_again(telling: Harness, receiver: Receiver) -> None:
@@ -179,7 +177,7 @@ def test_each_failure_doubles_the_wait(database: Database) -> None:
             webhooks.settle(session, "dl-1", "it answered 500")
             session.flush()
             waits.append((session.get_one(Delivery, "dl-1").due - now()).total_seconds())
-    assert waits == pytest.approx([10, 20, 40], abs=1)
+    assert waits == pytest.approx([10, 20, 40], abs=4)
     with database.reading() as session:
         assert webhooks.due_deliveries(session, 10) == []
         assert len(webhooks.due_deliveries(session, 10, at=now() + timedelta(minutes=1))) == 1
@@ -190,14 +188,13 @@ def test_each_failure_doubles_the_wait(database: Database) -> None:
         webhooks.settle(session, "dl-1", None)
 
 
-@pytest.mark.parametrize("begin", [b"", b"HTTP/1.1 200 OK\r\n", b"HTTP/1.1 100 Continue\r\n\r\n"])
 def test_a_receiver_that_drips_delays_only_its_own_messages(
-    telling: Harness, receiver: Receiver, monkeypatch: pytest.MonkeyPatch, begin: bytes
+    telling: Harness, receiver: Receiver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(delivery, "TIMEOUT_S", 2.0)
+    monkeypatch.setattr(delivery, "TIMEOUT_S", 5.0)
     monkeypatch.setattr(webhooks, "ATTEMPTS", 1)
     team, other = telling.caller("team"), telling.caller("other")
-    with Dripping(begin) as dripping:
+    with Dripping(b"", b"HTTP/1.1 200 OK\r\n", b"HTTP/1.1 100 Continue\r\n\r\n") as dripping:
         # More than were sent at once before, so that they would hold every other message.
         for _ in range(9):
             team.post("/v1/webhooks", {"url": f"http://127.0.0.1:{dripping.port}/"})
@@ -211,7 +208,7 @@ def test_a_receiver_that_drips_delays_only_its_own_messages(
             other.post(f"/v1/evaluations/{other.evaluation('b')}/cancel")
             team.post(f"/v1/evaluations/{team.evaluation('a')}/cancel")
         receiver.wait(4)
-        assert {one.failure for one in settled(telling)} == {None, "no answer within 2 s"}
+        assert {one.failure for one in settled(telling)} == {None, "no answer within 5 s"}
 
 
 def test_a_slow_name_server_holds_no_thread_of_the_service(
@@ -222,7 +219,7 @@ def test_a_slow_name_server_holds_no_thread_of_the_service(
 
     def slow(host: str, *given: Any, **options: Any) -> Any:
         if host == "slow.example.org":
-            answer.wait(30)
+            answer.wait(120)
         return real(host, *given, **options)
 
     monkeypatch.setattr(delivery.socket, "getaddrinfo", slow)

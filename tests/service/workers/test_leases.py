@@ -24,7 +24,25 @@ from dohyo.service.workers.leases import LeaseBook, StaleTickError
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 
-TTL_S, DEADLINE_S = 0.6, 0.3
+TTL_S, DEADLINE_S = 30.0, 10.0
+
+
+class Clock:
+    """Time that passes when a test says so."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """The clock of all leases."""
+    made = Clock()
+    monkeypatch.setattr(module, "time", made)
+    return made
 
 
 class FakeProcess:
@@ -68,7 +86,7 @@ def episode(agent: str = "mine", slow_policy: Any = "wait") -> tuple[RemoteEpiso
 
 
 def run(test: Awaitable[None]) -> None:
-    asyncio.run(asyncio.wait_for(test, 20))  # type: ignore[arg-type]
+    asyncio.run(asyncio.wait_for(test, 120))  # type: ignore[arg-type]
 
 
 def hired(book: LeaseBook, agent: str = "mine", capacity: int = 1, version: int | None = None) -> Worker:
@@ -157,9 +175,9 @@ def test_a_step_sent_again_while_the_first_is_under_way_drives_once() -> None:
     run(test())
 
 
-def test_a_refused_action_leaves_the_lease_until_the_decision_is_due() -> None:
+def test_a_refused_action_leaves_the_lease_until_the_decision_is_due(clock: Clock) -> None:
     async def test() -> None:
-        book = LeaseBook(10.0)
+        book = LeaseBook(TTL_S)
         lease, process = await leased(book)
         await stepped(book, lease, process, 0)
         for _ in range(2):
@@ -170,7 +188,7 @@ def test_a_refused_action_leaves_the_lease_until_the_decision_is_due() -> None:
                 await task
         book.sweep()
         assert not lease.ended
-        await asyncio.sleep(DEADLINE_S + 0.05)
+        clock.now += DEADLINE_S + 1.0
         book.sweep()
         kind, payload = process.sent[-1]
         assert kind is Kind.FAULT
@@ -192,12 +210,12 @@ signs: dict[str, Callable[[LeaseBook, Lease], Awaitable[Any]]] = {
 
 
 @pytest.mark.parametrize("sign", signs)
-def test_a_sign_of_life_after_the_deadline_makes_it_the_agents_fault(sign: str) -> None:
+def test_a_sign_of_life_after_the_deadline_makes_it_the_agents_fault(sign: str, clock: Clock) -> None:
     async def test() -> None:
-        book = LeaseBook(10.0)
+        book = LeaseBook(TTL_S)
         lease, process = await leased(book)
         await stepped(book, lease, process, 0)
-        await asyncio.sleep(DEADLINE_S + 0.05)
+        clock.now += DEADLINE_S + 1.0
         book.sweep()
         assert not lease.ended
         with pytest.raises(GoneError, match="took longer"):
@@ -208,12 +226,12 @@ def test_a_sign_of_life_after_the_deadline_makes_it_the_agents_fault(sign: str) 
     run(test())
 
 
-def test_silence_is_told_as_a_worker_that_is_gone() -> None:
+def test_silence_is_told_as_a_worker_that_is_gone(clock: Clock) -> None:
     async def test() -> None:
         book = LeaseBook(TTL_S)
         lease, process = await leased(book)
         await stepped(book, lease, process, 0)
-        await asyncio.sleep(TTL_S + 0.05)
+        clock.now += TTL_S + 1.0
         book.sweep()
         assert process.killed is not None
         assert process.killed.end is End.WORKER_GONE
@@ -224,12 +242,12 @@ def test_silence_is_told_as_a_worker_that_is_gone() -> None:
     run(test())
 
 
-def test_heartbeats_keep_a_lease_alive_while_a_model_loads() -> None:
+def test_heartbeats_keep_a_lease_alive_while_a_model_loads(clock: Clock) -> None:
     async def test() -> None:
         book = LeaseBook(TTL_S)
         lease, process = await leased(book)
         for _ in range(4):
-            await asyncio.sleep(TTL_S / 2)
+            clock.now += TTL_S / 2
             book.heartbeat(lease)
             book.sweep()
         assert not lease.ended
@@ -396,13 +414,13 @@ def test_draining_is_told_with_the_next_step_and_gives_out_nothing() -> None:
     run(test())
 
 
-def test_an_offer_that_nobody_takes_is_withdrawn_and_is_no_attempt(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_offer_that_nobody_takes_is_withdrawn_and_is_no_attempt(clock: Clock) -> None:
     async def test() -> None:
-        book = LeaseBook(0.05)
+        book = LeaseBook(TTL_S)
         one, process = episode()
         book.expect(one)
         process.show(0)
-        await asyncio.sleep(0.1)
+        clock.now += TTL_S + 1.0
         book.sweep()
         assert process.killed is not None
         assert process.killed.end is End.UNCLAIMED

@@ -124,7 +124,7 @@ def test_no_answer_says_which_episode_is_driven(service: Service) -> None:
     owner = {"Authorization": f"Bearer {service.submitter_token}"}
     path = f"{service.url}/v1/evaluations/{evaluation}"
     order = []
-    with httpx.Client(headers=owner, timeout=30) as client, client.stream("GET", f"{path}/events") as events:
+    with httpx.Client(headers=owner, timeout=120) as client, client.stream("GET", f"{path}/events") as events:
         for driven in range(6):
             episode = worker.acquire()
             tick = worker.drive(episode, steps=2)["tick"]

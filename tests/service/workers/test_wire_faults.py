@@ -111,7 +111,7 @@ def test_a_hundred_megabytes_are_not_read(service: Service, chunked: bool) -> No
     service.submit(info, short())
     worker = hire(service, info.name)
     episode = worker.acquire()
-    with socket.create_connection(("127.0.0.1", service.port), timeout=20) as raw:
+    with socket.create_connection(("127.0.0.1", service.port), timeout=120) as raw:
         length = "Transfer-Encoding: chunked" if chunked else "Content-Length: 100000000"
         raw.sendall(
             f"POST /v1/leases/{episode['lease']}/step HTTP/1.1\r\nHost: x\r\nContent-Type: {MSGPACK}\r\n"
@@ -155,15 +155,15 @@ def test_an_answer_that_comes_twice_or_late_changes_nothing(service: Service) ->
 
 def test_a_worker_that_answers_too_late_has_a_slow_agent(service: Service) -> None:
     info, benchmark = steady(), short()
-    evaluation = service.submit(info, benchmark, act_deadline_s=1.5)
+    evaluation = service.submit(info, benchmark, act_deadline_s=5.0)
     worker = hire(service, info.name)
     episode = worker.acquire()
     reply = worker.drive(episode, steps=5)
-    time.sleep(1.7)
+    time.sleep(5.2)
     status, problem = worker.step(episode["lease"], reply["tick"], {"ego": [6.0, 0.0]})
-    assert (status, "took longer than 1.5 s" in problem["detail"]) == (410, True)
+    assert (status, "took longer than 5 s" in problem["detail"]) == (410, True)
     (ego,) = service.record(evaluation).egos
-    assert (ego.status, ego.failure) == (Status.AGENT_DEADLINE, f"agent '{info.name}' took longer than 1.5 s")
+    assert (ego.status, ego.failure) == (Status.AGENT_DEADLINE, f"agent '{info.name}' took longer than 5 s")
     assert service.episodes(evaluation)[0].attempts == 1
 
 
@@ -186,12 +186,12 @@ def test_realtime_goes_on_without_the_worker_and_says_so(service: Service) -> No
     episode = worker.acquire()
     assert episode["slow_policy"] == "realtime"
     reply = worker.drive(episode, steps=3)
-    assert reply["missed"] == 0
-    time.sleep(1.0)
+    missed, tick = reply["missed"], reply["tick"]  # none on a fast machine
+    time.sleep(2.0)
     status, reply = worker.step(episode["lease"], reply["tick"], {"ego": [6.0, 0.0]})
     assert status == 200
-    assert reply["missed"] >= 5
-    assert reply["tick"] >= 8
+    assert reply["missed"] >= missed + 5
+    assert reply["tick"] >= tick + 5
     last = worker.drive(episode | reply)
     timing = service.record(evaluation).timing
     assert timing is not None

@@ -25,7 +25,7 @@ class WireWorker:
 
     def __init__(self, port: int, token: str, agent: str, media_type: str = MSGPACK, capacity: int = 1) -> None:
         self.media_type, self.sent = media_type, b""
-        self._http = HTTPConnection("127.0.0.1", port, timeout=60)
+        self._http = HTTPConnection("127.0.0.1", port, timeout=300)
         self.worker = self.token = ""
         status, answer = self.post("/v1/workers", {"agent": agent, "capacity": capacity}, token)
         assert status == 201, answer
@@ -46,7 +46,7 @@ class WireWorker:
         packed = MSGPACK in response.headers["content-type"]
         return response.status, msgspec.msgpack.decode(content) if packed else json.loads(content)
 
-    def acquire(self, patience_s: float = 60.0) -> dict[str, Any]:
+    def acquire(self, patience_s: float = 300.0) -> dict[str, Any]:
         """The next episode."""
         ends = time.monotonic() + patience_s
         while True:

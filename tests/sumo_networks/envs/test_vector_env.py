@@ -393,7 +393,7 @@ def test_however_the_parent_ends_nothing_is_left(tmp_path: Path, how: str, code:
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     elif how == "kill":
         process.kill()
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=120)
     assert process.returncode == code, errors
     assert gone(pids)
     if how == "ctrl-c":
@@ -410,8 +410,8 @@ def children(pid: int) -> set[str]:
 
 
 def gone(pids: tuple[int, ...]) -> bool:
-    """Whether processes end within seconds."""
-    patience = time.monotonic() + 10
+    """Whether processes end."""
+    patience = time.monotonic() + 120
     while any(Path(f"/proc/{pid}").exists() for pid in pids):
         if time.monotonic() > patience:
             return False
