@@ -21,7 +21,7 @@ from dohyo.service.client.client import Client
 from dohyo.service.client.errors import ServiceError
 from dohyo.service.client.worker import Driver, work
 from dohyo.service.client.worker_session import BadActionError, WorkerSession
-from dohyo.service.evaluations.model import AttemptOutcome, EvaluationStatus
+from dohyo.service.evaluations.model import AttemptOutcome, EpisodeStatus, EvaluationStatus
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 from tests.service.conftest import MakeService
@@ -41,7 +41,7 @@ def service(running_service: Service) -> Service:
 
 @pytest.fixture
 def own_service(make_service: MakeService) -> Service:
-    service = make_service(processes=1, lease_ttl_s=1.0)
+    service = make_service(processes=1, lease_ttl_s=8.0)
     service.start()
     return service
 
@@ -135,7 +135,7 @@ def test_a_lot_is_driven_again_after_its_worker_and_the_service_were_killed(
     evaluation = service.submit(info, simple, seeds=SEEDS)
     work(WorkerSession(service.url, service.token, "mortal"), Driver(GREEDY), episodes=1)
     service.wait_done(evaluation)
-    (before, _) = service.episodes(evaluation)
+    done = next(one for one in service.episodes(evaluation) if one.status is EpisodeStatus.DONE)
     lost = WorkerSession(service.url, service.token, "mortal")
     drive = _acquired(lost)
     lost.step(drive, {"ego": np.zeros(3)})
@@ -145,7 +145,7 @@ def test_a_lot_is_driven_again_after_its_worker_and_the_service_were_killed(
     lost.step(drive, {"ego": np.zeros(3)})  # and is never heard of again
     work(WorkerSession(service.url, service.token, "mortal"), Driver(GREEDY), episodes=1)
     hashes = service.hashes(evaluation)
-    assert hashes[0] == before.record_hash
+    assert hashes[done.position] == done.record_hash
     outcomes = [one.outcome for one in service.attempts(evaluation)]
     assert AttemptOutcome.WORKER_GONE in outcomes
     assert outcomes.count(AttemptOutcome.DONE) == 2
