@@ -47,7 +47,7 @@ MORNING_SCORES: Final = ("speed_std_mps", "throughput_vph", "speed_mps", "speed_
 PARKING_SCORES: Final = tuple(measure.key for measure in MEASURES)
 """Scores of parking lots, the headline first."""
 
-_STATUSES: Final[Mapping[Ending, Status]] = {
+STATUSES: Final[Mapping[Ending, Status]] = {
     "failed": Status.AGENT_RAISED,
     "collided": Status.COLLIDED,
     "timed_out": Status.TIMED_OUT,
@@ -183,7 +183,7 @@ def summary_of_lot(record: ParkingRecord) -> dict[str, Any]:
     endings = [one.ending for one in record.karts]
     lot: dict[str, Any] = {
         "name": LOT,
-        "status": next(status for ending, status in _STATUSES.items() if ending in endings).value,
+        "status": next(status for ending, status in STATUSES.items() if ending in endings).value,
         "success": all(one.parked for one in record.karts),
         "parking": asdict(count_karts(record)),
         "infractions": {},

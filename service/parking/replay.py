@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dohyo.evaluation.parking.benchmark import scene_of
-from dohyo.evaluation.parking.record import ParkingRecord
+from dohyo.evaluation.parking.record import KartRecord, ParkingRecord
+from dohyo.evaluation.records.specifications import InfractionKind
+from dohyo.service.evaluations.scoring import STATUSES
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.parking import kart
 from dohyo.sumo_networks.parking.radar import Kind
@@ -20,10 +23,17 @@ from dohyo.sumo_networks.parking.world import ParkingWorld
 MARGIN_M: Final = 2.0
 _BOX: Final = slice(0, 5)
 """Centre, heading, length and width in the rows of boxes and spots."""
+_CONTACTS: Final[Mapping[str, str]] = {
+    "wall": InfractionKind.COLLISION_STATIC.value,
+    "car": InfractionKind.COLLISION_VEHICLE.value,
+    "kart": InfractionKind.COLLISION_VEHICLE.value,
+    "pedestrian": InfractionKind.COLLISION_PEDESTRIAN.value,
+}
+"""Mark of a contact in the player, by what the kart touched."""
 
 
 def replay_of_lot(record: ParkingRecord, motion: Float32Array, *, episode: str) -> dict[str, Any]:
-    """Data for the player; plain JSON, metres and radians to three decimals, frame of the lot.
+    """Data for the player, in the form of `dohyo.service.episodes.replay`; metres and radians, frame of the lot.
 
     Args:
         record: Record of the episode.
@@ -31,40 +41,71 @@ def replay_of_lot(record: ParkingRecord, motion: Float32Array, *, episode: str) 
         episode: Identifier of the episode at the service.
 
     Returns:
-        `lot`: what stands there, walls as both ends, boxes and spots as centre, heading, length and width; `karts` and
-        `pedestrians` with their places tick by tick. Each kart has the facts of its record.
+        `lot`: what stands there, in place of roads: walls as both ends, boxes and spots as centre, heading, length and
+        width. `egos`: the karts, each with the facts of its record, and its contact as an infraction. `actors`: karts
+        and pedestrians tick by tick.
     """
     world = ParkingWorld(1, len(record.karts))
     world.draw([0], [record.seed], scene_of(record.benchmark.scene), JUDGED)
-    view = world.view(0)
-    karts, walkers = motion[:, : len(record.karts)], motion[:, len(record.karts) :]
+    view, karts = world.view(0), len(record.karts)
     return {
         "kind": "parking",
         "episode": episode,
         "scenario": record.scenario.name,
-        "seed": record.seed,
-        "scene": record.benchmark.scene,
+        "network": None,
+        "rules": None,
         "dt_s": kart.TICK_S,
         "ticks": len(motion),
         "bounds": _bounds(view, motion),
-        "lot": {
-            "walls": _rounded(view.walls),
-            "blocks": _rounded(view.boxes[view.boxes[:, KIND] == Kind.WALL, _BOX]),
-            "cars": _rounded(view.boxes[view.boxes[:, KIND] == Kind.CAR, _BOX]),
-            "spots": [{"box": _rounded(spot[_BOX]), "free": bool(spot[FREE])} for spot in view.spots],
-        },
-        "karts": [
-            {"name": f"kart-{number}", "length": kart.LENGTH_M, "width": kart.WIDTH_M}
-            | one.model_dump(mode="json")
-            | dict(zip(("x", "y", "heading", "speed"), _rounded(karts[:, number].T), strict=True))
-            for number, one in enumerate(record.karts)
+        "lot": _standing(view),
+        "egos": [_kart(one, number, motion[:, number]) for number, one in enumerate(record.karts)],
+        "actors": [
+            *(_track(f"kart-{k}", "ego", motion[:, k], kart.LENGTH_M, kart.WIDTH_M) for k in range(karts)),
+            *(
+                _track(f"pedestrian-{k}", "pedestrian", motion[:, karts + k], *[2.0 * walker[WALK_RADIUS]] * 2)
+                for k, walker in enumerate(view.walkers)
+            ),
         ],
-        "pedestrians": [
-            {"radius": float(walker[WALK_RADIUS]), "path": _rounded(walker[:4])}
-            | dict(zip(("x", "y"), _rounded(walkers[:, number, :2].T), strict=True))
-            for number, walker in enumerate(view.walkers)
-        ],
+        "signals": [],
     }
+
+
+def _standing(view: LotView) -> dict[str, Any]:
+    return {
+        "walls": _rounded(view.walls),
+        "blocks": _rounded(view.boxes[view.boxes[:, KIND] == Kind.WALL, _BOX]),
+        "cars": _rounded(view.boxes[view.boxes[:, KIND] == Kind.CAR, _BOX]),
+        "spots": [{"box": _rounded(spot[_BOX]), "free": bool(spot[FREE])} for spot in view.spots],
+        "walks": _rounded(view.walkers[:, :4]),
+    }
+
+
+def _kart(one: KartRecord, number: int, motion: Float32Array) -> dict[str, Any]:
+    ended = min(round(one.time_s / kart.TICK_S), len(motion) - 1)
+    contact = {
+        "kind": _CONTACTS.get(one.touched),
+        "time_s": round(ended * kart.TICK_S, 3),
+        **dict(zip(("x_m", "y_m"), _rounded(motion[ended, :2]), strict=True)),
+        "magnitude": round(abs(float(motion[ended, 3])), 2),
+        "unit": "m/s",
+        "actor": one.touched,
+    }
+    return {
+        "name": f"kart-{number}",
+        "length": kart.LENGTH_M,
+        "width": kart.WIDTH_M,
+        "route": [],
+        "status": STATUSES[one.ending].value,
+        "failure": one.failure,
+        "infractions": [contact] if one.touched in _CONTACTS else [],
+        "series": {"speed": _rounded(motion[:, 3])},
+        "parking": one.model_dump(mode="json"),
+    }
+
+
+def _track(name: str, kind: str, motion: Float32Array, length_m: float, width_m: float) -> dict[str, Any]:
+    columns = dict(zip(("x", "y", "heading", "speed"), _rounded(motion.T), strict=True))
+    return {"name": name, "kind": kind, "first": 0, "length": float(length_m), "width": float(width_m), **columns}
 
 
 def _bounds(view: LotView, motion: Float32Array) -> list[float]:

@@ -29,7 +29,7 @@ export function columnsOf(rows, headline, colour, measures = 4) {
     },
     { title: "run by", key: "verified", css: "verified", choice: true, sort: by, cell: verified, csv: by },
     ...measured.map(score),
-    {
+    !("aligned" in (rows[0]?.scores ?? {})) && {
       title: "infractions",
       unit: "/km",
       css: "infraction-rates",
@@ -57,7 +57,7 @@ export function columnsOf(rows, headline, colour, measures = 4) {
         ),
       csv: (row) => row.finished,
     },
-  ];
+  ].filter(Boolean);
 }
 
 function who(row, colour) {

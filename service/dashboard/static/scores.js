@@ -26,17 +26,31 @@ const FREEWAY = {
   speed_std_within_mps: ["spread within segments", "m/s", 10],
   fuel_circles_g_km: ["fuel of the connected cars", "g/km", 100],
 };
+const PARKING = {
+  success: ["success", ...PERCENT],
+  aligned: ["aligned, of successes", ...PERCENT],
+  time_s: ["time to park", "s", 60],
+  contacts: ["contacts", ...PERCENT],
+  timed_out: ["out of time", ...PERCENT],
+};
 const OPEN = ["driving_score", "route_completion", "irs", "success", "infraction_penalty", "nocrash_success"];
 const CLOSED = ["closed_loop", "no_collision", "drivable_area", "progress", "time_to_collision", "comfort"];
 
 /** Title, unit and upper end of the axis of a score. */
 export function scoreOf(key) {
-  const [title, unit, top] = SCORES[key] ?? FREEWAY[key] ?? [key, ...PERCENT];
+  const [title, unit, top] = SCORES[key] ?? FREEWAY[key] ?? PARKING[key] ?? [key, ...PERCENT];
   return { key, title, unit, top };
+}
+
+/** The scores to show of drives, mornings or lots, by those that they have. */
+function keysOf(scores) {
+  if (scores.closed_loop) return CLOSED;
+  if (scores.speed_std_mps) return Object.keys(FREEWAY);
+  return scores.aligned ? Object.keys(PARKING) : OPEN;
 }
 
 /** The scores to show, at most `most`, the most important first; `headline`, if given, before all others. */
 export function shown(scores, most, headline = null) {
-  const keys = scores.closed_loop ? CLOSED : scores.speed_std_mps ? Object.keys(FREEWAY) : OPEN;
+  const keys = keysOf(scores);
   return [...new Set([headline ?? keys[0], ...keys])].slice(0, most).map(scoreOf);
 }

@@ -68,8 +68,8 @@ def test_a_built_in_agent_parks_as_it_does_locally(client: Client, service: Serv
     for episode, record in zip(service.episodes(evaluation), local, strict=True):
         assert verified(service, episode.id)["same"]
         replay = client.get(f"/v1/episodes/{episode.id}/replay")
-        assert (replay["kind"], replay["karts"][0]["ending"]) == ("parking", record.karts[0].ending)
-        assert len(replay["karts"][0]["x"]) == replay["ticks"] > 10
+        assert replay["egos"][0]["parking"]["ending"] == record.karts[0].ending
+        assert len(replay["actors"][0]["x"]) == replay["ticks"] > 10
         assert any(spot["free"] for spot in replay["lot"]["spots"])
         for part, query in (("events", {}), ("explanation", {"tick": 0})):
             with pytest.raises(ServiceError, match="roads") as refused:

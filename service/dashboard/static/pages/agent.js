@@ -5,7 +5,7 @@ import { byId, fill, h, mark } from "../dom.js";
 import { missing, whisker } from "../estimate.js";
 import { bar, measures, standing } from "../evaluation.js";
 import { moment, number, short } from "../format.js";
-import { scoreOf } from "../scores.js";
+import { scoreOf, shown } from "../scores.js";
 import { colours, subject } from "../subject.js";
 import { copyButton, table } from "../table.js";
 import { overVersions } from "../versions.js";
@@ -80,11 +80,11 @@ async function benchmarkPart(evaluation, evaluations) {
     ),
     measures(whole, 6),
     versions.length > 1 && overVersions(versions, headline(whole)),
-    h("div", { class: "columns" }, infractionsPart(whole, board.rows), cellsPart(Object.entries(metrics.cells))),
+    h("div", { class: "columns" }, whole.scores.aligned ? null : infractionsPart(whole, board.rows), cellsPart(Object.entries(metrics.cells))),
   );
 }
 
-const headline = (summary) => scoreOf(summary.scores.closed_loop ? "closed_loop" : "driving_score");
+const headline = (summary) => shown(summary.scores, 1)[0];
 
 /** The headline of the latest finished evaluation of each version on the same benchmark version, for the newest ones. */
 async function scoresByVersion(evaluation, evaluations) {

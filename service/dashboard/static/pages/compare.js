@@ -166,6 +166,8 @@ function pairs(given, colour) {
 }
 
 const closed = (given) => given.metric === "closed_loop";
+const parking = (given) => Boolean(given.evaluations[0].scores.aligned);
+const scoreName = (given) => (closed(given) ? "closed loop" : parking(given) ? "success" : "DS");
 
 /** Score of one side in a scenario: the closed-loop score where that is the headline, else the driving score. */
 const told = (given, scenario, i) => (closed(given) ? scenario.values[i] : scenario.driving_scores[i]);
@@ -178,14 +180,14 @@ function scenarios(given, colour) {
       "section",
       {},
       h("h2", {}, "Where they differ most"),
-      h("p", { class: "note" }, "No scenario was driven by all of these agents."),
+      h("p", { class: "note" }, "No scenario that all of these agents drove differs in this score."),
     );
   const columns = [
     { title: "scenario", cell: (row) => row.scenario },
     { title: "seed", numeric: true, cell: (row) => row.seed },
     ...given.evaluations.map((one, i) => ({
       title: one.agent,
-      unit: closed(given) ? "closed loop, %" : "DS, %",
+      unit: `${scoreName(given)}, %`,
       key: one.agent,
       cell: (row) =>
         h(
@@ -214,6 +216,7 @@ function scenarios(given, colour) {
 
 /** Missions by agents: the mean headline score over seeds; the higher the score, the stronger the shade. */
 async function matrix(given) {
+  if (parking(given)) return; // all lots are one mission
   const sides = await Promise.all(
     given.evaluations.map((one) => getAll(`/v1/evaluations/${encodeURIComponent(one.evaluation)}/episodes`).catch(() => [])),
   );
@@ -231,7 +234,7 @@ async function matrix(given) {
     { title: "mission", cell: (row) => row.mission, csv: (row) => row.mission },
     ...given.evaluations.map((one, i) => ({
       title: `${one.agent} v${one.version}`,
-      unit: closed(given) ? "closed loop, %" : "DS, %",
+      unit: `${scoreName(given)}, %`,
       key: `${one.agent}-${i + 1}`,
       numeric: true,
       css: "shaded",
@@ -296,7 +299,7 @@ function title(given, scenario, i, colour) {
     "span",
     {},
     agentName(agent, colour[agent], null),
-    h("span", { class: "quiet" }, `  ${closed(given) ? "closed loop" : "DS"} ${number(told(given, scenario, i))} %  `),
+    h("span", { class: "quiet" }, `  ${scoreName(given)} ${number(told(given, scenario, i))} %  `),
     h("a", { href: `/episodes/${encodeURIComponent(scenario.episodes[i])}` }, "open replay"),
   );
 }

@@ -8,12 +8,13 @@ import { colours, subject } from "../subject.js";
 import { SIGNS, ending, label, meaning, words } from "../words.js";
 import { explain, explainClosedLoop } from "../replay/score.js";
 import { load, play } from "../replay/player.js";
+import { parked } from "../replay/parked.js";
 import { Reasons } from "../replay/reasons.js";
 
 page(async () => {
   const id = subject();
   const episode = await get(`/v1/episodes/${encodeURIComponent(id)}`);
-  document.title = `${episode.scenario} · dohyo`;
+  document.title = `${nameOf(episode)} · dohyo`;
   if (!episode.record_hash) {
     fill(byId("content"), heading(episode, []), waiting(episode));
     return;
@@ -34,13 +35,15 @@ page(async () => {
       facts,
       egoChoice(replay, player, show),
       ...why(ego, replay, player, episode),
-      h("h2", {}, "Why the agent decides so"),
-      reasons,
+      replay.lot ? null : [h("h2", {}, "Why the agent decides so"), reasons],
       links(id, episode),
     );
   show(player.views[0].ego);
-  new Reasons(id, player, reasons);
+  if (!replay.lot) new Reasons(id, player, reasons);
 });
+
+/** Name of an episode; all lots are one scenario. */
+const nameOf = (episode) => (episode.cell === "lot" ? `lot ${episode.seed}` : episode.scenario);
 
 function heading(episode, agent) {
   return h(
@@ -56,13 +59,13 @@ function heading(episode, agent) {
       ),
       " / episode",
     ),
-    h("h1", {}, episode.scenario),
+    h("h1", {}, nameOf(episode)),
     h(
       "p",
       { class: "byline" },
       agent,
       h("span", { class: "quiet" }, "seed ", h("span", { class: "number" }, String(episode.seed))),
-      h("span", { class: "quiet" }, `on ${episode.network}`),
+      episode.network && h("span", { class: "quiet" }, `on ${episode.network}`),
     ),
   );
 }
@@ -98,7 +101,7 @@ function egoChoice(replay, player, show) {
       h("option", { value: ego.name, selected: ego.name === player.views[0].ego.name }, ego.name),
     ),
   );
-  return h("p", {}, h("label", {}, "ego ", choice));
+  return h("p", {}, h("label", {}, replay.lot ? "kart " : "ego ", choice));
 }
 
 function why(ego, replay, player, episode) {
@@ -107,9 +110,9 @@ function why(ego, replay, player, episode) {
   return [
     h("p", { class: `status large ${kind}` }, h("i", { "aria-hidden": "true" }, SIGNS[kind]), ending(ego.status)),
     ego.failure && h("p", { class: "reason" }, ego.failure),
-    h("h2", {}, "Why this score"),
-    closed ? explainClosedLoop(closed) : explain(ego, replay.rules),
-    h("h2", {}, ego.infractions.length ? `Infractions (${ego.infractions.length})` : "No infraction"),
+    h("h2", {}, ego.parking ? "How it parked" : "Why this score"),
+    ego.parking ? parked(ego) : closed ? explainClosedLoop(closed) : explain(ego, replay.rules),
+    h("h2", {}, titleOf(ego)),
     h(
       "ol",
       { class: "infractions" },
@@ -128,6 +131,11 @@ function why(ego, replay, player, episode) {
       ),
     ),
   ];
+}
+
+function titleOf(ego) {
+  const what = ego.parking ? "contact" : "infraction";
+  return ego.infractions.length ? `${what[0].toUpperCase()}${what.slice(1)}s (${ego.infractions.length})` : `No ${what}`;
 }
 
 function detail(one) {

@@ -91,12 +91,15 @@ function title(agent, colour) {
       { class: "byline" },
       agentName(agent, colour),
       h("span", { class: "quiet" }, `version ${one.version}`),
-      h("a", { href: `/evaluations/${encodeURIComponent(id)}/map` }, "map of infractions"),
+      !isParking() && h("a", { href: `/evaluations/${encodeURIComponent(id)}/map` }, "map of infractions"),
       h("a", { href: `${base}/metrics` }, "JSON"),
       h("a", { href: `${base}/metrics.csv` }, "CSV"),
     ),
   );
 }
+
+/** Whether the episodes are parking lots, which have other facts than drives on roads. */
+const isParking = () => state.episodes[0]?.cell === "lot";
 
 const count = (status, some = state.episodes) => some.filter((one) => one.status === status).length;
 const ended = () => count("done") + count("lost") + count("cancelled");
@@ -155,8 +158,25 @@ function showEpisodes() {
   const rows = state.episodes
     .map((one) => ({ ...one, ego: worst(one), marks: (one.summary?.egos ?? []).flatMap((ego) => ego.marks ?? []) }))
     .sort((a, b) => (headline(a.ego) ?? 999) - (headline(b.ego) ?? 999) || a.position - b.position);
-  const closed = rows.some((row) => row.ego?.closed_loop);
-  const columns = [
+  const columns = isParking() ? lotColumns() : driveColumns(rows.some((row) => row.ego?.closed_loop));
+  const shown = byId("episodes").querySelector(".interactive");
+  if (shown && shown.querySelector("thead tr").cells.length === columns.length) {
+    refresh(shown, columns, rows);
+    byId("episodes").querySelector(".copy").replaceWith(copyButton(columns, rows));
+    byId("episodes").querySelector(".marks-key").replaceChildren(key(rows));
+    return;
+  }
+  fill(
+    byId("episodes"),
+    h("div", { class: "heading" }, h("h2", {}, "Episodes, lowest score first"), copyButton(columns, rows)),
+    h("div", { class: "panel wide" }, table(columns, rows, { name: "episodes", caption: "Episodes, lowest score first", css: "drives" })),
+    h("div", { class: "marks-key" }, key(rows)),
+  );
+}
+
+/** Columns of drives on roads; `closed`: with the closed-loop score. */
+function driveColumns(closed) {
+  return [
     {
       title: "scenario",
       cell: (row) => h("a", { href: `/episodes/${encodeURIComponent(row.id)}` }, named(row)),
@@ -183,19 +203,41 @@ function showEpisodes() {
       csv: (row) => row.ego?.duration_s,
     },
   ].filter(Boolean);
-  const shown = byId("episodes").querySelector(".interactive");
-  if (shown && shown.querySelector("thead tr").cells.length === columns.length) {
-    refresh(shown, columns, rows);
-    byId("episodes").querySelector(".copy").replaceWith(copyButton(columns, rows));
-    byId("episodes").querySelector(".marks-key").replaceChildren(key(rows));
-    return;
-  }
-  fill(
-    byId("episodes"),
-    h("div", { class: "heading" }, h("h2", {}, "Episodes, lowest score first"), copyButton(columns, rows)),
-    h("div", { class: "panel wide" }, table(columns, rows, { name: "episodes", caption: "Episodes, lowest score first", css: "drives" })),
-    h("div", { class: "marks-key" }, key(rows)),
-  );
+}
+
+/** Columns of parking lots. */
+function lotColumns() {
+  const ofKarts = (name) => ({
+    numeric: true,
+    sort: (row) => row.ego?.parking[name] ?? -1,
+    cell: (row) => (row.ego ? `${row.ego.parking[name]} / ${row.ego.parking.karts}` : "—"),
+    csv: (row) => ({ [name]: row.ego?.parking[name] }),
+  });
+  return [
+    {
+      title: "lot",
+      cell: (row) => h("a", { href: `/episodes/${encodeURIComponent(row.id)}` }, row.seed === null ? named(row) : `lot ${row.seed}`),
+      csv: (row) => row.seed,
+    },
+    { title: "ending", choice: true, sort: (row) => (row.ego ? ending(row.ego.status) : row.status), cell: (row) => how(row), csv: (row) => row.ego?.status ?? row.status },
+    { title: "parked", unit: "karts", ...ofKarts("parked") },
+    { title: "aligned", unit: "karts", ...ofKarts("aligned") },
+    { title: "contacts", unit: "karts", ...ofKarts("contacts") },
+    {
+      title: "time",
+      unit: "s",
+      numeric: true,
+      cell: (row) => (row.ego ? number(row.ego.duration_s) : "—"),
+      csv: (row) => row.ego?.duration_s,
+    },
+    {
+      title: "driven",
+      unit: "m",
+      numeric: true,
+      cell: (row) => (row.ego ? number(row.ego.driven_m) : "—"),
+      csv: (row) => row.ego?.driven_m,
+    },
+  ];
 }
 
 /** The attempts without a good end, of the first episodes that have some. */
@@ -241,7 +283,8 @@ const score = (row, name, scores = row.ego) =>
   scores && row.status === "done" ? number(scores[name]) : missing("the episode has not ended, or was lost");
 
 /** The score by which episodes are sorted. */
-const headline = (ego) => ego?.closed_loop?.closed_loop ?? ego?.ds;
+const headline = (ego) =>
+  ego?.parking ? (100 * ego.parking.parked) / ego.parking.karts : (ego?.closed_loop?.closed_loop ?? ego?.ds);
 
 /** The ego with the lowest score of an episode; most episodes have only one ego. */
 function worst(episode) {

@@ -25,6 +25,8 @@ export class Controls {
     this.clock = clock;
     this.views = views;
     this.link = link;
+    this.names = views[0].drive.names;
+    const { whole, mark } = this.names;
     this.time = h("span", { class: "clock number" });
     this.said = h("p", { class: "sr", role: "status" });
     this.playButton = this._button("play", "play (space)", () => clock.toggle());
@@ -45,11 +47,11 @@ export class Controls {
       h(
         "div",
         { class: "group" },
-        this._button("previous", "previous infraction (Shift i)", () => this.jump(-1)),
+        this._button("previous", `previous ${mark} (Shift i)`, () => this.jump(-1)),
         this._button("back", "one tick back (left)", () => clock.step(-1)),
         this.playButton,
         this._button("forth", "one tick forward (right)", () => clock.step(1)),
-        this._button("next", "next infraction (i)", () => this.jump(1)),
+        this._button("next", `next ${mark} (i)`, () => this.jump(1)),
       ),
       this.time,
       this.rate,
@@ -57,7 +59,7 @@ export class Controls {
         "div",
         { class: "group" },
         this.followButton,
-        h("button", { type: "button", title: "whole route (0)", click: () => this.whole() }, "whole route"),
+        h("button", { type: "button", title: `whole ${whole} (0)`, click: () => this.whole() }, `whole ${whole}`),
         h(
           "button",
           { type: "button", "aria-label": "zoom out", title: "zoom out (−)", click: () => this.zoom(1 / 1.5) },
@@ -86,7 +88,7 @@ export class Controls {
       direction > 0 ? all.find((one) => one.time_s > now + 0.04) : all.findLast((one) => one.time_s < now - 0.04);
     this.clock.pause();
     if (!found) {
-      this.said.textContent = direction > 0 ? "no later infraction" : "no earlier infraction";
+      this.said.textContent = `no ${direction > 0 ? "later" : "earlier"} ${this.names.mark}`;
       return;
     }
     this.clock.seek(found.time_s);

@@ -6,8 +6,13 @@
  *   x: Float32Array, y: Float32Array, heading: Float32Array, speed: Float32Array}} Track
  */
 
+/** What the whole of a drive and its marks are called: on roads, and in a parking lot. */
+const ON_ROADS = { whole: "route", mark: "infraction" };
+const IN_A_LOT = { whole: "lot", mark: "contact" };
+
 export class Drive {
   constructor(replay) {
+    this.names = replay.lot ? IN_A_LOT : ON_ROADS;
     this.dt = replay.dt_s;
     this.ticks = replay.ticks;
     this.duration = Math.max(0, replay.ticks - 1) * replay.dt_s;

@@ -11,10 +11,10 @@ import { View } from "./view.js";
 
 const AROUND_M = 120;
 
-/** Reads an episode's replay and the roads around it. */
+/** Reads an episode's replay and the roads around it; a parking lot has none. */
 export async function load(episode) {
   const replay = await get(`/v1/episodes/${encodeURIComponent(episode)}/replay`);
-  return { replay, map: await roads(replay.network, replay.bounds) };
+  return { replay, map: replay.lot ? { lot: replay.lot } : await roads(replay.network, replay.bounds) };
 }
 
 /** The roads around a box; without the network there are none, and the map says why. */
@@ -37,6 +37,7 @@ export function play(place, loaded) {
   const drives = loaded.map(({ replay }) => new Drive(replay));
   const clock = new Clock(Math.max(...drives.map((drive) => drive.duration)), drives[0].dt);
   const given = readAddress();
+  const { names } = drives[0];
   const stages = loaded.map(stage);
   const timelines = h("div", { class: "timelines" });
   place.replaceChildren(
@@ -53,10 +54,11 @@ export function play(place, loaded) {
   const write = writer(link);
   const controls = new Controls(clock, views, link);
   for (const view of views) follow(view, given);
+  if (loaded[0].map.lot && given.z === null) controls.whole();
   let shown = [];
   const zoom = new Zoom(() => clock.request());
   const show = () => {
-    shown = views.map((view) => new Timeline(view.ego, clock, zoom));
+    shown = views.map((view) => new Timeline(view.ego, clock, zoom, names.mark));
     const name = (i) => (views.length > 1 ? h("h3", {}, loaded[i].agent) : "");
     timelines.replaceChildren(zoom.element, ...shown.flatMap((one, i) => [name(i), one.element]));
   };
@@ -76,7 +78,7 @@ export function play(place, loaded) {
     });
   }
   clock.onChange(write);
-  place.append(controls.element, timelines, h("p", { class: "note keys" }, help()));
+  place.append(controls.element, timelines, h("p", { class: "note keys" }, help(names)));
   controls.showCamera();
   clock.seek(given.t ?? 0);
   addEventListener("hashchange", () => {
@@ -115,7 +117,7 @@ function stage({ replay, map, agent, title }) {
     class: "stage",
     tabindex: 0,
     role: "img",
-    "aria-label": `Replay of ${agent} on ${replay.scenario}, seen from above. Space plays, arrow keys step, i goes to the next infraction.`,
+    "aria-label": `Replay of ${agent} on ${replay.scenario}, seen from above. Space plays, arrow keys step, i goes to the next ${replay.lot ? "contact" : "infraction"}.`,
   });
   const line = h("span", {});
   const measure = h("div", { class: "ruler", "aria-hidden": "true" }, line);
@@ -147,13 +149,13 @@ function ruler(bar, camera) {
   bar.line.textContent = `${metres} m`;
 }
 
-function help() {
+function help({ whole, mark }) {
   const keys = [
     ["space", "play or pause"],
     ["← →", "step a tick, with Shift a second"],
-    ["i", "next infraction"],
+    ["i", `next ${mark}`],
     ["f", "follow the ego"],
-    ["0", "whole route"],
+    ["0", `whole ${whole}`],
     ["+ −", "zoom"],
     ["< >", "speed"],
   ];

@@ -30,8 +30,9 @@ export class Zoom {
 }
 
 export class Timeline {
-  /** @param ego of the replay @param {import("./clock.js").Clock} clock @param {Zoom} zoom */
-  constructor(ego, clock, zoom) {
+  /** @param ego of the replay @param {import("./clock.js").Clock} clock @param {Zoom} zoom @param {string} mark what its marks are */
+  constructor(ego, clock, zoom, mark = "infraction") {
+    this.mark = mark;
     this.clock = clock;
     this.zoom = zoom;
     this.ego = ego;
@@ -113,7 +114,7 @@ export class Timeline {
     return h(
       "div",
       { class: "strip top" },
-      h("span", { class: "strip-title" }, "infractions"),
+      h("span", { class: "strip-title" }, `${this.mark}s`),
       h("div", { class: "plot scrubber" }, this.slider, h("div", { class: "moments" }, marks)),
       h("span", { class: "strip-value number" }, String(this.ego.infractions.length)),
     );

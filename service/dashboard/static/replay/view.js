@@ -4,10 +4,12 @@ import { drawActors, drawInvolved, drawSignals, drawTrails } from "./actors.js";
 import { Camera, steer } from "./camera.js";
 import { readColours } from "./colours.js";
 import { drawPlan } from "./reasons.js";
+import { LotScene } from "./lot_scene.js";
 import { Scene, polyline } from "./scene.js";
 import { words } from "../words.js";
 
 const ROUTE_M = 2.4;
+const CHOSEN_M = 1.7;
 const MARK_PX = 1.5; // marks are drawn within -5..5
 const PIN = 16; // from the place up to the mark, in the mark's units
 
@@ -15,7 +17,7 @@ export class View {
   /**
    * @param {HTMLCanvasElement} canvas
    * @param {import("./drive.js").Drive} drive
-   * @param map geometry of the roads
+   * @param map geometry of the roads, or `lot`: what stands in a parking lot
    * @param {import("./clock.js").Clock} clock
    */
   constructor(canvas, drive, map, clock) {
@@ -23,7 +25,7 @@ export class View {
     this.drive = drive;
     this.clock = clock;
     this.camera = new Camera();
-    this.scene = new Scene(map);
+    this.scene = map.lot ? new LotScene(map.lot) : new Scene(map);
     this.context = canvas.getContext("2d", { alpha: false });
     this.dash = { solid: [], yellow: [0.6, 0.4] };
     this.plan = null; // the plan of the agent at this moment, if known
@@ -44,8 +46,9 @@ export class View {
     this.marks = ego.infractions.map((one) => new Path2D(words.marks[one.kind].path));
   }
 
-  /** Box of the chosen ego's route, with some room. */
+  /** Box of the chosen ego's route, with some room; of the whole lot where there are no routes. */
   routeBounds() {
+    if (!this.ego.route.length) return this.drive.bounds;
     const xs = this.ego.route.map((point) => point[0]);
     const ys = this.ego.route.map((point) => point[1]);
     return [Math.min(...xs) - 15, Math.min(...ys) - 15, Math.max(...xs) + 15, Math.max(...ys) + 15];
@@ -66,6 +69,7 @@ export class View {
     drawSignals(c, drive, colours, px, this.dash);
     if (this.plan) drawPlan(c, this.plan, colours, px);
     drawActors(c, drive, colours, px);
+    if (!this.ego.route.length && drive.egos.length > 1) this._drawChosen(px);
     drawInvolved(c, drive, this.infractions, time_s, colours, px);
     this._drawMarks(time_s);
   }
@@ -83,6 +87,7 @@ export class View {
 
   _drawRoute(px) {
     const c = this.context;
+    if (!this.ego.route.length) return;
     c.globalAlpha = 0.22;
     c.strokeStyle = this.colours.accent;
     c.lineWidth = Math.max(ROUTE_M, 3 * px);
@@ -96,6 +101,16 @@ export class View {
     c.beginPath();
     c.arc(goal[0], goal[1], Math.max(1.1, 5 * px), 0, 2 * Math.PI);
     c.fill();
+    c.stroke();
+  }
+
+  /** A ring around the chosen one of several karts, which have no routes to tell them by. */
+  _drawChosen(px) {
+    const c = this.context;
+    c.strokeStyle = this.colours.accent;
+    c.lineWidth = 2 * px;
+    c.beginPath();
+    c.arc(this.drive.x[this.egoIndex], this.drive.y[this.egoIndex], CHOSEN_M, 0, 2 * Math.PI);
     c.stroke();
   }
 
