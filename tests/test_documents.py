@@ -24,6 +24,7 @@ from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.benchmarks.documents import Family, benchmark_names, find_family
 from dohyo.service.cli import app
 from dohyo.service.cli.lazy import LazyCommand
+from dohyo.service.policies.agent import NAME as ONNX
 from dohyo.service.settings import Settings
 from dohyo.sumo_networks.ego.control import CONTROLS
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
@@ -112,7 +113,7 @@ def test_every_agent_and_benchmark_of_a_command_exists(path: Path) -> None:
         if family is Family.FREEWAY:
             assert agent in ("NAME", "persistence", *shipped(), PLANNER, NOBODY)
             continue
-        if agent not in ("NAME", "module:Class", "my_module:MyAgent"):
+        if agent not in ("NAME", ONNX, "module:Class", "my_module:MyAgent"):
             make_agent(agent_entries().get(agent, agent))
 
 

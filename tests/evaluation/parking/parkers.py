@@ -46,6 +46,19 @@ class Slow(Greedy):
         time.sleep(0.05)
 
 
+class Sleeper(Greedy):
+    """Never decides a second time."""
+
+    decided = False
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """See the class."""
+        if self.decided:
+            time.sleep(60.0)
+        self.decided = True
+        return super().act(observation)
+
+
 class Seer(Greedy):
     """A privileged agent that checks what it is shown."""
 
