@@ -13,12 +13,13 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
 
 import httpx
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
+
+from dohyo.service.client.client import Client
 
 DOCS = Path(__file__).parent
 AGENTS = ("autopilot", "reckless")
@@ -62,21 +63,11 @@ def wait_until(done: Callable[[], bool], limit_s: float) -> None:
         time.sleep(0.5)
 
 
-def evaluate(client: httpx.Client, agent: str) -> str:
-    """Submits a built-in agent and evaluates it on quickstart; returns the evaluation's id."""
-    for path, body in (
-        ("agents", {"name": agent, "description": f"the built-in {agent}"}),
-        (f"agents/{agent}/submissions", {"kind": "builtin", "entry": agent}),
-        ("evaluations", {"agent": agent, "benchmark": "quickstart"}),
-    ):
-        answer = client.post(f"/v1/{path}", json=body).raise_for_status()
-    identifier: str = answer.json()["id"]
-    return identifier
-
-
-def finished(client: httpx.Client, evaluation: str) -> bool:
-    """Whether an evaluation has ended."""
-    return bool(client.get(f"/v1/evaluations/{evaluation}").raise_for_status().json()["finished"])
+def evaluate(client: Client, agent: str) -> str:
+    """Submits a built-in agent and starts a ranked run of it on quickstart; returns the evaluation's id."""
+    client.register_agent(agent, f"the built-in {agent}")
+    client.submit_builtin(agent, agent)
+    return client.evaluate(agent, "quickstart", ranked=True)["id"]
 
 
 def episode_of(client: httpx.Client, evaluation: str) -> str:
@@ -109,9 +100,10 @@ def main() -> None:
     if chromium is None:
         raise SystemExit("expected chromium on this machine")
     with tempfile.TemporaryDirectory() as folder, service(Path(folder)) as client, sync_playwright() as playwright:
-        evaluations = [evaluate(client, agent) for agent in AGENTS]
-        for one in evaluations:
-            wait_until(partial(finished, client, one), DRIVE_S)
+        with Client(str(client.base_url), client.headers["authorization"].removeprefix("Bearer ")) as submitter:
+            evaluations = [evaluate(submitter, agent) for agent in AGENTS]
+            for one in evaluations:
+                submitter.wait(one, DRIVE_S)
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
         page = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
         origin = str(client.base_url).rstrip("/")

@@ -29,13 +29,14 @@ PAGES = {
 
 
 @pytest.mark.parametrize("path", PAGES.values(), ids=PAGES)
-def test_every_page_is_drawn_silently_and_without_other_hosts_wide_and_at_360_px(visit: Visitor, path: str) -> None:
+def test_every_page_is_drawn_silently_and_without_other_hosts_at_any_width(visit: Visitor, path: str) -> None:
     one = visit()
     page = one.go(path)
     assert page.locator("main").get_attribute("data-state") == "ready"
     assert page.locator("h1").count() == 1
-    page.set_viewport_size({"width": 360, "height": 740})
-    page.wait_for_function("document.documentElement.scrollWidth <= 360")
+    for width in (1280, 1024, 760, 360):
+        page.set_viewport_size({"width": width, "height": 740})
+        page.wait_for_function(f"document.documentElement.scrollWidth <= {width}")
     assert one.complaints == []
     assert one.foreign == []
 
