@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+# Other processes may be writing compiled modules and kernels into the tree.
+UNFINISHED = shutil.ignore_patterns("*.pyc*", "*.tmp.*")
 COPIED = ("dohyo", "sumo_networks", "evaluation", "tests", "pyproject.toml", "CONTEXT.md")
 LINKED = ("agents", "service")
 BLOCK = re.compile(r"(?:^[^`\n]*`([^`\n]+)`:\n\n)?^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -60,7 +62,7 @@ def copy_tree(target: Path) -> None:
     """What a recipe may change, copied with its times, so that compiled kernels are found; the rest as links."""
     for name in COPIED:
         if (ROOT / name).is_dir():
-            shutil.copytree(ROOT / name, target / name, symlinks=True)
+            shutil.copytree(ROOT / name, target / name, symlinks=True, ignore=UNFINISHED)
         else:
             shutil.copy2(ROOT / name, target / name)
     for name in LINKED:
