@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from dohyo.evaluation.entry import load_entry
-from dohyo.evaluation.kinds import BenchmarkKind, OtherKindError, kind_for
+from dohyo.evaluation.families import Family, OtherFamilyError, family_for
 from dohyo.evaluation.settings import Schema, settings_schema
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
@@ -59,9 +59,9 @@ class AgentView(Config):
     entry: str
 
     @property
-    def kind(self) -> BenchmarkKind:
-        """Kind of benchmark that it is for."""
-        return kind_for(self.control)
+    def family(self) -> Family:
+        """Family of benchmarks that it is for."""
+        return family_for(self.control)
 
 
 def agent_schema(name: str) -> Schema:
@@ -117,7 +117,7 @@ def describe_agent(entry: str, settings: Mapping[str, Any], kind: Kind = "local"
     agent: Any
     try:
         agent = make_agent(entry, settings)
-    except OtherKindError:
+    except OtherFamilyError:
         agent = make_parking_agent(entry, settings)
     try:
         return agent_info(agent, entry, settings, kind)

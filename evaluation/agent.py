@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from dohyo.evaluation.entry import make_entry
-from dohyo.evaluation.kinds import check_kind
+from dohyo.evaluation.families import Family, check_family
 from dohyo.evaluation.records.record import AgentInfo, Kind
 from dohyo.evaluation.sources import source_files
 from dohyo.sumo_networks.ego.control import CONTROLS
@@ -83,7 +83,7 @@ def make_agent(entry: str, settings: Mapping[str, Any] | None = None) -> Agent:
 
     Raises:
         InvalidInputError: The module or class is missing, its constructor fails, or its spec is impossible.
-        OtherKindError: It does not drive cars.
+        OtherFamilyError: It does not drive cars.
         SettingsError: Settings are unknown, of another type, or out of range.
     """
     agent: Agent = make_entry(entry, "agent", settings or {})
@@ -136,7 +136,7 @@ def _check(agent: Agent, entry: str) -> None:
         spec = AgentSpec.model_validate(agent.spec, from_attributes=True)
     except ValidationError as error:
         raise InvalidInputError(f"agent '{entry}': spec: {error.errors()[0]['msg']}") from error
-    check_kind(spec.name, spec.control, "driving")
+    check_family(spec.name, spec.control, Family.DRIVING)
     make_sensors(spec.sensors, Track[spec.track.upper()])
     if spec.control not in CONTROLS:
         raise UnknownNameError("control", spec.control, CONTROLS)

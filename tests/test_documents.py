@@ -21,7 +21,8 @@ from dohyo.agents.registry import agent_entries
 from dohyo.agents.speed_planning.benchmark import NOBODY, PLANNER
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
-from dohyo.evaluation.benchmarks.documents import Family, benchmark_names, find_family
+from dohyo.evaluation.benchmarks.documents import benchmark_names, find_family
+from dohyo.evaluation.families import Family
 from dohyo.service.cli import app
 from dohyo.service.cli.lazy import LazyCommand
 from dohyo.service.policies.agent import NAME as ONNX

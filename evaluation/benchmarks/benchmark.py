@@ -7,9 +7,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from dohyo.evaluation.benchmarks.documents import Family, with_cells
+from dohyo.evaluation.benchmarks.documents import with_cells
 from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.benchmarks.loading import load
+from dohyo.evaluation.families import Family
 from dohyo.sumo_networks.events import Event
 from dohyo.sumo_networks.events.auto_events import EVERY_M
 from dohyo.sumo_networks.scenario import Config, Mission, Name, Scenario, Traffic, content_hash

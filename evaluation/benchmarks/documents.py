@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 import tomllib
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from dohyo.evaluation.families import Family
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 BENCHMARKS = Path(__file__).parent
 _OF_A_CELL = ("network", "traffic", "conditions", "events")
-
-
-class Family(StrEnum):
-    """Benchmarks that one kind of agent is evaluated on; the value is how messages name them."""
-
-    DRIVING = "driving"
-    FREEWAY = "the freeway"
-    PARKING = "parking"
 
 
 _FOLDERS = {Family.DRIVING: ".", Family.FREEWAY: "freeway", Family.PARKING: "parking"}
@@ -40,7 +32,7 @@ def benchmark_path(name: str, family: Family) -> Path:
     if name.endswith(".toml"):
         return Path(name)
     if name not in benchmark_names(family):
-        raise UnknownNameError(f"benchmark of {family}", name, benchmark_names(family))
+        raise UnknownNameError(f"benchmark of {family.label}", name, benchmark_names(family))
     return BENCHMARKS / _FOLDERS[family] / f"{name}.toml"
 
 

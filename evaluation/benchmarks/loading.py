@@ -7,7 +7,8 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from dohyo.evaluation.benchmarks.documents import Family, benchmark_path, family_of, read_document
+from dohyo.evaluation.benchmarks.documents import benchmark_path, family_of, read_document
+from dohyo.evaluation.families import Family
 from dohyo.sumo_networks.errors import InvalidInputError
 
 Model = TypeVar("Model")
@@ -29,7 +30,9 @@ def load(name: str, family: Family, validate: Callable[[dict[str, Any]], Model])
     document = read_document(path)
     found = family_of(document, str(path))
     if found is not family:
-        raise InvalidInputError(f"benchmark file '{path}': expected a benchmark of {family}, got one of {found}")
+        raise InvalidInputError(
+            f"benchmark file '{path}': expected a benchmark of {family.label}, got one of {found.label}"
+        )
     try:
         return validate(document)
     except ValidationError as error:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, TypeAdapter
 
-from dohyo.evaluation.benchmarks.documents import Family
 from dohyo.evaluation.benchmarks.loading import load
+from dohyo.evaluation.families import Family
 from dohyo.sumo_networks.config import Config, Name
 from dohyo.sumo_networks.networks.entries import user_catalog
 from dohyo.sumo_networks.scenario import content_hash

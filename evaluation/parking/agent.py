@@ -8,7 +8,7 @@ from typing import Any, Literal, Protocol
 from pydantic import ValidationError
 
 from dohyo.evaluation.entry import make_entry
-from dohyo.evaluation.kinds import PARKING_CONTROL, check_kind
+from dohyo.evaluation.families import PARKING_CONTROL, Family, check_family
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -75,7 +75,7 @@ def make_parking_agent(entry: str, settings: Mapping[str, Any] | None = None) ->
 
     Raises:
         InvalidInputError: The module or class is missing, its constructor fails, or it is no agent that parks.
-        OtherKindError: It drives cars.
+        OtherFamilyError: It drives cars.
         SettingsError: Settings are unknown, of another type, or out of range.
     """
     agent: ParkingAgent = make_entry(entry, "agent", settings or {})
@@ -84,7 +84,7 @@ def make_parking_agent(entry: str, settings: Mapping[str, Any] | None = None) ->
         where = "see dohyo.evaluation.parking.agent.ParkingAgent"
         raise InvalidInputError(f"agent '{entry}' has no {', '.join(missing)} ({where})")
     if not hasattr(agent.spec, "state"):
-        check_kind(str(getattr(agent.spec, "name", entry)), str(getattr(agent.spec, "control", "")), "parking")
+        check_family(str(getattr(agent.spec, "name", entry)), str(getattr(agent.spec, "control", "")), Family.PARKING)
         raise InvalidInputError(f"agent '{entry}' cannot park: expected a ParkingSpec, got {type(agent.spec).__name__}")
     try:
         ParkingSpec.model_validate(agent.spec, from_attributes=True)

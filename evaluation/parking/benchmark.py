@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
 from pydantic import Field
 
-from dohyo.evaluation.benchmarks.documents import Family
 from dohyo.evaluation.benchmarks.loading import load
+from dohyo.evaluation.families import Family
 from dohyo.sumo_networks.config import Config, Name
 from dohyo.sumo_networks.parking.limits import MAX_KARTS
 from dohyo.sumo_networks.scenario import content_hash

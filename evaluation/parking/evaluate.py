@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dohyo.evaluation.agent import agent_info
-from dohyo.evaluation.kinds import OtherKindError
+from dohyo.evaluation.families import OtherFamilyError
 from dohyo.evaluation.parking.agent import make_parking_agent
 from dohyo.evaluation.parking.benchmark import ParkingBenchmark
 from dohyo.evaluation.parking.drive import Drive
@@ -53,7 +53,7 @@ def evaluate_parking(
     chosen = list(benchmark.seeds if seeds is None else seeds)
     try:
         info = _info(entry, settings, kind)
-    except OtherKindError as error:
+    except OtherFamilyError as error:
         raise InvalidInputError(f"benchmark '{benchmark.name}': {error}") from error
     if (out / "evaluation.json").exists() or (out / "result.json").exists():
         raise InvalidInputError(f"'{out}' holds an evaluation on another kind of benchmark: choose another --out")

@@ -14,7 +14,7 @@ from dohyo.evaluation.benchmarks.part import select
 from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
 from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
 from dohyo.evaluation.episode.runner import versions
-from dohyo.evaluation.kinds import OtherKindError
+from dohyo.evaluation.families import OtherFamilyError
 from dohyo.evaluation.records.record import EpisodeRecord, Kind
 from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.running.executors import Executor, ProcessPool
@@ -86,7 +86,7 @@ def run_benchmark(
         benchmark = load_benchmark(benchmark)
     try:
         agent = make_agent(entry, settings)
-    except OtherKindError as error:
+    except OtherFamilyError as error:
         raise InvalidInputError(f"benchmark '{benchmark.name}': {error}") from error
     info = agent_info(agent, entry, settings, kind)
     agent.close()

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
-from dohyo.evaluation.benchmarks.documents import Family, benchmark_names
+from dohyo.evaluation.benchmarks.documents import benchmark_names
+from dohyo.evaluation.families import Family, OtherFamilyError, check_family
 from dohyo.evaluation.freeway.benchmark import TrafficBenchmark, load_freeway_benchmark
 from dohyo.evaluation.freeway.morning import MorningScenario
-from dohyo.evaluation.kinds import BenchmarkKind, OtherKindError, check_kind
 from dohyo.evaluation.parking.benchmark import LotScenario, ParkingBenchmark, load_parking_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.scenario import Scenario
@@ -18,26 +18,26 @@ AnyBenchmark = Benchmark | TrafficBenchmark | ParkingBenchmark
 AnyScenario = Scenario | MorningScenario | LotScenario
 
 
-def kind_of(benchmark: AnyBenchmark) -> BenchmarkKind:
-    """Kind of a benchmark."""
+def family_of(benchmark: AnyBenchmark) -> Family:
+    """Family of a benchmark."""
     match benchmark:
         case Benchmark():
-            return "driving"
+            return Family.DRIVING
         case ParkingBenchmark():
-            return "parking"
+            return Family.PARKING
         case TrafficBenchmark():
-            return "freeway"
+            return Family.FREEWAY
 
 
 def check_agent(info: Mapping[str, Any], benchmark: AnyBenchmark) -> None:
     """Checks that a submission is for a benchmark.
 
     Raises:
-        InvalidInputError: It is for another kind of benchmark.
+        InvalidInputError: It is for another family of benchmarks.
     """
     try:
-        check_kind(info["name"], info["control"], kind_of(benchmark))
-    except OtherKindError as error:
+        check_family(info["name"], info["control"], family_of(benchmark))
+    except OtherFamilyError as error:
         raise InvalidInputError(f"benchmark '{benchmark.name}': {error}") from error
 
 

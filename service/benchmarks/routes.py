@@ -7,6 +7,7 @@ from typing import Any
 from fastapi import APIRouter
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.families import Family
 from dohyo.evaluation.freeway.morning import MORNING
 from dohyo.evaluation.parking.benchmark import LOT, ParkingBenchmark
 from dohyo.service.accounts.access import Reader
@@ -51,15 +52,15 @@ def list_benchmark_versions(name: Name, caller: Reader, services: ServicesOf) ->
 def _view(benchmark: AnyBenchmark) -> BenchmarkView:
     if isinstance(benchmark, Benchmark):
         facts: dict[str, Any] = {
-            "kind": "driving",
+            "kind": Family.DRIVING,
             "rules": benchmark.rules,
             "networks": list(benchmark.networks),
             "cells": [cell.name for cell in benchmark.cells],
         }
     elif isinstance(benchmark, ParkingBenchmark):
-        facts = {"kind": "parking", "rules": None, "networks": [], "cells": [LOT]}
+        facts = {"kind": Family.PARKING, "rules": None, "networks": [], "cells": [LOT]}
     else:
-        facts = {"kind": "freeway", "rules": None, "networks": [benchmark.network], "cells": [MORNING]}
+        facts = {"kind": Family.FREEWAY, "rules": None, "networks": [benchmark.network], "cells": [MORNING]}
     return BenchmarkView(
         name=benchmark.name,
         version=benchmark.sha256,

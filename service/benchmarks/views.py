@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from dohyo.evaluation.benchmarks.headline import Headline
-from dohyo.evaluation.kinds import BenchmarkKind
+from dohyo.evaluation.families import Family
 from dohyo.service.web.views import Version, View
 
 
@@ -19,7 +19,7 @@ class BenchmarkView(View):
     version: Version
     description: str
     kind: Annotated[
-        BenchmarkKind,
+        Family,
         Field(
             description="driving: agents drive cars. parking: agents park karts. freeway: planners of connected cars "
             "smooth a morning's traffic."

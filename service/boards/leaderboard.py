@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from dohyo.evaluation.kinds import BenchmarkKind
+from dohyo.evaluation.families import Family
 from dohyo.evaluation.report.spreadsheet import csv_text
 from dohyo.evaluation.statistics import Estimate, significantly_below
 from dohyo.service.boards.model import Counts
@@ -169,9 +169,9 @@ _FIRST_BLOCK: Final = 8
 _LARGEST_BLOCK: Final = 512
 
 
-def columns_of(metric: str, kind: BenchmarkKind) -> tuple[str, ...]:
+def columns_of(metric: str, family: Family) -> tuple[str, ...]:
     """The scores that a leaderboard shows."""
-    if kind == "parking":
+    if family is Family.PARKING:
         return PARKING_SCORES
     if metric in MORNING_SCORES:
         return MORNING_SCORES
@@ -180,9 +180,9 @@ def columns_of(metric: str, kind: BenchmarkKind) -> tuple[str, ...]:
     return COLUMNS if metric in COLUMNS else (metric, *COLUMNS)
 
 
-def as_csv(rows: Sequence[Mapping[str, Any]], metric: str, kind: BenchmarkKind) -> str:
+def as_csv(rows: Sequence[Mapping[str, Any]], metric: str, family: Family) -> str:
     """The leaderboard as CSV: a line per row of its document, each score with the ends of its interval."""
-    columns = columns_of(metric, kind)
+    columns = columns_of(metric, family)
     header = ["rank", "team", "agent", "version", "owner", "kind", "verified", "baseline", "track", "evaluation"]
     header += ["runs", "thrown_away", "seeds", "drives"]
     lines: list[list[object]] = []

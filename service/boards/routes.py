@@ -10,7 +10,7 @@ from fastapi import APIRouter, Query, Response
 from sqlalchemy.orm import Session
 
 from dohyo.service.accounts.access import Caller, Reader
-from dohyo.service.benchmarks.catalog import AnyBenchmark, find_benchmark, kind_of
+from dohyo.service.benchmarks.catalog import AnyBenchmark, family_of, find_benchmark
 from dohyo.service.boards import queries as reading
 from dohyo.service.boards.board import rows_of
 from dohyo.service.boards.leaderboard import as_csv
@@ -113,7 +113,7 @@ def get_leaderboard_csv(
 ) -> Response:
     """The whole leaderboard as CSV."""
     board = _board(services, readers, caller, _Question(benchmark, version, track, ranking), None, None)
-    return Response(as_csv(board.rows, board.benchmark.headline, kind_of(board.benchmark)), media_type="text/csv")
+    return Response(as_csv(board.rows, board.benchmark.headline, family_of(board.benchmark)), media_type="text/csv")
 
 
 @router.get("/rankings/{identifier}")

@@ -24,7 +24,7 @@ import numpy as np
 from dohyo.evaluation.agent import Agent, agent_info, make_agent
 from dohyo.evaluation.episode.deadline import deadline
 from dohyo.evaluation.episode.guarded_agent import describe
-from dohyo.evaluation.kinds import PARKING_CONTROL, OtherKindError
+from dohyo.evaluation.families import PARKING_CONTROL, OtherFamilyError
 from dohyo.service.client.worker_session import (
     Drive,
     LeaseLostError,
@@ -100,7 +100,7 @@ class Driver:
     def _make(self) -> Agent:
         try:
             return make_agent(self.entry, self.settings)
-        except OtherKindError:
+        except OtherFamilyError:
             from dohyo.service.parking.worker_agent import Parker  # loads numba
 
             return Parker(self.entry, self.settings)

@@ -10,7 +10,8 @@ from typing import Any
 from sqlalchemy import BigInteger, ForeignKey, Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
-from dohyo.evaluation.kinds import BenchmarkKind
+from dohyo.evaluation.benchmarks.documents import family_of
+from dohyo.evaluation.families import Family
 from dohyo.service.boards.model import Ranking
 from dohyo.service.database.base import Base, now
 from dohyo.service.submissions.model import AgentKind, Submission
@@ -72,10 +73,9 @@ class BenchmarkVersion(Base):
     created: Mapped[datetime] = mapped_column(default=now)
 
     @property
-    def kind(self) -> BenchmarkKind:
+    def kind(self) -> Family:
         """Whether agents drive cars or park karts in it, or planners set the speeds of connected cars."""
-        kinds: dict[str | None, BenchmarkKind] = {"traffic": "freeway", "parking": "parking"}
-        return kinds.get(self.document.get("kind"), "driving")
+        return family_of(self.document, self.name)
 
 
 class Evaluation(Base):

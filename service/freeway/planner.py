@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from dohyo.evaluation.kinds import PLANNING_CONTROL
+from dohyo.evaluation.families import PLANNING_CONTROL
 from dohyo.sumo_networks.errors import InvalidInputError
 
 TRACK: Final = "privileged"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from gymnasium.spaces import Box
 
-from dohyo.evaluation.kinds import PARKING_CONTROL
+from dohyo.evaluation.families import PARKING_CONTROL
 from dohyo.sumo_networks.ego.control import InvalidActionError
 from dohyo.sumo_networks.errors import InvalidInputError
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from dohyo.evaluation.kinds import PARKING_CONTROL
+from dohyo.evaluation.families import PARKING_CONTROL
 from dohyo.evaluation.parking.agent import ParkingSpec
 from dohyo.service.parking.interface import INPUT, TRACK
 from dohyo.service.policies.agent import OnnxPolicy

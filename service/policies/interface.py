@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from dohyo.evaluation.agent import AgentSpec
-from dohyo.evaluation.kinds import PARKING_CONTROL
+from dohyo.evaluation.families import PARKING_CONTROL
 from dohyo.service.parking.interface import (
     ACTION_SHAPE,
     INPUT,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from dohyo.agents.registry import agent_entries
 from dohyo.evaluation.agent import AgentSpec, agent_info
-from dohyo.evaluation.kinds import kind_for
+from dohyo.evaluation.families import Family, family_for
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.confinement.limits import Limits
 from dohyo.service.confinement.runner import run
@@ -75,7 +75,7 @@ def _store(task: Task, kind: AgentKind, info: AgentInfo, policy_sha256: str | No
 
 
 def _policy(content: bytes, spec: AgentSpec, limits: PolicyLimits) -> OnnxPolicy | OnnxParker:
-    if kind_for(spec.control) != "parking":
+    if family_for(spec.control) is not Family.PARKING:
         return OnnxPolicy(content=content, **spec.model_dump(), limits=limits)
     check_parker(spec.track, spec.sensors)
     from dohyo.service.parking.policy import OnnxParker  # loads numba

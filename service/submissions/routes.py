@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from sqlalchemy.orm import Session
 
 from dohyo.evaluation.agent import AgentSpec
-from dohyo.evaluation.kinds import PARKING_CONTROL, PLANNING_CONTROL, kind_for
+from dohyo.evaluation.families import PARKING_CONTROL, PLANNING_CONTROL, Family, family_for
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.accounts.access import Caller, Reader, Submitter
 from dohyo.service.database.engine import serialise
@@ -216,12 +216,12 @@ def _remote(order: RemoteOrder, agent: str) -> AgentInfo:
 
 def _check_declared(track: TrackName, sensors: Sequence[str], control: str) -> None:
     """Checks sensors and control of a remote agent, by the kind of benchmark that it is for."""
-    match kind_for(control):
-        case "freeway":
+    match family_for(control):
+        case Family.FREEWAY:
             check_planner(track, sensors)
-        case "parking":
+        case Family.PARKING:
             check_parker(track, sensors)
-        case "driving":
+        case Family.DRIVING:
             make_sensors(sensors, Track[track.upper()])
             if control not in CONTROLS:
                 raise UnknownNameError("control", control, [*CONTROLS, PARKING_CONTROL, PLANNING_CONTROL])

@@ -17,14 +17,14 @@ def list_agents(json: Json = False) -> None:
     if json:
         print_json(
             [
-                {"name": name, "for": view.kind, **view.model_dump(mode="json"), "settings": agent_schema(name)}
+                {"name": name, "family": view.family, **view.model_dump(mode="json"), "settings": agent_schema(name)}
                 for name, view in views.items()
             ]
         )
         return
     print_rows(
-        ("name", "for", "track", "control", "sensors"),
-        [(name, view.kind, view.track, view.control, ", ".join(view.sensors)) for name, view in views.items()],
+        ("name", "family", "track", "control", "sensors"),
+        [(name, view.family, view.track, view.control, ", ".join(view.sensors)) for name, view in views.items()],
     )
 
 

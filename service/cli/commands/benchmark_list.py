@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from dohyo.evaluation.benchmarks.documents import (
-    Family,
     benchmark_names,
     benchmark_path,
     count_scenarios,
     read_document,
 )
 from dohyo.evaluation.benchmarks.headline import Headline
+from dohyo.evaluation.families import Family
 from dohyo.service.cli.output import Json, print_json, print_rows
 
 if TYPE_CHECKING:

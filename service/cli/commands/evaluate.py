@@ -14,8 +14,9 @@ from typing import Annotated, Any
 import typer
 
 from dohyo.agents.registry import kind_of, resolve_with
-from dohyo.evaluation.benchmarks.documents import Family, find_family
+from dohyo.evaluation.benchmarks.documents import find_family
 from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
+from dohyo.evaluation.families import Family
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.running.executors import Executor, ProcessPool

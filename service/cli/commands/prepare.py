@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
-from dohyo.evaluation.benchmarks.documents import Family, find_family
+from dohyo.evaluation.benchmarks.documents import find_family
 from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
+from dohyo.evaluation.families import Family
 from dohyo.service.cli.commands.freeway import prepare_days
 from dohyo.service.cli.output import console
 from dohyo.service.cli.progress import ProgressBar

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
-from dohyo.evaluation.benchmarks.documents import Family, benchmark_names, benchmark_path, find_family
+from dohyo.evaluation.benchmarks.documents import benchmark_names, benchmark_path, find_family
+from dohyo.evaluation.families import Family
 from dohyo.evaluation.freeway.benchmark import load_freeway_benchmark
 from dohyo.evaluation.parking.benchmark import load_parking_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
@@ -27,7 +28,9 @@ def test_a_family_is_found_by_name_and_by_file_and_loads_as_no_other(family: Fam
         assert find_family(name) is find_family(str(benchmark_path(name, family))) is family
     path = str(benchmark_path(benchmark_names(family)[0], family))
     for other in set(Family) - {family}:
-        with pytest.raises(InvalidInputError, match=f"expected a benchmark of {other}, got one of {family}"):
+        with pytest.raises(
+            InvalidInputError, match=f"expected a benchmark of {other.label}, got one of {family.label}"
+        ):
             LOAD[other](path)
 
 

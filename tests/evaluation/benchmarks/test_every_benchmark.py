@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, TimeLimit, load_benchmark
-from dohyo.evaluation.benchmarks.documents import Family, benchmark_names
+from dohyo.evaluation.benchmarks.documents import benchmark_names
+from dohyo.evaluation.families import Family
 from dohyo.evaluation.running.executors import ProcessPool
 from dohyo.evaluation.running.run import run_benchmark
 from dohyo.sumo_networks.scenario import Scenario

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from dohyo.evaluation.benchmarks.documents import Family, benchmark_names
+from dohyo.evaluation.benchmarks.documents import benchmark_names
+from dohyo.evaluation.families import Family
 from dohyo.evaluation.freeway.benchmark import (
     ForecastBenchmark,
     TrafficBenchmark,

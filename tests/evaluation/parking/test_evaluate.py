@@ -12,7 +12,8 @@ from typing import Any
 
 import pytest
 
-from dohyo.evaluation.benchmarks.documents import Family, benchmark_names
+from dohyo.evaluation.benchmarks.documents import benchmark_names
+from dohyo.evaluation.families import Family
 from dohyo.evaluation.parking import running
 from dohyo.evaluation.parking.benchmark import ParkingBenchmark, load_parking_benchmark
 from dohyo.evaluation.parking.evaluate import PAGE, drive_again, evaluate_parking

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dohyo.evaluation.families import Family
 from dohyo.evaluation.records.specifications import Status
 from dohyo.service.boards.board import compare_places
 from dohyo.service.boards.leaderboard import COLUMNS, Contender, Entry, Ranks, as_csv, places_of
@@ -163,7 +164,7 @@ def test_a_benchmark_may_rank_by_success() -> None:
 def test_csv_parses_back() -> None:
     entries = [entry("=cmd()", drives([50.0, 60.0])), entry('b "x", y', drives([10.0, 20.0]))]
     rows = [row(one, index) for index, one in enumerate(entries)]
-    table = list(csv.DictReader(io.StringIO(as_csv(rows, "driving_score", "driving"))))
+    table = list(csv.DictReader(io.StringIO(as_csv(rows, "driving_score", Family.DRIVING))))
     assert [line["agent"] for line in table] == ["'=cmd()", 'b "x", y']
     for line, one in zip(table, rows, strict=True):
         for name in COLUMNS:
@@ -195,7 +196,7 @@ def test_a_closed_loop_benchmark_ranks_by_that_score_alone() -> None:
     entries = [entry("far", [closed_loop(50.0, 900.0)]), entry("near", [closed_loop(75.0, 100.0)])]
     assert [name for _, name in ranked(entries, "closed_loop")] == ["near", "far"]
     assert [name for _, name in ranked(entries, "driving_score")] == ["far", "near"]
-    header = as_csv([row(one, 0) for one in entries], "closed_loop", "driving").splitlines()[0].split(",")
+    header = as_csv([row(one, 0) for one in entries], "closed_loop", Family.DRIVING).splitlines()[0].split(",")
     assert {"closed_loop", "closed_loop_low", "no_collision", "comfort_high", "driving_score"} <= set(header)
 
 

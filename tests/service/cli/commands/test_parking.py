@@ -53,7 +53,7 @@ def test_the_registered_agents_park_and_are_verified_without_trust(
         assert dohyo(monkeypatch, "verify", tmp_path / name / "records.jsonl") == 0
         assert "same: all 2 lots" in capsys.readouterr().out
     assert dohyo(monkeypatch, "agents", "list", "--json") == 0
-    listed = {one["name"]: one["for"] for one in json.loads(capsys.readouterr().out)}
+    listed = {one["name"]: one["family"] for one in json.loads(capsys.readouterr().out)}
     assert (listed["parking"], listed["parking-expert"], listed["idm"]) == ("parking", "parking", "driving")
 
 
