@@ -10,60 +10,38 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain, repeat
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
+from typing import TYPE_CHECKING, Any
 
-from sqlalchemy.exc import OperationalError, SQLAlchemyError
+from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
-from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.records.specifications import Status
-from dohyo.service.accounts.model import Token
-from dohyo.service.accounts.queries import is_valid
-from dohyo.service.benchmarks.catalog import AnyScenario, read_benchmark
-from dohyo.service.episodes.archive import (
-    Record,
-    discard,
-    ensure_archived,
-    lost_because,
-    record_size,
-    shelve,
-    staged_folder,
-)
-from dohyo.service.evaluations.model import AttemptOutcome
 from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.process import End, EpisodeProcess, Outcome
 from dohyo.service.scheduling import queue
-from dohyo.service.scheduling.attempts import CHARGED_ATTEMPTS, AttemptEnd
-from dohyo.service.scheduling.queue import Next, Progress, Ticket, Waiting
+from dohyo.service.scheduling.attempts import CHARGED_ATTEMPTS
+from dohyo.service.scheduling.dismissal import dismiss_workers
+from dohyo.service.scheduling.orders import Orders
+from dohyo.service.scheduling.patience import PatientDatabase
+from dohyo.service.scheduling.queue import Next, Ticket, Waiting
+from dohyo.service.scheduling.recovery import recover
+from dohyo.service.scheduling.results import OUTCOMES, Results
 from dohyo.service.scheduling.turns import Turns
 from dohyo.service.settings import Settings
 from dohyo.service.storage.usage import check_bytes
 from dohyo.service.submissions.model import AgentKind
-from dohyo.service.wire.messages import Format, encode
 from dohyo.service.workers.lease import RemoteEpisode
 from dohyo.service.workers.leases import SWEEP_S, LeaseBook
-from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.sumo_networks.errors import DohyoError
 
 if TYPE_CHECKING:
     from dohyo.service.database.engine import Database
     from dohyo.service.state import Broadcast
 
 LOOK_S = 2.0  # longest time between two looks at the queue
-RETRY_S = (0.5, 1.0, 2.0, 5.0, 10.0)
-T = TypeVar("T")
-OUTCOMES = {
-    End.FAILED: AttemptOutcome.SIMULATION,
-    End.DIED: AttemptOutcome.MACHINE,
-    End.WORKER_GONE: AttemptOutcome.WORKER_GONE,
-    End.GIVEN_BACK: AttemptOutcome.GIVEN_BACK,
-    End.UNCLAIMED: AttemptOutcome.UNCLAIMED,
-}
-DRAINED = AttemptEnd(AttemptOutcome.DRAINED)
+RETRY_S = 1.0  # pause after a look that failed
 USED_UP = f"the worker left the episode in {CHARGED_ATTEMPTS} attempts"
 
 logger = logging.getLogger("dohyo.scheduler")
@@ -102,12 +80,12 @@ class Scheduler:
         """Creates the scheduler; `start` starts it."""
         self.leases = LeaseBook(settings.lease_ttl_s)
         self.leases.fresh = self.wake
-        self._settings, self._database, self._events = settings, database, events
+        self._settings, self._database, self._orders = settings, PatientDatabase(database), Orders(settings)
+        self._results = Results(settings, self._database, events, self._orders)
         self._cluster = settings.ray_address if settings.executor == "ray" else None
         self._live: dict[str, Live] = {}
         self._idle: list[EpisodeProcess] = []
         self._turns = Turns()
-        self._scenarios: dict[str, Sequence[AnyScenario]] = {}
         self._woken = asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
         self._draining = self._stopped = False
@@ -117,8 +95,9 @@ class Scheduler:
 
     async def start(self) -> None:
         """Recovers what an earlier service left unfinished, then starts."""
-        await self._recover()
-        self._tasks = [asyncio.create_task(one) for one in (self._serve(), self._sweep(), self._dismiss())]
+        await recover(self._database, self._orders, self._results)
+        always = (self._serve(), self._sweep(), dismiss_workers(self._database, self.leases))
+        self._tasks = [asyncio.create_task(one) for one in always]
 
     def wake(self) -> None:
         """Schedules a look at the queue: an evaluation was created or resumed, or a worker waits."""
@@ -143,7 +122,7 @@ class Scheduler:
         if self._stopped:
             return
         await self.drain()
-        self._stopped = True
+        self._stopped = self._database.stopped = True
         for task in [*self._tasks, *(live.task for live in self._live.values() if live.task is not None)]:
             task.cancel()
         tasks = [live.task for live in self._live.values() if live.task is not None]
@@ -157,10 +136,12 @@ class Scheduler:
         An attempt that a worker drives counts against the submission: a cancelled drive is no free second try.
         """
         driven = self._driven()
-        progress = await self._transaction(lambda session: queue.cancel(session, evaluation_id, driven), patient=False)
+        progress = await self._database.change(
+            lambda session: queue.cancel(session, evaluation_id, driven), patient=False
+        )
         self._abort(evaluation_id)
         if progress is not None:
-            await self._tell(progress)
+            await self._results.tell(progress)
 
     def snapshot(self) -> dict[str, Any]:
         """Counts of running and waiting episodes, workers and leases."""
@@ -186,7 +167,7 @@ class Scheduler:
                     live.task = asyncio.create_task(self._drive(live))
             except (SQLAlchemyError, OSError) as error:
                 logger.warning("the queue cannot be read: %s", error)
-                await asyncio.sleep(RETRY_S[1])
+                await asyncio.sleep(RETRY_S)
             try:
                 await asyncio.wait_for(self._woken.wait(), LOOK_S)
             except TimeoutError:
@@ -194,16 +175,14 @@ class Scheduler:
 
     async def _take(self) -> Ticket | None:
         """The next episode for a free process or worker."""
-        candidates, self._queued = await asyncio.to_thread(self._look)
+        candidates, self._queued = await self._database.read(
+            lambda session: (queue.waiting(session), queue.queued_count(session)), patient=False
+        )
         can_start = [one for one in candidates if self._has_room(one)]
         if not can_start:
             return None
         chosen = self._turns.next(can_start)
-        return await self._transaction(lambda session: queue.take(session, chosen))
-
-    def _look(self) -> tuple[list[Waiting], int]:
-        with self._database.reading() as session:
-            return queue.waiting(session), queue.queued_count(session)
+        return await self._database.change(lambda session: queue.take(session, chosen))
 
     def _has_room(self, one: Waiting) -> bool:
         """Whether a process is free for an evaluation, and a worker wants it.
@@ -233,10 +212,11 @@ class Scheduler:
             await self._drive_to_an_end(live)
         except asyncio.CancelledError:
             # Cancelled with its evaluation or by our shutdown; only in the second case does it still count as running.
-            await self._requeue(ticket, DRAINED)
+            await self._results.requeue(ticket)
         except Exception:  # an internal error must not leave the episode running for ever
             logger.exception("episode %s", ticket.episode_id)
-            await self._give_up(live, Outcome(End.FAILED, "an error of the service; its log tells more"))
+            failed = Outcome(End.FAILED, "an error of the service; its log tells more")
+            await self._results.give_up(ticket, failed, live.processor_s)
         finally:
             del self._live[ticket.episode_id]
             # An agent that sleeps holds a process, and one with many threads uses more than one processor.
@@ -245,52 +225,31 @@ class Scheduler:
 
     async def _drive_to_an_end(self, live: Live) -> None:
         ticket = live.ticket
-        self._publish(ticket, "running")
+        self._results.publish(ticket, "running")
         try:
-            await self._patiently(partial(self._check_bytes, ticket))
-            order = await asyncio.to_thread(self._order, ticket)
+            await self._database.read(partial(self._check_bytes, ticket.waiting.owner))
+            order = await asyncio.to_thread(self._orders.make, ticket)
         except DohyoError as error:
             await self._fail(ticket, str(error))
             return
         outcome = Outcome(End.HUNG, USED_UP) if ticket.used_up else await self._in_process(order, live)
         if outcome.end in OUTCOMES:
-            if await self._give_up(live, outcome) is not Next.AGENT_FAULT:
+            if await self._results.give_up(ticket, outcome, live.processor_s) is not Next.AGENT_FAULT:
                 return
             outcome = Outcome(End.HUNG, f"{USED_UP}; the last: {outcome.text}")
         if outcome.end is End.HUNG:
             verdict = (Status.AGENT_DEADLINE, outcome.text)
             outcome = await self._in_process(order.model_copy(update={"verdict": verdict, "remote": False}), live)
         if outcome.end is End.FINISHED:
-            outcome = await self._keep(live, order)
+            outcome = await self._results.keep(ticket, order, live.processor_s)
         if outcome.end is End.IMPOSSIBLE:
             await self._fail(ticket, outcome.text)
         elif outcome.end is not End.FINISHED:
-            await self._give_up(live, outcome)
+            await self._results.give_up(ticket, outcome, live.processor_s)
 
-    def _check_bytes(self, ticket: Ticket) -> None:
+    def _check_bytes(self, owner: str, session: Session) -> None:
         """An evaluation whose owner keeps too much fails; it can be resumed after a deletion."""
-        with self._database.reading() as session:
-            check_bytes(session, ticket.waiting.owner, self._settings.bytes_per_owner)
-
-    def _order(self, ticket: Ticket) -> EpisodeOrder:
-        scenarios = self._scenarios.get(ticket.evaluation_id)
-        if scenarios is None:
-            scenarios = read_benchmark(ticket.document).scenarios(ticket.seeds)
-            self._scenarios[ticket.evaluation_id] = scenarios
-        order = EpisodeOrder(
-            scenario=scenarios[ticket.position],
-            info=AgentInfo.model_validate(ticket.info),
-            benchmark=ticket.benchmark,
-            directory=staged_folder(self._settings, ticket.evaluation_id).resolve(),
-            stem=ticket.stem,
-            act_deadline_s=ticket.act_deadline_s,
-            remote=ticket.waiting.kind is AgentKind.REMOTE,
-            slow_policy=cast(Literal["wait", "realtime"], ticket.slow_policy),
-            agent_seed=ticket.agent_seed,
-        )
-        if order.remote:
-            encode(order.told(ticket.waiting.version), Format.MSGPACK)  # refuses what no worker could ever be told
-        return order
+        check_bytes(session, owner, self._settings.bytes_per_owner)
 
     async def _in_process(self, order: EpisodeOrder, live: Live) -> Outcome:
         """Drives an order in a process, which is then kept for the next one."""
@@ -326,61 +285,13 @@ class Scheduler:
         await process.start()
         return process
 
-    # Results
-
-    async def _keep(self, live: Live, order: EpisodeOrder) -> Outcome:
-        """Archives a finished record; an infrastructure fault is not a result."""
-        ticket = live.ticket
-        staged = order.directory / f"{order.stem}.json"
-        try:
-            record = await asyncio.to_thread(shelve, self._settings, staged, order.scenario)
-        except InvalidInputError as error:
-            return Outcome(End.FAILED, str(error))
-        except OSError as error:
-            return Outcome(End.FAILED, f"the record cannot be kept: {error}")
-        lost = lost_because(record)
-        if lost is None:
-            await self._remember(live, staged, record)
-        await asyncio.to_thread(discard, self._settings, ticket.evaluation_id, ticket.stem)
-        return Outcome(End.FINISHED) if lost is None else Outcome(End.FAILED, lost)
-
-    async def _remember(self, live: Live, staged: Path, record: Record) -> None:
-        from dohyo.service.evaluations.scoring import is_agent_fault, summary_at
-
-        ticket, failed = live.ticket, is_agent_fault(record)
-        ended = AttemptEnd(AttemptOutcome.AGENT_FAILED if failed else AttemptOutcome.DONE, processor_s=live.processor_s)
-        summary = await asyncio.to_thread(summary_at, staged, record, ticket.document.get("rules", "2.0"))
-        kept = await asyncio.to_thread(record_size, staged)
-        progress = await self._transaction(
-            lambda session: queue.finish(session, ticket, record.record_hash, summary, ended, kept)
-        )
-        await asyncio.to_thread(ensure_archived, self._settings, staged, record)
-        await self._tell(progress, ticket, "done")
-
-    async def _give_up(self, live: Live, outcome: Outcome) -> Next:
-        """Ends an attempt without a record, and does what follows from the attempts so far."""
-        ticket, why = live.ticket, outcome.text
-        ended = AttemptEnd(OUTCOMES.get(outcome.end, AttemptOutcome.SIMULATION), why, live.processor_s)
-        logger.warning("episode %s, attempt %d, %s: %s", ticket.episode_id, ticket.attempt, ended.outcome, why)
-        deaths = self._settings.process_deaths
-        what_next, progress = await self._transaction(lambda session: queue.give_up(session, ticket, ended, deaths))
-        if what_next is Next.AGAIN:
-            self._publish(ticket, "queued")
-        elif what_next is Next.LOST:
-            logger.error("episode %s is lost: %s", ticket.episode_id, why)
-            await self._tell(progress, ticket, "lost")
-        return what_next
-
-    async def _requeue(self, ticket: Ticket, ended: AttemptEnd) -> None:
-        await self._transaction(lambda session: queue.requeue(session, ticket.episode_id, ended))
-
     async def _fail(self, ticket: Ticket, why: str) -> None:
         """Fails an evaluation that cannot be driven, such as one whose owner has filled the disk to end bad drives."""
         logger.warning("evaluation %s cannot be driven: %s", ticket.evaluation_id, why)
         driven = self._driven()
-        progress = await self._transaction(lambda session: queue.fail(session, ticket, why, driven))
+        progress = await self._database.change(lambda session: queue.fail(session, ticket, why, driven))
         self._abort(ticket.evaluation_id, but=ticket.episode_id)
-        await self._tell(progress, ticket, "cancelled")
+        await self._results.tell(progress, ticket, "cancelled")
 
     def _driven(self) -> list[str]:
         """Identifiers of episodes in which a worker has made a step."""
@@ -390,87 +301,6 @@ class Scheduler:
         for live in self._live.values():
             if live.ticket.evaluation_id == evaluation_id and live.ticket.episode_id != but and live.task is not None:
                 live.task.cancel()
-
-    def _publish(self, ticket: Ticket, status: str, progress: Progress | None = None) -> None:
-        data: dict[str, Any] = {"episode": ticket.episode_id, "status": status}
-        if ticket.waiting.kind is AgentKind.REMOTE and status != "done":
-            del data["episode"]  # a worker would learn which scenario it drives
-        if progress is not None:
-            data |= {"done": progress.done, "total": progress.total}
-        self._events.publish(f"evaluation:{ticket.evaluation_id}", data)
-
-    async def _tell(self, progress: Progress | None, ticket: Ticket | None = None, status: str = "") -> None:
-        """Publishes the progress; removes the staging of an ended evaluation."""
-        if progress is None:
-            return
-        if ticket is not None:
-            self._publish(ticket, status, progress)
-        if not progress.ended:
-            return
-        data = {"evaluation": progress.evaluation_id, "status": progress.status.value}
-        counts = {"done": progress.done, "total": progress.total}
-        self._events.publish(f"evaluation:{progress.evaluation_id}", data | counts)
-        self._events.publish("evaluations", data)
-        self._scenarios.pop(progress.evaluation_id, None)
-        await asyncio.to_thread(discard, self._settings, progress.evaluation_id)
-
-    async def _transaction(self, change: Callable[[Session], T], patient: bool = True) -> T:
-        """Changes the database."""
-
-        def once() -> T:
-            with self._database.session() as session:
-                return change(session)
-
-        return await self._patiently(once, patient)
-
-    async def _patiently(self, once: Callable[[], T], patient: bool = True) -> T:
-        """Uses the database; repeats while it is locked, full, or unreachable, until the service stops."""
-        for pause in chain(RETRY_S, repeat(RETRY_S[-1])):
-            try:
-                return await asyncio.to_thread(once)
-            except (OperationalError, OSError) as error:
-                if self._stopped or not patient:
-                    raise
-                logger.warning("the database refuses, trying again: %s", error)
-                await asyncio.sleep(pause)
-        raise AssertionError("unreachable: the pauses never end")
-
-    async def _recover(self) -> None:
-        """Archives complete records that an earlier service left in staging; queues other running episodes again."""
-        for ticket in await asyncio.to_thread(self._left):
-            try:
-                order = await asyncio.to_thread(self._order, ticket)
-                kept = await self._keep(Live(ticket), order)
-            except DohyoError as error:
-                kept = Outcome(End.FAILED, str(error))
-            if kept.end is not End.FINISHED:
-                await self._requeue(ticket, DRAINED)
-        for evaluation_id in await asyncio.to_thread(self._unfinished):
-            await self._tell(await self._transaction(partial(queue.settle, evaluation_id=evaluation_id)))
-
-    def _left(self) -> list[Ticket]:
-        with self._database.reading() as session:
-            return queue.running(session)
-
-    def _unfinished(self) -> list[str]:
-        with self._database.reading() as session:
-            return queue.unfinished(session)
-
-    async def _dismiss(self) -> None:
-        """Ends the work of workers whose API token was revoked or has expired, wherever that was done."""
-        while True:
-            await asyncio.sleep(LOOK_S)
-            held = self.leases.token_ids()
-            try:
-                for token_id in await asyncio.to_thread(self._invalid, held) if held else ():
-                    logger.warning("workers of token %s are dismissed: it is no longer valid", token_id)
-                    self.leases.dismiss(token_id)
-            except (SQLAlchemyError, OSError) as error:
-                logger.warning("the tokens of workers cannot be checked: %s", error)
-
-    def _invalid(self, token_ids: set[str]) -> list[str]:
-        with self._database.reading() as session:
-            return [one for one in token_ids if not is_valid(session.get(Token, one))]
 
     async def _sweep(self) -> None:
         while True:

@@ -26,7 +26,7 @@ from sqlalchemy.orm import Session
 from dohyo.service.database.engine import Database
 from dohyo.service.episodes.archive import archived_path
 from dohyo.service.evaluations.model import Episode, EpisodeStatus, EvaluationStatus
-from dohyo.service.scheduling import scheduler as scheduling
+from dohyo.service.scheduling import patience, queue, results, scheduler
 from dohyo.service.scheduling.queue import Ticket
 from dohyo.service.scheduling.scheduler import Scheduler
 from dohyo.service.state import Broadcast
@@ -103,11 +103,12 @@ def test_a_locked_database_delays_a_start_and_a_result_and_loses_none(
     shop: Service, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """The lock comes before the episode's first query, and again between its drive and the storing of its result."""
-    monkeypatch.setattr(scheduling, "RETRY_S", (0.1,))
-    reads = () if shop.database.is_sqlite else ("check_bytes",)  # SQLite's readers wait for nobody
-    stops = {step: Stop(getattr(scheduling, step)) for step in (*reads, "shelve")}
-    for step, stop in stops.items():
-        monkeypatch.setattr(scheduling, step, stop)
+    monkeypatch.setattr(patience, "RETRY_S", (0.1,))
+    reads = [] if shop.database.is_sqlite else [(scheduler, "check_bytes")]  # SQLite's readers wait for nobody
+    stops = []
+    for module, step in (*reads, (results, "shelve")):
+        stops.append(Stop(getattr(module, step)))
+        monkeypatch.setattr(module, step, stops[-1])
     evaluation = submit(shop, "steady")
 
     def refused() -> int:
@@ -115,7 +116,7 @@ def test_a_locked_database_delays_a_start_and_a_result_and_loses_none(
 
     async def main() -> None:
         async with scheduled(shop):
-            for stop in stops.values():
+            for stop in stops:
                 await until(stop.reached.is_set)
                 caplog.clear()
                 with locked(shop):
@@ -134,14 +135,14 @@ def test_a_record_that_a_deletion_removes_as_it_is_stored_is_archived_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An evaluation with the same record may be deleted between the two."""
-    shop, real = Service(tmp_path / "data", processes=1), scheduling.queue.finish
+    shop, real = Service(tmp_path / "data", processes=1), queue.finish
 
     def finish(session: Session, ticket: Ticket, record_hash: str, *rest: Any) -> Any:
         for file in archived_path(shop.settings, record_hash).parent.glob(f"{record_hash}.*"):
             file.unlink()
         return real(session, ticket, record_hash, *rest)
 
-    monkeypatch.setattr(scheduling.queue, "finish", finish)
+    monkeypatch.setattr(queue, "finish", finish)
     evaluation = submit(shop, "steady")
 
     async def main() -> None:

@@ -1,0 +1,38 @@
+"""Dismissal of workers whose API token was revoked or has expired, by any process."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from typing import Final
+
+from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
+
+from dohyo.service.accounts.model import Token
+from dohyo.service.accounts.queries import is_valid
+from dohyo.service.scheduling.patience import PatientDatabase
+from dohyo.service.workers.leases import LeaseBook
+
+EVERY_S: Final = 2.0
+
+logger = logging.getLogger("dohyo.scheduler")
+
+
+async def dismiss_workers(database: PatientDatabase, leases: LeaseBook) -> None:
+    """Ends the work of workers without a valid token, until it is cancelled."""
+    while True:
+        await asyncio.sleep(EVERY_S)
+        held = leases.token_ids()
+        if not held:
+            continue
+
+        def invalid(session: Session, held: set[str] = held) -> list[str]:
+            return [one for one in held if not is_valid(session.get(Token, one))]
+
+        try:
+            for token_id in await database.read(invalid, patient=False):
+                logger.warning("workers of token %s are dismissed: it is no longer valid", token_id)
+                leases.dismiss(token_id)
+        except (SQLAlchemyError, OSError) as error:
+            logger.warning("the tokens of workers cannot be checked: %s", error)
