@@ -226,7 +226,7 @@ def test_who_stands_may_choose_any_acceleration() -> None:
 
 @pytest.mark.parametrize("prior", ["crafted", "none"])
 def test_the_only_safe_plan_is_found(prior: str) -> None:
-    """A wall across the whole road 40 m ahead at 9 m/s: whoever does not brake hits it."""
+    """A wall across the whole road 40 m ahead at 9 m/s: a car that does not brake hits it."""
     road = straight(cars=[(40.0, y, 0.0) for y in (-4.0, -2.0, 0.0, 2.0, 4.0)])
     given = rules(Settings(prior=prior, crafted="limit", predictor="constant_velocity"))
     tree, _ = searched(road, given, 9.0, 2048)

@@ -50,7 +50,7 @@ def test_nobody_leaves_before_the_entry() -> None:
 
 @given(st.integers(0, 10_000), st.floats(0, 1), st.floats(0, 1))
 def test_penetration_and_probes_change_nothing_but_who_is_connected(seed: int, linked: float, probes: float) -> None:
-    """Arms of an experiment are paired: the same people drive, whoever of them can be commanded."""
+    """Arms of an experiment are paired: the same people drive, and only the set that can be commanded differs."""
     plain = draw_demand(ROAD, FreewayScenario(seed=seed, duration_s=300))
     other = draw_demand(ROAD, FreewayScenario(seed=seed, duration_s=300, penetration=linked, probes=probes))
     for column in ("time_s", "entry", "exit"):

@@ -1,4 +1,4 @@
-"""Flows: who comes, when, where; what cannot come is refused; and whoever has none notices nothing."""
+"""Flows: who comes, when, where; what cannot come is refused; and traffic without flows is as before."""
 
 from __future__ import annotations
 
