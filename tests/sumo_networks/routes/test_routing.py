@@ -152,7 +152,7 @@ def test_junctions_come_in_order_at_the_ends_of_their_lanes(city: str) -> None:
             assert passage.control == connections.control[passage.connection]
         for one, following in pairwise(route.passages):
             assert one.exit <= following.entry + 1e-6
-    # A car that stops by the route stops at the line; only where the net has a kink the smooth path passes it elsewhere.
+    # A car that stops by the route stops at the line; only at a kink of the net the smooth path passes it elsewhere.
     assert np.quantile(np.abs(ahead_of_line), 0.98) < 0.25
     assert np.abs(ahead_of_line).max() < 1.5
 
