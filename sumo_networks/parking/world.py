@@ -15,7 +15,7 @@ from dohyo.sumo_networks.parking import kart, kernel
 from dohyo.sumo_networks.parking.generate import Scene, draw
 from dohyo.sumo_networks.parking.limits import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS
 from dohyo.sumo_networks.parking.lot import Lot
-from dohyo.sumo_networks.parking.observation import COLUMNS
+from dohyo.sumo_networks.parking.observation import COLUMNS, observe
 from dohyo.sumo_networks.parking.rows import LotView, describe, write_lot
 from dohyo.sumo_networks.parking.rules import (
     ALIGNED_ANGLE_RAD,
@@ -24,7 +24,6 @@ from dohyo.sumo_networks.parking.rules import (
     Outcome,
     Rules,
 )
-from dohyo.sumo_networks.parking.sight import observe
 from dohyo.sumo_networks.parking.tables import (
     BOXES,
     ENDED,

@@ -11,6 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from dohyo.evaluation.freeway.morning import MorningsManifest, parse_mornings_manifest
 from dohyo.evaluation.parking.lot_files import LotsManifest, parse_lots_manifest
+from dohyo.evaluation.parking.result import MEASURES
 from dohyo.evaluation.records.foreign_files import check_file_name
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.running.manifest import MANIFEST, RECORDS, Manifest, parse_manifest
@@ -27,7 +28,7 @@ Server = Annotated[str, typer.Option(envvar="DOHYO_SERVER", help="Address of the
 Token = Annotated[str | None, typer.Option(envvar="DOHYO_TOKEN", help="Access token.")]
 Which = Annotated[str, typer.Argument(help="Identifier, from `dohyo evaluations list`.", metavar="EVALUATION")]
 LOCAL = "http://127.0.0.1:8000"
-TITLES = SCORES | {"closed_loop": "closed loop %"}
+TITLES = {one.key: f"{one.title} {one.unit}" for one in MEASURES} | SCORES | {"closed_loop": "closed loop %"}
 NOT_DONE = 1
 
 
@@ -211,7 +212,8 @@ def _print_scores(state: EvaluationView, metrics: MetricsView) -> None:
     whole = metrics["all"]
     scores = {name: title for name, title in TITLES.items() if name in whole["scores"]}
     print_rows(("score", "mean [95 %]"), [(title, _estimate(whole["scores"][name])) for name, title in scores.items()])
-    console.print(f"{whole['drives']} drives, {number(whole['km'])} km; {state['id']}", highlight=False)
+    driven = f", {number(whole['km'])} km" if whole["km"] else ""  # lots have no routes
+    console.print(f"{whole['drives']} drives{driven}; {state['id']}", highlight=False)
     if state["failure"]:
         console.print(state["failure"])
 

@@ -43,11 +43,16 @@ function remaining(seconds) {
 /** A period in words, such as `24 h`. */
 export const period = (s) => (s >= 3600 ? `${Number((s / 3600).toPrecision(3))} h` : `${Number((s / 60).toPrecision(3))} min`);
 
+const MOST_LISTED = 20;
+
+/** Seeds, of many only the first and the last. */
+const listed = (seeds) => (seeds.length > MOST_LISTED ? `${seeds.length}, ${seeds[0]} to ${seeds.at(-1)}` : seeds.join(", "));
+
 /** The conditions of a phase as facts. */
 export function conditions(phase) {
   return [
     ["benchmark", h("a", { href: `/?benchmark=${encodeURIComponent(phase.benchmark)}` }, phase.benchmark)],
-    ["seeds", phase.seeds ? phase.seeds.join(", ") : `${phase.seed_count}, secret until ${moment(phase.ends)}`],
+    ["seeds", phase.seeds ? listed(phase.seeds) : `${phase.seed_count}, secret until ${moment(phase.ends)}`],
     ["ranked runs", `${phase.runs_per_period} per ${period(phase.period_s)} and team`],
     ["place", phase.counts === "best" ? "the best complete run" : "the run ordered first, once complete"],
     ["opens", moment(phase.opens)],

@@ -4,7 +4,7 @@ import { get, getAll, page } from "../api.js";
 import { columnsOf, kindsOn } from "../board.js";
 import { byId, fill, h, mark } from "../dom.js";
 import { short } from "../format.js";
-import { startCommand } from "../start.js";
+import { firstAgent, startCommand } from "../start.js";
 import { colours } from "../subject.js";
 import { copyButton, table } from "../table.js";
 import { label, words } from "../words.js";
@@ -36,7 +36,7 @@ page(async () => {
           h("div", { class: "panel wide" }, table(columns, rows, { name: "board", caption: `Leaderboard of ${name}` })),
           notes(board, rows, asked),
         ]
-      : empty(name, query.get("track")),
+      : empty(name, benchmark?.kind, query.get("track")),
   );
 });
 
@@ -132,13 +132,13 @@ function notes(board, rows, asked) {
   );
 }
 
-function empty(name, track) {
+function empty(name, kind, track) {
   return h(
     "section",
     { class: "state" },
     h("h2", {}, track ? `No agent on the ${track} track yet` : `No finished evaluation of ${name} yet`),
-    h("p", {}, "These commands evaluate the built-in autopilot, which takes a few minutes:"),
-    startCommand(name),
+    h("p", {}, `These commands evaluate the built-in agent ${firstAgent(kind)}, which takes a few minutes:`),
+    startCommand(name, kind),
     h(
       "p",
       { class: "quiet" },
