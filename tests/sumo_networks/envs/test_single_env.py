@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
-from typing import Any
+from pathlib import Path
+from types import ModuleType
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import RecordVideo
 
 from dohyo.sumo_networks.envs.single_env import SingleDrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
@@ -83,6 +87,38 @@ def test_it_draws_what_is_around_the_ego(env: SingleDrivingEnv) -> None:
     assert frame is not None
     assert (frame.shape, frame.dtype, env.metadata["render_fps"]) == ((480, 480, 3), np.uint8, 10)
     assert SingleDrivingEnv(FIRST).render() is None
+
+
+class Clip:
+    """A stand-in for moviepy's clip: it keeps what would be written into the file."""
+
+    written: ClassVar[dict[str, tuple[int, float]]] = {}
+
+    def __init__(self, frames: list[np.ndarray[Any, Any]], fps: float) -> None:
+        assert {frame.shape for frame in frames} == {(480, 480, 3)}
+        self._frames, self._fps = len(frames), fps
+
+    def write_videofile(self, path: str, logger: object) -> None:
+        Clip.written[Path(path).name] = self._frames, self._fps
+
+
+def test_gymnasiums_recorder_takes_every_frame_of_an_episode_also_the_last(
+    env: SingleDrivingEnv, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package, module = ModuleType("moviepy"), ModuleType("moviepy.video.io.ImageSequenceClip")
+    module.ImageSequenceClip = Clip  # type: ignore[attr-defined]
+    for name in (package.__name__, "moviepy.video", "moviepy.video.io"):
+        monkeypatch.setitem(sys.modules, name, package)
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    recorded = RecordVideo(env, str(tmp_path / "videos"), episode_trigger=lambda number: number == 1)
+    for _ in range(2):
+        recorded.reset(seed=0)
+        ticks, ended = 0, False
+        while not ended:
+            _, _, terminated, truncated, _ = recorded.step(np.zeros(2, np.float32))
+            ticks, ended = ticks + 1, terminated or truncated
+    recorded.close()
+    assert Clip.written == {"rl-video-episode-1.mp4": (ticks + 1, 10)}
 
 
 def two_egos() -> Scenario:
