@@ -17,7 +17,6 @@ EXPERT: Final = "expert"
 WHOLE: Final = ("bco=true", "gail=true", "curiosity=true")
 """Settings of DPPO-IL."""
 _SIMPLE: Final = ("scene=simple", "reward=simple", "steps=800000", "ppo.gamma=0.99", "sac.gamma=0.99")
-_STRICT: Final = (*WHOLE, "reward=strict", "adversarial.strength=2e-4")
 _GRADED: Final = (*WHOLE, "reward=graded")
 _THREE: Final = (*_GRADED, "karts=3", "environments=258", "lots=86")
 
@@ -59,7 +58,6 @@ ARMS: Final[Mapping[str, ParkingArm]] = MappingProxyType(
         "dppo": ParkingArm("PPO and curiosity", (ONE,), ("curiosity=true",)),
         "dppo-gail": ParkingArm("PPO, curiosity and GAIL", (ONE,), ("curiosity=true", "gail=true")),
         "dppo-il": ParkingArm("PPO, curiosity, GAIL and BCO", (ONE, *UNSEEN, THREE), WHOLE, 92.0),
-        "strict": ParkingArm("DPPO-IL, 0.25 m and 3 degrees", (ONE,), _STRICT),
         "graded": ParkingArm("DPPO-IL, a bonus for alignment", (ONE, *UNSEEN, THREE), _GRADED),
         "without-dwell": ParkingArm("DPPO-IL, no dwell", (ONE,), (*WHOLE, "reward=without-dwell")),
         "without-alignment": ParkingArm("DPPO-IL, no angles", (ONE,), (*WHOLE, "reward=without-alignment")),

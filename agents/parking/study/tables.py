@@ -32,7 +32,6 @@ CLAIMS: Final = (
     Claim("three-curriculum", ">", "three", "aligned", "parking-three"),
     Claim("dppo-il", ">", "without-alignment", "aligned", "parking-complex"),
     Claim("dppo-il", ">", "without-dwell", "aligned", "parking-complex"),
-    Claim("strict", ">", "dppo-il", "aligned", "parking-complex"),
     Claim("graded", ">", "dppo-il", "aligned", "parking-complex"),
 )
 """Directions of the thesis's results."""

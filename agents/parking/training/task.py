@@ -22,19 +22,17 @@ from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 FIRST_LOT: Final = HELD_OUT_FROM + 1_000_000
 """First lot of the evaluations that choose the best policy of a training; the benchmarks' lots are below."""
 SceneName = Literal["simple", "complex"]
-Reward = Literal["simple", "strict", "graded", "aligned", "without-dwell", "without-alignment"]
+Reward = Literal["simple", "graded", "aligned", "without-dwell", "without-alignment"]
 REWARDS: dict[Reward, Rules] = {
     "simple": SIMPLE,
-    "strict": ALIGNED.model_copy(update={"standing": True, "radius_m": 0.25, "error_degrees": 3.0}),
     "graded": ALIGNED.model_copy(update={"standing": True, "alignment": 1.0}),
     "aligned": ALIGNED.model_copy(update={"standing": True}),
     "without-dwell": WITHOUT_DWELL,
     "without-alignment": WITHOUT_ALIGNMENT.model_copy(update={"standing": True}),
 }
 """Rewards by name; those of the thesis are where a parked kart also stands if there is a dwell, as the judge demands
-(ours). The thesis reports that a higher penalty of bad alignment helped, and has no number of it. Two rewards of ours
-try that: "strict" ends an episode at the bounds of ISO 16787 instead of 0.5 m and 10 degrees, and "graded" adds up to 1
-for a parked kart, the better it is aligned."""
+(ours). The thesis reports that a higher penalty of bad alignment helped, and has no number of it; "graded", which is
+ours, adds up to 1 for a parked kart, the better it is aligned."""
 
 
 @dataclass(frozen=True)
