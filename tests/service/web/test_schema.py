@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from tests.service.harness import Harness
-from tests.service.web.fuzzing import CALLERS, find_faults, listening
 
 EXAMPLES = 7
 
@@ -15,6 +14,8 @@ EXAMPLES = 7
 @pytest.mark.slow
 def test_no_request_of_any_role_finds_an_undocumented_answer(tmp_path: Path) -> None:
     """A cheap share of `python -m tests.performance.fuzz`."""
+    from tests.service.web.fuzzing import CALLERS, find_faults, listening  # three seconds, for one test
+
     with listening(tmp_path / "data") as (url, service):
         assert find_faults(url, service, list(CALLERS), EXAMPLES, each=False) == []
 
