@@ -59,6 +59,7 @@ ARMS: Final[Mapping[str, ParkingArm]] = MappingProxyType(
         "dppo-gail": ParkingArm("PPO, curiosity and GAIL", (ONE,), ("curiosity=true", "gail=true")),
         "dppo-il": ParkingArm("PPO, curiosity, GAIL and BCO", (ONE, *UNSEEN, THREE), WHOLE, 92.0),
         "graded": ParkingArm("DPPO-IL, a bonus for alignment", (ONE, *UNSEEN, THREE), _GRADED),
+        "graded-long": ParkingArm("graded, 3 million steps", (ONE, *UNSEEN, THREE), (*_GRADED, "steps=3000000")),
         "without-dwell": ParkingArm("DPPO-IL, no dwell", (ONE,), (*WHOLE, "reward=without-dwell")),
         "without-alignment": ParkingArm("DPPO-IL, no angles", (ONE,), (*WHOLE, "reward=without-alignment")),
         "three": ParkingArm("three karts, graded", (THREE,), _THREE, 81.0),
