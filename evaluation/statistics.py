@@ -9,14 +9,14 @@ the values alone, not on their order.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final, Literal
 
 import numpy as np
 
-from dohyo.sumo_networks.arrays import BoolArray, FloatArray
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
 N_RESAMPLES: Final = 2000
@@ -186,7 +186,11 @@ def significantly_below(best: FloatArray, others: FloatArray) -> BoolArray:
 @lru_cache(maxsize=8)
 def _weights(n: int) -> FloatArray:
     """(n, N_RESAMPLES) how often each of n values is in each resample of `_resampled_sums`."""
-    return np.ascontiguousarray(_resampled_sums(np.eye(n), N_RESAMPLES, SEED).T)
+    weights = np.empty((N_RESAMPLES, n))
+    for start, rows in _resamples(n, N_RESAMPLES, SEED):
+        flat = rows + n * np.arange(len(rows))[:, None]
+        weights[start : start + len(rows)] = np.bincount(flat.ravel(), minlength=rows.size).reshape(rows.shape)
+    return np.ascontiguousarray(weights.T)
 
 
 def _columns(*columns: Sequence[float]) -> FloatArray:
@@ -204,14 +208,17 @@ def _resampled_sums(columns: FloatArray, n_resamples: int, seed: int) -> FloatAr
     """(n_resamples, k) column sums of rows drawn with replacement from (n, k), in blocks of bounded memory."""
     if n_resamples < 1:
         raise InvalidInputError(f"expected at least one resample, got {n_resamples}")
-    generator = np.random.default_rng(seed)
-    n, k = columns.shape
-    sums = np.empty((n_resamples, k))
-    block = max(1, _BLOCK // n)
-    for start in range(0, n_resamples, block):
-        rows = generator.integers(n, size=(min(block, n_resamples - start), n))
-        sums[start : start + block] = columns[rows].sum(axis=1)
+    sums = np.empty((n_resamples, columns.shape[1]))
+    for start, rows in _resamples(len(columns), n_resamples, seed):
+        sums[start : start + len(rows)] = columns[rows].sum(axis=1)
     return sums
+
+
+def _resamples(n: int, n_resamples: int, seed: int) -> Iterator[tuple[int, IntArray]]:
+    """Blocks of resamples: the number of the first one, and (block, n) rows drawn with replacement."""
+    generator, block = np.random.default_rng(seed), max(1, _BLOCK // n)
+    for start in range(0, n_resamples, block):
+        yield start, generator.integers(n, size=(min(block, n_resamples - start), n))
 
 
 def _estimate(mean: float, resampled: FloatArray, n: int) -> Estimate:

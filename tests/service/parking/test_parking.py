@@ -3,29 +3,35 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import httpx
 import numpy as np
 import pytest
+from sqlalchemy import select
 
 from dohyo.agents.parking.policy_agent import SHIPPED
 from dohyo.agents.registry import resolve
 from dohyo.evaluation.parking.benchmark import load_parking_benchmark
 from dohyo.evaluation.parking.evaluate import evaluate_parking
 from dohyo.evaluation.parking.record import ParkingRecord
+from dohyo.evaluation.parking.result import LotCounts
 from dohyo.evaluation.records.record import AgentInfo
+from dohyo.evaluation.records.specifications import Status
 from dohyo.service.client.client import Client
 from dohyo.service.client.errors import ServiceError
 from dohyo.service.client.worker import Driver, work
 from dohyo.service.client.worker_session import BadActionError, WorkerSession
-from dohyo.service.evaluations.model import AttemptOutcome, EpisodeStatus, EvaluationStatus
+from dohyo.service.episodes.archive import archived_path
+from dohyo.service.evaluations.model import AttemptOutcome, Episode, EpisodeStatus, EvaluationStatus
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 from tests.service.conftest import MakeService
-from tests.service.harness import Harness, assert_problem, running
+from tests.service.harness import Harness, assert_problem, finish, running
 from tests.service.served import Service
 from tests.service.serving import command
 
@@ -76,12 +82,18 @@ def test_a_built_in_agent_parks_as_it_does_locally(client: Client, service: Serv
                 client.get(f"/v1/episodes/{episode.id}/{part}", **query)
             assert refused.value.status == 409
     fetched_lots_are_verified(evaluation, service, tmp_path / "fetched")
+    archived_path(service.settings, str(hashes[0])).with_suffix(".parquet").write_bytes(b"PAR1 no more")
+    with pytest.raises(ServiceError, match="missing or damaged") as gone:
+        client.get(f"/v1/episodes/{service.episodes(evaluation)[0].id}/trajectory")
+    assert gone.value.status == 410
 
 
 def fetched_lots_are_verified(evaluation: str, service: Service, folder: Path) -> None:
     access = ("--server", service.url, "--token", service.submitter_token)
     done = command("evaluations", "fetch", evaluation, "--out", str(folder), *access)
     assert f"2 records in {folder}" in done.stdout, done.stderr
+    watched = command("evaluations", "watch", evaluation, *access)
+    assert re.search(r"aligned, of successes % .*2 drives; ev-", watched.stdout, re.DOTALL), watched.stdout
     paths = sorted((folder / "records").glob("*.json"))
     assert [path.name for path in paths] == [f"lot-s{seed}.json" for seed in SEEDS]
     told = json.loads(command("verify", str(paths[0]), "--json").stdout)
@@ -207,6 +219,35 @@ def test_karts_are_parked_and_cars_are_driven(drives_nothing: Harness) -> None:
     )
     assert seen.json()["inputs"][0]["shape"] == [54]
     assert seen.json()["outputs"][0]["shape"] == [3]
+
+
+def test_the_board_ranks_by_success_and_shows_the_aligned_share(drives_nothing: Harness) -> None:
+    entrant = drives_nothing.caller("entrant")
+    for name, missed_every in (("careless", 8), ("careful", 20)):
+        entrant.post("/v1/agents", {"name": name})
+        entrant.post(f"/v1/agents/{name}/submissions", PARKER)
+        order = {"agent": name, "benchmark": "parking-angled", "ranked": True}
+        end_run(drives_nothing, entrant.post("/v1/evaluations", order).json()["id"], missed_every)
+    board = entrant.get("/v1/leaderboard", params={"benchmark": "parking-angled"}).json()
+    assert [(row["agent"], row["rank"]) for row in board["rows"]] == [("careful", 1), ("careless", 2)]
+    assert [row["scores"]["success"]["mean"] for row in board["rows"]] == [95.0, 87.5]
+    aligned = board["rows"][0]["scores"]["aligned"]
+    assert (aligned["n"], round(aligned["mean"], 1)) == (1900, 52.6)  # every second lot, but for those not parked
+    table = entrant.get("/v1/leaderboard.csv", params={"benchmark": "parking-angled"}).text.splitlines()
+    assert "success,success_low,success_high,aligned," in table[0]
+    assert "driving_score" not in table[0]
+
+
+def end_run(harness: Harness, evaluation_id: str, missed_every: int) -> None:
+    """Ends a run as if a kart had parked in all lots but each so many-th, and stood aligned in each second one."""
+    with harness.services.database.session() as session:
+        for episode in session.scalars(select(Episode).where(Episode.evaluation_id == evaluation_id)):
+            parked = int(episode.position % missed_every != 0)
+            lot = LotCounts(1, parked, parked * (episode.position % 2), 1 - parked, 0, [12.0] * parked)
+            status = (Status.COMPLETED if parked else Status.COLLIDED).value
+            facts = {"name": "lot", "status": status, "km": 0.0, "infractions": {}, "parking": asdict(lot)}
+            episode.summary, episode.record_hash = {"egos": [facts]}, f"{episode.position:064x}"
+    finish(harness.services.database, evaluation_id, EvaluationStatus.DONE, EpisodeStatus.DONE)
 
 
 def verified(service: Service, episode: str) -> Any:
