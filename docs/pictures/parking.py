@@ -2,7 +2,8 @@
 
     python docs/pictures/parking.py [BENCHMARK:SEED[:POLICY] ...] [--agent NAME] [--out FILE]
 
-A seed is that of a lot, such as `parking-three:1073741825`; POLICY is a file that `dohyo train parking` exported.
+A seed is that of a lot, such as `parking-three:1073741825`; POLICY is a file that `dohyo train parking` exported, which
+drives instead of the agent. agents/parking/README.md has a sheet of policies.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ def main() -> None:
     """Draws all rows."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("lots", nargs="*", default=LOTS)
-    parser.add_argument("--agent", default=POLICY)
+    parser.add_argument("--agent", default="dohyo.agents.parking.expert.agent:ExpertAgent")
     parser.add_argument("--out", type=Path, default=Path(__file__).with_name("parking.png"))
     given = parser.parse_args()
     rows = [strip(lot, given.agent) for lot in given.lots]
