@@ -7,7 +7,6 @@ by an offset, which the net records. Source: CARLA Leaderboard, route files of v
 from __future__ import annotations
 
 import gzip
-import json
 import re
 import tempfile
 import xml.etree.ElementTree as ET
@@ -130,22 +129,6 @@ def read_routes(file: Path) -> list[CarlaRoute]:
     return routes
 
 
-def write_benchmark(benchmark: Benchmark, path: Path) -> Path:
-    """Writes a benchmark as TOML.
-
-    Raises:
-        InvalidInputError: The path does not end in .toml, or cannot be written.
-    """
-    if path.suffix != ".toml":
-        raise InvalidInputError(f"'{path}': expected a .toml file")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(_toml(benchmark), encoding="utf-8")
-    except OSError as error:
-        raise InvalidInputError(f"cannot write '{path}': {error.strerror}") from error
-    return path
-
-
 def net_offset(network: RoadNetwork) -> tuple[float, float]:
     """Offset from the coordinates of the source to those of the network, m.
 
@@ -249,19 +232,3 @@ class _Roads:
         edges = [self.network.edge_id(lane) for lane in lanes]
         changes = [edge for edge, before in zip(edges[1:], edges[:-1], strict=True) if edge != before]
         return tuple(changes[:-1] if changes and changes[-1] == edges[-1] else changes)
-
-
-def _toml(benchmark: Benchmark) -> str:
-    # A JSON string, escaped to ASCII, is also a TOML string.
-    (cell,) = benchmark.cells
-    head = {key: getattr(benchmark, key) for key in ("name", "description", "headline", "metric", "rules")}
-    lines = [f"{key} = {json.dumps(value)}" for key, value in (head | {"network": cell.network}).items()]
-    lines += [f"seeds = {list(benchmark.seeds)}", "", "[traffic]"]
-    lines += [f"{key} = {json.dumps(value)}" for key, value in cell.traffic.model_dump(exclude_defaults=True).items()]
-    for mission in benchmark.missions[cell.missions]:
-        lines += ["", "[[missions]]", f"name = {json.dumps(mission.name)}"]
-        for key, place in (("start", mission.start), ("goal", mission.goal)):
-            lines.append(f"{key} = {{ lane = {json.dumps(place.lane)}, position_m = {place.position_m} }}")
-        if mission.via:
-            lines.append(f"via = {json.dumps(list(mission.via))}")
-    return "\n".join([*lines, ""])

@@ -33,6 +33,9 @@ COMMANDS: dict[str, Command | Group] = {
                 "Makes a benchmark's recorded runs or days. Run again, it continues where it stopped.",
                 resumes=True,
             ),
+            "create": Command(
+                "create:create", "Creates a benchmark on any network: draws missions, and writes one TOML file."
+            ),
             "import": Command(
                 "routes:import_file",
                 "Makes a benchmark of the routes in a CARLA route file, one mission per route.",
@@ -42,6 +45,11 @@ COMMANDS: dict[str, Command | Group] = {
     "evaluate": Command(
         "evaluate:evaluate",
         "Evaluates an agent on a benchmark. Run again, it continues where it stopped.",
+        resumes=True,
+    ),
+    "demo": Command(
+        "demo:demo",
+        "From a city's file to a report: imports, draws missions, drives two agents. Run again, it continues.",
         resumes=True,
     ),
     "report": Command("records:report", "Compares evaluations: a table here, and one self-contained HTML file."),

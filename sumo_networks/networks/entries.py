@@ -41,6 +41,7 @@ class NetworkEntry(Config):
     Attributes:
         title: Description in one line.
         source: Origin of the net.
+        source_sha256: Hash of the imported file's bytes; None: not an import, or an old one.
         licence: Licence of the net and its data.
         built: Command that made the net from its source; None if the source is a net.
         sumo_file: Path inside the eclipse-sumo package, for the nets that it contains.
@@ -52,6 +53,7 @@ class NetworkEntry(Config):
     title: str
     source: str
     licence: str
+    source_sha256: str | None = None
     built: str | None = None
     sumo_file: str | None = None
     file: str | None = None

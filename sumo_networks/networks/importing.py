@@ -32,6 +32,7 @@ from dohyo.sumo_networks.networks.entries import (
 )
 from dohyo.sumo_networks.networks.inspection import NetworkReport, inspect_network, network_size
 from dohyo.sumo_networks.networks.network import RoadNetwork, read_network
+from dohyo.sumo_networks.networks.parsing import file_hash
 from dohyo.sumo_networks.networks.xml_guard import LIMIT_MB, Census, scan
 
 Kind = Literal["net", "osm", "xodr"]
@@ -307,6 +308,7 @@ def _entry(file: Path, kind: Kind, net: str, licence: str | None, guessed: Seque
     fields: dict[str, str | list[str]] = {
         "title": f"{file.name}, imported from {TITLES[kind]}",
         "source": file.name,
+        "source_sha256": file_hash(file),
         "licence": licence or usual,
         "built": "by dohyo networks import",
         "file": net,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import os
 import re
-from collections import Counter
 from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
@@ -31,11 +30,10 @@ from dohyo.service.cli.commands.parking import evaluate_on_parking
 from dohyo.service.cli.output import Json, console, print_cells, print_comparison, print_json, print_part
 from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.service.cli.progress import ProgressBar
+from dohyo.service.cli.seeds import parse_seeds
 from dohyo.service.policies.agent import ENTRY as POLICY
 from dohyo.service.policies.agent import NAME as ONNX
 from dohyo.sumo_networks.errors import InvalidInputError
-
-SEEDS_BELOW = 2**31
 
 
 class Engine(StrEnum):
@@ -176,25 +174,6 @@ def _drives(result: Result) -> list[dict[str, Any]]:
         for record, path in zip(result.records, result.paths, strict=True)
         for ego in record.egos
     ]
-
-
-def parse_seeds(text: str) -> list[int]:
-    """Seeds from text such as "0,1,2", "0-4" or "0-4,7"."""
-    seeds: list[int] = []
-    for part in text.split(","):
-        match = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
-        if not match:
-            raise InvalidInputError(f"--seeds '{text}': expected numbers such as 0,1,2 or 0-4, got '{part}'")
-        first, last = int(match[1]), int(match[2] or match[1])
-        if last < first:
-            raise InvalidInputError(f"--seeds '{text}': expected the smaller number first, got '{part.strip()}'")
-        if last >= SEEDS_BELOW:
-            raise InvalidInputError(f"--seeds '{text}': expected numbers below 2^31, got {last}")
-        seeds += range(first, last + 1)
-    repeated = [seed for seed, times in Counter(seeds).items() if times > 1]
-    if repeated:
-        raise InvalidInputError(f"--seeds '{text}': expected every seed once, got {repeated[0]} twice")
-    return seeds
 
 
 def parse_names(text: str) -> list[str]:

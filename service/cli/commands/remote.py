@@ -16,8 +16,9 @@ from dohyo.evaluation.records.foreign_files import check_file_name
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.running.manifest import MANIFEST, RECORDS, Manifest, parse_manifest
 from dohyo.evaluation.statistics import Estimate
-from dohyo.service.cli.commands.evaluate import parse_seeds, parse_settings
+from dohyo.service.cli.commands.evaluate import parse_settings
 from dohyo.service.cli.output import DASH, SCORES, Json, console, interval, number, plain, print_json, print_rows
+from dohyo.service.cli.seeds import parse_seeds
 from dohyo.service.client.answers import EstimateView, EvaluationView, MetricsView
 from dohyo.service.client.calls import Document
 from dohyo.service.client.client import Client

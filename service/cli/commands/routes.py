@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from dohyo.evaluation.benchmarks.carla_routes import MAX_SNAP_M, import_routes, write_benchmark
+from dohyo.evaluation.benchmarks.carla_routes import MAX_SNAP_M, import_routes
+from dohyo.evaluation.benchmarks.writing import write_benchmark
 from dohyo.service.cli.output import Json, console, print_json, print_rows
 from dohyo.sumo_networks.scenario import Traffic
 

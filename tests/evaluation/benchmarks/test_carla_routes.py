@@ -13,7 +13,8 @@ import sumo
 from typer.testing import CliRunner
 
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
-from dohyo.evaluation.benchmarks.carla_routes import import_routes, net_offset, read_routes, write_benchmark
+from dohyo.evaluation.benchmarks.carla_routes import import_routes, net_offset, read_routes
+from dohyo.evaluation.benchmarks.writing import write_benchmark
 from dohyo.service.cli import app
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network

@@ -8,7 +8,7 @@ from rich.console import Console
 from dohyo.evaluation.statistics import Estimate
 from dohyo.evaluation.summary import Summary
 from dohyo.service.cli import output
-from dohyo.service.cli.commands.evaluate import parse_seeds
+from dohyo.service.cli.seeds import parse_seeds
 from dohyo.sumo_networks.errors import InvalidInputError
 
 
