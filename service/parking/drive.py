@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import TypeVar
 
-from dohyo.agents.registry import describe_agent, resolve
+from dohyo.agents.registry import resolve
+from dohyo.evaluation.agent import agent_info
 from dohyo.evaluation.episode.deadline import deadline
 from dohyo.evaluation.episode.guarded_agent import WARM_UP_DEADLINE_S
 from dohyo.evaluation.parking.agent import ParkingAgent, ParkingSpec
@@ -51,10 +51,10 @@ def park(order: EpisodeOrder, scenario: LotScenario, channel: Channel, gauge: Ga
         return b""
     if order.remote:
         return _park_remotely(order, scenario, channel, gauge)
-    _check_unchanged(order.info)
     gauge.begin()
     agents = make_agents(scenario.benchmark, resolve(order.info.entry), order.info.settings)
     try:
+        _check_unchanged(agents[0], order.info)
         _drive(order, scenario, [_Watched(agent.spec, agent, order.act_deadline_s, gauge.watch) for agent in agents])
     finally:
         close_agents(agents)
@@ -92,19 +92,13 @@ def _world(karts: int) -> ParkingWorld:
     return ParkingWorld(1, karts)
 
 
-@cache
-def _described(entry: str, settings: str) -> AgentInfo:
-    """Description of the agent as it is here, with settings in JSON; read once, since this process keeps its code."""
-    return describe_agent(entry, json.loads(settings))
-
-
-def _check_unchanged(info: AgentInfo) -> None:
-    """Checks that the installed code is that which was submitted, since the record would be wrong.
+def _check_unchanged(agent: ParkingAgent, info: AgentInfo) -> None:
+    """Checks that an agent is the one which was submitted, since the record would be wrong.
 
     Raises:
         InvalidInputError: It differs.
     """
-    there = _described(resolve(info.entry), json.dumps(info.settings, sort_keys=True))
+    there = agent_info(agent, info.entry, info.settings)  # type: ignore[arg-type]  # it reads the spec alone
     if (there.source_sha256, there.files_sha256) != (info.source_sha256, info.files_sha256):
         raise InvalidInputError(f"agent '{info.name}': its code has changed since it was submitted; submit it again")
 
