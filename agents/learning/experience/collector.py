@@ -102,6 +102,7 @@ class Collector:
         self._totals = np.zeros(count)
         self._actions: Array = np.zeros(0)
         self._seen = TensorDict({}, [count])
+        self._unlabelled = self._no_labels()  # of a task without an expert; no step keeps them
         self._chosen: dict[str, Any] = {}  # what is known of the next transitions before the environments answer
 
     @property
@@ -148,7 +149,7 @@ class Collector:
         if self._begun.any():
             behaviour.begin(self._begun, self._numbers)
             self._begun[:] = False
-        label, labelled = self._labels(behaviour.asked(len(self)) & ~self._over)
+        label, labelled = self._labels(behaviour) if self._task.has_expert else self._unlabelled
         chosen = dict(behaviour.act(self.seen, label, labelled).items())
         self._actions = chosen["action"].numpy()
         if self._asynchronous:
@@ -221,13 +222,17 @@ class Collector:
         self.observation = observation
         self._seen = TensorDict({name: torch.from_numpy(one) for name, one in observation.items()}, [len(self)])
 
-    def _labels(self, rows: BoolArray) -> tuple[Tensor, Tensor]:
+    def _labels(self, behaviour: Behaviour) -> tuple[Tensor, Tensor]:
         """(N, ...) the expert's actions, and (N,) whether it gave one."""
-        if not self._task.has_expert or not rows.any():
-            space = self._environments.single_action_space
-            return torch.zeros((len(self), *(space.shape or ()))), torch.zeros(len(self), dtype=torch.bool)
+        rows = behaviour.asked(len(self)) & ~self._over
+        if not rows.any():
+            return self._no_labels()
         labels, known = self._environments.expert_actions(rows)  # type: ignore[attr-defined]
         return torch.from_numpy(labels), torch.from_numpy(known & rows)
+
+    def _no_labels(self) -> tuple[Tensor, Tensor]:
+        shape = self._environments.single_action_space.shape or ()
+        return torch.zeros((len(self), *shape)), torch.zeros(len(self), dtype=torch.bool)
 
     def _answer(self) -> Any:
         if self._asynchronous:
@@ -235,10 +240,10 @@ class Collector:
         return self._environments.step(self._actions)
 
     def _count(self, reward: Array, active: BoolArray) -> None:
-        self._totals[active] += reward[active]
+        self._totals += np.where(active, reward, 0.0)
         self._lengths += active
         self._demonstrated += active & (self._chosen["source"].numpy() != POLICY)
-        self.steps += int(active.sum())
+        self.steps += int(np.count_nonzero(active))
         self._left -= 1
 
     def _cuts(self) -> bool:
