@@ -21,11 +21,14 @@ from dohyo.sumo_networks.events.auto_events import auto_events
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route
-from dohyo.sumo_networks.scenario import Traffic
+from dohyo.sumo_networks.scenario import Mission, Scenario, Traffic
+from dohyo.sumo_networks.simulation.jam import stuck_share
 
 LENGTH_M = (300.0, 1500.0)
 SHORT_SHARE, LONG_SHARE = 0.25, 0.75
 """Shares of the longest route of a network that bound lengths where it has no routes of `LENGTH_M`."""
+MOST_STUCK = 0.05
+"""Share of vehicles that may stand for long in traffic that flows."""
 CONDITION_GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType({"train": tuple(TRAIN), "test": tuple(TEST)})
 
 
@@ -78,10 +81,12 @@ class Created:
     Attributes:
         benchmark: The benchmark.
         drawing: Its missions with their routes, and the routes left out.
+        reduced: Number of vehicles that would jam the network, by each level that has fewer for this reason.
     """
 
     benchmark: Benchmark
     drawing: Drawing
+    reduced: Mapping[Level, int]
 
 
 def create_benchmark(
@@ -118,13 +123,15 @@ def create_benchmark(
     roads = load_network(network)
     groups = _condition_groups(conditions)
     drawing = draw_missions(roads, missions, length_m or fitting_lengths(roads), drawing_seed, _check(roads, events))
+    mission = drawing.missions[0].mission
+    carried = {level: carried_traffic(roads, network, mission, traffic_of(roads, level)) for level in traffic}
     lengths = sorted(one.route.length for one in drawing.missions)
     cells = [
         Cell(
             name=".".join([level, *([group] if group else [])]) if len(traffic) * len(groups) > 1 else "all",
             network=network,
             missions="all",
-            traffic=traffic_of(roads, level),
+            traffic=carried[level],
             conditions=names,
             events=events,
         )
@@ -142,7 +149,8 @@ def create_benchmark(
         )
     except ValidationError as error:
         raise InvalidInputError(f"benchmark '{name}': {error.errors()[0]['msg']}") from error
-    return Created(benchmark, drawing)
+    asked = {level: traffic_of(roads, level).vehicles for level in traffic}
+    return Created(benchmark, drawing, {level: n for level, n in asked.items() if n > carried[level].vehicles})
 
 
 def fitting_lengths(network: RoadNetwork) -> tuple[float, float]:
@@ -166,6 +174,24 @@ def traffic_of(network: RoadNetwork, level: Level) -> Traffic:
         pedestrians=round(_PEDESTRIANS_PER_KM[level] * km) if on_foot else 0,
         warm_up_s=0.0 if level is Level.EMPTY else 30.0,
     )
+
+
+def carried_traffic(roads: RoadNetwork, network: str, mission: Mission, traffic: Traffic) -> Traffic:
+    """As much of a traffic as does not jam a network by itself: all, a half, a quarter, and so on.
+
+    Args:
+        roads: The roads.
+        network: Name in the catalog, or path of a .net.xml[.gz] file.
+        mission: Any mission on them.
+        traffic: Traffic that is wanted.
+    """
+    while traffic.vehicles > 1:
+        scenario = Scenario(network=network, missions=(mission,), traffic=traffic)
+        if stuck_share(roads, scenario) <= MOST_STUCK:
+            break
+        less = {"vehicles": traffic.vehicles // 2, "pedestrians": traffic.pedestrians // 2}
+        traffic = traffic.model_copy(update=less)
+    return traffic
 
 
 def _condition_groups(names: Sequence[str]) -> dict[str, tuple[str, ...]]:

@@ -12,6 +12,7 @@ import re
 import shutil
 import subprocess
 import tempfile
+import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -59,6 +60,11 @@ GUESSES = (
     *("--sidewalks.guess", "--crossings.guess", "--default.sidewalk-width", "2", "--default.crossing-width", "4"),
     *("--no-turnarounds.except-deadend", "--tls.default-type", "static"),
 )
+
+
+JOIN_LIGHTS = "--tls.join"
+LONGEST_CYCLE_S = 150.0
+"""A driver who waits at a red light for 180 s counts as blocked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,11 +140,11 @@ def prepare_network(
         if kind == "net" and not before.elements["lane"]:
             raise InvalidInputError(f"'{file}' has no lane open to passenger cars: it has no lane at all")
         as_it_is = kind == "net" and before.crossings > 0 and not lights
-        warnings = [] if as_it_is else _convert(kind, plain, built, lights, file, timeout_s)
+        warnings, decided = ([], []) if as_it_is else _convert(kind, plain, built, lights, file, timeout_s)
         packed = folder / net_name(name)
         packed.write_bytes(gzip.compress(without_comments((plain if as_it_is else built).read_bytes()), mtime=0))
     network = _checked(packed, name, file)
-    guessed = _guessed(kind, before, network, warnings) if not as_it_is else ()
+    guessed = (*decided, *_guessed(kind, before, network, warnings)) if not as_it_is else ()
     entry = _entry(file, kind, packed.name, licence, guessed, network_size(network))
     (folder / ENTRY).write_text(entry, encoding="utf-8")
     return guessed
@@ -256,12 +262,37 @@ def check_free(name: str, force: bool) -> None:
         raise InvalidInputError(f"network '{name}' exists; replace it with --force")
 
 
-def _convert(kind: Kind, source: Path, target: Path, lights: bool, file: Path, timeout_s: float) -> list[str]:
+def _convert(
+    kind: Kind, source: Path, target: Path, lights: bool, file: Path, timeout_s: float
+) -> tuple[list[str], list[str]]:
+    """Runs netconvert; joins the lights of neighbouring junctions only if that makes no endless cycle.
+
+    Returns:
+        netconvert's warnings, and what was decided, one line each.
+    """
     maps = [str(Path(sumo.SUMO_HOME) / "data" / "typemap" / f"{name}.typ.xml") for name in TYPE_MAPS[kind]]
     options = {"net": "-s", "osm": "--osm-files", "xodr": "--opendrive-files"}
     arguments = [options[kind], str(source), *(["--type-files", ",".join(maps)] if maps else []), "-o", str(target)]
-    guess_lights = ["--tls.guess"] if lights else []
-    return run_netconvert([*arguments, *OPTIONS[kind], *GUESSES, *guess_lights], file, timeout_s)
+    arguments += [*OPTIONS[kind], *GUESSES, *(["--tls.guess"] if lights else [])]
+    warnings = run_netconvert(arguments, file, timeout_s)
+    if JOIN_LIGHTS not in arguments or (cycle := _longest_cycle(target)) <= LONGEST_CYCLE_S:
+        return warnings, []
+    arguments.remove(JOIN_LIGHTS)
+    decided = f"lights of neighbouring junctions are not joined, since one would have a cycle of {cycle:.0f} s"
+    return run_netconvert(arguments, file, timeout_s), [decided]
+
+
+def _longest_cycle(net: Path) -> float:
+    """Longest cycle of a net's traffic lights, s."""
+    cycles, cycle = [0.0], 0.0
+    for _, element in ElementTree.iterparse(net):
+        if element.tag == "phase":
+            cycle += float(element.get("duration", 0.0))
+        elif element.tag == "tlLogic":
+            cycles.append(cycle)
+            cycle = 0.0
+        element.clear()
+    return max(cycles)
 
 
 def _checked(net: Path, name: str, file: Path) -> RoadNetwork:

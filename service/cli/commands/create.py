@@ -92,6 +92,8 @@ def print_created(made: Created) -> None:
         traffic = f"{cell.traffic.vehicles} vehicles and {cell.traffic.pedestrians} pedestrians"
         where = "" if len(benchmark.cells) == 1 else f"{cell.name}: "
         console.print(f"{where}{traffic}, {', '.join(cell.conditions)}", highlight=False, soft_wrap=True)
+    for level, vehicles in made.reduced.items():
+        console.print(f"{level} traffic is reduced: {vehicles} vehicles jam this network", soft_wrap=True)
     for reason, number in made.drawing.left_out.items():
         console.print(f"left out: {number} routes, {reason}", highlight=False, soft_wrap=True)
 
