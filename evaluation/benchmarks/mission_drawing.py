@@ -7,6 +7,8 @@ map, its length, its turns and its traffic lights.
 
 from __future__ import annotations
 
+import gzip
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -35,6 +37,8 @@ LANE_CHANGE_S = 1e-3
 # A compact car at full lock: 2.7 m of wheelbase, 0.6 rad at the front wheels.
 MIN_RADIUS_M = 4.0
 MIN_LANE_CHANGE_M = 15.0
+LONGEST_PHASE_S = 150.0
+"""A driver who waits for 180 s counts as blocked; a light that another program must switch has phases like this."""
 
 Check = Callable[[Route], str | None]
 """Reason why a route makes no mission; None: it does."""
@@ -236,7 +240,7 @@ def _make_pool(
     rng: np.random.Generator,
 ) -> tuple[list[DrawnMission], Counter[str]]:
     """Candidates between different roads, and the routes left out by reason."""
-    edge, seen = network.lanes.edge, set()
+    edge, endless, seen = network.lanes.edge, endless_lights(network), set()
     pool: list[DrawnMission] = []
     left_out: Counter[str] = Counter()
     for pair in pairs.of_length(*length_m, rng):
@@ -248,7 +252,7 @@ def _make_pool(
         if not length_m[0] <= route.length <= length_m[1]:
             continue  # the fastest route is not always the shortest
         seen.add(roads)
-        reason = unfit(network, route) or check(route)
+        reason = unfit(network, route, endless) or check(route)
         if reason is None:
             pool.append(DrawnMission(mission, route))
         else:
@@ -258,8 +262,17 @@ def _make_pool(
     return pool, left_out
 
 
-def unfit(network: RoadNetwork, route: Route) -> str | None:
-    """Reason why no lawful driver can drive a route in a car; None: there is none."""
+def unfit(network: RoadNetwork, route: Route, endless: frozenset[str]) -> str | None:
+    """Reason why no lawful driver can drive a route in a car; None: there is none.
+
+    Args:
+        network: The roads.
+        route: A route on them.
+        endless: Ids of traffic lights that can be red for longer than a driver may wait.
+    """
+    signals = [passage.signal for passage in route.passages if passage.signal >= 0]
+    if any(str(network.signals.light_ids[network.signals.light[signal]]) in endless for signal in signals):
+        return f"a traffic light with a phase of more than {LONGEST_PHASE_S:g} s"
     if any(network.connections.direction[passage.connection] == "t" for passage in route.passages):
         return "turns round"
     if float(np.abs(route.curvature).max()) > 1 / MIN_RADIUS_M:
@@ -267,6 +280,17 @@ def unfit(network: RoadNetwork, route: Route) -> str | None:
     if any(change.end - change.start < MIN_LANE_CHANGE_M for change in route.lane_changes):
         return f"a lane change in less than {MIN_LANE_CHANGE_M:g} m"
     return None
+
+
+def endless_lights(network: RoadNetwork) -> frozenset[str]:
+    """Ids of traffic lights with a phase so long that a driver at red counts as blocked."""
+    with gzip.open(network.path, "rb") if network.path.suffix == ".gz" else network.path.open("rb") as file:
+        programs = re.findall(rb'<tlLogic id="([^"]*)"(.*?)</tlLogic>', file.read(), re.DOTALL)
+    return frozenset(
+        light.decode()
+        for light, phases in programs
+        if any(float(seconds) > LONGEST_PHASE_S for seconds in re.findall(rb'duration="([\d.]+)"', phases))
+    )
 
 
 def _choose_unlike(pool: Sequence[DrawnMission], count: int, rng: np.random.Generator) -> Iterator[DrawnMission]:

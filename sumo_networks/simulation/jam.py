@@ -24,7 +24,7 @@ def stuck_share(network: RoadNetwork, scenario: Scenario) -> float:
     traffic = scenario.traffic.model_copy(update={"warm_up_s": TRIAL_S})
     simulation = Simulation(plan_scenario(network, scenario.model_copy(update={"traffic": traffic})))
     try:
-        waits = [libsumo.vehicle.getWaitingTime(name) for name in libsumo.vehicle.getIDList()]
+        waits = [float(libsumo.vehicle.getWaitingTime(name)) for name in libsumo.vehicle.getIDList()]
     finally:
         simulation.close()
     return sum(wait > STUCK_S for wait in waits) / max(len(waits), 1)

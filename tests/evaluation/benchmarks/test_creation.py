@@ -44,6 +44,12 @@ def test_the_town_of_nocrash_has_the_traffic_of_nocrash() -> None:
     assert made.benchmark.stop_on_collision
 
 
+def test_traffic_that_jams_the_network_is_reduced_and_named() -> None:
+    made = create_benchmark("mine", "braunschweig", missions=1)
+    assert made.reduced == {Level.REGULAR: 69}
+    assert made.benchmark.cells[0].traffic.vehicles < 69
+
+
 def test_short_networks_have_shorter_missions() -> None:
     low, high = fitting_lengths(load_network("town-test"))
     assert 100 < low < high < 600

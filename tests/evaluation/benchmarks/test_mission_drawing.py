@@ -66,6 +66,12 @@ def test_a_single_road_has_no_mission() -> None:
         draw_missions(straight_road().network, 1, (10.0, 100.0), seed=0)
 
 
+def test_no_mission_leads_through_a_light_that_only_another_program_switches() -> None:
+    drawing = draw_missions(load_network("braunschweig"), 4, (300.0, 900.0), seed=0)
+    assert all(one.lights == 0 for one in drawing.missions)
+    assert drawing.left_out["a traffic light with a phase of more than 150 s"] > 0
+
+
 def test_what_a_check_refuses_is_left_out_and_counted() -> None:
     drawing = draw_missions(TOWN, 3, (150.0, 700.0), seed=0, check=lambda route: _odd(route.length))
     assert all(int(one.route.length) % 2 == 0 for one in drawing.missions)
