@@ -283,8 +283,9 @@ def test_ci_runs_lint_site_and_tests_without_a_terminal() -> None:
     ci = ROOT / ".ci/run"
     assert ci.stat().st_mode & 0o111
     assert "set -euo pipefail" in ci.read_text()
-    assert "make --jobs=2 --output-sync=target lint docs\n" in ci.read_text()
-    assert ci.read_text().rstrip().endswith("CI=true make test")
+    assert "make --output-sync=target lint docs &\nchecks=$!\n" in ci.read_text()
+    assert "\nCI=true make test || tested=$?\n" in ci.read_text()
+    assert ci.read_text().rstrip().endswith('wait "$checks"\nexit "${tested:-0}"')
     subprocess.run(["bash", "-n", str(ci)], check=True)
 
 
