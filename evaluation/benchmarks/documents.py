@@ -72,17 +72,25 @@ def read_document(path: Path) -> dict[str, Any]:
     """The tables of a file; a file that is `like` another one takes missing keys from that one.
 
     Raises:
-        InvalidInputError: The file cannot be read, or is not valid TOML.
+        InvalidInputError: A file cannot be read, is not valid TOML, or is like itself.
     """
+    files = [path]
+    document = _tables(path)
+    while (like := document.pop("like", None)) is not None:
+        files.append(path.with_name(f"{like}.toml"))
+        if files[-1] in files[:-1]:
+            raise InvalidInputError(f"benchmark file '{path}': like: expected another file, got '{like}' again")
+        document = _tables(files[-1]) | document
+    return document
+
+
+def _tables(path: Path) -> dict[str, Any]:
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InvalidInputError(f"cannot read benchmark file '{path}': {error.strerror}") from error
     except ValueError as error:
         raise InvalidInputError(f"benchmark file '{path}' is not valid TOML: {error}") from error
-    if (like := document.pop("like", None)) is None:
-        return document
-    return read_document(path.with_name(f"{like}.toml")) | document
 
 
 def with_cells(document: dict[str, Any]) -> dict[str, Any]:

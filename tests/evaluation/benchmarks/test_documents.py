@@ -62,3 +62,10 @@ def test_a_file_of_no_family_is_refused_in_one_line(text: str | None, message: s
         with pytest.raises(InvalidInputError, match=message) as told:
             read(str(path))
         assert "\n" not in str(told.value)
+
+
+def test_a_file_that_is_like_itself_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text('like = "b"\n')
+    (tmp_path / "b.toml").write_text('like = "a"\n')
+    with pytest.raises(InvalidInputError, match="like: expected another file, got 'a' again"):
+        find_family(str(tmp_path / "a.toml"))
