@@ -141,7 +141,8 @@ class _Server:
         self._process = subprocess.Popen(
             [sys.executable, "-m", "tests.forked"],
             cwd=ROOT,
-            env=os.environ | {"OMP_NUM_THREADS": "1"},
+            # torchrl imports Ray, which then reads how it proves who it is; clusters of tests have tokens.
+            env=os.environ | {"OMP_NUM_THREADS": "1", "RAY_AUTH_MODE": "token"},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
