@@ -15,6 +15,7 @@ PAIR = "/compare?evaluation=ev-autopilot&evaluation=ev-reckless&scenario=right-t
 
 def seconds(page: Page) -> float:
     """What the clock shows."""
+    expect(page.locator(".clock")).not_to_be_empty()  # until the first frame it is
     text = page.locator(".clock").inner_text().partition(" /")[0]
     minutes, _, rest = text.rpartition(":")
     return 60 * int(minutes or 0) + float(rest)
