@@ -56,6 +56,8 @@ def null_episode(file: int, _: int) -> None:
 
 def serve_null(data: str, port: int, episodes: int) -> None:
     """A service whose every episode is a null episode."""
+    from sqlalchemy.orm import Session
+
     from dohyo.service import server
     from dohyo.service.accounts.model import Role
     from dohyo.service.accounts.queries import create_token
@@ -70,9 +72,12 @@ def serve_null(data: str, port: int, episodes: int) -> None:
     class NullScheduler(Scheduler):
         async def start(self) -> None:
             await super().start()
-            with self._database.session() as session:
-                token = create_token(session, "owner", Role.WORKER)[1]
+
+            def enrol(session: Session) -> str:
                 session.add(Agent(id=new_id("ag"), name="null", owner="owner"))
+                return create_token(session, "owner", Role.WORKER)[1]
+
+            token = await self._database.change(enrol)
             place = Place(lane="a_0")
             info = AgentInfo(name="null", entry="n", track="map", sensors=("route",), control="waypoints")
             self.kept = []
