@@ -1,4 +1,4 @@
-"""Patience: a change that is repeated while the database is locked, full or unreachable."""
+"""PatientDatabase: uses of the database that wait while it is locked, full or unreachable."""
 
 from __future__ import annotations
 
@@ -6,37 +6,67 @@ import asyncio
 import logging
 from collections.abc import Callable
 from itertools import chain, repeat
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
-from dohyo.service.database.engine import Database
+if TYPE_CHECKING:
+    from dohyo.service.database.engine import Database
 
 RETRY_S = (0.5, 1.0, 2.0, 5.0, 10.0)
 T = TypeVar("T")
 
-logger = logging.getLogger("dohyo.service")
+logger = logging.getLogger("dohyo.database")
 
 
-async def patiently(database: Database, change: Callable[[Session], T], ended: Callable[[], bool]) -> T:
-    """Result of a transaction that is tried until it succeeds, or until the caller has `ended`.
+class PatientDatabase:
+    """A database for an event loop that never waits for it.
 
-    Raises:
-        OperationalError: The database refuses, and the caller has ended.
-        OSError: The same.
+    Attributes:
+        stopped: Whether the service has stopped, so that a refusal is an error.
     """
 
-    def once() -> T:
-        with database.session() as session:
-            return change(session)
+    def __init__(self, database: Database) -> None:
+        """Wraps a database."""
+        self.stopped = False
+        self._database = database
 
-    for pause in chain(RETRY_S, repeat(RETRY_S[-1])):
-        try:
-            return await asyncio.to_thread(once)
-        except (OperationalError, OSError) as error:
-            if ended():
-                raise
-            logger.warning("the database refuses, trying again: %s", error)
-            await asyncio.sleep(pause)
-    raise AssertionError("unreachable: the pauses never end")
+    async def read(self, query: Callable[[Session], T], patient: bool = True) -> T:
+        """Reads from the database in a thread.
+
+        Raises:
+            OperationalError: The database refuses, and the service has stopped or the caller is not patient.
+            OSError: The same.
+        """
+
+        def once() -> T:
+            with self._database.reading() as session:
+                return query(session)
+
+        return await self._patiently(once, patient)
+
+    async def change(self, change: Callable[[Session], T], patient: bool = True) -> T:
+        """Changes the database in one transaction, in a thread.
+
+        Raises:
+            OperationalError: The database refuses, and the service has stopped or the caller is not patient.
+            OSError: The same.
+        """
+
+        def once() -> T:
+            with self._database.session() as session:
+                return change(session)
+
+        return await self._patiently(once, patient)
+
+    async def _patiently(self, once: Callable[[], T], patient: bool) -> T:
+        for pause in chain(RETRY_S, repeat(RETRY_S[-1])):
+            try:
+                return await asyncio.to_thread(once)
+            except (OperationalError, OSError) as error:
+                if self.stopped or not patient:
+                    raise
+                logger.warning("the database refuses, trying again: %s", error)
+                await asyncio.sleep(pause)
+        raise AssertionError("unreachable: the pauses never end")

@@ -10,17 +10,17 @@ import asyncio
 import logging
 import shutil
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from dohyo.service.database.base import now
-from dohyo.service.database.patience import patiently
+from dohyo.service.database.patience import PatientDatabase
 from dohyo.service.errors import BusyError, problem_document
 from dohyo.service.jobs import queries
 from dohyo.service.jobs.kind import Kind, Made, Task
@@ -37,7 +37,6 @@ LOOK_S = 5.0  # longest time between two looks at the queue
 CLEAN_S = 3600.0
 CLOSE_S = 5.0  # for the work to end after it was told to
 MOST_STARTS = 3
-T = TypeVar("T")
 
 logger = logging.getLogger("dohyo.jobs")
 
@@ -47,7 +46,7 @@ class JobRunner:
 
     def __init__(self, settings: Settings, database: Database, events: Broadcast) -> None:
         """Creates the runner; `start` starts it."""
-        self._settings, self._database, self._events = settings, database, events
+        self._settings, self._database, self._events = settings, PatientDatabase(database), events
         self._threads = ThreadPoolExecutor(settings.jobs, "job")
         self._live: dict[str, tuple[Task, asyncio.Task[None]]] = {}
         self._turns = Turns()
@@ -61,13 +60,13 @@ class JobRunner:
     async def start(self, services: Services, kinds: Mapping[str, Kind]) -> None:
         """Recovers the jobs that an earlier service left, then starts."""
         self._services, self._kinds, self._loop = services, kinds, asyncio.get_running_loop()
-        await self._change(self._recover)
-        await asyncio.to_thread(self._sweep)
+        await self._database.change(self._recover)
+        await self._sweep()
         self._tasks = [asyncio.create_task(self._serve()), asyncio.create_task(self._clean())]
 
     async def stop(self) -> None:
         """Ends all work; jobs that can be repeated return to the queue."""
-        self._stopped = True
+        self._stopped = self._database.stopped = True
         for task in self._tasks:
             task.cancel()
         for work, _ in self._live.values():
@@ -84,7 +83,7 @@ class JobRunner:
 
     async def cancel(self, job_id: str) -> None:
         """Cancels a job: its work is told to end, and its result will not count."""
-        changed = await self._change(lambda session: queries.cancel(session, job_id))
+        changed = await self._database.change(lambda session: queries.cancel(session, job_id))
         if changed:
             self._tell(job_id)
         if job_id in self._live:
@@ -110,18 +109,14 @@ class JobRunner:
         if len(self._live) >= self._settings.jobs:
             return None
         most = max(1, self._settings.jobs - 1)
-        heads = await asyncio.to_thread(self._look)
+        heads = await self._database.read(lambda session: list(queries.first_of_each_owner(session)), patient=False)
         candidates = [job for job in heads if self._turns.running[job.owner] < most]
         while candidates:
             chosen = self._turns.next(candidates)
-            if await self._change(lambda session, job=chosen: queries.start(session, job.id)):  # type: ignore[misc]
+            if await self._database.change(lambda session, job=chosen: queries.start(session, job.id)):  # type: ignore[misc]
                 return chosen
             candidates.remove(chosen)  # cancelled meanwhile
         return None
-
-    def _look(self) -> list[Job]:
-        with self._database.reading() as session:
-            return list(queries.first_of_each_owner(session))
 
     def _begin(self, job: Job) -> None:
         assert self._services is not None
@@ -164,13 +159,13 @@ class JobRunner:
     async def _end(self, job: Job, work: Task, outcome: Made | dict[str, Any]) -> None:
         """Stores the outcome; work that was cut off by the end of the service is repeated by the next one."""
         if isinstance(outcome, Made):
-            await self._change(lambda session: queries.finish(session, job.id, outcome))
+            await self._database.change(lambda session: queries.finish(session, job.id, outcome))
         elif self._stopped and self._kinds[job.kind].repeatable:
-            await self._change(lambda session: queries.requeue(session, job.id))
+            await self._database.change(lambda session: queries.requeue(session, job.id))
             return
         else:
             why = problem_document(_died(job.starts + 1)) if self._stopped else outcome
-            await self._change(lambda session: queries.fail(session, job.id, why))
+            await self._database.change(lambda session: queries.fail(session, job.id, why))
         self._tell(job.id)
         await asyncio.to_thread(self._discard, job.id)
 
@@ -190,11 +185,16 @@ class JobRunner:
                 logger.warning("job %s (%s of %s) is not repeated", job.id, job.kind, job.owner)
                 queries.fail(session, job.id, problem_document(_died(job.starts)))
 
-    def _sweep(self) -> None:
+    async def _sweep(self) -> None:
         """Deletes finished jobs after their time, and files of jobs that have ended."""
-        with self._database.session() as session:
+
+        def forget(session: Session) -> set[str]:
             queries.delete_before(session, now() - timedelta(days=self._settings.jobs_kept_days))
-            wanted = queries.unfinished(session)
+            return queries.unfinished(session)
+
+        await asyncio.to_thread(self._delete_uploads, await self._database.change(forget, patient=False))
+
+    def _delete_uploads(self, wanted: set[str]) -> None:
         for folder in self._settings.uploads.glob("job-*"):
             if folder.name not in wanted and folder.stat().st_mtime < time.time() - CLEAN_S:
                 shutil.rmtree(folder, ignore_errors=True)
@@ -203,12 +203,9 @@ class JobRunner:
         while True:
             await asyncio.sleep(CLEAN_S)
             try:
-                await asyncio.to_thread(self._sweep)
+                await self._sweep()
             except (SQLAlchemyError, OSError) as error:
                 logger.warning("old jobs cannot be deleted: %s", error)
-
-    async def _change(self, change: Callable[[Session], T]) -> T:
-        return await patiently(self._database, change, lambda: self._stopped)
 
 
 def upload_path(settings: Settings, job_id: str) -> Path:

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from dohyo.service.accounts.model import Token
 from dohyo.service.accounts.queries import is_valid
-from dohyo.service.scheduling.patience import PatientDatabase
+from dohyo.service.database.patience import PatientDatabase
 from dohyo.service.workers.leases import LeaseBook
 
 EVERY_S: Final = 2.0

@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 from functools import partial
 
+from dohyo.service.database.patience import PatientDatabase
 from dohyo.service.running.process import End, Outcome
 from dohyo.service.scheduling import queue
 from dohyo.service.scheduling.orders import Orders
-from dohyo.service.scheduling.patience import PatientDatabase
 from dohyo.service.scheduling.results import Results
 from dohyo.sumo_networks.errors import DohyoError
 

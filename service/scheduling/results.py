@@ -7,6 +7,7 @@ import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dohyo.service.database.patience import PatientDatabase
 from dohyo.service.episodes.archive import Record, discard, ensure_archived, lost_because, record_size, shelve
 from dohyo.service.evaluations.model import AttemptOutcome
 from dohyo.service.running.order import EpisodeOrder
@@ -14,7 +15,6 @@ from dohyo.service.running.process import End, Outcome
 from dohyo.service.scheduling import queue
 from dohyo.service.scheduling.attempts import AttemptEnd
 from dohyo.service.scheduling.orders import Orders
-from dohyo.service.scheduling.patience import PatientDatabase
 from dohyo.service.scheduling.queue import Next, Progress, Ticket
 from dohyo.service.settings import Settings
 from dohyo.service.submissions.model import AgentKind

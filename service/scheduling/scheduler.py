@@ -18,13 +18,13 @@ from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from dohyo.evaluation.records.specifications import Status
+from dohyo.service.database.patience import PatientDatabase
 from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.process import End, EpisodeProcess, Outcome
 from dohyo.service.scheduling import queue
 from dohyo.service.scheduling.attempts import CHARGED_ATTEMPTS
 from dohyo.service.scheduling.dismissal import dismiss_workers
 from dohyo.service.scheduling.orders import Orders
-from dohyo.service.scheduling.patience import PatientDatabase
 from dohyo.service.scheduling.queue import Next, Ticket, Waiting
 from dohyo.service.scheduling.recovery import recover
 from dohyo.service.scheduling.results import OUTCOMES, Results

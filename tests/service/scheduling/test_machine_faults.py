@@ -23,10 +23,11 @@ from pydantic import SecretStr
 from sqlalchemy import create_engine, text
 from sqlalchemy.orm import Session
 
+from dohyo.service.database import patience
 from dohyo.service.database.engine import Database
 from dohyo.service.episodes.archive import archived_path
 from dohyo.service.evaluations.model import Episode, EpisodeStatus, EvaluationStatus
-from dohyo.service.scheduling import patience, queue, results, scheduler
+from dohyo.service.scheduling import queue, results, scheduler
 from dohyo.service.scheduling.queue import Ticket
 from dohyo.service.scheduling.scheduler import Scheduler
 from dohyo.service.state import Broadcast
