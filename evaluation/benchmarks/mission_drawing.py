@@ -7,8 +7,6 @@ map, its length, its turns and its traffic lights.
 
 from __future__ import annotations
 
-import gzip
-import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +18,7 @@ from scipy.sparse.csgraph import dijkstra  # type: ignore[import-untyped]
 
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.lights import LONGEST_PHASE_S, endless_lights
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.command import Command
 from dohyo.sumo_networks.routes.route import Route
@@ -33,12 +32,11 @@ START_LANES = 200
 """Lanes from which routes are measured in a large network."""
 POOL, CANDIDATES = 4, 8
 """Candidates per mission that are planned, and those that are compared for each choice."""
-LANE_CHANGE_S = 1e-3
+LANE_CHANGE_M = 1e-3
+"""Cost of a lane change in the search for the shortest route, m: a lane change is a choice, not a detour."""
 # A compact car at full lock: 2.7 m of wheelbase, 0.6 rad at the front wheels.
 MIN_RADIUS_M = 4.0
 MIN_LANE_CHANGE_M = 15.0
-LONGEST_PHASE_S = 150.0
-"""A driver who waits for 180 s counts as blocked; a light that another program must switch has phases like this."""
 
 Check = Callable[[Route], str | None]
 """Reason why a route makes no mission; None: it does."""
@@ -226,7 +224,7 @@ def _lane_graph(network: RoadNetwork) -> csr_matrix:
         has = np.flatnonzero((side >= 0) & lanes.drivable)
         sources.append(has)
         targets.append(side[has])
-        costs.append(np.full(len(has), LANE_CHANGE_S))
+        costs.append(np.full(len(has), LANE_CHANGE_M))
     shape = (len(lanes.ids), len(lanes.ids))
     return csr_matrix((np.concatenate(costs), (np.concatenate(sources), np.concatenate(targets))), shape=shape)
 
@@ -280,17 +278,6 @@ def unfit(network: RoadNetwork, route: Route, endless: frozenset[str]) -> str | 
     if any(change.end - change.start < MIN_LANE_CHANGE_M for change in route.lane_changes):
         return f"a lane change in less than {MIN_LANE_CHANGE_M:g} m"
     return None
-
-
-def endless_lights(network: RoadNetwork) -> frozenset[str]:
-    """Ids of traffic lights with a phase so long that a driver at red counts as blocked."""
-    with gzip.open(network.path, "rb") if network.path.suffix == ".gz" else network.path.open("rb") as file:
-        programs = re.findall(rb'<tlLogic id="([^"]*)"(.*?)</tlLogic>', file.read(), re.DOTALL)
-    return frozenset(
-        light.decode()
-        for light, phases in programs
-        if any(float(seconds) > LONGEST_PHASE_S for seconds in re.findall(rb'duration="([\d.]+)"', phases))
-    )
 
 
 def _choose_unlike(pool: Sequence[DrawnMission], count: int, rng: np.random.Generator) -> Iterator[DrawnMission]:

@@ -1,7 +1,12 @@
-"""A bar of progress for evaluations and preparations."""
+"""Progress on the terminal: a bar for evaluations and preparations, a line for the steps of an import."""
 
 from __future__ import annotations
 
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -57,6 +62,23 @@ class ProgressBar:
     def __exit__(self, *_: object) -> None:
         if self._progress.live.is_started:
             self._progress.stop()
+
+
+@contextmanager
+def named_steps() -> Iterator[Callable[[str], None]]:
+    """A line on standard error with the name of the current step, on a terminal only."""
+    with Console(stderr=True, markup=False).status("") as status:
+        yield status.update
+
+
+@contextmanager
+def ended_by_sigterm() -> Iterator[None]:
+    """SIGTERM ends the block as Ctrl-C does, so that temporary folders are removed."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _clipped(width: int) -> Column:

@@ -11,7 +11,7 @@ from dohyo.service.confinement.limits import Limits
 from dohyo.service.confinement.runner import run
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
-from dohyo.sumo_networks.networks.importing import net_name, prepare_network, publish_network
+from dohyo.sumo_networks.networks.importing import ImportOptions, net_name, prepare_network, publish_network
 from dohyo.sumo_networks.networks.network import cache_folder, parsed_name
 from dohyo.sumo_networks.networks.parsing import file_hash
 
@@ -73,12 +73,10 @@ def prepare(arguments: Mapping[str, Any]) -> None:
     """Converts and checks a file in the private folder, which is the working directory of the confined process."""
     entry = Path.cwd() / "entry"
     entry.mkdir()
-    prepare_network(
-        Path(arguments["file"]),
-        arguments["name"],
-        entry,
+    options = ImportOptions(
         lights=arguments["lights"],
         limit_mb=arguments["limit_mb"],
         licence=arguments["licence"],
         timeout_s=10 * LIMITS.wall_s,  # the runner ends it before
     )
+    prepare_network(Path(arguments["file"]), arguments["name"], entry, options)

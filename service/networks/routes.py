@@ -24,8 +24,9 @@ from dohyo.service.web.documents import Name, problems
 from dohyo.service.web.heavy import Heavy
 from dohyo.service.web.uploads import Upload, form_body, receive_upload
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.conversion.sources import SUFFIXES
 from dohyo.sumo_networks.networks.entries import builtin_names, network_names
-from dohyo.sumo_networks.networks.importing import SUFFIXES, retract_network
+from dohyo.sumo_networks.networks.importing import retract_network
 from dohyo.sumo_networks.networks.parsing import file_hash
 
 router = APIRouter(prefix="/v1/networks", tags=["networks"])

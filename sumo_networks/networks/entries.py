@@ -47,6 +47,7 @@ class NetworkEntry(Config):
         sumo_file: Path inside the eclipse-sumo package, for the nets that it contains.
         file: Path inside the entry's own folder, for all others.
         guessed: Guesses and repairs of the import, one line each.
+        mirrored: Whether the net is the mirror image of a place with left-hand traffic.
         size: Size of the network, so that lists need not read the net; None: unknown (old imports).
     """
 
@@ -58,6 +59,7 @@ class NetworkEntry(Config):
     sumo_file: str | None = None
     file: str | None = None
     guessed: tuple[str, ...] = ()
+    mirrored: bool = False
     size: NetworkSize | None = None
 
 

@@ -10,19 +10,31 @@ import json
 import os
 import re
 import shutil
-import subprocess
 import tempfile
-import xml.etree.ElementTree as ElementTree
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
-
-import sumo
 
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.conversion.countries import (
+    Country,
+    country_at,
+    country_named,
+    unknown_country,
+)
+from dohyo.sumo_networks.networks.conversion.mirroring import mirror_image
+from dohyo.sumo_networks.networks.conversion.netconvert import (
+    TIMEOUT_S,
+    Conversion,
+    convert,
+    run_netconvert,
+    run_program,
+    without_comments,
+)
+from dohyo.sumo_networks.networks.conversion.repair import plan_repair
+from dohyo.sumo_networks.networks.conversion.sources import TITLES, Kind, kind_of, unpack
 from dohyo.sumo_networks.networks.entries import (
     ENTRY,
     NetworkSize,
@@ -34,37 +46,40 @@ from dohyo.sumo_networks.networks.entries import (
 from dohyo.sumo_networks.networks.inspection import NetworkReport, inspect_network, network_size
 from dohyo.sumo_networks.networks.network import RoadNetwork, read_network
 from dohyo.sumo_networks.networks.parsing import file_hash
-from dohyo.sumo_networks.networks.xml_guard import LIMIT_MB, Census, scan
+from dohyo.sumo_networks.networks.xml_guard import LIMIT_MB
 
-Kind = Literal["net", "osm", "xodr"]
 
-TIMEOUT_S = 600.0
-ROOTS: dict[Kind, str] = {"net": "net", "osm": "osm", "xodr": "OpenDRIVE"}
-SUFFIXES: dict[str, Kind] = {".net.xml": "net", ".osm": "osm", ".osm.xml": "osm", ".xodr": "xodr"}
-TITLES: dict[Kind, str] = {"net": "a SUMO net", "osm": "OpenStreetMap", "xodr": "OpenDRIVE"}
-TYPE_MAPS: dict[Kind, tuple[str, ...]] = {
-    "net": (),
-    "osm": ("osmNetconvert", "osmNetconvertUrbanDe", "osmNetconvertPedestrians"),
-    "xodr": ("opendriveNetconvert", "opendriveNetconvertPedestrians"),
-}
-OPTIONS: dict[Kind, tuple[str, ...]] = {
-    "net": (),
-    "osm": (
-        *("--proj.utm", "--geometry.remove", "--roundabouts.guess", "--ramps.guess", "--junctions.join"),
-        *("--tls.guess-signals", "--tls.discard-simple", "--tls.join", "--remove-edges.isolated"),
-        *("--keep-edges.by-vclass", "passenger,bicycle,pedestrian"),
-    ),
-    "xodr": ("--opendrive.curve-resolution", "1", "--geometry.min-dist", "0.2"),
-}
-GUESSES = (
-    *("--sidewalks.guess", "--crossings.guess", "--default.sidewalk-width", "2", "--default.crossing-width", "4"),
-    *("--no-turnarounds.except-deadend", "--tls.default-type", "static"),
+@dataclass(frozen=True, slots=True)
+class ImportOptions:
+    """Choices of an import.
+
+    Attributes:
+        lights: Whether to guess traffic lights at large junctions too.
+        left_hand: Whether traffic drives on the left; None: as in the country of an OSM extract, or as the file says.
+        country: Two letters of the country whose rules hold in an OSM extract; None: that of the nearest town.
+        largest_part: Whether to remove the roads that do not lead to and from the largest connected part.
+        fix: Whether to mend lights without a purpose, lights with endless phases, and implausible speed limits.
+        limit_mb: Largest size of the file, packed or unpacked, MB.
+        licence: Licence of the source's data; None: the usual one of its format.
+        timeout_s: Time limit of netconvert, s.
+    """
+
+    lights: bool = False
+    left_hand: bool | None = None
+    country: str | None = None
+    largest_part: bool = False
+    fix: bool = False
+    limit_mb: float = LIMIT_MB
+    licence: str | None = None
+    timeout_s: float = TIMEOUT_S
+
+
+MIRRORED = (
+    "left-hand traffic: this network is the mirror image of the place, in which traffic drives on the right; east and "
+    "west, and left and right turns, change places"
 )
-
-
-JOIN_LIGHTS = "--tls.join"
-LONGEST_CYCLE_S = 150.0
-"""A driver who waits at a red light for 180 s counts as blocked."""
+Progress = Callable[[str], None]
+"""Called with the name of each step when it begins."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,35 +98,31 @@ class Imported:
 def import_network(
     file: Path,
     name: str,
+    options: ImportOptions = ImportOptions(),
     *,
-    lights: bool = False,
     force: bool = False,
-    limit_mb: float = LIMIT_MB,
-    licence: str | None = None,
-    timeout_s: float = TIMEOUT_S,
+    progress: Progress = lambda step: None,
 ) -> Imported:
     """Adds a network to the user's catalog from a file; if anything fails, nothing is written.
 
-    Sidewalks and crossings are guessed if the file has none; a SUMO net with crossings is not changed.
+    Sidewalks and crossings are guessed if the file has none; a SUMO net with crossings is not changed. Left-hand
+    traffic becomes its mirror image, see `conversion.mirroring`.
 
     Args:
-        file: A .net.xml, .osm, .osm.xml or .xodr file, also gzipped (.gz).
+        file: A .net.xml, .osm, .osm.xml or .xodr file, also packed (.gz, .bz2), or a .pbf file.
         name: Name of the new network.
-        lights: Whether to guess traffic lights at large junctions too.
+        options: Choices.
         force: Whether to replace a network of the user's catalog that has this name.
-        limit_mb: Largest size of the file, packed or unpacked, MB.
-        licence: Licence of the source's data; None: the usual one of its format.
-        timeout_s: Time limit of netconvert, s.
+        progress: Called with the name of each step when it begins.
 
     Raises:
         InvalidInputError: The name is invalid or taken, or the file gives no network that cars can drive on.
     """
     check_free(name, force)
     with tempfile.TemporaryDirectory(prefix="dohyo-import-") as work:
-        guessed = prepare_network(
-            file, name, Path(work), lights=lights, limit_mb=limit_mb, licence=licence, timeout_s=timeout_s
-        )
+        guessed = prepare_network(file, name, Path(work), options, progress)
         folder = publish_network(name, Path(work), force=force)
+    progress("checking the network")
     return Imported(folder, inspect_network(load_network(name), guessed))
 
 
@@ -119,11 +130,8 @@ def prepare_network(
     file: Path,
     name: str,
     folder: Path,
-    *,
-    lights: bool = False,
-    limit_mb: float = LIMIT_MB,
-    licence: str | None = None,
-    timeout_s: float = TIMEOUT_S,
+    options: ImportOptions = ImportOptions(),
+    progress: Progress = lambda step: None,
 ) -> tuple[str, ...]:
     """Writes what the catalog will hold of a network to a folder; the arguments are those of `import_network`.
 
@@ -133,19 +141,24 @@ def prepare_network(
     Raises:
         InvalidInputError: The file gives no network that cars can drive on.
     """
-    kind = _kind(file)
+    kind = kind_of(file)
+    packed = folder / net_name(name)
     with tempfile.TemporaryDirectory(prefix="dohyo-import-") as work:
-        plain, built = Path(work) / f"source.{kind}.xml", Path(work) / f"{name}.net.xml"
-        before = scan(file, ROOTS[kind], limit_mb, copy=plain)
-        if kind == "net" and not before.elements["lane"]:
-            raise InvalidInputError(f"'{file}' has no lane open to passenger cars: it has no lane at all")
-        as_it_is = kind == "net" and before.crossings > 0 and not lights
-        warnings, decided = ([], []) if as_it_is else _convert(kind, plain, built, lights, file, timeout_s)
-        packed = folder / net_name(name)
-        packed.write_bytes(gzip.compress(without_comments((plain if as_it_is else built).read_bytes()), mtime=0))
-    network = _checked(packed, name, file)
-    guessed = (*decided, *_guessed(kind, before, network, warnings)) if not as_it_is else ()
-    entry = _entry(file, kind, packed.name, licence, guessed, network_size(network))
+        source = _Source(file, kind, Path(work) / f"source.{kind}.xml", options)
+        progress("reading the file")
+        source.read()
+        progress("converting it")
+        made = source.convert(Path(work) / f"{name}.net.xml")
+        _pack(made.net, packed)
+        progress("trying the roads")
+        network = _checked(packed, name, file)
+        repair = plan_repair(network, largest=options.largest_part, fix=options.fix)
+        if repair.needed:
+            progress("repairing it")
+            _pack(repair.carry_out(made.net, Path(work) / "repaired.net.xml", file, options.timeout_s), packed)
+            network = _checked(packed, name, file)
+    guessed = (*made.decided, *repair.decided, *source.counted(network, made.warnings))
+    entry = _entry(file, kind, packed.name, options.licence, guessed, network_size(network), made.mirrored)
     (folder / ENTRY).write_text(entry, encoding="utf-8")
     return guessed
 
@@ -212,43 +225,6 @@ def build_network(folder: Path, out: Path | None = None) -> Path:
     return out
 
 
-def run_netconvert(arguments: Sequence[str], file: Path, timeout_s: float) -> list[str]:
-    """Runs netconvert and returns its warnings.
-
-    Args:
-        arguments: Command line of netconvert.
-        file: Path that the user gave, for error messages.
-        timeout_s: Time after which netconvert is stopped, s.
-
-    Raises:
-        InvalidInputError: netconvert fails or takes too long.
-    """
-    always = ["--xml-validation", "never", "--xml-validation.net", "never", "--aggregate-warnings", "-1"]
-    try:
-        done = _run("netconvert", [*arguments, *always], timeout_s)
-    except subprocess.TimeoutExpired as error:
-        raise InvalidInputError(f"'{file}': netconvert did not finish within {timeout_s:.0f} s") from error
-    lines = [line for line in (done.stderr + done.stdout).splitlines() if line]
-    if done.returncode:
-        errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
-        why = errors[0] if errors else f"it ended with {done.returncode}"
-        raise InvalidInputError(f"'{file}': netconvert cannot use the file: {why}")
-    return [line.removeprefix("Warning: ") for line in lines if line.startswith("Warning: ")]
-
-
-def without_comments(net: bytes) -> bytes:
-    """Removes netconvert's comment (date and paths) from a net, so that the same source gives the same bytes."""
-    return re.sub(rb"\n*<!-- generated on .*?-->\n*", b"\n\n", net, count=1, flags=re.DOTALL)
-
-
-def _kind(file: Path) -> Kind:
-    name = file.name.lower().removesuffix(".gz")
-    for suffix, kind in SUFFIXES.items():
-        if name.endswith(suffix):
-            return kind
-    raise InvalidInputError(f"'{file}': expected a file that ends in {', '.join(SUFFIXES)} (each also with .gz)")
-
-
 def check_free(name: str, force: bool) -> None:
     """Checks that a network of this name may be added.
 
@@ -262,37 +238,115 @@ def check_free(name: str, force: bool) -> None:
         raise InvalidInputError(f"network '{name}' exists; replace it with --force")
 
 
-def _convert(
-    kind: Kind, source: Path, target: Path, lights: bool, file: Path, timeout_s: float
-) -> tuple[list[str], list[str]]:
-    """Runs netconvert; joins the lights of neighbouring junctions only if that makes no endless cycle.
+@dataclass(frozen=True, slots=True)
+class _Made:
+    """A converted net.
 
-    Returns:
-        netconvert's warnings, and what was decided, one line each.
+    Attributes:
+        net: The net, with right-hand traffic.
+        mirrored: Whether it is the mirror image of left-hand traffic.
+        warnings: netconvert's warnings; None: the net is the file as it is.
+        decided: Decisions, one line each.
     """
-    maps = [str(Path(sumo.SUMO_HOME) / "data" / "typemap" / f"{name}.typ.xml") for name in TYPE_MAPS[kind]]
-    options = {"net": "-s", "osm": "--osm-files", "xodr": "--opendrive-files"}
-    arguments = [options[kind], str(source), *(["--type-files", ",".join(maps)] if maps else []), "-o", str(target)]
-    arguments += [*OPTIONS[kind], *GUESSES, *(["--tls.guess"] if lights else [])]
-    warnings = run_netconvert(arguments, file, timeout_s)
-    if JOIN_LIGHTS not in arguments or (cycle := _longest_cycle(target)) <= LONGEST_CYCLE_S:
-        return warnings, []
-    arguments.remove(JOIN_LIGHTS)
-    decided = f"lights of neighbouring junctions are not joined, since one would have a cycle of {cycle:.0f} s"
-    return run_netconvert(arguments, file, timeout_s), [decided]
+
+    net: Path
+    mirrored: bool
+    warnings: list[str] | None
+    decided: list[str]
 
 
-def _longest_cycle(net: Path) -> float:
-    """Longest cycle of a net's traffic lights, s."""
-    cycles, cycle = [0.0], 0.0
-    for _, element in ElementTree.iterparse(net):
-        if element.tag == "phase":
-            cycle += float(element.get("duration", 0.0))
-        elif element.tag == "tlLogic":
-            cycles.append(cycle)
-            cycle = 0.0
-        element.clear()
-    return max(cycles)
+class _Source:
+    """A file that is being imported."""
+
+    def __init__(self, file: Path, kind: Kind, plain: Path, options: ImportOptions) -> None:
+        self.file, self.kind, self.plain, self.options = file, kind, plain, options
+
+    def read(self) -> None:
+        """Checks the file, and unpacks it.
+
+        Raises:
+            InvalidInputError: The file cannot be imported.
+        """
+        self.census = unpack(self.file, self.options.limit_mb, self.plain)
+        if self.kind == "net" and not self.census.elements["lane"]:
+            raise InvalidInputError(f"'{self.file}' has no lane open to passenger cars: it has no lane at all")
+        self.country = self._country()
+        self.left_hand = self._left_hand()
+
+    def convert(self, built: Path) -> _Made:
+        """Makes the net."""
+        decided = []
+        if self.country is not None:
+            decided.append(f"country {self.country.code}: {self.country.summary}")
+        if self.left_hand:
+            decided.append(MIRRORED)
+        mirrored_first = self.left_hand and self.kind == "net"
+        if mirrored_first:
+            self.plain.write_bytes(mirror_image(self.plain.read_bytes()))
+        if self.kind == "net" and self.census.crossings > 0 and not self.options.lights:
+            return _Made(self.plain, self.left_hand, None, decided)
+        settings = Conversion(
+            kind=self.kind,
+            source=self.plain,
+            file=self.file,
+            lights=self.options.lights,
+            drop_lights=self.options.fix,
+            left_hand=self.left_hand and not mirrored_first,
+            country=self.country,
+            timeout_s=self.options.timeout_s,
+        )
+        warnings, chosen = convert(settings, built)
+        if settings.left_hand:
+            built.write_bytes(mirror_image(built.read_bytes()))
+        return _Made(built, self.left_hand, warnings, [*decided, *chosen])
+
+    def counted(self, network: RoadNetwork, warnings: Sequence[str] | None) -> tuple[str, ...]:
+        """Lines about what was guessed: numbers of objects, and netconvert's warnings."""
+        if warnings is None:
+            return ()
+        before, lanes = self.census, network.lanes
+        sidewalks = lanes.pedestrian & ~lanes.drivable & ~lanes.bicycle & ~lanes.crossing
+        sidewalks &= [not str(lane).startswith(":") for lane in lanes.ids]
+        counts = (
+            ("sidewalks", int(sidewalks.sum()) - before.sidewalks),
+            ("crossings", int(lanes.crossing.sum()) - before.crossings),
+            ("traffic lights", len(network.signals.light_ids) - before.lights),
+        )
+        how = "added" if self.kind == "net" else "read or guessed"
+        kinds = Counter(re.sub(r"'[^']*'|-?\d+(\.\d+)?", "…", warning) for warning in warnings)
+        return (
+            *(f"{count} {what} {how}" for what, count in counts if count > 0),
+            *(f"netconvert, {count} x: {text}" for text, count in kinds.most_common(12)),
+        )
+
+    def _country(self) -> Country | None:
+        """Country of an OSM extract; None for other kinds of files, whose roads have limits."""
+        if self.kind != "osm":
+            if self.options.country is not None:
+                raise InvalidInputError(f"'{self.file}': a country can be given for OpenStreetMap files only")
+            return None
+        if self.options.country is not None:
+            return country_named(self.options.country)
+        return country_at(*self.census.place) if self.census.place else unknown_country()
+
+    def _left_hand(self) -> bool:
+        asked = self.options.left_hand
+        if self.kind == "osm":
+            return asked if asked is not None else self.country is not None and self.country.left_hand
+        if self.kind == "xodr" and (asked or self.census.left_hand):
+            raise InvalidInputError(
+                f"'{self.file}': left-hand traffic cannot be imported from OpenDRIVE, which netconvert reads as "
+                "right-hand traffic"
+            )
+        if asked is not None and asked != self.census.left_hand:
+            raise InvalidInputError(
+                f"'{self.file}': the net says that traffic drives on the {'left' if self.census.left_hand else 'right'}"
+            )
+        return self.census.left_hand
+
+
+def _pack(net: Path, packed: Path) -> None:
+    packed.write_bytes(gzip.compress(without_comments(net.read_bytes()), mtime=0))
 
 
 def _checked(net: Path, name: str, file: Path) -> RoadNetwork:
@@ -305,36 +359,15 @@ def _checked(net: Path, name: str, file: Path) -> RoadNetwork:
     drives = lanes.drivable[connections.source] & lanes.drivable[connections.target]
     if not (drives & ~lanes.internal[connections.source]).any():
         raise InvalidInputError(f"'{file}': no road leads to another for passenger cars, so there is nothing to drive")
-    done = _run("sumo", ["-n", str(net), "--end", "1", "--no-step-log", "--xml-validation.net", "never"], 120.0)
+    done = run_program("sumo", ["-n", str(net), "--end", "1", "--no-step-log", "--xml-validation.net", "never"], 120.0)
     if done.returncode:
         raise InvalidInputError(f"'{file}': SUMO cannot open its net: {(done.stderr.splitlines() or [''])[0]}")
     return network
 
 
-def _run(program: str, arguments: Sequence[str], timeout_s: float) -> subprocess.CompletedProcess[str]:
-    home = Path(sumo.SUMO_HOME)
-    environment = {**os.environ, "SUMO_HOME": str(home), "PROJ_LIB": str(home / "data" / "proj")}
-    command = [str(home / "bin" / program), *arguments]
-    return subprocess.run(
-        command, env=environment, capture_output=True, text=True, errors="replace", timeout=timeout_s, check=False
-    )
-
-
-def _guessed(kind: Kind, before: Census, network: RoadNetwork, warnings: Sequence[str]) -> tuple[str, ...]:
-    lanes = network.lanes
-    sidewalks = lanes.pedestrian & ~lanes.drivable & ~lanes.bicycle & ~lanes.crossing
-    sidewalks &= [not str(lane).startswith(":") for lane in lanes.ids]
-    counts = (
-        ("sidewalks", int(sidewalks.sum()) - before.sidewalks),
-        ("crossings", int(lanes.crossing.sum()) - before.crossings),
-        ("traffic lights", len(network.signals.light_ids) - before.lights),
-    )
-    lines = [f"{count} {what} {'added' if kind == 'net' else 'read or guessed'}" for what, count in counts if count > 0]
-    kinds = Counter(re.sub(r"'[^']*'|-?\d+(\.\d+)?", "…", warning) for warning in warnings)
-    return (*lines, *(f"netconvert, {count} x: {text}" for text, count in kinds.most_common(12)))
-
-
-def _entry(file: Path, kind: Kind, net: str, licence: str | None, guessed: Sequence[str], size: NetworkSize) -> str:
+def _entry(
+    file: Path, kind: Kind, net: str, licence: str | None, guessed: Sequence[str], size: NetworkSize, mirrored: bool
+) -> str:
     usual = "ODbL (OpenStreetMap data)" if kind == "osm" else "as the source's; its file does not say"
     fields: dict[str, str | list[str]] = {
         "title": f"{file.name}, imported from {TITLES[kind]}",
@@ -345,9 +378,11 @@ def _entry(file: Path, kind: Kind, net: str, licence: str | None, guessed: Seque
         "file": net,
         "guessed": list(guessed),
     }
+    mirror = "mirrored = true\n" if mirrored else ""
     counts = {"size." + key: value for key, value in size.model_dump().items()}
     # A JSON string, escaped to ASCII, is a TOML string too.
-    return "".join(f"{key} = {json.dumps(value)}\n" for key, value in (fields | counts).items()).replace("\x7f", " ")
+    lines = (f"{key} = {json.dumps(value)}\n" for key, value in (fields | counts).items())
+    return (mirror + "".join(lines)).replace("\x7f", " ")
 
 
 def _publish(name: str, files: Sequence[Path], force: bool) -> Path:

@@ -1,4 +1,4 @@
-"""Inspection: the content of a network, and the faults of its geometry."""
+"""Inspection: the content of a network, and its faults."""
 
 from __future__ import annotations
 
@@ -12,30 +12,11 @@ import numpy as np
 import shapely
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
+from dohyo.sumo_networks.networks.connectivity import largest_part
 from dohyo.sumo_networks.networks.entries import NetworkSize
+from dohyo.sumo_networks.networks.faults import Fault, find_faults
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.units import KMH_PER_MPS
-
-MIN_LENGTH_M = 0.5
-MAX_KINK = np.radians(60.0)
-# A compact car at full lock: 2.7 m of wheelbase, 0.6 rad at the front wheels.
-MIN_RADIUS_M = 4.0
-CURVATURE_SPAN_M = 3.0
-
-
-@dataclass(frozen=True, slots=True)
-class LaneFault:
-    """A lane whose geometry is suspicious.
-
-    Attributes:
-        lane: SUMO lane id.
-        kind: "short" (m), "kink" (degrees) or "curvature" (radius in m).
-        value: Measured value, in the unit of its kind.
-    """
-
-    lane: str
-    kind: str
-    value: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +38,7 @@ class NetworkReport:
         outside: SUMO ids of edges with lanes outside that part.
         speed_limits_kmh: Length of lanes [km] by speed limit [km/h].
         sidewalk_share: Share of the edges' length with a sidewalk.
-        faults: Lanes with suspicious geometry, inside junctions too.
+        faults: Places that disturb drivers.
         guessed: Guesses and repairs of the import.
     """
 
@@ -75,7 +56,7 @@ class NetworkReport:
     outside: tuple[str, ...]
     speed_limits_kmh: dict[int, float]
     sidewalk_share: float
-    faults: tuple[LaneFault, ...]
+    faults: tuple[Fault, ...]
     guessed: tuple[str, ...] = ()
 
     def as_document(self) -> dict[str, Any]:
@@ -104,7 +85,7 @@ def inspect_network(network: RoadNetwork, guessed: Sequence[str] = ()) -> Networ
     """
     lanes = network.lanes
     road = lanes.drivable & ~lanes.internal
-    inside = _largest_part(network) & road
+    inside = largest_part(network) & road
     outside = np.unique(lanes.edge[road & ~inside])
     edges, rows = np.unique(lanes.edge[road], return_index=True)
     length = lanes.length[road][rows]
@@ -128,7 +109,7 @@ def inspect_network(network: RoadNetwork, guessed: Sequence[str] = ()) -> Networ
             int(limit): _km(float(lanes.length[road][limits == limit].sum())) for limit in np.unique(limits)
         },
         sidewalk_share=round(float(length[walkable].sum() / max(length.sum(), 1e-9)), 4),
-        faults=tuple(_faults(network)),
+        faults=find_faults(network),
         guessed=tuple(guessed),
     )
 
@@ -179,99 +160,3 @@ def _dead_ends(network: RoadNetwork, road: BoolArray) -> IntArray:
     lanes, connections = network.lanes, network.connections
     onward = road[connections.source] & lanes.drivable[connections.target] & (connections.direction != "t")
     return np.setdiff1d(lanes.edge[road], lanes.edge[connections.source[onward]])
-
-
-def _largest_part(network: RoadNetwork) -> BoolArray:
-    """(L,) whether a lane is in the largest strongly connected set, by connections and lane changes."""
-    lanes, connections = network.lanes, network.connections
-    drives = lanes.drivable[connections.source] & lanes.drivable[connections.target]
-    source, target = connections.source[drives], connections.target[drives]
-    for side in (lanes.left, lanes.right):
-        has = np.flatnonzero((side >= 0) & lanes.drivable)
-        source, target = np.concatenate([source, has]), np.concatenate([target, side[has]])
-    forward, backward = _adjacency(source, target, len(lanes.ids)), _adjacency(target, source, len(lanes.ids))
-    left = set(np.flatnonzero(lanes.drivable).tolist())
-    order = _finishing_order(forward, sorted(left))
-    best: set[int] = set()
-    for root in reversed(order):
-        if root in left:
-            part = _reached(backward, root, left)
-            left -= part
-            if len(part) > len(best):
-                best = part
-    out = np.zeros(len(lanes.ids), dtype=np.bool_)
-    out[sorted(best)] = True
-    return out
-
-
-def _adjacency(source: IntArray, target: IntArray, count: int) -> list[list[int]]:
-    out: list[list[int]] = [[] for _ in range(count)]
-    for a, b in zip(source.tolist(), target.tolist(), strict=True):
-        out[a].append(b)
-    return out
-
-
-def _finishing_order(graph: list[list[int]], nodes: list[int]) -> list[int]:
-    """Nodes in the order in which a depth-first search leaves them (Kosaraju's first pass)."""
-    order, seen = [], set()
-    for root in nodes:
-        if root in seen:
-            continue
-        seen.add(root)
-        stack = [(root, iter(graph[root]))]
-        while stack:
-            followers = stack[-1][1]
-            following = next((n for n in followers if n not in seen), None)
-            if following is None:
-                order.append(stack.pop()[0])
-            else:
-                seen.add(following)
-                stack.append((following, iter(graph[following])))
-    return order
-
-
-def _reached(graph: list[list[int]], root: int, among: set[int]) -> set[int]:
-    part, stack = {root}, [root]
-    while stack:
-        for following in graph[stack.pop()]:
-            if following in among and following not in part:
-                part.add(following)
-                stack.append(following)
-    return part
-
-
-def _faults(network: RoadNetwork) -> list[LaneFault]:
-    lanes, connections = network.lanes, network.connections
-    turning_round = set(connections.target[connections.direction == "t"].tolist())
-    found = []
-    for lane in np.flatnonzero(lanes.drivable).tolist():
-        name, length, shape = str(lanes.ids[lane]), float(lanes.length[lane]), network.lane_shape(lane)
-        if not lanes.internal[lane] and length < MIN_LENGTH_M:
-            found.append(LaneFault(name, "short", round(length, 2)))
-        if lane in turning_round:
-            continue
-        kink, radius = _sharpest(shape)
-        if kink > MAX_KINK:
-            found.append(LaneFault(name, "kink", round(float(np.degrees(kink)))))
-        elif radius < MIN_RADIUS_M:
-            found.append(LaneFault(name, "curvature", round(radius, 1)))
-    return found
-
-
-def _sharpest(shape: FloatArray) -> tuple[float, float]:
-    """Largest angle between two segments of a line [rad], and its smallest radius over 3 m [m]."""
-    steps = np.diff(shape, axis=0)
-    lengths = np.hypot(steps[:, 0], steps[:, 1])
-    steps, lengths = steps[lengths > 0.05], lengths[lengths > 0.05]
-    if len(steps) < 2:
-        return 0.0, np.inf
-    heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-    kink = float(np.abs(np.diff(heading)).max())
-    middle = np.cumsum(lengths) - lengths / 2
-    at = np.arange(0.0, lengths.sum() + 1e-9, 0.5)
-    span = max(int(CURVATURE_SPAN_M / 0.5), 1)
-    if len(at) <= span:
-        return kink, np.inf
-    sampled = np.interp(at, middle, heading)
-    turn = float(np.abs(sampled[span:] - sampled[:-span]).max())
-    return kink, CURVATURE_SPAN_M / turn if turn > 1e-9 else np.inf

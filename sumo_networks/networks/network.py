@@ -14,6 +14,7 @@ import numpy as np
 import shapely
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray, StringArray
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import staged
 from dohyo.sumo_networks.geometry import SegmentGrid, crossed_segments, nearest_lane
 from dohyo.sumo_networks.networks.parsing import file_hash, parse_net
@@ -283,7 +284,8 @@ def read_network(path: Path, name: str, limit_mb: float = math.inf) -> RoadNetwo
         limit_mb: Largest size, packed or unpacked, MB.
 
     Raises:
-        InvalidInputError: The file is missing, too large, harmful or no SUMO net, or has no lane open to cars.
+        InvalidInputError: The file is missing, too large, harmful or no SUMO net, has left-hand traffic, or has no lane
+            open to cars.
     """
     check_size(path, limit_mb)
     sha256 = file_hash(path)
@@ -292,7 +294,11 @@ def read_network(path: Path, name: str, limit_mb: float = math.inf) -> RoadNetwo
         with np.load(cached, allow_pickle=False) as file:
             tables = {key: file[key] for key in file.files}
     else:
-        scan(path, "net", limit_mb)
+        if scan(path, "net", limit_mb).left_hand:
+            raise InvalidInputError(
+                f"network file '{path}' has left-hand traffic, in which dohyo cannot drive: `dohyo networks import` "
+                "makes its mirror image, in which traffic drives on the right"
+            )
         tables = parse_net(path)
         with suppress(PermissionError):  # a process that may not store it can still use it
             cached.parent.mkdir(parents=True, exist_ok=True)

@@ -9,20 +9,24 @@ Files are untrusted. Refused before netconvert, sumolib or another parser reads 
 
 from __future__ import annotations
 
+import bz2
 import gzip
 import stat
 import xml.parsers.expat
 import zlib
 from collections import Counter
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from typing import BinaryIO, NoReturn
 
 from dohyo.sumo_networks.errors import InvalidInputError
 
 LIMIT_MB = 200.0
 _CHUNK = 1 << 20
+_EVERY_NODE = 16
+"""One of so many nodes of an OSM file is taken to find its place."""
 _NET_ELEMENTS = frozenset(
     (
         *("net", "location", "type", "restriction", "stopOffset", "edge", "lane", "neigh", "param", "junction"),
@@ -41,12 +45,16 @@ class Census:
         sidewalks: Number of lanes for pedestrians only.
         crossings: Number of pedestrian crossings.
         lights: Number of traffic lights.
+        place: Latitude and longitude [degrees] of the middle of an OSM extract; None: it has no place.
+        left_hand: Whether a net or an OpenDRIVE file says that traffic drives on the left.
     """
 
     elements: Counter[str]
     sidewalks: int
     crossings: int
     lights: int
+    place: tuple[float, float] | None = None
+    left_hand: bool = False
 
 
 def check_size(file: Path, limit_mb: float = LIMIT_MB) -> None:
@@ -62,11 +70,11 @@ def check_size(file: Path, limit_mb: float = LIMIT_MB) -> None:
     if not stat.S_ISREG(state.st_mode):
         raise InvalidInputError(f"cannot read '{file}': it is not a file")
     if state.st_size > limit_mb * 1e6:
-        _refuse_size(file, "", limit_mb)
+        refuse_size(file, "", limit_mb)
 
 
 def scan(file: Path, root: str, limit_mb: float = LIMIT_MB, copy: Path | None = None) -> Census:
-    """Reads a file, unzipped if it is gzipped, and checks that it is harmless XML.
+    """Reads a file, unpacked if it is a .gz or .bz2 file, and checks that it is harmless XML.
 
     Args:
         file: Path that the user gave.
@@ -87,14 +95,16 @@ def scan(file: Path, root: str, limit_mb: float = LIMIT_MB, copy: Path | None = 
             while chunk := source.read(_CHUNK):
                 size += len(chunk)
                 if size > limit:
-                    _refuse_size(file, " unpacked", limit_mb)
+                    refuse_size(file, " unpacked", limit_mb)
                 scanner.feed(chunk)
                 if target:
                     target.write(chunk)
             scanner.feed(b"", last=True)
     except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-        raise InvalidInputError(f"'{file}' is no complete gzip file: {error}") from error
+        raise InvalidInputError(f"'{file}' is no complete {_packing(file)} file: {error}") from error
     except OSError as error:
+        if error.errno is None:  # bz2 has no error of its own
+            raise InvalidInputError(f"'{file}' is no complete {_packing(file)} file: {error}") from error
         raise InvalidInputError(f"cannot read '{file}': {error.strerror or error}") from error
     return scanner.census()
 
@@ -106,6 +116,8 @@ class _Scanner:
         self.file, self.root = file, root
         self.elements: Counter[str] = Counter()
         self.sidewalks = self.crossings = 0
+        self.places: list[tuple[float, float]] = []
+        self.left_hand = False
         self.parser = xml.parsers.expat.ParserCreate()
         self.parser.StartElementHandler = self._element
         self.parser.StartDoctypeDeclHandler = self._doctype
@@ -117,7 +129,12 @@ class _Scanner:
             raise InvalidInputError(f"'{self.file}' is no well-formed XML: {error}") from error
 
     def census(self) -> Census:
-        return Census(self.elements, self.sidewalks, self.crossings, self.elements["tlLogic"])
+        place = None
+        if self.places:
+            latitudes, longitudes = zip(*self.places, strict=True)
+            place = median(latitudes), median(longitudes)
+        lights = self.elements["tlLogic"]
+        return Census(self.elements, self.sidewalks, self.crossings, lights, place, self.left_hand)
 
     def _doctype(self, *_: object) -> NoReturn:
         raise InvalidInputError(f"'{self.file}' has a DOCTYPE; road files need none, and entities are not read")
@@ -129,6 +146,14 @@ class _Scanner:
         self.elements[tag] += 1
         self.sidewalks += tag == "lane" and attributes.get("allow") == "pedestrian"
         self.crossings += tag == "edge" and attributes.get("function") == "crossing"
+        self.left_hand |= tag == "net" and attributes.get("lefthand") == "true"
+        self.left_hand |= tag == "road" and attributes.get("rule") == "LHT"
+        if tag == "node" and self.root == "osm" and self.elements["node"] % _EVERY_NODE == 1:
+            self._locate(attributes)
+
+    def _locate(self, attributes: dict[str, str]) -> None:
+        with suppress(KeyError, ValueError):  # netconvert refuses such nodes
+            self.places.append((float(attributes["lat"]), float(attributes["lon"])))
 
     def _check_files(self, tag: str, attributes: dict[str, str]) -> None:
         """Refuses whatever makes SUMO read or write another file."""
@@ -143,8 +168,24 @@ class _Scanner:
 
 
 def _open(file: Path) -> BinaryIO:
-    return gzip.open(file, "rb") if file.suffix == ".gz" else file.open("rb")  # type: ignore[return-value]
+    if file.suffix.lower() == ".bz2":
+        return bz2.open(file, "rb")  # type: ignore[return-value]
+    return gzip.open(file, "rb") if file.suffix.lower() == ".gz" else file.open("rb")  # type: ignore[return-value]
 
 
-def _refuse_size(file: Path, state: str, limit_mb: float) -> NoReturn:
+def _packing(file: Path) -> str:
+    return "bzip2" if file.suffix.lower() == ".bz2" else "gzip"
+
+
+def refuse_size(file: Path, state: str, limit_mb: float) -> NoReturn:
+    """Refuses a file that is larger than the limit.
+
+    Args:
+        file: Path that the user gave.
+        state: " unpacked" if the packed file is small enough, else "".
+        limit_mb: The limit, MB.
+
+    Raises:
+        InvalidInputError: Always.
+    """
     raise InvalidInputError(f"'{file}' is larger{state} than {limit_mb:g} MB; an import may allow more with --limit-mb")

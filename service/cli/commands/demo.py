@@ -18,7 +18,7 @@ from dohyo.evaluation.running.run import run_benchmark
 from dohyo.service.cli.commands.create import notes_of, print_created
 from dohyo.service.cli.commands.records import report
 from dohyo.service.cli.output import console
-from dohyo.service.cli.progress import ProgressBar
+from dohyo.service.cli.progress import ProgressBar, ended_by_sigterm, named_steps
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.entries import network_entry, network_names
 from dohyo.sumo_networks.networks.importing import import_network
@@ -60,7 +60,8 @@ def _imported(file: Path, name: str | None) -> str:
             return name
         raise InvalidInputError(f"network '{name}' exists and comes from other data than '{file}'; choose a --name")
     console.print(f"importing {file}", soft_wrap=True)
-    done = import_network(file, name)
+    with ended_by_sigterm(), named_steps() as progress:
+        done = import_network(file, name, progress=progress)
     console.print(
         f"network '{name}': {done.report.lanes} lanes, {done.report.lane_km:.1f} km, {done.report.lights} traffic "
         f"lights; {done.report.connected_share:.0%} of the lanes lead to each other",

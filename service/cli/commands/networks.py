@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from dohyo.service.cli.output import DASH, Json, console, print_json, print_rows
+from dohyo.service.cli.progress import ended_by_sigterm, named_steps
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.drawing import write_map
 from dohyo.sumo_networks.networks.entries import network_entry, network_names
-from dohyo.sumo_networks.networks.importing import build_network, import_network
+from dohyo.sumo_networks.networks.faults import MEANINGS, FaultKind
+from dohyo.sumo_networks.networks.importing import ImportOptions, build_network, import_network
 from dohyo.sumo_networks.networks.inspection import NetworkReport, inspect_network
 from dohyo.sumo_networks.networks.xml_guard import LIMIT_MB
 
 SHOWN = 6
+WELL_CONNECTED = 0.9
 
 Network = Annotated[str, typer.Argument(help="Name in the catalog, or path of a .net.xml[.gz].")]
 
@@ -38,16 +41,39 @@ def check(name: Network, json: Json = False) -> None:
 
 
 def import_file(
-    file: Annotated[Path, typer.Argument(help=".net.xml, .osm[.xml] or .xodr, each also with .gz.")],
+    file: Annotated[Path, typer.Argument(help=".net.xml, .osm[.xml] or .xodr, each also with .gz or .bz2; or .pbf.")],
     name: Annotated[str, typer.Option(help="Its name: small letters, digits and hyphens.")],
     lights: Annotated[bool, typer.Option("--lights", help="Guess traffic lights at large junctions.")] = False,
+    left_hand: Annotated[
+        bool | None,
+        typer.Option("--left-hand/--right-hand", help="Side of the traffic; default: as in the country."),
+    ] = None,
+    country: Annotated[
+        str | None, typer.Option(help="Two letters, such as GB: side and limits; default: from the coordinates.")
+    ] = None,
+    largest_part: Annotated[
+        bool, typer.Option("--largest-part", help="Keep only roads that lead to each other.")
+    ] = False,
+    fix: Annotated[bool, typer.Option("--fix", help="Mend lights and implausible limits; the report lists them.")] = (
+        False
+    ),
     force: Annotated[bool, typer.Option("--force", help="Replace your network of this name.")] = False,
     limit_mb: Annotated[float, typer.Option(min=0.001, help="Largest size, packed or unpacked, MB.")] = LIMIT_MB,
     licence: Annotated[str | None, typer.Option(help="Of the source's data.")] = None,
     json: Json = False,
 ) -> None:
     """Imports a road network into your catalog, and checks it."""
-    done = import_network(file, name, lights=lights, force=force, limit_mb=limit_mb, licence=licence)
+    options = ImportOptions(
+        lights=lights,
+        left_hand=left_hand,
+        country=country,
+        largest_part=largest_part,
+        fix=fix,
+        limit_mb=limit_mb,
+        licence=licence,
+    )
+    with ended_by_sigterm(), named_steps() as progress:
+        done = import_network(file, name, options, force=force, progress=progress)
     _print_report(done.report, json)
     if not json:
         console.print(f"network '{name}': {done.folder.resolve()}", soft_wrap=True)
@@ -65,7 +91,6 @@ def _print_report(report: NetworkReport, as_json: bool) -> None:
     if as_json:
         print_json(report.as_document())
         return
-    kinds = Counter(fault.kind for fault in report.faults)
     print_rows(
         (report.name, ""),
         [
@@ -77,15 +102,24 @@ def _print_report(report: NetworkReport, as_json: bool) -> None:
             ("every lane leads to every other", f"{report.connected_share:.0%} of the lanes"),
             ("outside of these", _some(report.outside)),
             ("dead ends", _some(report.dead_ends)),
-            ("suspicious geometry", ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or DASH),
-            *((fault.kind, f"{fault.lane}: {fault.value:g} {_unit(fault.kind)}") for fault in report.faults[:SHOWN]),
+            *_fault_rows(report),
             *(("guessed" if number == 0 else "", line) for number, line in enumerate(report.guessed)),
         ],
     )
+    if report.connected_share < WELL_CONNECTED:
+        console.print("few lanes lead to each other: import with --largest-part keeps only these", soft_wrap=True)
 
 
-def _unit(kind: str) -> str:
-    return {"short": "m long", "kink": "degrees", "curvature": "m of radius"}[kind]
+def _fault_rows(report: NetworkReport) -> Iterator[tuple[str, str]]:
+    """Some places of each kind of fault, and the remedy."""
+    if not report.faults:
+        yield "faults", DASH
+    for kind in FaultKind:
+        faults = [fault for fault in report.faults if fault.kind is kind]
+        for number, fault in enumerate(faults[:SHOWN]):
+            yield f"{len(faults)} x {kind}" if number == 0 else "", fault.summary
+        if faults:
+            yield "", f"remedy: {MEANINGS[kind].remedy}"
 
 
 def _some(names: tuple[str, ...]) -> str:

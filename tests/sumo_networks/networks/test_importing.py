@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import bz2
 import gzip
 import json
+import signal
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,25 +19,18 @@ from dohyo.service.cli import app
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.entries import CATALOG, network_entry, network_names, network_path
-from dohyo.sumo_networks.networks.importing import Imported, import_network
+from dohyo.sumo_networks.networks.faults import FaultKind
+from dohyo.sumo_networks.networks.importing import MIRRORED, Imported, ImportOptions, import_network
 from dohyo.sumo_networks.networks.inspection import inspect_network
+from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission, Place
+from tests.extracts import BLACKPOOL, crossroads, roundabout
+from tests.forked import Python
 
 TOWN = CATALOG / "town-test" / "town-test.net.xml"
 
-OSM = """<?xml version="1.0" encoding="UTF-8"?>
-<osm version="0.6">
- <bounds minlat="52.5000" minlon="13.4000" maxlat="52.5030" maxlon="13.4050"/>
- <node id="1" lat="52.5015" lon="13.4000"/>
- <node id="2" lat="52.5015" lon="13.4025"/>
- <node id="3" lat="52.5015" lon="13.4050"/>
- <node id="4" lat="52.5000" lon="13.4025"/>
- <node id="5" lat="52.5030" lon="13.4025"/>
- <way id="10"><nd ref="1"/><nd ref="2"/><nd ref="3"/><tag k="highway" v="secondary"/><tag k="lanes" v="4"/></way>
- <way id="11"><nd ref="4"/><nd ref="2"/><nd ref="5"/><tag k="highway" v="secondary"/></way>
-</osm>
-"""
+OSM = crossroads()
 
 BARE = """<net version="1.20" xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance">
  <location netOffset="0.00,0.00" convBoundary="0,0,100,0" origBoundary="0,0,100,0" projParameter="!"/>
@@ -103,11 +99,25 @@ def test_a_net_without_sidewalks_gets_them_and_says_so(tmp_path: Path) -> None:
     assert network_entry("guessed").guessed == done.report.guessed
 
 
-@pytest.mark.parametrize("packed", [False, True])
-def test_openstreetmap(osm: Path, packed: bool) -> None:
-    if packed:
-        osm = osm.with_name("crossroads.osm.xml.gz")
-        osm.write_bytes(gzip.compress(OSM.encode()))
+def pbf(path: Path) -> None:
+    osmium = pytest.importorskip("osmium")
+    with osmium.SimpleWriter(str(path), overwrite=True) as writer:
+        for one in osmium.FileProcessor(str(path.with_name("crossroads.osm"))):
+            writer.add(one)
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("crossroads.osm", lambda path: None),
+        ("crossroads.osm.xml.gz", lambda path: path.write_bytes(gzip.compress(OSM.encode()))),
+        ("Crossroads.OSM.BZ2", lambda path: path.write_bytes(bz2.compress(OSM.encode()))),
+        ("crossroads.osm.pbf", pbf),
+    ],
+)
+def test_openstreetmap(osm: Path, name: str, write: Callable[[Path], None]) -> None:
+    osm = osm.with_name(name)
+    write(osm)
     report = import_network(osm, "crossroads").report
     assert report.lanes >= 10
     assert report.road_km == pytest.approx(2 * 0.17 * (1 + 1), rel=0.15)
@@ -116,7 +126,7 @@ def test_openstreetmap(osm: Path, packed: bool) -> None:
 
 
 def test_lights_are_guessed_on_request(osm: Path) -> None:
-    assert import_network(osm, "lit", lights=True).report.lights == 1
+    assert import_network(osm, "lit", ImportOptions(lights=True)).report.lights == 1
 
 
 def test_opendrive(tmp_path: Path) -> None:
@@ -146,6 +156,90 @@ def test_an_imported_network_can_be_driven(osm: Path) -> None:
             except InvalidInputError:
                 continue
     assert routes > 10
+
+
+# Countries
+
+
+def test_left_hand_traffic_becomes_its_mirror_image(tmp_path: Path) -> None:
+    there = given(tmp_path, "blackpool.osm", crossroads(BLACKPOOL))
+    image = given(tmp_path, "image.osm", crossroads(BLACKPOOL, east=-1.0))
+    done = import_network(there, "left", ImportOptions(lights=True))
+    import_network(image, "image", ImportOptions(lights=True, left_hand=False))
+    left, right = load_network("left"), load_network("image")
+    assert MIRRORED in done.report.guessed
+    assert network_entry("left").mirrored
+    assert not network_entry("image").mirrored
+    assert turns(left) == turns(right)
+    roads = np.flatnonzero(~left.lanes.internal & left.lanes.drivable)
+    shapes = [(left.lane_shape(i), right.lane_shape(right.lane_index[str(left.lanes.ids[i])])) for i in roads]
+    shift = shapes[0][0][0] - shapes[0][1][0]
+    for here, image_shape in shapes:
+        np.testing.assert_allclose(here, image_shape + shift, atol=0.5)
+
+
+def turns(network: RoadNetwork) -> set[tuple[str, str]]:
+    """Roads into a junction with the directions in which cars may leave it."""
+    connections = network.connections
+    return {
+        (network.edge_id(int(source)), str(direction))
+        for source, direction in zip(connections.source, connections.direction, strict=True)
+        if network.lanes.drivable[source] and not network.lanes.internal[source]
+    }
+
+
+def test_a_net_with_left_hand_traffic_is_driven_only_after_an_import(tmp_path: Path, osm: Path) -> None:
+    net = tmp_path / "left.net.xml"
+    netconvert("--osm-files", str(osm), "--lefthand", "--proj.utm", "-o", str(net))
+    with pytest.raises(InvalidInputError, match="left-hand traffic, in which dohyo cannot drive"):
+        load_network(str(net))
+    assert MIRRORED in import_network(net, "left").report.guessed
+    with pytest.raises(InvalidInputError, match="says that traffic drives on the left"):
+        import_network(net, "right", ImportOptions(left_hand=False))
+
+
+def test_limits_are_those_of_the_country_by_place_or_by_option(tmp_path: Path, osm: Path) -> None:
+    there = given(tmp_path, "blackpool.osm", crossroads(BLACKPOOL))
+    assert set(import_network(osm, "de").report.speed_limits_kmh) == {50}
+    assert set(import_network(there, "gb").report.speed_limits_kmh) == {48}
+    done = import_network(osm, "za", ImportOptions(country="za"))
+    assert set(done.report.speed_limits_kmh) == {60}
+    assert network_entry("za").mirrored
+    with pytest.raises(UnknownNameError, match="country named 'UK'"):
+        import_network(osm, "uk", ImportOptions(country="UK"))
+
+
+# Repairs
+
+
+def test_a_lone_roundabout_is_kept(tmp_path: Path) -> None:
+    report = import_network(given(tmp_path, "ring.osm", roundabout()), "ring").report
+    assert report.lanes == 6
+    assert any("since there are no others" in line for line in report.guessed)
+
+
+def test_repairs_on_request(tmp_path: Path) -> None:
+    slow = given(tmp_path, "slow.osm", crossroads(tags='<tag k="maxspeed" v="3"/><tag k="oneway" v="yes"/>'))
+    before = import_network(slow, "before").report
+    faults = [fault for fault in before.faults if fault.kind is FaultKind.LIMIT]
+    assert {fault.name.split("#")[0] for fault in faults} == {"10"}
+    assert before.connected_share < 1
+    after = import_network(slow, "after", ImportOptions(fix=True, largest_part=True)).report
+    assert not [fault for fault in after.faults if fault.kind is FaultKind.LIMIT]
+    assert set(after.speed_limits_kmh) == {50}
+    assert after.connected_share == 1.0
+    assert any("outside the largest connected part" in line for line in after.guessed)
+
+
+def test_a_killed_import_leaves_nothing(tmp_path: Path, osm: Path, home: Path) -> None:
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    code = "import sys, tempfile; tempfile.tempdir = sys.argv.pop(1); from dohyo.service.cli import main; main()"
+    process = Python(code, str(temporary), "networks", "import", str(osm), "--name", "killed")
+    process.wait_for(lambda: any(temporary.glob("dohyo-import-*")))
+    assert process.end(signal.SIGTERM) == 130
+    assert list(temporary.iterdir()) == []
+    assert written(home) == []
 
 
 # Names
@@ -271,9 +365,19 @@ def test_a_truncated_gzip(tmp_path: Path, home: Path, keep: int) -> None:
     assert written(home) == []
 
 
-def test_text_that_calls_itself_gzip(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInputError, match="no complete gzip"):
-        import_network(given(tmp_path, "town.net.xml.gz", "<net/>"), "bad")
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("town.net.xml.gz", "no complete gzip"),
+        ("town.net.xml.bz2", "no complete bzip2"),
+        ("town.osm.pbf", "no complete .pbf"),
+    ],
+)
+def test_text_that_calls_itself_packed(tmp_path: Path, name: str, message: str) -> None:
+    if name.endswith(".pbf"):
+        pytest.importorskip("osmium")
+    with pytest.raises(InvalidInputError, match=message):
+        import_network(given(tmp_path, name, "<net/>"), "bad")
 
 
 def test_the_size_limit_holds_packed_and_unpacked(tmp_path: Path, home: Path) -> None:
@@ -284,7 +388,7 @@ def test_the_size_limit_holds_packed_and_unpacked(tmp_path: Path, home: Path) ->
     assert packed.stat().st_size < 10_000
     for path in (large, packed):
         with pytest.raises(InvalidInputError, match=r"larger.* than 2 MB; an import may allow more with --limit-mb"):
-            import_network(path, "bad", limit_mb=2)
+            import_network(path, "bad", ImportOptions(limit_mb=2))
     assert written(home) == []
 
 
@@ -297,7 +401,7 @@ def test_files_that_are_not_there(tmp_path: Path) -> None:
 
 def test_netconvert_is_stopped_when_it_takes_too_long(osm: Path, home: Path) -> None:
     with pytest.raises(InvalidInputError, match="did not finish within"):
-        import_network(osm, "bad", timeout_s=0.001)
+        import_network(osm, "bad", ImportOptions(timeout_s=0.001))
     assert written(home) == []
 
 

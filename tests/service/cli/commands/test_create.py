@@ -10,19 +10,9 @@ from typer.testing import CliRunner
 
 from dohyo.service.cli import app
 from dohyo.sumo_networks.errors import InvalidInputError
+from tests.extracts import crossroads
 
-OSM = """<?xml version="1.0" encoding="UTF-8"?>
-<osm version="0.6">
- <bounds minlat="52.5000" minlon="13.4000" maxlat="52.5030" maxlon="13.4050"/>
- <node id="1" lat="52.5015" lon="13.4000"/>
- <node id="2" lat="52.5015" lon="13.4025"/>
- <node id="3" lat="52.5015" lon="13.4050"/>
- <node id="4" lat="52.5000" lon="13.4025"/>
- <node id="5" lat="52.5030" lon="13.4025"/>
- <way id="10"><nd ref="1"/><nd ref="2"/><nd ref="3"/><tag k="highway" v="secondary"/></way>
- <way id="11"><nd ref="4"/><nd ref="2"/><nd ref="5"/><tag k="highway" v="residential"/></way>
-</osm>
-"""
+OSM = crossroads()
 
 
 @pytest.fixture(autouse=True)
@@ -84,6 +74,6 @@ def test_from_a_file_to_a_report_and_nothing_is_driven_twice(folder: Path) -> No
     written = [record.stat().st_mtime_ns for record in records]
     dohyo("demo", "Cross Roads.osm", "--missions", "1", "--workers", "1")
     assert [record.stat().st_mtime_ns for record in records] == written
-    (folder / "Cross Roads.osm").write_text(OSM.replace("52.5030", "52.5031"))
+    (folder / "Cross Roads.osm").write_text(OSM.replace("52.5035", "52.5036"))
     with pytest.raises(InvalidInputError, match="network 'cross-roads' exists and comes from other data"):
         dohyo("demo", "Cross Roads.osm")

@@ -1,0 +1,126 @@
+"""Repair: removes roads that lead nowhere, and mends lights and limits that disturb drivers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from dohyo.sumo_networks.networks.connectivity import largest_part
+from dohyo.sumo_networks.networks.conversion.netconvert import rebuild
+from dohyo.sumo_networks.networks.faults import FaultKind, find_faults, usual_limit
+from dohyo.sumo_networks.networks.lights import junctions_of
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.units import KMH_PER_MPS
+
+
+@dataclass(slots=True)
+class Repair:
+    """Changes of a net, in the order in which they are carried out.
+
+    Attributes:
+        decided: The changes for people, one line each.
+        removed: SUMO ids of the edges to remove.
+        limits: New speed limit by edge, m/s.
+        unlit: SUMO ids of the junctions that lose their light.
+        relit: SUMO ids of the junctions whose light gets a usual program.
+    """
+
+    decided: list[str] = field(default_factory=list)
+    removed: Sequence[str] = ()
+    limits: dict[str, float] = field(default_factory=dict)
+    unlit: list[str] = field(default_factory=list)
+    relit: list[str] = field(default_factory=list)
+
+    @property
+    def needed(self) -> bool:
+        """Whether there is anything to change."""
+        return bool(self.decided)
+
+    def carry_out(self, net: Path, target: Path, file: Path, timeout_s: float) -> Path:
+        """Makes the changed net; returns its path.
+
+        Args:
+            net: The net to change.
+            target: The net to write.
+            file: Path that the user gave, for error messages.
+            timeout_s: Time limit of netconvert, s.
+
+        Raises:
+            InvalidInputError: netconvert fails or takes too long.
+        """
+        options = []
+        if self.removed:
+            options += ["--remove-edges.input-file", str(_lines(self.removed, target.with_name("removed.txt")))]
+        if self.limits:
+            options += ["-e", str(_limits(self.limits, target.with_name("limits.edg.xml")))]
+        if self.unlit or self.relit:
+            options += ["--tls.unset", ",".join([*self.unlit, *self.relit])]
+        rebuild(net, target, file, options, timeout_s)
+        if self.relit:
+            unlit = target.rename(target.with_name("unlit.net.xml"))
+            rebuild(unlit, target, file, ["--tls.set", ",".join(self.relit), "--tls.default-type", "static"], timeout_s)
+        return target
+
+
+def plan_repair(network: RoadNetwork, *, largest: bool, fix: bool) -> Repair:
+    """Finds what is to be changed.
+
+    Args:
+        network: The roads.
+        largest: Whether to keep only the roads that cars in the largest connected part can reach and leave.
+        fix: Whether to mend lights and limits.
+    """
+    repair = Repair()
+    if largest:
+        _remove_others(network, repair)
+    if fix:
+        _mend_lights(network, repair)
+        _mend_limits(network, repair)
+    return repair
+
+
+def _remove_others(network: RoadNetwork, repair: Repair) -> None:
+    lanes = network.lanes
+    road = lanes.drivable & ~lanes.internal
+    inside = largest_part(network) & road
+    others = np.setdiff1d(lanes.edge[road], lanes.edge[inside])
+    if len(others):
+        gone = float(lanes.length[road & np.isin(lanes.edge, others)].sum()) / 1000
+        repair.removed = [str(lanes.edge_ids[edge]) for edge in others]
+        repair.decided.append(f"{gone:.1f} km of lanes outside the largest connected part are removed")
+
+
+def _mend_lights(network: RoadNetwork, repair: Repair) -> None:
+    faults = find_faults(network)
+    bends = [fault.name for fault in faults if fault.kind is FaultKind.LIGHT_AT_BEND and not fault.value]
+    endless = [fault.name for fault in faults if fault.kind is FaultKind.LONG_PHASE]
+    repair.unlit = [junction for light in bends for junction in junctions_of(network, light)]
+    repair.relit = [junction for light in endless for junction in junctions_of(network, light)]
+    if bends:
+        repair.decided.append(f"{len(bends)} lights at bends without crossings are removed: {', '.join(bends)}")
+    if endless:
+        repair.decided.append(f"{len(endless)} lights with endless phases get usual programs: {', '.join(endless)}")
+
+
+def _mend_limits(network: RoadNetwork, repair: Repair) -> None:
+    found = (fault.name for fault in find_faults(network) if fault.kind is FaultKind.LIMIT)
+    wrong = [edge for edge in found if edge not in repair.removed]
+    if wrong:
+        usual = usual_limit(network)
+        repair.limits = dict.fromkeys(wrong, usual)
+        repair.decided.append(f"implausible limits of {len(wrong)} roads become {usual * KMH_PER_MPS:.0f} km/h")
+
+
+def _lines(names: Iterable[str], file: Path) -> Path:
+    file.write_text("\n".join(names), encoding="utf-8")
+    return file
+
+
+def _limits(limits: dict[str, float], file: Path) -> Path:
+    rows = (f'<edge id={quoteattr(edge)} speed="{speed:.2f}"/>' for edge, speed in limits.items())
+    file.write_text(f"<edges>{''.join(rows)}</edges>", encoding="utf-8")
+    return file

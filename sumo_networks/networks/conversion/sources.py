@@ -1,0 +1,84 @@
+"""Sources: road files of every kind, unpacked and checked before netconvert reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal
+
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.xml_guard import Census, check_size, refuse_size, scan
+
+Kind = Literal["net", "osm", "xodr"]
+
+ROOTS: dict[Kind, str] = {"net": "net", "osm": "osm", "xodr": "OpenDRIVE"}
+SUFFIXES: dict[str, Kind] = {".net.xml": "net", ".osm": "osm", ".osm.xml": "osm", ".xodr": "xodr"}
+PACKED = (".gz", ".bz2")
+PBF = ".pbf"
+TITLES: dict[Kind, str] = {"net": "a SUMO net", "osm": "OpenStreetMap", "xodr": "OpenDRIVE"}
+_WAYS = ("highway", "railway")
+
+
+def kind_of(file: Path) -> Kind:
+    """Kind of a road file, by its name.
+
+    Raises:
+        InvalidInputError: The name has another ending.
+    """
+    name = file.name.lower()
+    if name.endswith(PBF):
+        return "osm"
+    for packed in PACKED:
+        name = name.removesuffix(packed)
+    for suffix, kind in SUFFIXES.items():
+        if name.endswith(suffix):
+            return kind
+    raise InvalidInputError(
+        f"'{file}': expected a file that ends in {', '.join(SUFFIXES)} (each also with {' or '.join(PACKED)}) or {PBF}"
+    )
+
+
+def unpack(file: Path, limit_mb: float, plain: Path) -> Census:
+    """Checks a road file, and writes it as plain XML.
+
+    Args:
+        file: Path that the user gave.
+        limit_mb: Largest size, packed or unpacked, MB.
+        plain: File to write.
+
+    Raises:
+        InvalidInputError: The file is missing, too large, broken or harmful, or its reader is not installed.
+    """
+    root = ROOTS[kind_of(file)]
+    if not file.name.lower().endswith(PBF):
+        return scan(file, root, limit_mb, copy=plain)
+    check_size(file, limit_mb)
+    unpacked = plain.with_suffix(".osm")
+    _write_roads(file, limit_mb, unpacked)
+    unpacked.rename(plain)
+    return scan(plain, root, limit_mb)
+
+
+def _write_roads(file: Path, limit_mb: float, target: Path) -> None:
+    """Writes the roads of a .pbf file as OSM XML, with their nodes and turn restrictions."""
+    try:
+        import osmium
+    except ModuleNotFoundError as error:
+        raise InvalidInputError(
+            f"'{file}': reading {PBF} needs osmium, which is not installed: pip install 'dohyo[pbf]'"
+        ) from error
+    try:
+        with osmium.BackReferenceWriter(str(target), ref_src=str(file), overwrite=True, remove_tags=False) as writer:
+            for way in _ways(osmium, file):
+                writer.add(way)
+            restrictions = osmium.FileProcessor(str(file), osmium.osm.RELATION)
+            for relation in restrictions.with_filter(osmium.filter.TagFilter(("type", "restriction"))):
+                writer.add(relation)
+    except (RuntimeError, osmium.InvalidLocationError) as error:
+        raise InvalidInputError(f"'{file}' is no complete {PBF} file: {error}") from error
+    if target.stat().st_size > limit_mb * 1e6:
+        refuse_size(file, " unpacked", limit_mb)
+
+
+def _ways(osmium: Any, file: Path) -> Iterator[Any]:
+    yield from osmium.FileProcessor(str(file), osmium.osm.WAY).with_filter(osmium.filter.KeyFilter(*_WAYS))

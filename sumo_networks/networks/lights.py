@@ -1,0 +1,69 @@
+"""Traffic lights: facts about them that a network's arrays do not hold."""
+
+from __future__ import annotations
+
+import gzip
+import re
+
+import numpy as np
+
+from dohyo.sumo_networks.networks.network import RoadNetwork
+
+LONGEST_PHASE_S = 150.0
+"""A driver who waits for 180 s counts as blocked; a light that another program must switch has longer phases."""
+
+
+def longest_phases(network: RoadNetwork) -> dict[str, float]:
+    """Longest phase of every traffic light, s, by its id."""
+    with gzip.open(network.path, "rb") if network.path.suffix == ".gz" else network.path.open("rb") as file:
+        programs = re.findall(rb'<tlLogic id="([^"]*)"(.*?)</tlLogic>', file.read(), re.DOTALL)
+    longest: dict[str, float] = {}
+    for light, phases in programs:
+        durations = [float(seconds) for seconds in re.findall(rb'duration="([\d.]+)"', phases)]
+        longest[light.decode()] = max([*durations, longest.get(light.decode(), 0.0)])
+    return longest
+
+
+def endless_lights(network: RoadNetwork) -> frozenset[str]:
+    """Ids of traffic lights with a phase so long that a driver at red counts as blocked."""
+    return frozenset(light for light, seconds in longest_phases(network).items() if seconds > LONGEST_PHASE_S)
+
+
+def lights_at_bends(network: RoadNetwork) -> frozenset[str]:
+    """Ids of traffic lights where cars from each road go on to one other road, so that no two of their ways meet."""
+    lanes, connections = network.lanes, network.connections
+    found = set()
+    lit = connections.signal >= 0
+    lit &= lanes.drivable[connections.source] & lanes.drivable[connections.target] & (connections.direction != "t")
+    light = np.where(lit, network.signals.light[connections.signal], -1) if len(network.signals.light) else lit - 1
+    for row, name in enumerate(network.signals.light_ids.tolist()):
+        ways = {
+            (int(lanes.edge[connections.source[one]]), _leads_to(network, int(connections.target[one])))
+            for one in np.flatnonzero(light == row).tolist()
+        }
+        if ways and len({source for source, _ in ways}) == len({target for _, target in ways}) == len(ways) <= 2:
+            found.add(name)
+    return frozenset(found)
+
+
+def junctions_of(network: RoadNetwork, light: str) -> list[str]:
+    """Ids of the junctions that a traffic light controls."""
+    row = network.signals.light_ids.tolist().index(light)
+    signals = np.flatnonzero(network.signals.light == row)
+    targets = network.connections.target[np.isin(network.connections.signal, signals)]
+    inside = targets[network.lanes.internal[targets]]
+    return sorted({str(network.lanes.ids[lane])[1:].rsplit("_", 2)[0] for lane in inside.tolist()})
+
+
+def crossings_at(network: RoadNetwork, light: str) -> int:
+    """Number of pedestrian crossings at the junctions that a traffic light controls."""
+    crossings = [str(lane) for lane in network.lanes.ids[network.lanes.crossing]]
+    beginnings = tuple(f":{junction}_c" for junction in junctions_of(network, light))
+    return sum(lane.startswith(beginnings) for lane in crossings) if beginnings else 0
+
+
+def _leads_to(network: RoadNetwork, lane: int) -> int:
+    """The first edge outside the junction that a lane of it leads to."""
+    while network.lanes.internal[lane] and network.connections_from(lane):
+        lane = int(network.connections.target[network.connections_from(lane)[0]])
+    return int(network.lanes.edge[lane])

@@ -1,0 +1,47 @@
+"""Small extracts of OpenStreetMap, written by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+BERLIN = (52.5, 13.4)
+BLACKPOOL = (53.8, -3.0)
+"""On the middle meridian of its UTM zone, where north is up."""
+
+
+def crossroads(place: tuple[float, float] = BERLIN, *, east: float = 1.0, tags: str = "") -> str:
+    """Two roads that cross.
+
+    Args:
+        place: Latitude and longitude of the south-western corner, degrees.
+        east: 1.0, or -1.0 for the mirror image.
+        tags: Further tags of the road from west to east.
+    """
+    nodes = ((0.0015, 0.0), (0.0015, 0.0025), (0.0015, 0.0050), (0.0, 0.0025), (0.0035, 0.0030))
+    return _extract(
+        [(place[0] + north, place[1] + east * along) for north, along in nodes],
+        [
+            ((1, 2, 3), f'<tag k="highway" v="secondary"/><tag k="lanes" v="4"/>{tags}'),
+            ((4, 2, 5), '<tag k="highway" v="secondary"/>'),
+        ],
+    )
+
+
+def roundabout() -> str:
+    """A roundabout with two arms, and nothing else."""
+    nodes = ((0.0, 0.0), (0.0002, 0.0003), (0.0004, 0.0), (0.0002, -0.0003), (0.0015, 0.0), (-0.0015, 0.0))
+    street = '<tag k="highway" v="residential"/>'
+    return _extract(
+        [(BERLIN[0] + north, BERLIN[1] + along) for north, along in nodes],
+        [((1, 2, 3, 4, 1), f'{street}<tag k="junction" v="roundabout"/>'), ((3, 5), street), ((6, 1), street)],
+    )
+
+
+def _extract(nodes: Sequence[tuple[float, float]], ways: Sequence[tuple[Sequence[int], str]]) -> str:
+    """OSM XML of nodes (latitude, longitude), numbered from 1, and ways, numbered from 10, with their tags."""
+    points = (f'<node id="{id_}" lat="{lat:.4f}" lon="{lon:.4f}"/>' for id_, (lat, lon) in enumerate(nodes, start=1))
+    roads = (
+        f'<way id="{id_}">{"".join(f"""<nd ref="{node}"/>""" for node in members)}{tags}</way>'
+        for id_, (members, tags) in enumerate(ways, start=10)
+    )
+    return "\n".join(['<?xml version="1.0" encoding="UTF-8"?>', '<osm version="0.6">', *points, *roads, "</osm>", ""])
