@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from dohyo.evaluation.benchmarks.benchmark import AutoEvents
-from dohyo.evaluation.benchmarks.creation import Created, Level, Protocol, create_benchmark
+from dohyo.evaluation.benchmarks.cells import Level, Protocol
+from dohyo.evaluation.benchmarks.creation import Created, create_benchmark
 from dohyo.evaluation.benchmarks.documents import benchmark_names
 from dohyo.evaluation.benchmarks.writing import write_benchmark
 from dohyo.evaluation.families import Family
@@ -49,7 +50,7 @@ def create(
         missions=missions,
         length_m=parse_length(length) if length is not None else None,
         traffic=parse_levels(traffic),
-        conditions=_parts(conditions),
+        conditions=parse_names(conditions),
         protocol=protocol,
         events=parse_events(events) if events is not None else None,
         seeds=parse_seeds(seeds),
@@ -109,7 +110,7 @@ def parse_length(text: str) -> tuple[float, float]:
 def parse_levels(text: str) -> list[Level]:
     """Amounts of traffic from text such as "empty,regular"."""
     levels = []
-    for part in _parts(text):
+    for part in parse_names(text):
         if part not in list(Level):
             raise UnknownNameError("amount of traffic", part, Level)
         levels.append(Level(part))
@@ -118,11 +119,11 @@ def parse_levels(text: str) -> list[Level]:
 
 def parse_events(text: str) -> AutoEvents:
     """Rules of placement from "auto" or kinds of events."""
-    return AutoEvents() if text == "auto" else AutoEvents(kinds=tuple(_parts(text)))
+    return AutoEvents() if text == "auto" else AutoEvents(kinds=tuple(parse_names(text)))
 
 
-def _parts(text: str) -> list[str]:
-    """The different parts between commas, in their order."""
+def parse_names(text: str) -> list[str]:
+    """The different names between commas, in their order."""
     parts = list(dict.fromkeys(part.strip() for part in text.split(",")))
     if not all(parts):
         raise InvalidInputError(f"'{text}': expected names, separated by commas")

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.benchmarks.carla_routes import import_routes, net_offset, read_routes
+from dohyo.evaluation.benchmarks.cells import Protocol
 from dohyo.evaluation.benchmarks.writing import write_benchmark
 from dohyo.service.cli import app
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -22,7 +23,7 @@ from dohyo.sumo_networks.networks.entries import network_path
 from dohyo.sumo_networks.networks.importing import import_network
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.routes.routing import plan_route
-from dohyo.sumo_networks.scenario import Mission, Place
+from dohyo.sumo_networks.scenario import Mission, Place, Traffic
 
 Points = list[tuple[float, float]]
 
@@ -84,20 +85,30 @@ def old_form(routes: list[Points]) -> str:
     return f"<routes>{body}</routes>"
 
 
+def ego_form(routes: list[Points]) -> str:
+    body = "".join(
+        f'<route id="{i}"><ego_vehicle id="hero">'
+        + "".join(f'<waypoint x="{x:.3f}" y="{y:.3f}" yaw="90" z="1.3"/>' for x, y in points)
+        + "</ego_vehicle></route>"
+        for i, points in enumerate(routes)
+    )
+    return f"<routes>{body}</routes>"
+
+
 def given(folder: Path, text: str) -> Path:
     path = folder / "routes.xml"
     path.write_text(text)
     return path
 
 
-@pytest.mark.parametrize("form", [new_form, old_form])
+@pytest.mark.parametrize("form", [new_form, old_form, ego_form])
 def test_missions_lie_where_the_waypoints_were(town: str, tmp_path: Path, form: object) -> None:
-    benchmark, snaps = import_routes(given(tmp_path, form(drives())), town)  # type: ignore[operator]
+    made = import_routes(given(tmp_path, form(drives())), town)  # type: ignore[operator]
     network, offset = load_network(town), net_offset(load_network(town))
     assert offset != (0.0, 0.0)
-    (missions,) = benchmark.missions.values()
+    (missions,) = made.benchmark.missions.values()
     assert [mission.name for mission in missions] == ["route-0", "route-1", "route-2"]
-    for mission, points, drive, snap in zip(missions, drives(), DRIVES, snaps, strict=True):
+    for mission, points, drive, snap in zip(missions, drives(), DRIVES, made.snaps, strict=True):
         for place, (x, y) in ((mission.start, points[0]), (mission.goal, points[-1])):
             lane = network.lane_index[place.lane]
             found = np.array(network.lane_point(lane, place.position_m)[:2]) - offset
@@ -120,13 +131,13 @@ def test_the_way_follows_the_waypoints_and_not_the_shortest_route(town: str, tmp
         detour = Mission(start=DRIVES[0].start, goal=DRIVES[0].goal, via=("baker_street_3",))
         route = plan_route(network, detour)
     assert route.length > direct + 20
-    benchmark, _ = import_routes(given(tmp_path, new_form([carla(route, 20.0)])), town)
+    benchmark = import_routes(given(tmp_path, new_form([carla(route, 20.0)])), town).benchmark
     (mission,) = benchmark.missions["all"]
     assert plan_route(load_network(town), mission).length == pytest.approx(route.length, abs=2.0)
 
 
 def test_the_written_file_is_the_same_benchmark(town: str, tmp_path: Path) -> None:
-    benchmark, _ = import_routes(given(tmp_path, new_form(drives())), town, name="carla-77")
+    benchmark = import_routes(given(tmp_path, new_form(drives())), town, name="carla-77").benchmark
     read = load_benchmark(str(write_benchmark(benchmark, tmp_path / "carla-77.toml")))
     assert read == benchmark
     assert read.sha256 == benchmark.sha256
@@ -137,22 +148,48 @@ def test_waypoints_beside_the_road_are_moved_and_told(town: str, tmp_path: Path)
     (x, y), (x1, y1) = routes[0][:2]
     along = np.array([x1 - x, y1 - y]) / np.hypot(x1 - x, y1 - y)
     routes[0][0] = (x - along[1] * 3.0, y + along[0] * 3.0)  # to the right in CARLA's frame
-    _, snaps = import_routes(given(tmp_path, new_form(routes)), town)
+    snaps = import_routes(given(tmp_path, new_form(routes)), town).snaps
     assert snaps[0].moved_m[0] == pytest.approx(3.0, abs=0.4)
 
 
-def test_waypoints_far_from_the_road_are_an_error(town: str, tmp_path: Path) -> None:
+def test_all_waypoints_far_from_the_road_are_named_or_their_routes_skipped(town: str, tmp_path: Path) -> None:
     routes = drives()
-    routes[1][2] = (routes[1][2][0] + 400.0, routes[1][2][1])
-    with pytest.raises(InvalidInputError, match=r"route 1, waypoint 3: \d+\.\d m from the nearest drivable lane"):
-        import_routes(given(tmp_path, new_form(routes)), town)
+    for route, waypoint in ((0, 1), (1, 2), (1, 3)):
+        x, y = routes[route][waypoint]
+        routes[route][waypoint] = (x + 400.0, y)
+    file = given(tmp_path, new_form(routes))
+    with pytest.raises(InvalidInputError, match="2 of 3 routes make no missions; --skip leaves them out") as caught:
+        import_routes(file, town)
+    named = re.findall(r"route \d|waypoint \d", str(caught.value))
+    assert named == ["route 0", "waypoint 2", "route 1", "waypoint 3", "waypoint 4"]
+    assert str(file) in str(caught.value)
+    made = import_routes(file, town, skip=True)
+    assert [mission.name for mission in made.benchmark.missions["all"]] == ["route-2"]
+    assert list(made.skipped) == ["0", "1"]
+
+
+def test_ends_inside_junctions_are_moved_out_of_them(town: str, tmp_path: Path) -> None:
+    network, drive = load_network("town-test"), DRIVES[0]
+    route = plan_route(network, drive)
+    inside = np.array([network.lanes.internal[lane] for lane in route.lane])
+    first = int(np.flatnonzero(inside)[0]) + 3  # some metres inside the first junction
+    points = [(float(x), float(-y)) for x, y in route.position]
+    made = import_routes(given(tmp_path, ego_form([points[: first + 1], [points[first], points[-1]]])), town)
+    before, after = made.snaps
+    assert re.fullmatch(r"goal moved by \d+\.\d m out of a junction", before.notes[0])
+    assert re.fullmatch(r"start moved by \d+\.\d m out of a junction", after.notes[0])
+    to, onward = made.benchmark.missions["all"]
+    lanes = load_network(town).lane_index
+    assert to.goal.lane in lanes
+    assert to.goal.lane != onward.start.lane
+    assert plan_route(load_network(town), onward).length < route.length - 3
 
 
 def test_one_town_at_a_time(town: str, tmp_path: Path) -> None:
     text = new_form(drives()).replace('id="1" town="Town77"', 'id="1" town="Town78"')
     with pytest.raises(InvalidInputError, match="'Town77', 'Town78': choose one with --town"):
         import_routes(given(tmp_path, text), town)
-    benchmark, _ = import_routes(given(tmp_path, text), town, town="Town77")
+    benchmark = import_routes(given(tmp_path, text), town, town="Town77").benchmark
     assert [mission.name for mission in benchmark.missions["all"]] == ["route-0", "route-2"]
     with pytest.raises(InvalidInputError, match="no route of 'Town99'"):
         import_routes(given(tmp_path, text), town, town="Town99")
@@ -174,6 +211,25 @@ def test_one_town_at_a_time(town: str, tmp_path: Path) -> None:
 def test_bad_route_files(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(InvalidInputError, match=message):
         read_routes(given(tmp_path, text))
+
+
+def test_every_bad_route_of_a_file_is_named(tmp_path: Path) -> None:
+    text = "<routes><route id='7'/><route id='8'><npc/></route></routes>"
+    with pytest.raises(InvalidInputError, match=r"route 7: .* holds nothing; route 8: .* holds <npc>"):
+        read_routes(given(tmp_path, text))
+
+
+def test_a_nocrash_file_becomes_nocrash(town: str, tmp_path: Path) -> None:
+    made = import_routes(
+        given(tmp_path, ego_form(drives())),
+        town,
+        protocol=Protocol.NOCRASH,
+        traffic=Traffic(vehicles=3),
+        conditions=("train", "test"),
+    )
+    assert made.benchmark.stop_on_collision
+    assert [cell.name for cell in made.benchmark.cells] == ["train", "test"]
+    assert made.benchmark.headline == "nocrash_success"
 
 
 def test_twice_the_same_id_is_an_error(town: str, tmp_path: Path) -> None:

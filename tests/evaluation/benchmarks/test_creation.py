@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from dohyo.evaluation.benchmarks.benchmark import AutoEvents, load_benchmark
-from dohyo.evaluation.benchmarks.creation import Level, Protocol, create_benchmark, fitting_lengths
+from dohyo.evaluation.benchmarks.cells import Level, Protocol
+from dohyo.evaluation.benchmarks.creation import create_benchmark, fitting_lengths
 from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.benchmarks.writing import write_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
