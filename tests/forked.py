@@ -160,8 +160,8 @@ class _Server:
         return answer
 
     def _stop(self) -> None:
-        assert self._process.stdin is not None
-        self._process.stdin.close()
+        # It is not asked to end: a process that was forked here may still hold the other end of its pipe.
+        self._process.kill()
         self._process.wait()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import re
 import signal
@@ -128,4 +129,10 @@ def run(*arguments: str, patience_s: float = 300) -> subprocess.CompletedProcess
 
 def command(*arguments: str) -> Any:
     """The same in this process, which is faster."""
-    return CliRunner().invoke(app, arguments)
+    root = logging.getLogger()
+    handlers, level = root.handlers, root.level
+    try:
+        return CliRunner().invoke(app, arguments)
+    finally:
+        # `serve` logs to the runner's stderr, which is closed now.
+        root.handlers, root.level = handlers, level
