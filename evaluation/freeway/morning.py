@@ -16,6 +16,7 @@ from dohyo.evaluation.freeway.benchmark import TrafficBenchmark
 from dohyo.evaluation.records.foreign_files import read_limited
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.records.store import FACTS_LIMIT_BYTES
+from dohyo.evaluation.running.manifest import ResultManifest
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
@@ -128,34 +129,7 @@ def is_morning(path: Path) -> bool:
     return isinstance(document, dict) and "plans" in document and "egos" not in document
 
 
-class MorningsManifest(Config):
-    """Description of a result folder of mornings.
+class MorningsManifest(ResultManifest):
+    """Description of a result folder of mornings."""
 
-    Attributes:
-        agent: Description of the planner.
-        benchmark: Whole benchmark, so that the folder needs no other file.
-        benchmark_sha256: Content hash of the benchmark.
-    """
-
-    agent: AgentInfo
     benchmark: TrafficBenchmark
-    benchmark_sha256: str
-
-
-def parse_mornings_manifest(content: bytes, path: str) -> MorningsManifest:
-    """Parses the content of a result folder's manifest.
-
-    Args:
-        content: Content of the file.
-        path: Name of the file in messages.
-
-    Raises:
-        InvalidInputError: It is no such manifest, or its benchmark has another content hash.
-    """
-    try:
-        manifest = MorningsManifest.model_validate_json(content)
-    except ValidationError as error:
-        raise InvalidInputError(f"{path}: {error.errors()[0]['msg']}") from error
-    if manifest.benchmark_sha256 != manifest.benchmark.sha256:
-        raise InvalidInputError(f"{path}: expected benchmark_sha256 {manifest.benchmark.sha256}, got another hash")
-    return manifest

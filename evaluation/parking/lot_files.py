@@ -10,16 +10,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pydantic import ValidationError
-
 from dohyo.evaluation.parking.benchmark import LOT, ParkingBenchmark
 from dohyo.evaluation.parking.motion import read_motion_file, write_motion_file
 from dohyo.evaluation.parking.record import ParkingRecord, check_alike, parse_record
 from dohyo.evaluation.records.foreign_files import read_limited
-from dohyo.evaluation.records.record import AgentInfo
-from dohyo.evaluation.running.manifest import MANIFEST, RECORDS
+from dohyo.evaluation.running.manifest import MANIFEST, RECORDS, ResultManifest
 from dohyo.sumo_networks.arrays import Float32Array
-from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
@@ -99,34 +95,7 @@ def read_lot_motions(folder: Path, records: Sequence[ParkingRecord]) -> dict[int
     return {one.seed: read_lot_motion(folder / RECORDS / f"{LOT}-s{one.seed}.json", one) for one in records}
 
 
-class LotsManifest(Config):
-    """Description of a result folder of lots.
+class LotsManifest(ResultManifest):
+    """Description of a result folder of lots."""
 
-    Attributes:
-        agent: Description of the agent.
-        benchmark: Whole benchmark, so that the folder needs no other file.
-        benchmark_sha256: Content hash of the benchmark.
-    """
-
-    agent: AgentInfo
     benchmark: ParkingBenchmark
-    benchmark_sha256: str
-
-
-def parse_lots_manifest(content: bytes, path: str) -> LotsManifest:
-    """Parses the content of a result folder's manifest.
-
-    Args:
-        content: Content of the file.
-        path: Name of the file in messages.
-
-    Raises:
-        InvalidInputError: It is no such manifest, or its benchmark has another content hash.
-    """
-    try:
-        manifest = LotsManifest.model_validate_json(content)
-    except ValidationError as error:
-        raise InvalidInputError(f"{path}: {error.errors()[0]['msg']}") from error
-    if manifest.benchmark_sha256 != manifest.benchmark.sha256:
-        raise InvalidInputError(f"{path}: expected benchmark_sha256 {manifest.benchmark.sha256}, got another hash")
-    return manifest

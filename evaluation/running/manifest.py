@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, TypeVar
 
 from pydantic import Field, ValidationError
 
@@ -18,19 +18,31 @@ RECORDS = "records"
 MANIFEST_LIMIT_BYTES = 50_000_000
 
 
-class Manifest(Config):
+class ResultManifest(Config):
     """Description of a result folder.
 
     Attributes:
         agent: Description of the agent.
-        benchmark: Whole benchmark, so that the folder needs no other file.
+        benchmark: Whole benchmark, so that the folder needs no other file; each family of benchmarks has its type.
         benchmark_sha256: Content hash of the benchmark.
-        missions: Names of the scenarios that are driven; None: all of the benchmark.
     """
 
     agent: AgentInfo
-    benchmark: Benchmark
+    benchmark: Any
     benchmark_sha256: str
+
+
+AnyManifest = TypeVar("AnyManifest", bound=ResultManifest)
+
+
+class Manifest(ResultManifest):
+    """Description of a result folder of drives.
+
+    Attributes:
+        missions: Names of the scenarios that are driven; None: all of the benchmark.
+    """
+
+    benchmark: Benchmark
     missions: Annotated[tuple[str, ...] | None, Field(min_length=1, exclude_if=lambda names: names is None)] = None
 
     @property
@@ -50,21 +62,22 @@ def read_manifest(out: Path) -> Manifest:
     path = out / MANIFEST
     if not path.exists():
         raise InvalidInputError(f"'{out}' is no result folder: expected {MANIFEST} in it (dohyo evaluate --out)")
-    return parse_manifest(read_limited(path, "a manifest", MANIFEST_LIMIT_BYTES), str(path))
+    return parse_manifest(read_limited(path, "a manifest", MANIFEST_LIMIT_BYTES), str(path), Manifest)
 
 
-def parse_manifest(content: bytes, path: str) -> Manifest:
+def parse_manifest(content: bytes, path: str, kind: type[AnyManifest]) -> AnyManifest:
     """Parses the content of a result folder's manifest.
 
     Args:
         content: Content of the file.
         path: Name of the file in messages.
+        kind: Its type: drives, parking lots or freeway mornings.
 
     Raises:
-        InvalidInputError: It is no manifest, or its benchmark has another content hash.
+        InvalidInputError: It is no such manifest, or its benchmark has another content hash.
     """
     try:
-        manifest = Manifest.model_validate_json(content)
+        manifest = kind.model_validate_json(content)
     except ValidationError as error:
         raise InvalidInputError(f"{path}: {error.errors()[0]['msg']}") from error
     if manifest.benchmark_sha256 != manifest.benchmark.sha256:

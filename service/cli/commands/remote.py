@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from dohyo.evaluation.freeway.morning import MorningsManifest, parse_mornings_manifest
-from dohyo.evaluation.parking.lot_files import LotsManifest, parse_lots_manifest
+from dohyo.evaluation.freeway.morning import MorningsManifest
+from dohyo.evaluation.parking.lot_files import LotsManifest
 from dohyo.evaluation.parking.result import MEASURES
 from dohyo.evaluation.records.foreign_files import check_file_name
 from dohyo.evaluation.records.record import AgentInfo
@@ -239,12 +239,13 @@ def _default_folder(state: EvaluationView) -> Path:
 def _manifest(document: Document) -> Manifest | MorningsManifest | LotsManifest:
     """The server's manifest, of drives, parking lots or freeway mornings, after its checks."""
     benchmark, content = document.get("benchmark"), dumps(document).encode()
+    name = "the server's manifest"
     kind = benchmark.get("kind") if isinstance(benchmark, dict) else None
     if kind == "traffic":
-        return parse_mornings_manifest(content, "the server's manifest")
+        return parse_manifest(content, name, MorningsManifest)
     if kind == "parking":
-        return parse_lots_manifest(content, "the server's manifest")
-    return parse_manifest(content, "the server's manifest")
+        return parse_manifest(content, name, LotsManifest)
+    return parse_manifest(content, name, Manifest)
 
 
 def _done(state: EvaluationView | Document) -> str:
