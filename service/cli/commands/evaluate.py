@@ -21,8 +21,14 @@ from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.running.executors import Executor, ProcessPool
 from dohyo.evaluation.running.ray_executor import RayExecutor
 from dohyo.evaluation.running.run import Result, run_benchmark
+from dohyo.evaluation.scores.nuplan.summary import (
+    ScoredDrive,
+    by_type,
+    lost_drives,
+    score_records,
+    summarise_closed_loop,
+)
 from dohyo.evaluation.scores.nuplan.summary import as_document as closed_loop_document
-from dohyo.evaluation.scores.nuplan.summary import by_type, lost_drives, score_records, summarise_closed_loop
 from dohyo.evaluation.summary import as_document, summarise, summarise_cells
 from dohyo.service.cli.closed_loop import print_closed_loop, print_legend
 from dohyo.service.cli.commands.freeway import evaluate_on_freeway
@@ -96,21 +102,29 @@ def evaluate(
             preparing=lambda done, total: bar(done, total, "logs of the recorded runs"),
             reverse=reverse,
         )
+    (_print_document if json else _print_tables)(result)
+
+
+def _print_document(result: Result) -> None:
+    """Prints the scores and every drive as one JSON document."""
+    rules = result.manifest.benchmark.rules
+    summary = as_document(summarise(result.records, rules=rules))
+    cells = {cell: as_document(one) for cell, one in summarise_cells(result.records, rules=rules).items()}
+    part = {"part": result.manifest.part or None, "missions": result.manifest.missions}
+    scored = _closed_loop_scores(result)
+    closed = {"closed_loop": closed_loop_document(scored, lost_drives(result.records))} if scored else {}
+    print_json(summary | part | {"cells": cells, "drives": _drives(result)} | closed)
+
+
+def _print_tables(result: Result) -> None:
+    """Prints what failed, and the scores by cell or by type of scenario."""
     rules = result.manifest.benchmark.rules
     summary = summarise(result.records, rules=rules)
-    scored = score_records(zip(result.records, result.paths, strict=True)) if _closed_loop(result) else []
-    lost = lost_drives(result.records)
-    if json:
-        cells = {cell: as_document(one) for cell, one in summarise_cells(result.records, rules=rules).items()}
-        closed = {"closed_loop": closed_loop_document(scored, lost)} if scored else {}
-        part = {"part": result.manifest.part or None, "missions": result.manifest.missions}
-        print_json(as_document(summary) | part | {"cells": cells, "drives": _drives(result)} | closed)
-        return
+    scored = _closed_loop_scores(result)
     _print_failures(result)
     if scored:
         print_closed_loop(by_type(scored), "type")
-        whole = summarise_closed_loop(scored, lost)
-        print_closed_loop({summary.agent: whole}, "agent")
+        print_closed_loop({summary.agent: summarise_closed_loop(scored, lost_drives(result.records))}, "agent")
         print_legend()
     else:
         print_cells(summarise_cells(result.records, rules=rules))
@@ -141,8 +155,11 @@ def _note(record: EpisodeRecord | None) -> str:
     return f"{record.scenario.name} s{record.scenario.seed}: {statuses}"
 
 
-def _closed_loop(result: Result) -> bool:
-    return result.manifest.benchmark.closed_loop
+def _closed_loop_scores(result: Result) -> list[ScoredDrive]:
+    """Closed-loop scores of the drives; none where the benchmark has other ones."""
+    if not result.manifest.benchmark.closed_loop:
+        return []
+    return score_records(zip(result.records, result.paths, strict=True))
 
 
 def _print_failures(result: Result) -> None:
