@@ -235,14 +235,7 @@ def test_where_the_journey_lies_changes_only_where_the_estimate_lies() -> None:
     )
 
 
-# Speed and errors
-
-
-def test_a_step_of_the_es_ekf_is_cheap() -> None:
-    """The thesis: about 20 us in C. Loose, since other work runs beside the tests; `make bench` has it exactly."""
-    recording = recorded()
-    led(recording)
-    assert min(led(recording).step_us for _ in range(3)) < 60.0
+# Errors
 
 
 def test_impossible_settings_are_refused() -> None:
