@@ -12,6 +12,7 @@ from dohyo.evaluation.records.record import Infraction
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.entries import is_mirrored
 
 D = TypeVar("D")
 
@@ -70,19 +71,21 @@ def drivable_lanes(network: str) -> list[LaneShape]:
 def lay_out_map(
     network: str, marks: Iterable[tuple[D, Infraction]], lanes: Callable[[str], Iterable[LaneShape]]
 ) -> Map[D]:
-    """Lays out a network and the infractions on it.
+    """Lays out a network and the infractions on it; a mirror image of left-hand traffic is drawn as the place is.
 
     Args:
         network: Name of the network.
         marks: Infractions, each with its drive.
         lanes: Function that returns the lanes of a network; if it raises InvalidInputError, the map has a note instead.
     """
-    note = ""
+    note, east = "", 1.0
     try:
+        east = -1.0 if is_mirrored(network) else 1.0
         shapes = list(lanes(network))
     except InvalidInputError as error:
         shapes, note = [], f"The roads are missing: {error}"
-    spots = tuple(_spots(marks))
+    shapes = [(shape * (east, 1.0), width) for shape, width in shapes]
+    spots = tuple(_spots(marks, east))
     places = np.array([(spot.x, spot.y) for spot in spots]).reshape(-1, 2)
     roads = np.concatenate([shape * (1.0, -1.0) for shape, _ in shapes] or [np.empty((0, 2))])
     whole = _box(np.concatenate([roads, places]), 0.03, 10.0)
@@ -113,7 +116,7 @@ def _lane_paths(shapes: Iterable[LaneShape]) -> dict[float, str]:
     return {width: "".join(lines) for width, lines in sorted(paths.items())}
 
 
-def _spots(marks: Iterable[tuple[D, Infraction]]) -> Iterator[Spot[D]]:
+def _spots(marks: Iterable[tuple[D, Infraction]], east: float) -> Iterator[Spot[D]]:
     """One spot per infraction, at the place where it happened; the page counts those that overlap."""
     for drive, one in marks:
-        yield Spot(round(one.x_m, 1), round(0.0 - one.y_m, 1), drive, one)
+        yield Spot(round(east * one.x_m, 1), round(0.0 - one.y_m, 1), drive, one)

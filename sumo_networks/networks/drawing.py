@@ -6,9 +6,10 @@ A map is a list of shapes in metres, bottom first; one painter writes SVG, anoth
 from __future__ import annotations
 
 import html
+import json
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,9 @@ import shapely
 import shapely.ops
 from PIL import Image, ImageDraw, ImageFont
 
-from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.entries import is_mirrored
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.units import KMH_PER_MPS
 
@@ -93,6 +95,7 @@ class RoadMap:
         bounds: Smallest x, smallest y, largest x, largest y, m.
         scale: Pixels per metre of the picture.
         shapes: Polygons, bottom first.
+        lanes: Length of each lane on which a mission can begin or end, m, then x, y of its centreline, m, by its id.
     """
 
     name: str
@@ -100,6 +103,7 @@ class RoadMap:
     bounds: tuple[float, float, float, float]
     scale: float
     shapes: list[Shape] = field(default_factory=list)
+    lanes: dict[str, list[float]] = field(default_factory=dict)
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -130,7 +134,7 @@ def write_map(network: RoadNetwork, path: Path) -> Path:
 
 
 def draw_map(network: RoadNetwork) -> RoadMap:
-    """The map of a network as shapes."""
+    """The map of a network as shapes; left-hand traffic, driven in its mirror image, is drawn as the place is."""
     x0, y0, x1, y1 = network.bounds
     bounds = (x0 - MARGIN_M, y0 - MARGIN_M, x1 + MARGIN_M, y1 + MARGIN_M)
     scale = min(WIDEST_PX / max(bounds[2] - bounds[0], bounds[3] - bounds[1]), LARGEST_SCALE)
@@ -139,8 +143,21 @@ def draw_map(network: RoadNetwork) -> RoadMap:
     counts = {"light": len(network.signals.light_ids), "crossing": int(lanes.crossing.sum())}
     facts = [f"{count} {what}{'' if count == 1 else 's'}" for what, count in counts.items()]
     caption = " · ".join([f"{lanes.length[road].sum() / 1000:.1f} km of lanes", *facts])
-    shapes = list(_shapes(network, scale))
-    return RoadMap(network.name, caption, bounds, scale, shapes)
+    shapes, places = list(_shapes(network, scale)), _places(network, road)
+    if is_mirrored(network.name):
+        bounds = (-bounds[2], bounds[1], -bounds[0], bounds[3])
+        shapes = [replace(shape, outline=shape.outline * (-1.0, 1.0)) for shape in shapes]
+        places = {lane: line * (-1.0, 1.0) for lane, line in places.items()}
+    lines = {
+        str(lanes.ids[lane]): [round(float(lanes.length[lane]), 2), *np.round(line, 2).ravel().tolist()]
+        for lane, line in places.items()
+    }
+    return RoadMap(network.name, caption, bounds, scale, shapes, lines)
+
+
+def _places(network: RoadNetwork, road: BoolArray) -> dict[int, FloatArray]:
+    """Centrelines of the lanes on which a mission can begin or end."""
+    return {lane: network.lane_shape(lane) for lane in np.flatnonzero(road).tolist()}
 
 
 def _shapes(network: RoadNetwork, scale: float) -> Iterator[Shape]:
@@ -329,39 +346,12 @@ def _svg_furniture(road_map: RoadMap) -> list[str]:
 
 
 def _html_file(road_map: RoadMap, path: Path) -> None:
-    path.write_text(_PAGE.replace("{name}", html.escape(road_map.name)).replace("{svg}", svg(road_map)), "utf-8")
-
-
-_PAGE = """<!doctype html>
-<html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{name} · dohyo</title>
-<style>
-:root{color-scheme:light dark} body{margin:0;background:#FAF8F4;height:100vh}
-svg{width:100vw;height:100vh;cursor:grab;touch-action:none} polygon[data-lane]:hover{fill:#5B4B8A}
-@media(prefers-color-scheme:dark){body{background:#14161A} polygon[data-lane]:hover{fill:#A594E0}}
-</style>
-{svg}
-<script>
-// Wheel, + and - zoom around the pointer or the middle; dragging and the arrow keys move.
-const map = document.querySelector("svg"), box = map.viewBox.baseVal;
-const at = e => new DOMPoint(e.clientX, e.clientY).matrixTransform(map.getScreenCTM().inverse());
-const zoom = (p, f) => {
-  box.x = p.x - (p.x - box.x) * f; box.y = p.y - (p.y - box.y) * f; box.width *= f; box.height *= f;
-};
-map.addEventListener("wheel", e => { e.preventDefault(); zoom(at(e), Math.exp(e.deltaY / 500)); }, { passive: false });
-let from = null;
-map.addEventListener("pointerdown", e => { from = at(e); });
-addEventListener("pointermove", e => { if (from) { const p = at(e); box.x += from.x - p.x; box.y += from.y - p.y; } });
-addEventListener("pointerup", () => { from = null; });
-addEventListener("keydown", e => {
-  const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[e.key];
-  if (step) { box.x += step[0] * box.width / 10; box.y += step[1] * box.height / 10; }
-  const factor = { "+": 0.8, "-": 1.25 }[e.key];
-  if (factor) zoom({ x: box.x + box.width / 2, y: box.y + box.height / 2 }, factor);
-});
-</script>
-</html>
-"""
+    """Writes the map as a page that shows lanes under the pointer, and gives starts and goals to copy."""
+    lanes = json.dumps(road_map.lanes, separators=(",", ":")).replace("<", "\\u003c")
+    page = Path(__file__).with_name("map_page.html").read_text(encoding="utf-8")
+    for key, value in (("{name}", html.escape(road_map.name)), ("{lanes}", lanes), ("{svg}", svg(road_map))):
+        page = page.replace(key, value, 1)
+    path.write_text(page, encoding="utf-8")
 
 
 def _png_file(road_map: RoadMap, path: Path) -> None:

@@ -122,6 +122,11 @@ def network_entry(name: str) -> NetworkEntry:
     return _entry_in(network_folder(name))
 
 
+def is_mirrored(name: str) -> bool:
+    """Whether a network of the catalog is the mirror image of its place; see `conversion.mirroring`."""
+    return name in network_names() and network_entry(name).mirrored
+
+
 def network_path(name: str) -> Path:
     """Path of a network's SUMO net, by catalog name or by the path of a .net.xml[.gz] file.
 

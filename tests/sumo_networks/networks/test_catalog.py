@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import random
 import re
 import subprocess
@@ -287,5 +288,9 @@ def test_the_map_is_written_in_three_formats(tmp_path: Path) -> None:
     assert "<svg" in page
     assert "http://www.w3.org/2000/svg" in page
     assert not re.search(r'(src|href)="http', page)
+    lanes = json.loads(re.search(r"^const LANES = (\{.*?\});", page, re.MULTILINE)[1])  # type: ignore[index]
+    lane = network.lane_index["quay_1_1"]
+    assert lanes["quay_1_1"][0] == pytest.approx(network.lanes.length[lane], abs=0.01)
+    assert lanes["quay_1_1"][1:] == pytest.approx(network.lane_shape(lane).ravel(), abs=0.01)
     with pytest.raises(InvalidInputError, match=r"png, \.svg or \.html"):
         write_map(network, tmp_path / "map.gif")

@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 from dohyo.service.cli import app
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.drawing import draw_map
 from dohyo.sumo_networks.networks.entries import CATALOG, network_entry, network_names, network_path
 from dohyo.sumo_networks.networks.faults import FaultKind
 from dohyo.sumo_networks.networks.importing import MIRRORED, Imported, ImportOptions, import_network
@@ -176,6 +177,8 @@ def test_left_hand_traffic_becomes_its_mirror_image(tmp_path: Path) -> None:
     shift = shapes[0][0][0] - shapes[0][1][0]
     for here, image_shape in shapes:
         np.testing.assert_allclose(here, image_shape + shift, atol=0.5)
+    drawn = draw_map(left).lanes["10#0_1"]
+    np.testing.assert_allclose(drawn[1::2], -left.lane_shape(left.lane_index["10#0_1"])[:, 0], atol=0.01)
 
 
 def turns(network: RoadNetwork) -> set[tuple[str, str]]:
