@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from pydantic import ValidationError
 
 from dohyo.evaluation.benchmarks.benchmark import AutoEvents, Benchmark, ScriptedMission
-from dohyo.evaluation.benchmarks.cells import Level, Protocol, make_cells
+from dohyo.evaluation.benchmarks.cells import Level, Protocol, carried_traffic, make_cells, traffic_of
 from dohyo.evaluation.benchmarks.mission_drawing import Check, Drawing, draw_missions, route_lengths
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.events.auto_events import auto_events
 from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.inspection import network_size
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route
 
@@ -85,6 +86,37 @@ def create_benchmark(
     except ValidationError as error:
         raise InvalidInputError(f"benchmark '{name}': {error.errors()[0]['msg']}") from error
     return Created(benchmark, drawing, made.reduced)
+
+
+@dataclass(frozen=True, slots=True)
+class Capacity:
+    """Estimate of the traffic that a network carries.
+
+    Attributes:
+        wanted: Number of vehicles in dense traffic.
+        carried: Number of vehicles that flowed in the trial: all, a half, a quarter of them, and so on.
+        per_km: Number of these vehicles per km of lanes.
+    """
+
+    wanted: int
+    carried: int
+    per_km: float
+
+
+def estimate_capacity(network: str) -> Capacity:
+    """Tries dense traffic on a network for 300 s, and less if it jams.
+
+    Args:
+        network: Name in the catalog, or path of a .net.xml[.gz] file.
+
+    Raises:
+        InvalidInputError: Nothing can be driven.
+    """
+    roads = load_network(network)
+    mission = draw_missions(roads, 1, fitting_lengths(roads), seed=0).missions[0].mission
+    wanted = traffic_of(roads, Level.DENSE)
+    carried = carried_traffic(roads, network, mission, wanted).vehicles
+    return Capacity(wanted.vehicles, carried, round(carried / max(network_size(roads).lane_km, 0.1), 1))
 
 
 def fitting_lengths(network: RoadNetwork) -> tuple[float, float]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,6 +18,9 @@ from dohyo.sumo_networks.networks.faults import MEANINGS, FaultKind
 from dohyo.sumo_networks.networks.importing import ImportOptions, build_network, import_network
 from dohyo.sumo_networks.networks.inspection import NetworkReport, inspect_network
 from dohyo.sumo_networks.networks.xml_guard import LIMIT_MB
+
+if TYPE_CHECKING:
+    from dohyo.evaluation.benchmarks.creation import Capacity
 
 SHOWN = 6
 WELL_CONNECTED = 0.9
@@ -34,10 +38,31 @@ def show(
     console.print(f"map: {path.resolve()}", soft_wrap=True)
 
 
-def check(name: Network, json: Json = False) -> None:
-    """Reports a network's size, and faults that would disturb a driver."""
+def check(
+    name: Network,
+    traffic: Annotated[bool, typer.Option("--traffic", help="Try how many vehicles the network carries.")] = False,
+    json: Json = False,
+) -> None:
+    """Reports a network's size, faults that would disturb a driver, and how much traffic it carries."""
     guessed = network_entry(name).guessed if name in network_names() else ()
-    _print_report(inspect_network(load_network(name), guessed), json)
+    report = inspect_network(load_network(name), guessed)
+    capacity = _capacity(name) if traffic else None
+    if json:
+        print_json(report.as_document() | ({"capacity": asdict(capacity)} if capacity else {}))
+        return
+    _print_report(report)
+    if capacity:
+        console.print(
+            f"carries about {capacity.carried} vehicles, {capacity.per_km:g} per km of lanes; dense traffic has "
+            f"{capacity.wanted}",
+            soft_wrap=True,
+        )
+
+
+def _capacity(name: str) -> Capacity:
+    from dohyo.evaluation.benchmarks.creation import estimate_capacity  # loads SUMO
+
+    return estimate_capacity(name)
 
 
 def import_file(
@@ -74,8 +99,10 @@ def import_file(
     )
     with ended_by_sigterm(), named_steps() as progress:
         done = import_network(file, name, options, force=force, progress=progress)
-    _print_report(done.report, json)
-    if not json:
+    if json:
+        print_json(done.report.as_document())
+    else:
+        _print_report(done.report)
         console.print(f"network '{name}': {done.folder.resolve()}", soft_wrap=True)
 
 
@@ -87,10 +114,7 @@ def build(
     console.print(f"net: {build_network(folder, out).resolve()}", soft_wrap=True)
 
 
-def _print_report(report: NetworkReport, as_json: bool) -> None:
-    if as_json:
-        print_json(report.as_document())
-        return
+def _print_report(report: NetworkReport) -> None:
     print_rows(
         (report.name, ""),
         [

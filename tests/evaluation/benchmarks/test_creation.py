@@ -8,7 +8,7 @@ import pytest
 
 from dohyo.evaluation.benchmarks.benchmark import AutoEvents, load_benchmark
 from dohyo.evaluation.benchmarks.cells import Level, Protocol
-from dohyo.evaluation.benchmarks.creation import create_benchmark, fitting_lengths
+from dohyo.evaluation.benchmarks.creation import create_benchmark, estimate_capacity, fitting_lengths
 from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.benchmarks.writing import write_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
@@ -17,9 +17,14 @@ from dohyo.sumo_networks.networks.catalog import load_network
 KINDS = AutoEvents(kinds=("lead_vehicle_brakes", "parked_obstacle"))
 
 
-@pytest.mark.parametrize("levels", [(Level.REGULAR,), (Level.EMPTY, Level.DENSE)])
-@pytest.mark.parametrize("events", [None, AutoEvents(), KINDS])
-@pytest.mark.parametrize("protocol", Protocol)
+@pytest.mark.parametrize(
+    ("protocol", "events", "levels"),
+    [
+        (Protocol.LEADERBOARD, AutoEvents(), (Level.REGULAR,)),
+        (Protocol.NOCRASH, None, (Level.EMPTY, Level.REGULAR)),
+        (Protocol.CORL2017, KINDS, (Level.EMPTY,)),
+    ],
+)
 def test_the_file_is_the_same_benchmark(
     protocol: Protocol, events: AutoEvents | None, levels: tuple[Level, ...], tmp_path: Path
 ) -> None:
@@ -49,6 +54,12 @@ def test_traffic_that_jams_the_network_is_reduced_and_named() -> None:
     made = create_benchmark("mine", "braunschweig", missions=1)
     assert made.reduced == {Level.REGULAR: 69}
     assert made.benchmark.cells[0].traffic.vehicles < 69
+
+
+def test_the_estimate_of_a_network_that_carries_dense_traffic() -> None:
+    found = estimate_capacity("town-test")
+    assert found.carried == found.wanted
+    assert found.per_km == pytest.approx(20, abs=1)
 
 
 def test_short_networks_have_shorter_missions() -> None:
