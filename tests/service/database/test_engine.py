@@ -63,7 +63,7 @@ def test_migrations_can_be_taken_back(database: Database) -> None:
 
 
 def _migrate(url: str, start: object) -> None:
-    start.wait()  # type: ignore[attr-defined]
+    start.wait(120)  # type: ignore[attr-defined]
     database = Database(url, busy_s=30.0)
     database.migrate()
     database.close()
@@ -72,7 +72,7 @@ def _migrate(url: str, start: object) -> None:
 def test_services_that_start_at_once_do_not_race(empty_database_url: str) -> None:
     spawn = multiprocessing.get_context("spawn")
     start = spawn.Barrier(3)
-    children = [spawn.Process(target=_migrate, args=(empty_database_url, start)) for _ in range(3)]
+    children = [spawn.Process(target=_migrate, args=(empty_database_url, start), daemon=True) for _ in range(3)]
     for child in children:
         child.start()
     for child in children:
