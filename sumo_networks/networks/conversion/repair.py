@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +17,8 @@ from dohyo.sumo_networks.networks.lights import junctions_of
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.units import KMH_PER_MPS
 
+_PROGRAM = re.compile(rb'[ ]*<tlLogic id="(?P<light>[^"]*)".*?</tlLogic>\n', re.DOTALL)
+
 
 @dataclass(slots=True)
 class Repair:
@@ -26,14 +29,14 @@ class Repair:
         removed: SUMO ids of the edges to remove.
         limits: New speed limit by edge, m/s.
         unlit: SUMO ids of the junctions that lose their light.
-        relit: SUMO ids of the junctions whose light gets a usual program.
+        endless: SUMO ids of the lights that get a usual program.
     """
 
     decided: list[str] = field(default_factory=list)
     removed: Sequence[str] = ()
     limits: dict[str, float] = field(default_factory=dict)
     unlit: list[str] = field(default_factory=list)
-    relit: list[str] = field(default_factory=list)
+    endless: list[str] = field(default_factory=list)
 
     @property
     def needed(self) -> bool:
@@ -57,12 +60,13 @@ class Repair:
             options += ["--remove-edges.input-file", str(_lines(self.removed, target.with_name("removed.txt")))]
         if self.limits:
             options += ["-e", str(_limits(self.limits, target.with_name("limits.edg.xml")))]
-        if self.unlit or self.relit:
-            options += ["--tls.unset", ",".join([*self.unlit, *self.relit])]
+        if self.unlit:
+            options += ["--tls.unset", ",".join(self.unlit)]
         rebuild(net, target, file, options, timeout_s)
-        if self.relit:
-            unlit = target.rename(target.with_name("unlit.net.xml"))
-            rebuild(unlit, target, file, ["--tls.set", ",".join(self.relit), "--tls.default-type", "static"], timeout_s)
+        if self.endless:
+            usual = target.with_name("usual.net.xml")
+            rebuild(target, usual, file, ["--tls.rebuild", "--tls.default-type", "static"], timeout_s)
+            target.write_bytes(_with_programs(target.read_bytes(), usual.read_bytes(), set(self.endless)))
         return target
 
 
@@ -97,13 +101,26 @@ def _remove_others(network: RoadNetwork, repair: Repair) -> None:
 def _mend_lights(network: RoadNetwork, repair: Repair) -> None:
     faults = find_faults(network)
     bends = [fault.name for fault in faults if fault.kind is FaultKind.LIGHT_AT_BEND and not fault.value]
-    endless = [fault.name for fault in faults if fault.kind is FaultKind.LONG_PHASE]
+    repair.endless = [fault.name for fault in faults if fault.kind is FaultKind.LONG_PHASE]
     repair.unlit = [junction for light in bends for junction in junctions_of(network, light)]
-    repair.relit = [junction for light in endless for junction in junctions_of(network, light)]
     if bends:
         repair.decided.append(f"{len(bends)} lights at bends without crossings are removed: {', '.join(bends)}")
-    if endless:
-        repair.decided.append(f"{len(endless)} lights with endless phases get usual programs: {', '.join(endless)}")
+    if repair.endless:
+        names = ", ".join(repair.endless)
+        repair.decided.append(f"{len(repair.endless)} lights with endless phases get usual programs: {names}")
+
+
+def _with_programs(net: bytes, other: bytes, lights: set[str]) -> bytes:
+    """A net whose programs of some lights are those of another net with the same connections."""
+    programs: dict[bytes, bytes] = {}
+    for match in _PROGRAM.finditer(other):
+        programs.setdefault(match["light"], match[0])
+
+    def replaced(match: re.Match[bytes]) -> bytes:
+        usual = match["light"].decode() in lights
+        return programs.pop(match["light"], b"") if usual else match[0]
+
+    return _PROGRAM.sub(replaced, net)
 
 
 def _mend_limits(network: RoadNetwork, repair: Repair) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bz2
 import gzip
 import json
+import re
 import signal
 import subprocess
 from collections.abc import Callable
@@ -232,6 +233,26 @@ def test_repairs_on_request(tmp_path: Path) -> None:
     assert set(after.speed_limits_kmh) == {50}
     assert after.connected_share == 1.0
     assert any("outside the largest connected part" in line for line in after.guessed)
+
+
+def test_an_endless_light_gets_a_usual_program_and_the_others_keep_theirs(tmp_path: Path) -> None:
+    text = TOWN.read_text()
+    (first, program), (second, kept) = programs(text)[:2]
+    endless = re.sub(r'duration="\d+"', 'duration="1000"', program, count=1)
+    net = given(tmp_path, "endless.net.xml", text.replace(program, endless))
+    faults = [fault for fault in import_network(net, "before").report.faults if fault.kind is FaultKind.LONG_PHASE]
+    assert [(fault.name, fault.value) for fault in faults] == [(first, 1000)]
+    after = import_network(net, "after", ImportOptions(fix=True)).report
+    assert (after.lights, after.crossings) == (8, import_network(TOWN, "whole").report.crossings)
+    assert not [fault for fault in after.faults if fault.kind is FaultKind.LONG_PHASE]
+    phases = re.compile(r'duration="([\d.]+)"')
+    now = dict(programs(gzip.decompress(network_path("after").read_bytes()).decode()))
+    assert phases.findall(now[second]) == phases.findall(kept)
+
+
+def programs(net: str) -> list[tuple[str, str]]:
+    """Programs of a net's lights, by their ids."""
+    return re.findall(r'<tlLogic id="([^"]*)"(.*?)</tlLogic>', net, re.DOTALL)
 
 
 def test_a_killed_import_leaves_nothing(tmp_path: Path, osm: Path, home: Path) -> None:
