@@ -150,6 +150,11 @@ def compare(
     return {name: paired([one[name] for one in scored_a], [one[name] for one in scored_b]) for name in SCORES}
 
 
+def common_drives(records_a: Iterable[EpisodeRecord], records_b: Iterable[EpisodeRecord]) -> int:
+    """Number of drives that `compare` would compare."""
+    return len(_by_drive(records_a).keys() & _by_drive(records_b).keys())
+
+
 def score_drive(ego: EgoRecord, *, rules: Rules = "2.0", irs_length: IrsLength = "driven") -> dict[str, float]:
     """Every score of one drive, by its name in `SCORES`."""
     return {
@@ -221,8 +226,9 @@ def _only_benchmark(records: Sequence[EpisodeRecord]) -> tuple[str, str] | None:
 
 
 def _reject_repeats(records: Sequence[EpisodeRecord]) -> None:
-    """Refuses scenarios that come twice: they add no evidence, and would narrow the intervals."""
-    for digest, count in Counter(record.scenario.content_hash() for record in records).items():
+    """Refuses drives that come twice: they add no evidence, and would narrow the intervals."""
+    hashes = [(record.scenario.content_hash(), record) for record in records]
+    for (digest, _), count in Counter((digest, ego.name) for digest, record in hashes for ego in record.egos).items():
         if count > 1:
-            scenario = next(one.scenario for one in records if one.scenario.content_hash() == digest)
+            scenario = next(record.scenario for found, record in hashes if found == digest)
             raise InvalidInputError(f"scenario '{scenario.name}' with seed {scenario.seed} comes {count} times")

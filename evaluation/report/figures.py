@@ -27,7 +27,7 @@ def scored(records: Iterable[EpisodeRecord]) -> Iterator[tuple[EpisodeRecord, Eg
 
 def mission_name(record: EpisodeRecord, ego: EgoRecord) -> str:
     """Name of the scenario, with the name of the ego if there are several."""
-    return record.scenario.name if len(record.egos) == 1 else f"{record.scenario.name} / {ego.name}"
+    return record.scenario.name if len(record.scenario.missions) == 1 else f"{record.scenario.name} / {ego.name}"
 
 
 def score_by_mission(records: Records, *, rules: Rules = "2.0") -> go.Figure:

@@ -153,7 +153,7 @@ def lost_episode(job: Job, status: Status, failure: str) -> EpisodeRecord:
     egos = tuple(
         EgoRecord(
             name=mission.name,
-            agent=job.info,
+            agent=job.infos[mission.name],
             status=status,
             failure=failure,
             duration_s=0.0,
@@ -208,12 +208,12 @@ def _work(pipe: Connection, must_end_by: Synchronized[float]) -> None:
 
 def drive_job(job: Job, watch: Callable[[float], None] = lambda seconds: None) -> EpisodeRecord:
     """Drives one job in this process and writes its record."""
-    agents = {mission.name: make_agent(job.info.entry, job.info.settings) for mission in job.scenario.missions}
+    agents = {name: make_agent(info.entry, info.settings) for name, info in job.infos.items()}
     try:
         record, trajectory = drive_episode(
             job.scenario,
             agents,
-            infos=dict.fromkeys(agents, job.info),
+            infos=job.infos,
             benchmark=job.benchmark,
             act_deadline_s=job.act_deadline_s,
             watch=watch,

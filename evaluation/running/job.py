@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +20,7 @@ class Job:
 
     Attributes:
         scenario: Scenario to drive.
-        info: Description of the agent.
+        infos: Description of each ego's agent, by the name of the mission.
         benchmark: Name and content hash of the benchmark.
         directory: Folder of the record.
         stem: File name without suffix.
@@ -27,7 +28,7 @@ class Job:
     """
 
     scenario: Scenario
-    info: AgentInfo
+    infos: Mapping[str, AgentInfo]
     benchmark: tuple[str, str] | None
     directory: Path
     stem: str

@@ -36,13 +36,15 @@ AnyManifest = TypeVar("AnyManifest", bound=ResultManifest)
 
 
 class Manifest(ResultManifest):
-    """Description of a result folder of drives.
+    """Description of a result folder of drives. In a mixed run, `agent` drives all missions but those of `others`.
 
     Attributes:
+        others: Agents of single missions, by the name of the mission; empty: `agent` drives all of them.
         missions: Names of the scenarios that are driven; None: all of the benchmark.
     """
 
     benchmark: Benchmark
+    others: dict[str, AgentInfo] = Field(default_factory=dict, exclude_if=lambda agents: not agents)
     missions: Annotated[tuple[str, ...] | None, Field(min_length=1, exclude_if=lambda names: names is None)] = None
 
     @property

@@ -1,9 +1,9 @@
-"""run_benchmark: one agent on one benchmark or a part of it, resumable at any moment."""
+"""run_benchmark: one agent, or one for each ego, on a benchmark or a part of it; resumable at any moment."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
 from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
 from dohyo.evaluation.episode.runner import versions
 from dohyo.evaluation.families import OtherFamilyError
-from dohyo.evaluation.records.record import EpisodeRecord, Kind
+from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord, Kind
 from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.running.executors import Executor, ProcessPool
 from dohyo.evaluation.running.job import Job
@@ -25,13 +25,16 @@ from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Scenario
 
+REST = "*"
+"""Name for all missions of a mixed run that have no agent of their own."""
+
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """One agent on one benchmark.
+    """Agents on one benchmark.
 
     Attributes:
-        manifest: Manifest with the agent and the benchmark.
+        manifest: Manifest with the agents and the benchmark.
         records: Records, one per scenario and seed, in the benchmark's order.
         paths: Paths of the records, in the same order.
         resumed: Number of records that an earlier run had finished.
@@ -45,7 +48,7 @@ class Result:
 
 def run_benchmark(
     benchmark: str | Benchmark,
-    entry: str,
+    agents: str | Mapping[str, AgentInfo],
     *,
     settings: Mapping[str, Any] | None = None,
     kind: Kind = "local",
@@ -59,15 +62,16 @@ def run_benchmark(
     preparing: Callable[[int, int], None] = lambda done, total: None,
     reverse: bool = False,
 ) -> Result:
-    """Evaluates an agent; a second call with the same arguments drives only the missing episodes.
+    """Evaluates agents; a second call with the same arguments drives only the missing episodes.
 
     A call with more missions than the last one, such as a larger sample or the whole benchmark, completes the results.
 
     Args:
         benchmark: Benchmark, or its name, or the path of a .toml file.
-        entry: "module:Class" of the agent.
-        settings: Keyword arguments of its constructor.
-        kind: Origin of the agent, for its records.
+        agents: "module:Class" of the agent; in a mixed run the agent of each mission by its name, and that of all
+            other missions under `REST`.
+        settings: Keyword arguments of the constructor of "module:Class".
+        kind: Origin of "module:Class", for its records.
         seeds: Seeds to drive; by default those of the benchmark.
         only: Names or patterns of the cells and missions to drive, see `part.select`; empty: all.
         sample: Number of missions to draw from those; None: all.
@@ -84,16 +88,15 @@ def run_benchmark(
     """
     if isinstance(benchmark, str):
         benchmark = load_benchmark(benchmark)
-    try:
-        agent = make_agent(entry, settings)
-    except OtherFamilyError as error:
-        raise InvalidInputError(f"benchmark '{benchmark.name}': {error}") from error
-    info = agent_info(agent, entry, settings, kind)
-    agent.close()
-    scenarios = select(benchmark.scenarios(seeds if seeds is not None else benchmark.seeds), only, sample)
+    given = {REST: _described(agents, settings, kind, benchmark)} if isinstance(agents, str) else agents
+    everything = benchmark.scenarios(seeds if seeds is not None else benchmark.seeds)
+    infos = assign(given, (mission.name for scenario in everything for mission in scenario.missions))
+    scenarios = select(everything, only, sample)
     missions = tuple(dict.fromkeys(scenario.name for scenario in scenarios))
+    first, *_ = infos.values()
     manifest = Manifest(
-        agent=info,
+        agent=first,
+        others={name: info for name, info in infos.items() if info != first},
         benchmark=benchmark,
         benchmark_sha256=benchmark.sha256,
         missions=missions if len(missions) < benchmark.size else None,
@@ -107,7 +110,14 @@ def run_benchmark(
     prepare_logs(todo, benchmark.reference_agent, getattr(executor, "workers", None) or 1, preparing)
     progress(None, resumed, len(scenarios))
     jobs = [
-        Job(scenario, info, (benchmark.name, manifest.benchmark_sha256), out / RECORDS, stem, act_deadline_s)
+        Job(
+            scenario,
+            {mission.name: infos[mission.name] for mission in scenario.missions},
+            (benchmark.name, manifest.benchmark_sha256),
+            out / RECORDS,
+            stem,
+            act_deadline_s,
+        )
         for scenario, stem in zip(scenarios, stems, strict=True)
         if stem not in finished
     ]
@@ -141,6 +151,37 @@ def read_result(out: Path) -> Result:
     return Result(manifest, records, paths, len(records))
 
 
+def assign(agents: Mapping[str, AgentInfo], missions: Iterable[str]) -> dict[str, AgentInfo]:
+    """Agent of each mission.
+
+    Args:
+        agents: Agents by the name of the mission; that of `REST` drives all missions without one.
+        missions: Names of all missions of the benchmark; a name may come again.
+
+    Raises:
+        InvalidInputError: A mission has no agent, or an agent is for a mission that does not exist.
+    """
+    names = list(dict.fromkeys(missions))
+    if unknown := [name for name in agents if name not in names and name != REST]:
+        raise InvalidInputError(
+            f"agent of '{unknown[0]}': expected a mission of the benchmark: {', '.join(names[:20])}"
+        )
+    if missing := [name for name in names if name not in agents and REST not in agents]:
+        raise InvalidInputError(f"expected an agent for each mission, got none for {', '.join(missing[:20])}")
+    return {name: agents[name] if name in agents else agents[REST] for name in names}
+
+
+def _described(entry: str, settings: Mapping[str, Any] | None, kind: Kind, benchmark: Benchmark) -> AgentInfo:
+    try:
+        agent = make_agent(entry, settings)
+    except OtherFamilyError as error:
+        raise InvalidInputError(f"benchmark '{benchmark.name}': {error}") from error
+    try:
+        return agent_info(agent, entry, settings, kind)
+    finally:
+        agent.close()
+
+
 def _claim(out: Path, manifest: Manifest) -> None:
     """Writes the manifest, unless the existing one says the same."""
     if (out / MANIFEST).exists():
@@ -164,10 +205,10 @@ def _check_continues(out: Path, there: Manifest, manifest: Manifest) -> None:
             f"'{out}' holds benchmark {there.benchmark.name} {there.benchmark_sha256[:8]}, not "
             f"{manifest.benchmark.name} {manifest.benchmark_sha256[:8]}; choose another --out"
         )
-    if there.agent != manifest.agent:
+    if there.agent != manifest.agent or there.others != manifest.others:
         raise InvalidInputError(
-            f"'{out}' holds agent '{there.agent.name}' as it was before its code or settings changed, or another "
-            "agent; choose another --out"
+            f"'{out}' holds agent '{there.agent.name}' as it was before its code or settings changed, or other "
+            "agents; choose another --out"
         )
     if manifest.missions is None:
         return

@@ -110,10 +110,12 @@ def print_part(part: str, of: str = "") -> None:
         console.print(f"{of}{part}; the scores are not those of the benchmark", highlight=False)
 
 
-def print_cells(cells: Mapping[str, Summary]) -> None:
-    """Prints one row per cell of a benchmark, where there is more than one."""
+def print_cells(cells: Mapping[str, Summary], of: str = "") -> None:
+    """Prints one row per cell of a benchmark, where there is more than one, under the name of the agent if given."""
     if len(cells) < 2:
         return
+    if of:
+        console.print(of, style="bold")
     titles = SCORES | {
         "nocrash_success": "NoCrash success %",
         "road_completed": "road without crash %",

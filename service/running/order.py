@@ -113,7 +113,8 @@ class EpisodeOrder(Config):
         """
         if not isinstance(self.scenario, Scenario):
             raise InvalidInputError(f"expected an episode on roads, got a {self.scenario.name}")
-        return Job(self.scenario, self.info, self.benchmark, self.directory, self.stem, self.act_deadline_s)
+        infos = dict.fromkeys(self.egos, self.info)
+        return Job(self.scenario, infos, self.benchmark, self.directory, self.stem, self.act_deadline_s)
 
 
 def agent_seed(secret: str, position: int) -> int:
@@ -144,4 +145,5 @@ def checked_job(order: EpisodeOrder) -> Job:
             raise InvalidInputError(
                 f"agent '{order.info.name}': its code has changed since it was submitted; submit it again"
             )
-    return replace(order.job, info=order.info.model_copy(update={"entry": entry}))
+    info = order.info.model_copy(update={"entry": entry})
+    return replace(order.job, infos=dict.fromkeys(order.egos, info))

@@ -1,4 +1,4 @@
-"""`dohyo evaluate`: one agent on one benchmark."""
+"""`dohyo evaluate`: one agent, or one for each ego, on one benchmark."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import ast
 import os
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,7 +21,7 @@ from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.running.executors import Executor, ProcessPool
 from dohyo.evaluation.running.ray_executor import RayExecutor
-from dohyo.evaluation.running.run import Result, run_benchmark
+from dohyo.evaluation.running.run import REST, Result, run_benchmark
 from dohyo.evaluation.scores.nuplan.summary import (
     ScoredDrive,
     by_type,
@@ -30,9 +31,11 @@ from dohyo.evaluation.scores.nuplan.summary import (
 )
 from dohyo.evaluation.scores.nuplan.summary import as_document as closed_loop_document
 from dohyo.evaluation.summary import as_document, summarise, summarise_cells
+from dohyo.service.cli.by_agent import evaluations_of
 from dohyo.service.cli.closed_loop import print_closed_loop, print_legend
 from dohyo.service.cli.commands.freeway import evaluate_on_freeway
 from dohyo.service.cli.commands.parking import evaluate_on_parking
+from dohyo.service.cli.mixed import describe_agents, parse_agents, print_meetings, scores_document
 from dohyo.service.cli.output import Json, console, print_cells, print_comparison, print_json, print_part
 from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.service.cli.progress import ProgressBar
@@ -50,7 +53,13 @@ class Engine(StrEnum):
 
 
 def evaluate(
-    agent: Annotated[str, typer.Option(help="Registered name, your own module:Class, or onnx with --set path=FILE.")],
+    agent: Annotated[
+        list[str],
+        typer.Option(
+            help="Registered name, your own module:Class, or onnx with --set path=FILE. MISSION=AGENT, given for "
+            "several missions, lets each ego have its own agent; one without MISSION drives the others."
+        ),
+    ],
     benchmark: Annotated[str, typer.Option(help="Name, or path of a .toml file.")],
     seeds: Annotated[str | None, typer.Option(help="Such as 0,1,2 or 0-4; default: the benchmark's own.")] = None,
     only: Annotated[
@@ -66,11 +75,13 @@ def evaluate(
     address: Annotated[str | None, typer.Option(help="Address of the Ray cluster; default: this machine.")] = None,
     json: Json = False,
 ) -> None:
-    """Evaluates an agent on a benchmark. Run again, it continues where it stopped."""
+    """Evaluates agents on a benchmark. Run again, it continues where it stopped."""
     find_own_modules()
     family = find_family(benchmark)
     chosen = parse_seeds(seeds) if seeds is not None else None
-    folder = out or Path("out") / Path(benchmark).stem / re.sub(r"[^\w.-]", "_", agent)
+    called = " ".join(agent)
+    folder = out or Path("out") / Path(benchmark).stem / re.sub(r"[^\w.-]", "_", called)
+    agents = parse_agents(agent)
     if family is not Family.DRIVING:
         given = {
             "only": only is not None,
@@ -79,19 +90,18 @@ def evaluate(
             "reverse": reverse,
             "executor": executor is Engine.RAY,
             "address": address is not None,
+            "agent MISSION=AGENT": list(agents) != [REST],
         }
         _refuse_driving_options(benchmark, given)
         evaluate_on = evaluate_on_parking if family is Family.PARKING else evaluate_on_freeway
         processes = workers or os.cpu_count() or 1
-        evaluate_on(agent, benchmark, parse_settings(settings or []), chosen, folder, processes, json)
+        evaluate_on(called, benchmark, parse_settings(settings or []), chosen, folder, processes, json)
         return
-    entry, made_with = resolve_with(POLICY if agent == ONNX else agent, parse_settings(settings or []))
-    with ProgressBar(f"{agent} on {benchmark}", hidden=json) as bar:
+    drivers = _drivers(agents, parse_settings(settings or []))
+    with ProgressBar(f"{called} on {benchmark}", hidden=json) as bar:
         result = run_benchmark(
             benchmark,
-            entry,
-            settings=made_with,
-            kind=kind_of(entry, made_with),
+            **drivers,
             seeds=chosen,
             only=parse_names(only) if only is not None else (),
             sample=sample,
@@ -105,30 +115,49 @@ def evaluate(
     (_print_document if json else _print_tables)(result)
 
 
+def _drivers(agents: Mapping[str, str], settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of `run_benchmark` that say who drives."""
+    if list(agents) != [REST]:
+        if settings:
+            raise InvalidInputError("--set: expected one --agent without a mission, got agents of missions")
+        return {"agents": describe_agents(agents)}
+    name = agents[REST]
+    entry, made_with = resolve_with(POLICY if name == ONNX else name, settings)
+    return {"agents": entry, "settings": made_with, "kind": kind_of(entry, made_with)}
+
+
 def _print_document(result: Result) -> None:
     """Prints the scores and every drive as one JSON document."""
     rules = result.manifest.benchmark.rules
-    summary = as_document(summarise(result.records, rules=rules))
-    cells = {cell: as_document(one) for cell, one in summarise_cells(result.records, rules=rules).items()}
+    evaluations = evaluations_of([result])
+    summary = scores_document([summarise(one.records, rules=rules) for one in evaluations], result.records)
+    cells = [summarise_cells(one.records, rules=rules) for one in evaluations]
+    by_cell = {"cells": {cell: as_document(one) for cell, one in cells[0].items()}} if len(cells) == 1 else {}
     part = {"part": result.manifest.part or None, "missions": result.manifest.missions}
     scored = _closed_loop_scores(result)
     closed = {"closed_loop": closed_loop_document(scored, lost_drives(result.records))} if scored else {}
-    print_json(summary | part | {"cells": cells, "drives": _drives(result)} | closed)
+    print_json(summary | part | by_cell | {"drives": _drives(result)} | closed)
 
 
 def _print_tables(result: Result) -> None:
     """Prints what failed, and the scores by cell or by type of scenario."""
     rules = result.manifest.benchmark.rules
-    summary = summarise(result.records, rules=rules)
     scored = _closed_loop_scores(result)
     _print_failures(result)
     if scored:
         print_closed_loop(by_type(scored), "type")
-        print_closed_loop({summary.agent: summarise_closed_loop(scored, lost_drives(result.records))}, "agent")
+        summary = summarise_closed_loop(scored, lost_drives(result.records))
+        print_closed_loop({result.manifest.agent.name: summary}, "agent")
         print_legend()
     else:
-        print_cells(summarise_cells(result.records, rules=rules))
-        print_comparison([summary])
+        evaluations = evaluations_of([result])
+        for one in evaluations:
+            print_cells(summarise_cells(one.records, rules=rules), of=one.agent if len(evaluations) > 1 else "")
+        summaries = [summarise(one.records, rules=rules) for one in evaluations]
+        print_comparison(
+            [replace(summary, agent=one.agent) for one, summary in zip(evaluations, summaries, strict=True)]
+        )
+        print_meetings(result.records)
     print_part(result.manifest.part)
     console.print(f"records in {result.paths[0].parent}")
 
@@ -156,8 +185,8 @@ def _note(record: EpisodeRecord | None) -> str:
 
 
 def _closed_loop_scores(result: Result) -> list[ScoredDrive]:
-    """Closed-loop scores of the drives; none where the benchmark has other ones."""
-    if not result.manifest.benchmark.closed_loop:
+    """Closed-loop scores of the drives; none of a mixed run, or where the benchmark has other ones."""
+    if not result.manifest.benchmark.closed_loop or result.manifest.others:
         return []
     return score_records(zip(result.records, result.paths, strict=True))
 
@@ -182,6 +211,7 @@ def _drives(result: Result) -> list[dict[str, Any]]:
             "scenario": record.scenario.name,
             "seed": record.scenario.seed,
             "ego": ego.name,
+            "agent": ego.agent.name,
             "status": ego.status.value,
             "failure": ego.failure,
             "infractions": [infraction.model_dump(mode="json") for infraction in ego.infractions],

@@ -14,14 +14,15 @@ from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.freeway.morning import is_morning, read_morning
 from dohyo.evaluation.parking.lot_files import is_lot, is_lots_folder, read_lot
 from dohyo.evaluation.parking.record import is_parking_records
-from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
+from dohyo.evaluation.records.mixed import agents_of, drives_of
+from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.signature import Sealed
 from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.report.page import write_report
 from dohyo.evaluation.report.rows import Evaluation
 from dohyo.evaluation.report.style import probability
 from dohyo.evaluation.running.manifest import part_of_record
-from dohyo.evaluation.running.run import Result, read_result
+from dohyo.evaluation.running.run import read_result
 from dohyo.evaluation.scores.driving import IrsLength, Rules
 from dohyo.evaluation.scores.nuplan.summary import (
     applies,
@@ -31,10 +32,12 @@ from dohyo.evaluation.scores.nuplan.summary import (
     summarise_closed_loop,
 )
 from dohyo.evaluation.scores.nuplan.summary import as_document as closed_loop_document
-from dohyo.evaluation.summary import as_document, compare, score_drive, summarise, summarise_cells
+from dohyo.evaluation.summary import Summary, common_drives, compare, score_drive, summarise, summarise_cells
+from dohyo.service.cli.by_agent import evaluations_of
 from dohyo.service.cli.closed_loop import print_closed_loop, print_legend, print_terms
 from dohyo.service.cli.commands.parking import drive_lots_again, report_parking, verify_parking
 from dohyo.service.cli.commands.signatures import Key, SignatureOnly, SignedBy, Signer, check_signature
+from dohyo.service.cli.mixed import print_meetings, scores_document
 from dohyo.service.cli.output import (
     Json,
     console,
@@ -72,48 +75,38 @@ def report(
     benchmarks = {result.manifest.benchmark_sha256 for result in results}
     if len(benchmarks) > 1:
         raise InvalidInputError(f"these folders hold {len(benchmarks)} different benchmarks; compare one at a time")
-    names = _names([result.manifest.agent for result in results])
-    evaluations = [
-        Evaluation(
-            agent=name,
-            benchmark=result.manifest.benchmark.name,
-            benchmark_hash=result.manifest.benchmark_sha256,
-            records=result.records,
-            record_paths=result.paths,
-            metric=result.manifest.benchmark.metric,
-            part=result.manifest.part,
-        )
-        for name, result in zip(names, results, strict=True)
-    ]
-    summaries = [summarise(result.records, rules=rules, irs_length=irs_length) for result in results]
-    print_comparison([replace(summary, agent=name) for name, summary in zip(names, summaries, strict=True)])
-    for name, result in zip(names, results, strict=True):
-        cells = summarise_cells(result.records, rules=rules, irs_length=irs_length)
-        if len(cells) > 1:
-            console.print(name, style="bold")
-            print_cells(cells)
-    _print_verdicts(names, results, rules, irs_length)
+    evaluations = evaluations_of(results)
+    summaries = [summarise(one.records, rules=rules, irs_length=irs_length) for one in evaluations]
+    print_comparison([replace(summary, agent=one.agent) for one, summary in zip(evaluations, summaries, strict=True)])
+    for one in evaluations:
+        print_cells(summarise_cells(one.records, rules=rules, irs_length=irs_length), of=one.agent)
+    _print_verdicts(evaluations, rules, irs_length)
+    print_meetings([record for result in results for record in result.records])
     if all(result.manifest.benchmark.closed_loop for result in results):
-        _print_closed_loop(names, results)
-    for name, result in zip(names, results, strict=True):
-        print_part(result.manifest.part, f"{name}: ")
+        _print_closed_loop(evaluations)
+    for one in evaluations:
+        print_part(one.part, f"{one.agent}: ")
     path = write_report(evaluations, out, rules=rules, irs_length=irs_length)
     console.print(f"report: {path.resolve()}")
 
 
-def _print_verdicts(names: Sequence[str], results: Sequence[Result], rules: Rules, irs_length: IrsLength) -> None:
+def _print_verdicts(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLength) -> None:
     """Prints one line per pair of agents: verdict, difference on the same scenarios, and probability."""
-    for (a, first), (b, second) in combinations(zip(names, results, strict=True), 2):
-        score = compare(first.records, second.records, rules=rules, irs_length=irs_length)["driving_score"]
+    for a, b in combinations(evaluations, 2):
+        if not common_drives(a.records, b.records):
+            console.print(f"{a.agent} and {b.agent} have no common drive: same scenario, seed and ego")
+            continue
+        score = compare(a.records, b.records, rules=rules, irs_length=irs_length)["driving_score"]
         console.print(
-            f"{a} {score.verdict} {b}: driving score differs by {interval(score.difference)} on "
-            f"{score.difference.n} common drives, {probability(score.probability, a, b)}",
+            f"{a.agent} {score.verdict} {b.agent}: driving score differs by {interval(score.difference)} on "
+            f"{score.difference.n} common drives, {probability(score.probability, a.agent, b.agent)}",
         )
 
 
-def _print_closed_loop(names: Sequence[str], results: Sequence[Result]) -> None:
-    scored = [score_records(zip(result.records, result.paths, strict=True)) for result in results]
-    lost = [lost_drives(result.records) for result in results]
+def _print_closed_loop(evaluations: Sequence[Evaluation]) -> None:
+    names = [one.agent for one in evaluations]
+    scored = [score_records(zip(one.records, one.record_paths, strict=True)) for one in evaluations]
+    lost = [lost_drives(one.records) for one in evaluations]
     summaries = [summarise_closed_loop(*pair) for pair in zip(scored, lost, strict=True)]
     print_closed_loop(dict(zip(names, summaries, strict=True)), "agent")
     print_legend()
@@ -123,16 +116,6 @@ def _print_closed_loop(names: Sequence[str], results: Sequence[Result]) -> None:
             f"{a} {one.verdict} {b}: closed-loop score differs by {interval(one.difference)} on "
             f"{one.difference.n} drives of both",
         )
-
-
-def _names(agents: Sequence[AgentInfo]) -> list[str]:
-    """Unique names of the agents; with settings, if one agent was evaluated under several."""
-    names = [agent.name for agent in agents]
-    settings = [" ".join(f"{key}={value}" for key, value in agent.settings.items()) for agent in agents]
-    return [
-        f"{name} ({setting})" if setting and names.count(name) > 1 else name
-        for name, setting in zip(names, settings, strict=True)
-    ]
 
 
 def verify(
@@ -216,7 +199,7 @@ def _print_verified(path: Path, old: Sealed, replayed: str | None, signer: Signe
 
 
 def score(
-    records: Annotated[list[Path], typer.Argument(help="Records, NAME.json, all of one agent and benchmark.")],
+    records: Annotated[list[Path], typer.Argument(help="Records, NAME.json, of one evaluation.")],
     rules: RulesOption = "2.0",
     irs_length: IrsOption = "driven",
     json: Json = False,
@@ -224,11 +207,15 @@ def score(
     """Recomputes every score from the raw events."""
     loaded = [read_record(path) for path in records]
     scored = score_records((record, path) for record, path in zip(loaded, records, strict=True) if applies(record))
-    summary = summarise(loaded, rules=rules, irs_length=irs_length)
+    summaries = _by_agent(loaded, rules, irs_length)
     if json:
         drives = _drives(records, loaded, rules, irs_length)
         closed = {"closed_loop": closed_loop_document(scored, lost_drives(loaded))} if scored else {}
-        print_json(as_document(summary) | {"drives": [dict(record=str(p), ego=e, **s) for p, e, s in drives]} | closed)
+        print_json(
+            scores_document(summaries, loaded)
+            | {"drives": [dict(record=str(p), ego=e, **s) for p, e, s in drives]}
+            | closed
+        )
         return
     rows = [
         (path.stem, ego, *(number(value) for value in scores.values()))
@@ -238,9 +225,18 @@ def score(
     print_rows(["record", "ego", *names], rows)
     if scored:
         print_terms(scored)
-    print_comparison([summary])
+    print_comparison(summaries)
+    print_meetings(loaded)
     for part in sorted({part_of_record(path) for path in records}):
         print_part(part)
+
+
+def _by_agent(records: Sequence[EpisodeRecord], rules: Rules, irs_length: IrsLength) -> list[Summary]:
+    """Scores of each agent; the records of a mixed run have several."""
+    if not any(len(agents_of([record])) > 1 for record in records):
+        return [summarise(records, rules=rules, irs_length=irs_length)]
+    drives = [[one for record in records if (one := drives_of(agent, record))] for agent in agents_of(records)]
+    return [summarise(some, rules=rules, irs_length=irs_length) for some in drives]
 
 
 def _drives(

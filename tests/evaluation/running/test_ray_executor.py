@@ -119,7 +119,7 @@ def test_a_scenario_that_nobody_can_drive_ends_the_evaluation(cluster: Any, tmp_
     nowhere = benchmark(1).missions["all"][0].model_copy(update={"goal": Place(lane="737320747#4_2", position_m=1e6)})
     job = Job(
         scenario=Scenario(network="ingolstadt", missions=(nowhere,)),
-        info=agent_info(Steady(), STEADY),
+        infos={nowhere.name: agent_info(Steady(), STEADY)},
         benchmark=None,
         directory=tmp_path,
         stem="nowhere",

@@ -1,0 +1,39 @@
+"""Mixed records: episodes whose egos had different agents, agent by agent."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
+
+
+class AgentDrives(EpisodeRecord):
+    """The drives of one agent in an episode of several; it is never written, since its hash is that of the whole.
+
+    Attributes:
+        episode_lost: Whether the infrastructure failed for any ego of the episode.
+    """
+
+    episode_lost: bool
+
+    @property
+    def lost(self) -> bool:
+        """Whether the episode is lost, which it is for all of its egos."""
+        return self.episode_lost
+
+
+def agents_of(records: Iterable[EpisodeRecord]) -> list[AgentInfo]:
+    """Every agent that drove, once, in the order of its first drive."""
+    found: list[AgentInfo] = []
+    for record in records:
+        found += [ego.agent for ego in record.egos if ego.agent not in found]
+    return found
+
+
+def drives_of(agent: AgentInfo, record: EpisodeRecord) -> EpisodeRecord | None:
+    """A record with the drives of one agent only; None if it drove no ego."""
+    egos = tuple(ego for ego in record.egos if ego.agent == agent)
+    if len(egos) in (0, len(record.egos)):
+        return record if egos else None
+    fields = {name: getattr(record, name) for name in EpisodeRecord.model_fields}
+    return AgentDrives.model_construct(**fields | {"egos": egos}, episode_lost=record.lost)
