@@ -6,31 +6,32 @@ the model.
 
 from __future__ import annotations
 
+import copy
+from typing import Self
+
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter  # type: ignore[import-untyped]
 from numba import njit
 
-from dohyo.agents.localization.attitude import exponential, from_heading, heading_of, matrix, normalised, product
+from dohyo.agents.localization.attitude import exponential, heading_of, matrix, normalised, product
 from dohyo.agents.localization.es_ekf import (
     ACCELEROMETER,
-    GRAVITY,
     GYROSCOPE,
     POSITION,
     QUATERNION,
     VELOCITY,
     integrate,
+    motion_of,
 )
 from dohyo.agents.localization.filters import (
     CONDITIONING,
     FilterNoise,
     InitialState,
     Innovation,
-    gnss_covariance,
     innovation,
 )
+from dohyo.agents.localization.measurements import Measurement
 from dohyo.sumo_networks.arrays import FloatArray
-
-_H = np.eye(3, 19)
 
 
 class _Model(ExtendedKalmanFilter):  # type: ignore[misc]
@@ -50,14 +51,13 @@ class Ekf:
 
     def __init__(self, start: InitialState, noise: FilterNoise) -> None:
         self.filter = _Model(19, 3)
-        state = np.zeros(19)
-        state[POSITION], state[VELOCITY], state[GRAVITY] = start.position, start.velocity, start.gravity
-        state[QUATERNION] = from_heading(start.heading)
+        state = start.nominal()
         J = _from_error_state(state[QUATERNION])
         self.filter.x = state
         self.filter.P = J @ np.diag(start.deviations() ** 2) @ J.T + CONDITIONING * np.eye(19)
         variances = [noise.accelerometer, noise.gyroscope, noise.accelerometer_walk, noise.gyroscope_walk]
         self._noise = np.array(variances) ** 2
+        self._rate = np.zeros(3)
 
     @property
     def position(self) -> FloatArray:
@@ -83,14 +83,21 @@ class Ekf:
         """See `Filter`."""
         self.filter.F, self.filter.Q = _linearised(self.filter.x, specific_force, rate, dt, self._noise)
         self.filter.predict((specific_force, rate, dt))
+        self._rate = rate
 
-    def expect(self, position: FloatArray, sigma_m: float) -> Innovation:
+    def expect(self, measurement: Measurement) -> Innovation:
         """See `Filter`."""
-        return innovation(self.filter.x[POSITION], self.filter.P[:3, :3], position, sigma_m)
+        motion = motion_of(self.filter.x, self._rate)
+        H = measurement.jacobian(motion) @ _to_error_state(self.filter.x[QUATERNION])
+        residual = measurement.value - measurement.expected(motion)
+        return innovation(residual, H @ self.filter.P @ H.T + measurement.covariance)
 
-    def correct(self, position: FloatArray, sigma_m: float) -> None:
+    def correct(self, measurement: Measurement) -> None:
         """See `Filter`."""
-        self.filter.update(position, lambda x: _H, lambda x: x[POSITION], R=gnss_covariance(sigma_m))
+        motion = motion_of(self.filter.x, self._rate)
+        H = measurement.jacobian(motion) @ _to_error_state(self.filter.x[QUATERNION])
+        expected = measurement.expected(motion)
+        self.filter.update(measurement.value, lambda x: H, lambda x: expected, R=measurement.covariance)
         self.filter.x[QUATERNION] = normalised(self.filter.x[QUATERNION])
 
     def loosen(self, position_std: float, velocity_std: float, heading_std: float) -> None:
@@ -99,6 +106,16 @@ class Ekf:
         added[0:3], added[3:6], added[8] = position_std, velocity_std, heading_std
         J = _from_error_state(self.filter.x[QUATERNION])
         self.filter.P = self.filter.P + J @ np.diag(added**2) @ J.T
+
+    def __copy__(self) -> Self:
+        """A filter that goes on by itself from this state."""
+        out = object.__new__(type(self))
+        out.__dict__ = self.__dict__ | {"filter": copy.deepcopy(self.filter)}
+        return out
+
+    def scale(self, factor: float) -> None:
+        """See `Filter`."""
+        self.filter.P = self.filter.P * factor
 
 
 @njit(cache=True)
@@ -111,6 +128,13 @@ def _from_error_state(q: FloatArray) -> FloatArray:
     """(19, 18) derivative of the full state by the ES-EKF's error state."""
     out = np.zeros((19, 18))
     out[:6, :6], out[6:10, 6:9], out[10:, 9:] = np.eye(6), _half_turns(q), np.eye(9)
+    return out
+
+
+def _to_error_state(q: FloatArray) -> FloatArray:
+    """(18, 19) derivative of the error state by the full state."""
+    out = np.zeros((18, 19))
+    out[:6, :6], out[6:9, 6:10], out[9:, 10:] = np.eye(6), 4.0 * _half_turns(q).T, np.eye(9)
     return out
 
 

@@ -10,12 +10,13 @@ state is turned at the middle of each step, which removes the drift that turning
 
 from __future__ import annotations
 
+from typing import Self
+
 import numpy as np
 from numba import njit
 
 from dohyo.agents.localization.attitude import (
     exponential,
-    from_heading,
     heading_of,
     matrix,
     normalised,
@@ -27,9 +28,9 @@ from dohyo.agents.localization.filters import (
     FilterNoise,
     InitialState,
     Innovation,
-    gnss_covariance,
     innovation,
 )
+from dohyo.agents.localization.measurements import Measurement, Motion, is_plain
 from dohyo.sumo_networks.arrays import FloatArray
 
 POSITION, VELOCITY, QUATERNION = slice(0, 3), slice(3, 6), slice(6, 10)
@@ -49,16 +50,11 @@ class EsEkf:
     """
 
     def __init__(self, start: InitialState, noise: FilterNoise) -> None:
-        self.nominal = np.zeros(19)
-        self.nominal[POSITION], self.nominal[VELOCITY], self.nominal[GRAVITY] = (
-            start.position,
-            start.velocity,
-            start.gravity,
-        )
-        self.nominal[QUATERNION] = from_heading(start.heading)
+        self.nominal = start.nominal()
         self.covariance: FloatArray = np.diag(start.deviations() ** 2)
         variances = [noise.accelerometer, noise.gyroscope, noise.accelerometer_walk, noise.gyroscope_walk]
         self._noise = np.array(variances) ** 2
+        self._rate = np.zeros(3)
 
     @property
     def position(self) -> FloatArray:
@@ -83,14 +79,29 @@ class EsEkf:
     def predict(self, specific_force: FloatArray, rate: FloatArray, dt: float) -> None:
         """See `Filter`."""
         _predict(self.nominal, self.covariance, specific_force, rate, dt, self._noise)
+        self._rate = rate
 
-    def expect(self, position: FloatArray, sigma_m: float) -> Innovation:
+    def expect(self, measurement: Measurement) -> Innovation:
         """See `Filter`."""
-        return innovation(self.nominal[POSITION], self.covariance[DP, DP], position, sigma_m)
+        if is_plain(measurement):
+            spread = self.covariance[DP, DP] + measurement.covariance
+            return innovation(measurement.value - self.nominal[POSITION], spread)
+        motion = motion_of(self.nominal, self._rate)
+        H = measurement.jacobian(motion)
+        residual = measurement.value - measurement.expected(motion)
+        return innovation(residual, H @ self.covariance @ H.T + measurement.covariance)
 
-    def correct(self, position: FloatArray, sigma_m: float) -> None:
+    def correct(self, measurement: Measurement) -> None:
         """See `Filter`."""
-        _correct(self.nominal, self.covariance, position, gnss_covariance(sigma_m))
+        if is_plain(measurement):
+            _correct(self.nominal, self.covariance, measurement.value, measurement.covariance)
+            return
+        motion = motion_of(self.nominal, self._rate)
+        H, P, V = measurement.jacobian(motion), self.covariance, measurement.covariance
+        K = np.linalg.solve(H @ P @ H.T + V, H @ P).T
+        left = np.eye(18) - K @ H
+        error = K @ (measurement.value - measurement.expected(motion))
+        _put_in(self.nominal, P, left @ P @ left.T + K @ V @ K.T, error)
 
     def loosen(self, position_std: float, velocity_std: float, heading_std: float) -> None:
         """See `Filter`."""
@@ -99,9 +110,25 @@ class EsEkf:
         diagonal[DV] += velocity_std**2
         diagonal[8] += heading_std**2
 
+    def scale(self, factor: float) -> None:
+        """See `Filter`."""
+        self.covariance *= factor
+
+    def __copy__(self) -> Self:
+        """A filter that goes on by itself from this state."""
+        out = object.__new__(type(self))
+        out.__dict__ = self.__dict__ | {"nominal": self.nominal.copy(), "covariance": self.covariance.copy()}
+        return out
+
     def error(self, position: FloatArray, velocity: FloatArray, quaternion: FloatArray) -> FloatArray:
         """(9,) the true error of position [m], velocity [m/s] and attitude [rad], in the sense of the error state."""
         return _error(self.nominal, position, velocity, quaternion)
+
+
+def motion_of(nominal: FloatArray, rate: FloatArray) -> Motion:
+    """Motion by a (19,) nominal state and the last (3,) sample of the gyroscope."""
+    rotation = matrix(nominal[QUATERNION])
+    return Motion(nominal[POSITION], nominal[VELOCITY], rotation, rate - nominal[GYROSCOPE])
 
 
 @njit(cache=True)
@@ -185,7 +212,14 @@ def _correct(nominal: FloatArray, P: FloatArray, fix: FloatArray, V: FloatArray)
             error[i] += K[i, j] * (fix[j] - nominal[j])
     # Joseph's form, (I - K H) P (I - K H)^T + K V K^T: symmetric and positive for any K.
     left = P - _times(K, P[:3, :].copy())
-    P[:] = left - _times(left[:, :3].copy(), K.T.copy()) + _times(_times(K, V), K.T.copy())
+    corrected = left - _times(left[:, :3].copy(), K.T.copy()) + _times(_times(K, V), K.T.copy())
+    _put_in(nominal, P, corrected, error)
+
+
+@njit(cache=True)
+def _put_in(nominal: FloatArray, P: FloatArray, corrected: FloatArray, error: FloatArray) -> None:
+    """Puts an estimated error into the nominal state; P becomes the corrected covariance after the reset."""
+    P[:] = corrected
     nominal[:6] += error[:6]
     nominal[QUATERNION] = normalised(product(nominal[QUATERNION], exponential(error[DT])))
     nominal[10:] += error[9:]

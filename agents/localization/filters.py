@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import Annotated, Protocol
 
 import numpy as np
+from pydantic import Field
 
+from dohyo.agents.localization.attitude import exponential, from_heading, normalised, product
+from dohyo.agents.localization.measurements import Measurement
 from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.ego.dynamics import GRAVITY
-from dohyo.sumo_networks.sensors.gnss import VERTICAL
 from dohyo.sumo_networks.sensors.imu import ICM_20600, ImuNoise
+
+Positive = Annotated[float, Field(gt=0.0)]
 
 CONDITIONING = 1e-12
 """Added to the covariance's diagonal at each prediction, so that it stays regular; its size is ours."""
 
 
-@dataclass(frozen=True, slots=True)
-class FilterNoise:
-    """The noise a filter assumes, the same for all of them.
+class FilterNoise(Config):
+    """Noise of an IMU that a filter assumes, the same for all filters.
 
     Attributes:
         accelerometer: White noise, m/s^2 per root Hz.
@@ -28,10 +32,10 @@ class FilterNoise:
         gyroscope_walk: Random walk of its bias, rad/s per root second.
     """
 
-    accelerometer: float = ICM_20600.accelerometer_density
-    gyroscope: float = ICM_20600.gyroscope_density
-    accelerometer_walk: float = ICM_20600.accelerometer_walk
-    gyroscope_walk: float = ICM_20600.gyroscope_walk
+    accelerometer: Positive = ICM_20600.accelerometer_density
+    gyroscope: Positive = ICM_20600.gyroscope_density
+    accelerometer_walk: Positive = ICM_20600.accelerometer_walk
+    gyroscope_walk: Positive = ICM_20600.gyroscope_walk
 
     @classmethod
     def of(cls, imu: ImuNoise, rate_hz: float = 100.0) -> FilterNoise:
@@ -52,14 +56,17 @@ class InitialState:
     Attributes:
         position: (3,), m, navigation frame: east, north, up.
         velocity: (3,), m/s.
-        heading: rad; the vehicle is level.
+        heading: rad.
         position_std: m.
         velocity_std: m/s.
         heading_std: rad.
         tilt_std: Roll and pitch, rad.
-        accelerometer_bias_std: m/s^2; the bias itself starts at 0.
-        gyroscope_bias_std: rad/s; likewise.
+        accelerometer_bias_std: m/s^2.
+        gyroscope_bias_std: rad/s.
         gravity_std: m/s^2.
+        tilt: Roll and pitch, rad; the vehicle is level by default.
+        accelerometer_bias: (3,), m/s^2.
+        gyroscope_bias: (3,), rad/s.
     """
 
     position: FloatArray
@@ -72,11 +79,22 @@ class InitialState:
     accelerometer_bias_std: float = 1e-3
     gyroscope_bias_std: float = 1e-4
     gravity_std: float = 1e-3
+    tilt: tuple[float, float] = (0.0, 0.0)
+    accelerometer_bias: FloatArray = field(default_factory=lambda: np.zeros(3))
+    gyroscope_bias: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     @property
     def gravity(self) -> FloatArray:
         """(3,), m/s^2, navigation frame."""
         return np.array([0.0, 0.0, -GRAVITY])
+
+    def nominal(self) -> FloatArray:
+        """(19,) position, velocity, quaternion, both biases and gravity: the nominal state of the ES-EKF."""
+        quaternion = from_heading(self.heading)
+        if self.tilt != (0.0, 0.0):
+            quaternion = normalised(product(quaternion, exponential(np.array([*self.tilt, 0.0]))))
+        biases = self.accelerometer_bias, self.gyroscope_bias
+        return np.concatenate([self.position, self.velocity, quaternion, *biases, self.gravity])
 
     def deviations(self) -> FloatArray:
         """(18,) standard deviations of position, velocity, attitude, both biases and gravity."""
@@ -89,12 +107,12 @@ class InitialState:
 
 @dataclass(frozen=True, slots=True)
 class Innovation:
-    """Difference of a fix to the filter's expectation.
+    """Difference of a measurement to the filter's expectation.
 
     Attributes:
-        residual: (3,), m.
-        covariance: (3, 3), m^2, of the residual, by the filter.
-        nis: The residual's square in units of that covariance; chi-square of 3 degrees if the filter is right.
+        residual: (m,); of a fix in m.
+        covariance: (m, m) of the residual, by the filter.
+        nis: The residual's square in units of that covariance; chi-square of m degrees if the filter is right.
     """
 
     residual: FloatArray
@@ -127,23 +145,20 @@ class Filter(Protocol):
     def predict(self, specific_force: FloatArray, rate: FloatArray, dt: float) -> None:
         """Predicts over dt [s], with constant (3,) m/s^2 and (3,) rad/s in the body frame."""
 
-    def expect(self, position: FloatArray, sigma_m: float) -> Innovation:
-        """Innovation of a fix (3,) [m] with a standard deviation [m], without using it."""
+    def expect(self, measurement: Measurement) -> Innovation:
+        """Innovation of a measurement, without using it."""
         ...
 
-    def correct(self, position: FloatArray, sigma_m: float) -> None:
-        """Uses a fix."""
+    def correct(self, measurement: Measurement) -> None:
+        """Uses a measurement."""
 
     def loosen(self, position_std: float, velocity_std: float, heading_std: float) -> None:
         """Raises the uncertainty of position, velocity and attitude [m, m/s, rad]."""
 
-
-def gnss_covariance(sigma_m: float) -> FloatArray:
-    """(3, 3), m^2: of a fix with a standard deviation in east and north, and 1.5 times as much in height."""
-    return np.diag(np.array([1.0, 1.0, VERTICAL**2])) * sigma_m**2
+    def scale(self, factor: float) -> None:
+        """Multiplies the covariance of the whole state, its biases included."""
 
 
-def innovation(position: FloatArray, covariance: FloatArray, fix: FloatArray, sigma_m: float) -> Innovation:
-    """Innovation of a fix, for filters with the position in their state."""
-    residual, spread = fix - position, covariance + gnss_covariance(sigma_m)
-    return Innovation(residual, spread, float(residual @ np.linalg.solve(spread, residual)))
+def innovation(residual: FloatArray, covariance: FloatArray) -> Innovation:
+    """Innovation by a residual and its covariance."""
+    return Innovation(residual, covariance, float(residual @ np.linalg.solve(covariance, residual)))

@@ -1,26 +1,30 @@
-"""Localizer: from the raw samples of an IMU and a GNSS receiver to a pose. Calibrate, align, low-pass, filter.
+"""Localizer: from the raw samples of an IMU and a GNSS receiver to a pose. Start, low-pass, filter.
 
-There are three phases. *Standing*: the IMU is calibrated and the fixes are averaged. *Aligning*: the vehicle sets off,
-and the IMU's track is turned until it fits the fixes, which gives the heading. *Running*: the filter, from the moment
-at which the vehicle set off. With a heading from a map, the second phase is left out.
+A journey begins at rest (`standing_start`) or rolling (`rolling_start`). Then the filter runs, from the moment at which
+the vehicle set off, or from the first fix.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
 
-from dohyo.agents.localization.calibration import NONE, Calibration, calibrate
-from dohyo.agents.localization.es_ekf import EsEkf, integrate
+from dohyo.agents.localization.calibration import NONE, Calibration
+from dohyo.agents.localization.es_ekf import EsEkf
 from dohyo.agents.localization.filters import Filter, FilterNoise, InitialState, Innovation
-from dohyo.agents.localization.lowpass import ALPHA, LowPass
+from dohyo.agents.localization.lowpass import LowPass
+from dohyo.agents.localization.measurements import AntennaPosition, LevelRoad, PointVelocity
+from dohyo.agents.localization.outliers import CORRECTORS, Corrector, JudgedFix
+from dohyo.agents.localization.rolling_start import RollingStart
+from dohyo.agents.localization.settings import Settings
+from dohyo.agents.localization.smoother import RecordedEsEkf
+from dohyo.agents.localization.standing_start import NotStandingError, StandingStart
 from dohyo.sumo_networks.arrays import FloatArray
-from dohyo.sumo_networks.ego.dynamics import GRAVITY
-from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 def _ekf(start: InitialState, noise: FilterNoise) -> Filter:
@@ -40,39 +44,11 @@ FILTERS: Mapping[str, Callable[[InitialState, FilterNoise], Filter]] = MappingPr
 )
 """Filters by name; "imu" is dead reckoning, which uses no fix once it runs."""
 
-GATE = 21.1
-"""NIS above which a fix is an outlier: one in 10 000 for a correct filter (chi-square, 3 degrees)."""
-PATIENCE = 5
-"""Number of consecutive outliers after which the fixes are believed."""
 MAX_STEP_S = 0.1
 """Length of a gap in the IMU's samples above which the uncertainty is raised, s."""
 BLIND_ACCELERATION, BLIND_YAW_RATE = 3.0, 0.3
 """Motion of a car during a gap, standard deviations, m/s^2 and rad/s."""
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """Settings of a localizer.
-
-    Attributes:
-        filter: A name of `FILTERS`.
-        calibrate: Whether to measure the IMU's offsets at rest; otherwise none are subtracted.
-        alpha: Coefficient of the low-pass filter; 0: none.
-        standing_s: Standing time at the start.
-        gnss_sigma_m: Assumed error of the receiver.
-        noise: Assumed noise of the IMU.
-        align_m: Distance that gives the heading; at least 4 sigma.
-        gate: Whether to leave out outliers among the fixes.
-    """
-
-    filter: str = "es-ekf"
-    calibrate: bool = True
-    alpha: float = ALPHA
-    standing_s: float = 3.0
-    gnss_sigma_m: float = 2.1
-    noise: FilterNoise = field(default_factory=FilterNoise)
-    align_m: float = 5.0
-    gate: bool = True
+SAME_TIME_S = 1e-6
 
 
 @dataclass(frozen=True)
@@ -82,22 +58,23 @@ class Fix:
     Attributes:
         time: s.
         position: (3,), m, navigation frame.
+        sigma_m: Standard deviation in east and north by the receiver; None: that of the settings.
     """
 
     time: float
     position: FloatArray
+    sigma_m: float | None = None
 
 
 class Localizer:
-    """Estimates the pose of one vehicle on one journey that begins at rest on level ground.
+    """Estimates the pose of one vehicle on one journey.
 
     Attributes:
         settings: Of the localizer.
-        calibration: Offsets measured at rest; none before.
-        filter: The running filter; None while standing or aligning.
-        aligned_at: Start of the filter, s; NaN before.
-        innovations: Of every fix since the filter runs, outliers included.
-        rejected: Number of outliers among them.
+        heading: Heading with its standard deviation at a standing start, rad, if known.
+        calibration: Offsets measured at rest; none before, and after a rolling start.
+        aligned_at: Time at which the filter began to run, s; NaN before.
+        rolling: Whether the journey began rolling.
     """
 
     def __init__(self, settings: Settings | None = None, heading: tuple[float, float] | None = None) -> None:
@@ -105,31 +82,46 @@ class Localizer:
 
         Args:
             settings: Of the localizer.
-            heading: Heading with its standard deviation, rad, if known.
+            heading: Heading with its standard deviation, rad, if known; for a standing start.
 
         Raises:
-            InvalidInputError: A setting is impossible.
+            InvalidInputError: The smoother is asked of another filter than the ES-EKF.
         """
         self.settings = settings or Settings()
-        if self.settings.filter not in FILTERS:
-            raise UnknownNameError("filter", self.settings.filter, FILTERS)
-        if not self.settings.gnss_sigma_m > 0.0:
-            raise InvalidInputError(f"localizer: expected a GNSS sigma above 0 m, got {self.settings.gnss_sigma_m}")
+        if self.settings.smooth and self.settings.filter != "es-ekf":
+            raise InvalidInputError(f"smoother: expected the filter es-ekf, got {self.settings.filter}")
         self.calibration: Calibration = NONE
-        self.filter: Filter | None = None
+        self._corrector: Corrector | None = None
         self.aligned_at = math.nan
-        self.innovations: list[Innovation] = []
-        self.rejected = 0
-        self._heading = heading
+        self.rolling = self.settings.start == "rolling"
         self._low_pass = LowPass(self.settings.alpha)
         self._time: float | None = None
-        self._began = math.nan
-        self._standing = True
-        self._at_rest: list[FloatArray] = []
-        self._fixes_at_rest: list[FloatArray] = []
-        self._moved: list[tuple[FloatArray, float]] = []
-        self._track = np.zeros(19)
-        self._outliers = 0
+        self._began = math.inf
+        self._held_at = self._levelled_at = -math.inf
+        self.heading = heading
+        self._standing = StandingStart(self.settings, heading, self._low_pass)
+        self._rolling = RollingStart(self.settings)
+        self._early: list[tuple[float, FloatArray, float] | Fix] = []
+
+    @property
+    def filter(self) -> Filter | None:
+        """The running filter; None before."""
+        return None if self._corrector is None else self._corrector.filter
+
+    @property
+    def fixes(self) -> list[JudgedFix]:
+        """Every fix since the filter runs, outliers included."""
+        return [] if self._corrector is None else self._corrector.judged
+
+    @property
+    def innovations(self) -> list[Innovation]:
+        """Of every fix since the filter runs, outliers included."""
+        return [fix.innovation for fix in self.fixes]
+
+    @property
+    def rejected(self) -> int:
+        """Number of outliers among the fixes."""
+        return sum(not fix.used for fix in self.fixes)
 
     def imu(self, time: float, sample: FloatArray) -> None:
         """Uses a sample that holds for the time since the last one.
@@ -146,33 +138,50 @@ class Localizer:
         elif time <= self._time:
             return
         dt, self._time = time - self._time, time
-        if self._standing:
-            self._at_rest.append(sample)
-            if time - self._began >= self.settings.standing_s:
-                self._set_off()
-            return
-        sample = self._low_pass.step(self.calibration.apply(sample))
-        if self.filter is not None:
-            self._predict(self.filter, sample, dt)
+        if self._corrector is not None:
+            self._predict(time, self._low_pass.step(self.calibration.apply(sample)), dt)
+        elif self.rolling:
+            self._rolling.imu(time, self._low_pass.step(sample), dt)
         else:
-            self._moved.append((sample, dt))
-            integrate(self._track, sample[:3], sample[3:], dt)
+            self._remember((time, sample, dt))
+            try:
+                start = self._standing.imu(time, sample, dt)
+            except NotStandingError as error:
+                self._roll(error)
+                return
+            self._run_from_rest(start)
 
-    def gnss(self, time: float, position: FloatArray) -> None:
-        """Uses a fix, at the time of the last IMU sample.
+    def gnss(self, time: float, position: FloatArray, sigma_m: float | None = None) -> None:
+        """Uses a fix.
 
         Args:
             time: s.
             position: (3,) east, north, up [m].
+            sigma_m: Standard deviation in east and north by the receiver; None: that of the settings.
         """
-        if not np.isfinite(position).all():
+        if not np.isfinite(position).all() or time < self._began - MAX_STEP_S:
             return
-        if self.filter is not None:
-            self._correct(position)
-        elif self._standing:
-            self._fixes_at_rest.append(position)
+        sigma_m = sigma_m or self.settings.gnss_sigma_m
+        if self._corrector is not None:
+            self._correct(time, position, sigma_m)
+        elif self.rolling:
+            start = self._rolling.gnss(time, position, sigma_m)
+            if start is not None:
+                self._run_from_first_fix(start)
         else:
-            self._try_to_align(position, time)
+            self._remember(Fix(time, position, sigma_m))
+            try:
+                start = self._standing.gnss(time, position)
+            except NotStandingError as error:
+                self._roll(error)
+                return
+            self._run_from_rest(start)
+
+    def wheel_speed(self, time: float, speed_mps: float) -> None:
+        """Uses the speed of the car by its wheels, m/s, while the filter runs."""
+        car = self.settings.car
+        if self._corrector is not None and self._uses_measurements and math.isfinite(speed_mps):
+            self._corrector.correct(PointVelocity.of([speed_mps], [car.wheel_speed_mps], [0], car.axle_m))
 
     @property
     def pose(self) -> tuple[float, float, float] | None:
@@ -182,76 +191,93 @@ class Localizer:
         east, north, _ = self.filter.position.tolist()
         return east, north, self.filter.heading
 
-    def _set_off(self) -> None:
-        """Ends the standing phase."""
-        if self.settings.calibrate:
-            self.calibration = calibrate(np.array(self._at_rest))
-        self._standing = False
-        self._track[6], self._track[18] = 1.0, -GRAVITY
-        if self._heading is not None and self._fixes_at_rest:
-            self._start(*self._heading)
+    @property
+    def _uses_measurements(self) -> bool:
+        return self.settings.filter != "imu"
 
-    def _try_to_align(self, position: FloatArray, time: float) -> None:
-        """Starts the filter once fixes and IMU's track have moved far enough."""
-        sigma = self.settings.gnss_sigma_m
-        if not self._fixes_at_rest:
-            self._fixes_at_rest.append(position)  # the first fix came late: use it as the start
-            return
-        if self._heading is not None:
-            self._start(*self._heading)
-            return
-        away = position - np.mean(self._fixes_at_rest, axis=0)
-        distance, drawn = math.hypot(away[0], away[1]), math.hypot(self._track[0], self._track[1])
-        if min(distance, drawn) < max(self.settings.align_m, 4.0 * sigma):
-            return
-        heading = math.atan2(away[1], away[0]) - math.atan2(self._track[1], self._track[0])
-        self._start(math.remainder(heading, 2.0 * math.pi), math.atan2(math.sqrt(2.0) * sigma, distance))
+    def _remember(self, event: tuple[float, FloatArray, float] | Fix) -> None:
+        """Keeps what a rolling start would need."""
+        if self.settings.start == "auto":
+            self._early.append(event)
 
-    def _start(self, heading: float, heading_std: float) -> None:
-        """Starts the filter at rest, and repeats the samples since then."""
-        settings, calibration = self.settings, self.calibration
-        start = InitialState(
-            position=np.mean(self._fixes_at_rest, axis=0),
-            velocity=np.zeros(3),
-            heading=heading,
-            # Averaging reduces only the white part of the errors, so that no reduction is assumed.
-            position_std=settings.gnss_sigma_m,
-            velocity_std=0.05,
-            heading_std=max(heading_std, 1e-3),
-        )
-        if settings.calibrate:
-            force, rate = float(calibration.std[:3].max()), float(calibration.std[3:].max())
-            start = replace(
-                start,
-                accelerometer_bias_std=max(force, start.accelerometer_bias_std),
-                gyroscope_bias_std=max(rate, start.gyroscope_bias_std),
-            )
-        self.filter = FILTERS[settings.filter](start, settings.noise)
-        for sample, dt in self._moved:
-            self._predict(self.filter, sample, dt)
-        self._moved.clear()
+    def _roll(self, error: NotStandingError) -> None:
+        """Begins as a rolling start with all data so far."""
+        if self.settings.start == "standing":
+            raise error
+        self.rolling = True
+        self._low_pass = LowPass(self.settings.alpha)
+        now, early, self._early = self._time, self._early, []
+        for event in early:
+            if isinstance(event, Fix):
+                self.gnss(event.time, event.position, event.sigma_m)
+                continue
+            self._time, sample, dt = event
+            if self._corrector is None:
+                self._rolling.imu(self._time, self._low_pass.step(sample), dt)
+            else:
+                self._predict(self._time, self._low_pass.step(sample), dt)
+        self._time = now
+
+    def _run_from_rest(self, start: InitialState | None) -> None:
+        """Starts the filter, and repeats the samples since the vehicle set off."""
+        self.calibration = self._standing.calibration
+        if start is None or self._time is None:
+            return
+        self._make_filter(start, self._time - sum(dt for _, dt in self._standing.moved))
+        for sample, dt in self._standing.moved:
+            self._predict(self._time, sample, dt)
+        self._standing.moved.clear()
+        self._early.clear()
+
+    def _run_from_first_fix(self, start: InitialState) -> None:
+        """Starts the filter at the first fix, and repeats all samples and fixes since."""
+        window = self._rolling
+        self._make_filter(start, window.fixes[0][0])
+        self._rolling = RollingStart(self.settings)
+        now, self._time = self._time, window.fixes[0][0]
+        fixes = list(window.fixes)
+        for time, sample, dt in zip(window.times, window.samples, window.steps, strict=True):
+            while fixes and fixes[0][0] <= time - dt + SAME_TIME_S:
+                self._correct(*fixes.pop(0))
+            self._time = time
+            self._predict(time, sample, dt)
+        for fix in fixes:
+            self._correct(*fix)
+        self._time = now
+
+    def _make_filter(self, start: InitialState, time: float) -> None:
+        noise = self.settings.noise
+        recorded = self.settings.smooth
+        filter_ = RecordedEsEkf(start, noise, time) if recorded else FILTERS[self.settings.filter](start, noise)
+        self._corrector = CORRECTORS[self.settings.outliers](filter_)
         self.aligned_at = self._time if self._time is not None else math.nan
 
-    def _predict(self, filter_: Filter, sample: FloatArray, dt: float) -> None:
+    def _predict(self, time: float, sample: FloatArray, dt: float) -> None:
+        if self._corrector is None:
+            return
         steps = max(1, math.ceil(dt / MAX_STEP_S))
         for _ in range(steps):
-            filter_.predict(sample[:3], sample[3:], dt / steps)
+            self._corrector.predict(sample[:3], sample[3:], dt / steps)
         if steps > 1:
-            filter_.loosen(0.5 * BLIND_ACCELERATION * dt * dt, BLIND_ACCELERATION * dt, BLIND_YAW_RATE * dt)
+            blind = 0.5 * BLIND_ACCELERATION * dt * dt, BLIND_ACCELERATION * dt, BLIND_YAW_RATE * dt
+            self._corrector.loosen(*blind)
+        if self._uses_measurements:
+            self._constrain(self._corrector, time)
 
-    def _correct(self, position: FloatArray) -> None:
-        filter_, sigma = self.filter, self.settings.gnss_sigma_m
-        if filter_ is None or self.settings.filter == "imu":
+    def _constrain(self, corrector: Corrector, time: float) -> None:
+        """Corrects by what cars do, at the intervals of the settings."""
+        car = self.settings.car
+        if car.sideways_mps and time - self._held_at >= car.every_s:
+            self._held_at = time
+            corrector.correct(PointVelocity.of([0.0, 0.0], [car.sideways_mps] * 2, [1, 2], car.axle_m))
+        if car.level_rad and time - self._levelled_at >= car.level_every_s:
+            self._levelled_at = time
+            corrector.correct(LevelRoad.of(car.level_rad))
+
+    def _correct(self, time: float, position: FloatArray, sigma_m: float) -> None:
+        if self._corrector is None or not self._uses_measurements:
             return
-        innovation = filter_.expect(position, sigma)
-        self.innovations.append(innovation)
-        if self.settings.gate and innovation.nis > GATE:
-            self.rejected += 1
-            self._outliers += 1
-            if self._outliers < PATIENCE:
-                return
-            # The filter was overconfident: raise its uncertainty, so that this fix moves it.
-            off = float(np.linalg.norm(innovation.residual))
-            filter_.loosen(off, min(off, 5.0), 0.2)
-        self._outliers = 0
-        filter_.correct(position, sigma)
+        late = self._time - time if self._time is not None else 0.0
+        if abs(late) > SAME_TIME_S:
+            position = position + late * self._corrector.filter.velocity  # to the time of the last IMU sample
+        self._corrector.fix(AntennaPosition.of(position, sigma_m, self.settings.antenna_m), time)

@@ -1,7 +1,8 @@
 """Logs: real recordings as CSV files, with checks of columns and units.
 
 IMU: t, ax, ay, az, gx, gy, gz (s, m/s^2, rad/s; x forward, y left, z up). GNSS and truth: t, lat, lon, alt (degrees, m)
-or t, x, y, z (m, east, north, up); the height may be missing.
+or t, x, y, z (m, east, north, up); the height may be missing. Fixes may have a column sigma, the standard deviation of
+each, m. Wheel speeds: t, v (m/s).
 """
 
 from __future__ import annotations
@@ -25,6 +26,9 @@ GEODETIC, PLANE = ("lat", "lon", "alt"), ("x", "y", "z")
 MAX_IMU_GAP_S = 1.0
 MAX_MISSING = 0.05
 """Share of the IMU's samples that may be unreadable or repeated."""
+EARLY_SAMPLES = 10
+"""Number of samples that may precede a silence at the start of a log."""
+MAX_SPEED_MPS = 80.0
 STANDING_RATE = 0.5
 """Upper bound of a gyroscope's offset, rad/s."""
 
@@ -53,15 +57,18 @@ class PositionLog:
         time: (M,), s, increasing.
         position: (M, 3), m: east, north, up of the origin.
         origin: Latitude, longitude [degrees] and height [m] if the file has them; None if it is in metres.
+        sigma_m: (M,) standard deviation in east and north; None if the file has none.
     """
 
     time: FloatArray
     position: FloatArray
     origin: Origin | None
+    sigma_m: FloatArray | None = None
 
     def fixes(self) -> list[Fix]:
         """One per row."""
-        return [Fix(float(t), position) for t, position in zip(self.time, self.position, strict=True)]
+        sigmas = [None] * len(self.time) if self.sigma_m is None else self.sigma_m.tolist()
+        return [Fix(float(t), at, sigma) for t, at, sigma in zip(self.time, self.position, sigmas, strict=True)]
 
 
 def read_imu(path: Path) -> ImuLog:
@@ -76,6 +83,7 @@ def read_imu(path: Path) -> ImuLog:
     rows, table = len(table), _usable(path, table)
     if rows - len(table) > MAX_MISSING * rows:
         raise InvalidInputError(f"'{path}': {rows - len(table)} of {rows} rows are repeated or have missing numbers")
+    table = _without_early_samples(path, table)
     time, samples = table[:, 0], table[:, 1:]
     step = np.diff(time)
     if np.median(step) > 0.2:
@@ -91,6 +99,19 @@ def read_imu(path: Path) -> ImuLog:
         )
     _check_units(path, samples)
     return ImuLog(time, samples)
+
+
+def read_wheel_speeds(path: Path) -> list[tuple[float, float]]:
+    """Times [s] and speeds [m/s] of a car by its wheels.
+
+    Raises:
+        InvalidInputError: A column is missing or no number, time runs backwards, or a speed is impossible.
+    """
+    table = _usable(path, _read(path, ("t", "v")))
+    fastest = float(np.abs(table[:, 1]).max())
+    if fastest > MAX_SPEED_MPS:
+        raise InvalidInputError(f"'{path}': a speed of {fastest:.3g} m/s: is v in km/h? Expected m/s")
+    return [(t, v) for t, v in table.tolist()]
 
 
 def read_positions(path: Path, origin: Origin | None = None) -> PositionLog:
@@ -112,18 +133,23 @@ def read_positions(path: Path, origin: Origin | None = None) -> PositionLog:
             f"'{path}': expected the columns t, lat, lon, alt or t, x, y, z, got {', '.join(sorted(header))}"[:200]
         )
     names = [name for name in (GEODETIC if geodetic else PLANE) if name in header]
-    table = _usable(path, _read(path, ("t", *names)))
+    has_sigma = "sigma" in header
+    table = _usable(path, _read(path, ("t", *names, *(["sigma"] if has_sigma else []))))
+    sigma = table[:, -1] if has_sigma else None
+    table = table[:, :-1] if has_sigma else table
+    if sigma is not None and not (sigma > 0.0).all():
+        raise InvalidInputError(f"'{path}': expected sigma above 0 m in every row, got {sigma.min():g}")
     if len(names) == 2:
         table = np.column_stack([table, np.zeros(len(table))])
     if not geodetic:
-        return PositionLog(table[:, 0], table[:, 1:], None)
+        return PositionLog(table[:, 0], table[:, 1:], None, sigma)
     if np.abs(table[:, 1]).max() > 90.0:
         swapped = ": are lat and lon swapped?" if np.abs(table[:, 2]).max() <= 90.0 else ""
         raise InvalidInputError(f"'{path}': expected latitudes from -90 to 90, got {table[0, 1]:.6g}{swapped}")
     if np.abs(table[:, 2]).max() > 180.0:
         raise InvalidInputError(f"'{path}': expected longitudes from -180 to 180, got {np.abs(table[:, 2]).max():.6g}")
     origin = origin or (float(table[0, 1]), float(table[0, 2]), float(table[0, 3]))
-    return PositionLog(table[:, 0], geodetic_to_enu(table[:, 1:], origin), origin)
+    return PositionLog(table[:, 0], geodetic_to_enu(table[:, 1:], origin), origin, sigma)
 
 
 def check_together(imu: ImuLog, gnss: PositionLog) -> None:
@@ -210,6 +236,16 @@ def _usable(path: Path, table: FloatArray) -> FloatArray:
             "'%s': %d of %d rows left out (missing numbers, repeated times)", path, len(table) - len(once), len(table)
         )
     return np.asarray(once)
+
+
+def _without_early_samples(path: Path, table: FloatArray) -> FloatArray:
+    """Rows after a silence within the first samples, as a logger writes that starts twice."""
+    gaps = np.flatnonzero(np.diff(table[: EARLY_SAMPLES + 1, 0]) > MAX_IMU_GAP_S)
+    if not len(gaps):
+        return table
+    first = int(gaps[-1]) + 1
+    log.warning("'%s': %d samples before a silence at the start left out", path, first)
+    return table[first:]
 
 
 def _check_units(path: Path, samples: FloatArray) -> None:

@@ -6,10 +6,16 @@ filterpy is the filter; this file has the model.
 
 from __future__ import annotations
 
+import copy
 import math
+from typing import Self
 
 import numpy as np
-from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # type: ignore[import-untyped]
+from filterpy.kalman import (  # type: ignore[import-untyped]
+    MerweScaledSigmaPoints,
+    UnscentedKalmanFilter,
+    unscented_transform,
+)
 from numba import njit
 
 from dohyo.agents.localization.attitude import exponential, matrix
@@ -18,9 +24,9 @@ from dohyo.agents.localization.filters import (
     FilterNoise,
     InitialState,
     Innovation,
-    gnss_covariance,
     innovation,
 )
+from dohyo.agents.localization.measurements import Measurement, Motion, is_plain
 from dohyo.sumo_networks.arrays import FloatArray
 
 ALPHA, BETA, KAPPA = 0.1, 2.0, 0.0
@@ -55,11 +61,19 @@ class Ukf:
         points = _Points(18, ALPHA, BETA, KAPPA)
         self.filter = _Model(18, 3, 0.01, hx=lambda x: x[:3], fx=None, points=points)
         self.filter.x = np.concatenate(
-            [start.position, start.velocity, [0.0, 0.0, start.heading], np.zeros(6), start.gravity]
+            [
+                start.position,
+                start.velocity,
+                [*start.tilt, start.heading],
+                start.accelerometer_bias,
+                start.gyroscope_bias,
+                start.gravity,
+            ]
         )
         self.filter.P = np.diag(start.deviations() ** 2)
         variances = [noise.accelerometer, noise.gyroscope, noise.accelerometer_walk, noise.gyroscope_walk]
         self._noise = np.concatenate([np.zeros(3), np.repeat(np.array(variances) ** 2, 3), np.zeros(3)])
+        self._rate = np.zeros(3)
 
     @property
     def position(self) -> FloatArray:
@@ -86,21 +100,43 @@ class Ukf:
         self.filter.Q = np.diag(self._noise * dt + CONDITIONING)
         self.filter.predict(dt, specific_force=specific_force, rate=rate)
         self.filter.P = 0.5 * (self.filter.P + self.filter.P.T)
+        self._rate = rate
 
-    def expect(self, position: FloatArray, sigma_m: float) -> Innovation:
+    def expect(self, measurement: Measurement) -> Innovation:
         """See `Filter`."""
-        return innovation(self.filter.x[:3], self.filter.P[:3, :3], position, sigma_m)
+        if is_plain(measurement):
+            return innovation(measurement.value - self.filter.x[:3], self.filter.P[:3, :3] + measurement.covariance)
+        points = self.filter.points_fn
+        values = np.array([self._expected(measurement, x) for x in points.sigma_points(self.filter.x, self.filter.P)])
+        mean, covariance = unscented_transform(values, points.Wm, points.Wc, measurement.covariance)
+        return innovation(measurement.value - mean, covariance)
 
-    def correct(self, position: FloatArray, sigma_m: float) -> None:
+    def correct(self, measurement: Measurement) -> None:
         """See `Filter`."""
-        self.filter.update(position, R=gnss_covariance(sigma_m))
+        self.filter.update(measurement.value, R=measurement.covariance, hx=lambda x: self._expected(measurement, x))
         self._spread()
+
+    def _expected(self, measurement: Measurement, x: FloatArray) -> FloatArray:
+        if is_plain(measurement):
+            return x[:3]
+        return measurement.expected(Motion(x[:3], x[3:6], _rotation(x[6], x[7], x[8]), self._rate - x[12:15]))
 
     def loosen(self, position_std: float, velocity_std: float, heading_std: float) -> None:
         """See `Filter`."""
         added = np.zeros(18)
         added[0:3], added[3:6], added[8] = position_std, velocity_std, heading_std
         self.filter.P = self.filter.P + np.diag(added**2)
+        self._spread()
+
+    def __copy__(self) -> Self:
+        """A filter that goes on by itself from this state."""
+        out = object.__new__(type(self))
+        out.__dict__ = self.__dict__ | {"filter": copy.deepcopy(self.filter)}
+        return out
+
+    def scale(self, factor: float) -> None:
+        """See `Filter`."""
+        self.filter.P = self.filter.P * factor
         self._spread()
 
     def _spread(self) -> None:

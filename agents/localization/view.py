@@ -12,7 +12,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from dohyo.agents.localization.localizer import FILTERS, Localizer, Settings
+from dohyo.agents.localization.filters import FilterNoise
+from dohyo.agents.localization.localizer import FILTERS, Localizer
+from dohyo.agents.localization.settings import CarConstraint, Settings
 from dohyo.agents.planning.warm_up import empty_road
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array
@@ -53,7 +55,15 @@ class LocalizedView:
             raise UnknownNameError("filter", localization, FILTERS)
         if gnss not in RECEIVERS:
             raise UnknownNameError("receiver", gnss, RECEIVERS)
-        self._settings = Settings(filter=localization, gnss_sigma_m=RECEIVERS[gnss].sigma_m, standing_s=STANDING_S)
+        self._settings = Settings(
+            filter=localization,
+            start="standing",
+            standing_s=STANDING_S,
+            gnss_sigma_m=RECEIVERS[gnss].sigma_m,
+            outliers="gate",  # the simulated receivers have none; so drives stay those of the published records
+            noise=FilterNoise(),
+            car=CarConstraint(level_rad=None),
+        )
         self._gnss = gnss
         self._tick = 0
         self._progress = 0.0

@@ -64,7 +64,7 @@ COMMANDS: dict[str, Command | Group] = {
     ),
     "localize": Command(
         "localize:localize",
-        "Estimates a vehicle's track from IMU and GNSS logs. It must stand level at first.",
+        "Estimates a vehicle's track from IMU and GNSS logs, with warnings where the settings do not fit.",
     ),
     "serve": Command("serve:serve", "Runs the service until SIGTERM or Ctrl-C, then lets running episodes end."),
     "worker": Command(

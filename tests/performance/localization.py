@@ -9,6 +9,7 @@ import numpy as np
 
 from dohyo.agents.localization.filters import Filter, FilterNoise, InitialState
 from dohyo.agents.localization.localizer import FILTERS
+from dohyo.agents.localization.measurements import AntennaPosition
 from dohyo.sumo_networks.sensors import make_sensors
 from dohyo.sumo_networks.world import World
 
@@ -43,9 +44,9 @@ def filters() -> dict[str, float]:
         filter_: Filter = FILTERS[name](start, FilterNoise())
         calls = CALLS if name != "ukf" else 40
         # A fix now and then, or the covariance would grow without bounds.
-        filter_.correct(filter_.position, 0.5)
+        filter_.correct(AntennaPosition.of(filter_.position, 0.5))
         out[f"{name}_imu_us"] = microseconds(lambda f=filter_: f.predict(FORCE, RATE, 0.01), calls)  # type: ignore[misc]
-        out[f"{name}_fix_us"] = microseconds(lambda f=filter_: f.correct(f.position, 0.5), calls)  # type: ignore[misc]
+        out[f"{name}_fix_us"] = microseconds(lambda f=filter_: f.correct(AntennaPosition.of(f.position, 0.5)), calls)  # type: ignore[misc]
     return out
 
 

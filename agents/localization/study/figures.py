@@ -15,17 +15,20 @@ from dohyo.agents.localization.track import EstimatedTrack
 from dohyo.evaluation.report.style import OKABE_ITO, PALETTES, number, template
 from dohyo.sumo_networks.arrays import FloatArray
 
-ESTIMATE, FIXES, TRUTH = OKABE_ITO[0], OKABE_ITO[1], OKABE_ITO[2]
+ESTIMATE, FIXES, TRUTH, SMOOTHED = OKABE_ITO[0], OKABE_ITO[1], OKABE_ITO[2], OKABE_ITO[3]
 SYMBOLS = ("circle", "square", "diamond", "triangle-up")
 
 
-def track_figure(track: EstimatedTrack, gnss: PositionLog, truth: FloatArray | None) -> go.Figure:
+def track_figure(
+    track: EstimatedTrack, gnss: PositionLog, truth: FloatArray | None, smoothed: EstimatedTrack | None = None
+) -> go.Figure:
     """Track on the plane: fixes, estimate, and the truth if known.
 
     Args:
         track: The estimate.
         gnss: The fixes.
         truth: (K, 2) true positions at the track's times, m.
+        smoothed: The smoother's track.
     """
     figure = go.Figure()
     figure.add_scatter(
@@ -41,9 +44,18 @@ def track_figure(track: EstimatedTrack, gnss: PositionLog, truth: FloatArray | N
         x=track.position[:, 0],
         y=track.position[:, 1],
         mode="lines",
-        name="estimate",
+        name="filter",
         line={"color": ESTIMATE, "width": 2},
     )
+    if smoothed is not None:
+        figure.add_scatter(
+            x=smoothed.position[:, 0],
+            y=smoothed.position[:, 1],
+            mode="lines",
+            name="smoothed",
+            line={"color": SMOOTHED, "width": 2},
+        )
+    track = track if smoothed is None else smoothed
     length = float(np.hypot(*np.diff(track.position, axis=0).T).sum())
     finding = f"{number(length)} m in {number(float(track.time[-1] - track.time[0]))} s"
     _entitle(figure, finding, f"{len(gnss.time)} fixes, {track.rejected} left out as outliers.")
@@ -88,7 +100,7 @@ def nis_figure(track: EstimatedTrack, bound: float) -> go.Figure:
         track: The estimate.
         bound: 95 % quantile for a correct filter.
     """
-    nis = np.array([one.nis for one in track.innovations])
+    nis = track.nis
     figure = go.Figure()
     figure.add_scatter(
         x=np.arange(len(nis)),

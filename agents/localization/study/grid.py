@@ -23,8 +23,9 @@ from typing import Any
 import numpy as np
 
 from dohyo.agents.localization.filters import FilterNoise
-from dohyo.agents.localization.localizer import Fix, Localizer, Settings
+from dohyo.agents.localization.localizer import Fix, Localizer
 from dohyo.agents.localization.lowpass import ALPHA
+from dohyo.agents.localization.settings import CarConstraint, Settings
 from dohyo.agents.localization.study.synthetic import ROUTES, Journey, Recording, journey_named, record
 from dohyo.agents.localization.track import EstimatedTrack, follow
 from dohyo.evaluation.scores.localization import accuracy, max_drift, p95, rmse
@@ -113,7 +114,9 @@ def run_cell(cell: Cell, route: str, seed: int) -> dict[str, float]:
         alpha=alpha,
         gnss_sigma_m=cell.sigma_m,
         noise=FilterNoise.of(imu),
-        gate=False,  # the filters themselves are compared
+        start="standing",
+        outliers="none",  # the filters themselves are compared
+        car=CarConstraint(level_rad=None),
     )
     try:
         track = follow(Localizer(settings), journey.time, recording.imu, fixes_of(journey, recording))
@@ -138,7 +141,7 @@ def score(track: EstimatedTrack, journey: Journey) -> dict[str, float]:
         "p95": p95(track.position, true),
         "max_drift": max_drift(track.position, true),
         "nees": float(np.mean(_nees(error, track.covariance))),
-        "nis": float(np.mean([one.nis for one in track.innovations])) if track.innovations else math.nan,
+        "nis": float(np.mean(track.nis)) if track.fixes else math.nan,
         "step_us": track.step_us,
     }
 

@@ -12,6 +12,7 @@ from dohyo.agents.localization.ekf import Ekf, _linearised
 from dohyo.agents.localization.es_ekf import EsEkf, integrate
 from dohyo.agents.localization.filters import Filter, FilterNoise, InitialState
 from dohyo.agents.localization.lowpass import LowPass, cut_off_hz, delay_s
+from dohyo.agents.localization.measurements import AntennaPosition
 from dohyo.agents.localization.ukf import Ukf, _moved
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -68,7 +69,7 @@ def drive(filter_: Filter, seconds: int = 20) -> None:
         integrate(true, force, rate, 0.01)
         filter_.predict(force + 0.01 * rng.standard_normal(3), rate + 1e-3 * rng.standard_normal(3), 0.01)
         if step % 10 == 0:
-            filter_.correct(true[:3] + 0.3 * rng.standard_normal(3), 0.3)
+            filter_.correct(AntennaPosition.of(true[:3] + 0.3 * rng.standard_normal(3), 0.3))
 
 
 @pytest.mark.parametrize("baseline", [Ekf, Ukf])
@@ -90,9 +91,9 @@ def test_forgetting_widens_and_a_fix_then_moves_further(kind: type[Filter]) -> N
         filter_.predict(np.array([0.0, 0.0, 9.81]), np.zeros(3), 0.01)
         if loosened:
             filter_.loosen(5.0, 1.0, 0.2)
-        expected = filter_.expect(np.array([4.0, 0.0, 0.0]), 0.5)
+        expected = filter_.expect(AntennaPosition.of(np.array([4.0, 0.0, 0.0]), 0.5))
         assert expected.nis == pytest.approx(16.0 / (0.26 + 25.0 * loosened), rel=0.05)
-        filter_.correct(np.array([4.0, 0.0, 0.0]), 0.5)
+        filter_.correct(AntennaPosition.of(np.array([4.0, 0.0, 0.0]), 0.5))
         return filter_.position
 
     assert after_fix(False)[0] < 0.2

@@ -11,7 +11,8 @@ from filterpy.stats import mahalanobis
 from dohyo.agents.localization.attitude import exponential, from_heading, inverse, logarithm, normalised, product
 from dohyo.agents.localization.consistency import mean_bounds, nees, quantile
 from dohyo.agents.localization.es_ekf import DT, EsEkf, integrate, reset_jacobian, transition
-from dohyo.agents.localization.filters import CONDITIONING, FilterNoise, InitialState, gnss_covariance
+from dohyo.agents.localization.filters import CONDITIONING, FilterNoise, InitialState
+from dohyo.agents.localization.measurements import AntennaPosition, gnss_covariance
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.sensors.imu import ICM_20600
 
@@ -103,7 +104,7 @@ def corrected() -> tuple[EsEkf, FloatArray, FloatArray, FloatArray]:
     filter_.covariance[:] = 0.05 * factor @ factor.T
     P, fix = filter_.covariance.copy(), np.array([3.0, -2.0, 0.5])
     K = P[:, :3] @ np.linalg.inv(P[:3, :3] + gnss_covariance(0.5))
-    filter_.correct(fix, 0.5)
+    filter_.correct(AntennaPosition.of(fix, 0.5))
     return filter_, P, K, K @ fix
 
 
@@ -145,7 +146,7 @@ def test_the_covariance_stays_positive_over_a_long_drive() -> None:
     for step in range(20_000):
         filter_.predict(np.array([0.1, 1.0, 9.81]), np.array([0.0, 0.0, 0.12]), STEP)
         if step % 10 == 9:
-            filter_.correct(filter_.position, 0.1)
+            filter_.correct(AntennaPosition.of(filter_.position, 0.1))
     np.testing.assert_array_equal(filter_.covariance, filter_.covariance.T)
     assert np.linalg.eigvalsh(filter_.covariance).min() > 0.0
     assert np.linalg.norm(filter_.nominal[6:10]) == pytest.approx(1.0)
@@ -178,8 +179,8 @@ def matched_run(seed: int, believed_sigma: float = 0.5) -> FloatArray:
         filter_.predict(measured_force, measured_rate, STEP)
         if step % 10 == 0:
             fix = true[:3] + np.sqrt(np.diag(gnss_covariance(sigma))) * rng.standard_normal(3)
-            innovation = filter_.expect(fix, believed_sigma)
-            filter_.correct(fix, believed_sigma)
+            innovation = filter_.expect(AntennaPosition.of(fix, believed_sigma))
+            filter_.correct(AntennaPosition.of(fix, believed_sigma))
         if step % 100 == 0 and step // 100 in CHECKED_S:
             error = apart(true, filter_.nominal)
             np.testing.assert_allclose(filter_.error(true[:3], true[3:6], true[6:10]), error[:9], atol=1e-3)
