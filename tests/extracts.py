@@ -37,6 +37,16 @@ def roundabout() -> str:
     )
 
 
+def grid(streets: int = 5) -> str:
+    """Streets from west to east and from south to north, 140 to 160 m apart."""
+    nodes = [
+        (BERLIN[0] + 0.0014 * row, BERLIN[1] + 0.0021 * column) for row in range(streets) for column in range(streets)
+    ]
+    rows = [range(1 + row * streets, 1 + (row + 1) * streets) for row in numbers]
+    columns = [range(1 + column, 1 + streets * streets, streets) for column in numbers]
+    return _extract(nodes, [(way, '<tag k="highway" v="residential"/>') for way in (*rows, *columns)])
+
+
 def _extract(nodes: Sequence[tuple[float, float]], ways: Sequence[tuple[Sequence[int], str]]) -> str:
     """OSM XML of nodes (latitude, longitude), numbered from 1, and ways, numbered from 10, with their tags."""
     points = (f'<node id="{id_}" lat="{lat:.4f}" lon="{lon:.4f}"/>' for id_, (lat, lon) in enumerate(nodes, start=1))

@@ -43,6 +43,7 @@ def create_benchmark(
     network: str,
     *,
     missions: int = 25,
+    fewer: bool = False,
     length_m: tuple[float, float] | None = None,
     traffic: Sequence[Level] = (Level.REGULAR,),
     conditions: Sequence[str] = ("clear",),
@@ -57,6 +58,7 @@ def create_benchmark(
         name: Name of the benchmark.
         network: Name in the catalog, or path of a .net.xml[.gz] file.
         missions: Number of missions.
+        fewer: Whether fewer missions will do where the network has no more.
         length_m: Shortest and longest route, m; None: `fitting_lengths`.
         traffic: Amounts of traffic, a cell for each.
         conditions: Groups "train" and "test", a cell for each, or names of conditions, all in one cell.
@@ -70,13 +72,14 @@ def create_benchmark(
         InvalidInputError: The network has too few missions of the length, or an argument is invalid.
     """
     roads = load_network(network)
-    drawing = draw_missions(roads, missions, length_m or fitting_lengths(roads), drawing_seed, _check(roads, events))
+    lengths, check = length_m or fitting_lengths(roads), _check(roads, events)
+    drawing = draw_missions(roads, missions, lengths, drawing_seed, check, fewer=fewer)
     made = make_cells(roads, network, drawing.missions[0].mission, traffic, conditions, events)
-    lengths = sorted(one.route.length for one in drawing.missions)
+    drawn = sorted(one.route.length for one in drawing.missions)
     try:
         benchmark = Benchmark(
             name=name,
-            description=f"{missions} missions of {lengths[0]:.0f} to {lengths[-1]:.0f} m on {roads.name}, "
+            description=f"{len(drawn)} missions of {drawn[0]:.0f} to {drawn[-1]:.0f} m on {roads.name}, "
             f"drawn with seed {drawing_seed}",
             cells=made.cells,
             missions={"all": tuple(ScriptedMission(**dict(one.mission)) for one in drawing.missions)},

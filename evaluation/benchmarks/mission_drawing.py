@@ -96,7 +96,13 @@ class Drawing:
 
 
 def draw_missions(
-    network: RoadNetwork, count: int, length_m: tuple[float, float], seed: int, check: Check = lambda route: None
+    network: RoadNetwork,
+    count: int,
+    length_m: tuple[float, float],
+    seed: int,
+    check: Check = lambda route: None,
+    *,
+    fewer: bool = False,
 ) -> Drawing:
     """Draws missions; the same arguments give the same missions. No two begin and end on the same roads.
 
@@ -106,6 +112,7 @@ def draw_missions(
         length_m: Shortest and longest route, m.
         seed: Seed of the drawing.
         check: A further condition on routes.
+        fewer: Whether fewer missions, but at least one, will do.
 
     Raises:
         InvalidInputError: The network has no route of such a length, or fewer missions.
@@ -113,9 +120,9 @@ def draw_missions(
     rng = np.random.default_rng(seed)
     pairs = _LanePairs(network, max(START_LANES, 4 * count), rng)
     pool, left_out = _make_pool(network, pairs, count, length_m, check, rng)
-    if len(pool) < count:
+    if len(pool) < (1 if fewer else count):
         raise InvalidInputError(_too_few(network, len(pool), count, length_m, left_out))
-    chosen = _choose_unlike(pool, count, rng)
+    chosen = _choose_unlike(pool, min(count, len(pool)), rng)
     width = max(2, len(str(count)))
     renamed = (
         DrawnMission(one.mission.model_copy(update={"name": f"m{number:0{width}d}"}), one.route)

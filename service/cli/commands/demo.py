@@ -11,6 +11,7 @@ import typer
 
 from dohyo.agents.registry import kind_of, resolve_with
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.benchmarks.cells import Level, traffic_of
 from dohyo.evaluation.benchmarks.creation import create_benchmark
 from dohyo.evaluation.benchmarks.writing import write_benchmark
 from dohyo.evaluation.running.executors import ProcessPool
@@ -20,31 +21,49 @@ from dohyo.service.cli.commands.records import report
 from dohyo.service.cli.output import console
 from dohyo.service.cli.progress import ProgressBar, ended_by_sigterm, named_steps
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.entries import network_entry, network_names
 from dohyo.sumo_networks.networks.importing import import_network
 from dohyo.sumo_networks.networks.parsing import file_hash
 
 AGENTS = ("autopilot", "reckless")
 SEEDS = (0, 1)
+FEWEST, MOST = 2, 6
+# Measured on one processor of 2026: time of a tick without traffic, and for each vehicle or pedestrian more.
+TICK_COST_S, ACTOR_COST_S = 2.5e-3, 3e-5
+USUAL_TICKS = 900
+BUDGET_S = 200.0
+"""Processor seconds for all drives: those of two processors in three minutes, less import, trial and report."""
 
 
 def demo(
-    city: Annotated[str, typer.Argument(help="An .osm, .net.xml or .xodr file, each also with .gz; or a network.")],
+    city: Annotated[str, typer.Argument(help="An .osm, .net.xml or .xodr file, also packed, or a .pbf; or a network.")],
     name: Annotated[str | None, typer.Option(help="Of the network in your catalog; default: the file's.")] = None,
-    missions: Annotated[int, typer.Option(min=1, max=1000, help="Number of missions to draw.")] = 6,
+    missions: Annotated[
+        int | None, typer.Option(min=1, max=1000, help="Number of missions to draw; default: 6, fewer in much traffic.")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of all results; default: out/demo/NAME.")] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: one per CPU.")] = None,
 ) -> None:
     """From a city's file to a report: imports, draws missions, drives two agents. Run again, it continues."""
     network = city if city in network_names() else _imported(Path(city), name)
     folder = out or Path("out") / "demo" / network
-    made = create_benchmark(network, network, missions=missions, seeds=SEEDS)
+    wanted = missions or _fitting_missions(network)
+    made = create_benchmark(network, network, missions=wanted, fewer=missions is None, seeds=SEEDS)
     print_created(made)
     benchmark = write_benchmark(made.benchmark, folder / f"{network}.toml", notes_of(made))
     console.print(f"benchmark: {benchmark.resolve()}", soft_wrap=True)
     for agent in AGENTS:
         _drive(agent, made.benchmark, folder / agent, workers or os.cpu_count() or 1)
     report([folder / agent for agent in AGENTS], folder / "report.html")
+
+
+def _fitting_missions(network: str) -> int:
+    """Number of missions whose drives take about three minutes on two processors: 2 to 6, by the traffic."""
+    traffic = traffic_of(load_network(network), Level.REGULAR)
+    actors = traffic.vehicles + traffic.pedestrians
+    mission_s = len(AGENTS) * len(SEEDS) * USUAL_TICKS * (TICK_COST_S + ACTOR_COST_S * actors)
+    return max(FEWEST, min(MOST, int(BUDGET_S / mission_s)))
 
 
 def _imported(file: Path, name: str | None) -> str:

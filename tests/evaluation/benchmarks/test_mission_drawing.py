@@ -59,6 +59,7 @@ def test_an_error_counts_the_missions_that_there_are() -> None:
         draw_missions(network, 900, (20.0, 400.0), seed=0)
     there_are = int(str(error.value).split(" has ")[1].split()[0])
     assert len(draw_missions(network, there_are, (20.0, 400.0), seed=0).missions) == there_are
+    assert len(draw_missions(network, 900, (20.0, 400.0), seed=0, fewer=True).missions) == there_are
 
 
 def test_a_single_road_has_no_mission() -> None:
