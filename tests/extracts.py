@@ -37,13 +37,13 @@ def roundabout() -> str:
     )
 
 
-def grid(streets: int = 5) -> str:
-    """Streets from west to east and from south to north, 140 to 160 m apart."""
+def grid(streets: int = 4) -> str:
+    """Streets from west to east and from south to north, 110 m apart."""
     nodes = [
-        (BERLIN[0] + 0.0014 * row, BERLIN[1] + 0.0021 * column) for row in range(streets) for column in range(streets)
+        (BERLIN[0] + 0.0010 * row, BERLIN[1] + 0.0016 * column) for row in range(streets) for column in range(streets)
     ]
-    rows = [range(1 + row * streets, 1 + (row + 1) * streets) for row in numbers]
-    columns = [range(1 + column, 1 + streets * streets, streets) for column in numbers]
+    rows = [range(1 + row * streets, 1 + (row + 1) * streets) for row in range(streets)]
+    columns = [range(1 + column, 1 + streets * streets, streets) for column in range(streets)]
     return _extract(nodes, [(way, '<tag k="highway" v="residential"/>') for way in (*rows, *columns)])
 
 
