@@ -95,6 +95,9 @@ def print_created(made: Created) -> None:
         console.print(f"{where}{traffic}, {', '.join(cell.conditions)}", highlight=False, soft_wrap=True)
     for level, vehicles in made.reduced.items():
         console.print(f"{level} traffic is reduced: {vehicles} vehicles jam this network", soft_wrap=True)
+    if made.reduced:
+        network = benchmark.cells[0].network
+        console.print(f"look for the cause: dohyo networks check {network}; import --fix mends lights", soft_wrap=True)
     for reason, number in made.drawing.left_out.items():
         console.print(f"left out: {number} routes, {reason}", highlight=False, soft_wrap=True)
 

@@ -13,7 +13,7 @@ from dohyo.service.cli.output import DASH, Json, console, print_json, print_rows
 from dohyo.service.cli.progress import ended_by_sigterm, named_steps
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.drawing import write_map
-from dohyo.sumo_networks.networks.entries import network_entry, network_names
+from dohyo.sumo_networks.networks.entries import network_entry, network_names, network_path
 from dohyo.sumo_networks.networks.faults import MEANINGS, FaultKind
 from dohyo.sumo_networks.networks.importing import ImportOptions, build_network, import_network
 from dohyo.sumo_networks.networks.inspection import NetworkReport, inspect_network
@@ -66,7 +66,7 @@ def _capacity(name: str) -> Capacity:
 
 
 def import_file(
-    file: Annotated[Path, typer.Argument(help=".net.xml, .osm[.xml] or .xodr, each also with .gz or .bz2; or .pbf.")],
+    file: Annotated[Path, typer.Argument(help=".net.xml, .osm or .xodr, also packed; .pbf; or a network's name.")],
     name: Annotated[str, typer.Option(help="Its name: small letters, digits and hyphens.")],
     lights: Annotated[bool, typer.Option("--lights", help="Guess traffic lights at large junctions.")] = False,
     left_hand: Annotated[
@@ -97,8 +97,9 @@ def import_file(
         limit_mb=limit_mb,
         licence=licence,
     )
+    source = network_path(str(file)) if str(file) in network_names() else file
     with ended_by_sigterm(), named_steps() as progress:
-        done = import_network(file, name, options, force=force, progress=progress)
+        done = import_network(source, name, options, force=force, progress=progress)
     if json:
         print_json(done.report.as_document())
     else:

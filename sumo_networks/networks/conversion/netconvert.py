@@ -82,6 +82,8 @@ def convert(settings: Conversion, target: Path) -> tuple[list[str], list[str]]:
         InvalidInputError: netconvert fails or takes too long.
     """
     arguments, decided = _arguments(settings, target), []
+    if settings.kind == "xodr" and settings.drop_lights:
+        decided.append("lights at places where no two roads meet are left out")
     warnings = run_netconvert(arguments, settings.file, settings.timeout_s)
     if DROP_ISOLATED in arguments and not _has_roads(target):
         arguments.remove(DROP_ISOLATED)

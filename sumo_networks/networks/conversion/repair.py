@@ -18,6 +18,8 @@ from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.units import KMH_PER_MPS
 
 _PROGRAM = re.compile(rb'[ ]*<tlLogic id="(?P<light>[^"]*)".*?</tlLogic>\n', re.DOTALL)
+_CONNECTION = re.compile(rb"<connection [^>]*>")
+_ATTRIBUTE = re.compile(rb'(\w+)="([^"]*)"')
 
 
 @dataclass(slots=True)
@@ -61,12 +63,12 @@ class Repair:
         if self.limits:
             options += ["-e", str(_limits(self.limits, target.with_name("limits.edg.xml")))]
         if self.unlit:
-            options += ["--tls.unset", ",".join(self.unlit)]
+            options += ["-n", str(_unlit(self.unlit, target.with_name("unlit.nod.xml")))]
         rebuild(net, target, file, options, timeout_s)
         if self.endless:
             usual = target.with_name("usual.net.xml")
             rebuild(target, usual, file, ["--tls.rebuild", "--tls.default-type", "static"], timeout_s)
-            target.write_bytes(_with_programs(target.read_bytes(), usual.read_bytes(), set(self.endless)))
+            target.write_bytes(_keep_programs(usual.read_bytes(), target.read_bytes(), set(self.endless)))
         return target
 
 
@@ -110,17 +112,39 @@ def _mend_lights(network: RoadNetwork, repair: Repair) -> None:
         repair.decided.append(f"{len(repair.endless)} lights with endless phases get usual programs: {names}")
 
 
-def _with_programs(net: bytes, other: bytes, lights: set[str]) -> bytes:
-    """A net whose programs of some lights are those of another net with the same connections."""
-    programs: dict[bytes, bytes] = {}
-    for match in _PROGRAM.finditer(other):
-        programs.setdefault(match["light"], match[0])
+def _keep_programs(net: bytes, before: bytes, others: set[str]) -> bytes:
+    """A net in which lights have the programs of the net before, where they still control the same links.
+
+    Args:
+        net: The net with new programs.
+        before: The net with the programs to keep.
+        others: Lights whose programs are not kept.
+    """
+    links, old_links = _links(net), _links(before)
+    kept: dict[bytes, list[bytes]] = {}
+    for match in _PROGRAM.finditer(before):
+        light = match["light"]
+        if light.decode() not in others and links.get(light) == old_links.get(light):
+            kept.setdefault(light, []).append(match[0])
 
     def replaced(match: re.Match[bytes]) -> bytes:
-        usual = match["light"].decode() in lights
-        return programs.pop(match["light"], b"") if usual else match[0]
+        if match["light"] not in kept:
+            return match[0]
+        programs, kept[match["light"]] = kept[match["light"]], []  # all at the place of the first
+        return b"".join(programs)
 
     return _PROGRAM.sub(replaced, net)
+
+
+def _links(net: bytes) -> dict[bytes, set[tuple[bytes, ...]]]:
+    """Links that each light controls: from, to, lanes and index."""
+    found: dict[bytes, set[tuple[bytes, ...]]] = {}
+    for connection in _CONNECTION.findall(net):
+        attributes = dict(_ATTRIBUTE.findall(connection))
+        if b"tl" in attributes:
+            link = tuple(attributes[key] for key in (b"from", b"to", b"fromLane", b"toLane", b"linkIndex"))
+            found.setdefault(attributes[b"tl"], set()).add(link)
+    return found
 
 
 def _mend_limits(network: RoadNetwork, repair: Repair) -> None:
@@ -134,6 +158,12 @@ def _mend_limits(network: RoadNetwork, repair: Repair) -> None:
 
 def _lines(names: Iterable[str], file: Path) -> Path:
     file.write_text("\n".join(names), encoding="utf-8")
+    return file
+
+
+def _unlit(junctions: Iterable[str], file: Path) -> Path:
+    rows = (f'<node id={quoteattr(junction)} type="priority"/>' for junction in junctions)
+    file.write_text(f"<nodes>{''.join(rows)}</nodes>", encoding="utf-8")
     return file
 
 
