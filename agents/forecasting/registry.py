@@ -51,7 +51,8 @@ def load_forecaster(name: str | Path, exported: bool = False) -> Forecaster:
     """Trained forecaster: the name of a shipped one, or the path of a .safetensors or .onnx file.
 
     Args:
-        name: Of `shipped()`, or a path.
+        name: Of `shipped()`, or a path; an ONNX model takes its time step from the .safetensors file beside it, and
+            has one of a minute without.
         exported: Use the shipped ONNX model, which is faster for a single history.
 
     Raises:
@@ -65,7 +66,7 @@ def load_forecaster(name: str | Path, exported: bool = False) -> Forecaster:
             raise UnknownNameError("trained forecaster", str(name), shipped())
         path = CHECKPOINTS / f"{name}{'.onnx' if exported else '.safetensors'}"
     if path.suffix == ".onnx":
-        return Exported(path)
+        return _exported(path)
     facts, tensors = read_file(path)
     try:
         segments, step_s, free_mps = int(facts["segments"]), float(facts["step_s"]), float(facts["free_mps"])
@@ -78,3 +79,11 @@ def load_forecaster(name: str | Path, exported: bool = False) -> Forecaster:
         forecaster.scale = scale
     forecaster.restore(tensors)
     return forecaster
+
+
+def _exported(path: Path) -> Exported:
+    """ONNX model with the time step of the file beside it."""
+    exported, beside = Exported(path), path.with_suffix(".safetensors")
+    if beside.is_file():
+        exported.step_s = float(read_file(beside)[0].get("step_s", exported.step_s))
+    return exported

@@ -9,6 +9,7 @@ import numpy as np
 from dohyo.agents.forecasting.base import Forecaster
 from dohyo.agents.forecasting.data.speed_table import UNITS
 from dohyo.agents.forecasting.data.windows import HORIZON, Windows
+from dohyo.evaluation.statistics import mean_estimate
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 
 
@@ -34,6 +35,12 @@ class Errors:
     def rmse(self, unit: str) -> FloatArray:
         """(3,) root of the mean over stretches, in a unit of `data.UNITS`."""
         return np.asarray(np.sqrt(self.squared.mean(axis=0)) / UNITS[unit])
+
+    def rmse_interval(self, unit: str) -> FloatArray:
+        """(3, 2) 95 % interval of `rmse` over stretches; NaN with fewer than two."""
+        ends = [mean_estimate(values.tolist()) for values in self.squared.T]
+        known = [[np.nan if end is None else end for end in (one.low, one.high)] for one in ends]
+        return np.asarray(np.sqrt(np.array(known, dtype=np.float64)) / UNITS[unit])
 
 
 def errors(forecaster: Forecaster, windows: Windows, free_mps: float) -> Errors:

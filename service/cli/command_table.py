@@ -138,6 +138,10 @@ COMMANDS: dict[str, Command | Group] = {
                 "forecast:evaluate",
                 "Prints the errors of a trained forecaster beside those of persistence.",
             ),
+            "run": Command(
+                "forecast:run",
+                "Forecasts the next three steps after the last row of a table, once or whenever it grows.",
+            ),
         },
     ),
 }

@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from dohyo.agents.forecasting.data.grid import Grid, Rows, on_grid
 from dohyo.agents.forecasting.data.speed_table import (
     DAY_S,
     UNITS,
     SpeedData,
     Stretch,
     check_speeds,
+    check_values,
     hold_out_days,
     split_table,
 )
@@ -25,8 +27,6 @@ from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 TIME_NAMES = ("", "time", "timestamp", "datetime", "date", "minute", "minutes", "t", "index", "unnamed: 0")
 FOLDER_SETS = ("train", "easy", "hard")
-LONGEST_GAP_ROWS = 60
-"""Gap in time after which a new stretch begins, s."""
 NULLS = ["", "nan", "NaN", "NA", "null", "None", "-"]
 
 
@@ -39,28 +39,70 @@ class Format:
         step_s: Seconds between rows; None: from its column of times, or a minute without one.
         max_missing: Share of a column that may be missing.
         missing_value: A number that stands for a missing value, such as 0 in METR-LA.
+        tolerance: Largest distance of a row from its step, in steps.
+        resample_s: New step in seconds, with means over the rows within; None: the table's own.
+        trust_unit: Whether to accept speeds that are implausible in the unit.
     """
 
     unit: str = "m/s"
     step_s: float | None = None
     max_missing: float = 0.3
     missing_value: float | None = None
+    tolerance: float = 0.5
+    resample_s: float | None = None
+    trust_unit: bool = False
 
 
-def read_data(path: Path, how: Format | None = None) -> SpeedData:
-    """A folder of days or one table.
+def read_data(path: Path | Sequence[Path], how: Format | None = None) -> SpeedData:
+    """A folder of days, one table, or several tables of one road.
 
     Raises:
         InvalidInputError: See the module.
     """
     how = how or Format()
+    paths = _checked(path, how)
+    if paths[0].is_dir():
+        return _read_folder(paths[0], how)
+    grid, source = _read_grid(paths, how), str(paths[0])
+    stretches = grid.stretches(paths[0].stem)
+    try:
+        sets = split_table(stretches, grid.step_s)
+    except InvalidInputError as error:
+        raise InvalidInputError(f"'{source}': {error}") from error
+    check_speeds(stretches, grid.names, source, how.unit, how.max_missing, how.trust_unit)
+    missing = float(np.isnan(np.concatenate([one.speeds for one in stretches])).mean())
+    return SpeedData(grid.names, grid.step_s, sets, 0.0, source, missing, grid.notes)
+
+
+def read_latest(path: Path | Sequence[Path], how: Format | None = None) -> Grid:
+    """Rows of one or several tables up to now, however few; an incomplete last line of a growing file is left out.
+
+    Raises:
+        InvalidInputError: See the module; the shares of missing values are not checked.
+    """
+    how = how or Format()
+    paths = _checked(path, how)
+    if paths[0].is_dir():
+        raise InvalidInputError(f"'{paths[0]}': expected a table that grows, got a folder of days")
+    grid = _read_grid(paths, how)
+    check_values([Stretch(paths[0].stem, 0.0, grid.speeds)], grid.names, str(paths[0]), how.unit, how.trust_unit)
+    return grid
+
+
+def _checked(path: Path | Sequence[Path], how: Format) -> list[Path]:
+    """Paths that exist, for a format that is possible."""
+    paths = [path] if isinstance(path, Path) else list(path)
     if how.unit not in UNITS:
         raise UnknownNameError("unit", how.unit, UNITS)
-    if how.step_s is not None and not how.step_s > 0.0:
-        raise InvalidInputError(f"expected a time step above 0 s, got {how.step_s:g}")
-    if not path.exists():
-        raise InvalidInputError(f"no file or folder '{path}'")
-    return _read_folder(path, how) if path.is_dir() else _read_table(path, how)
+    for name, value in (("time step", how.step_s), ("resampling step", how.resample_s)):
+        if value is not None and not value > 0.0:
+            raise InvalidInputError(f"expected a {name} above 0 s, got {value:g}")
+    for one in paths:
+        if not one.exists():
+            raise InvalidInputError(f"no file or folder '{one}'")
+        if one.is_dir() and len(paths) > 1:
+            raise InvalidInputError(f"'{one}': expected one folder or several tables, got {len(paths)} paths")
+    return paths
 
 
 def read_set(path: Path, name: str) -> list[Stretch]:
@@ -93,7 +135,7 @@ def _read_folder(path: Path, how: Format) -> SpeedData:
     if "train" not in sets:
         raise InvalidInputError(f"'{path}': expected days in '{path / 'train'}', found no *.parquet")
     everything = [day for days in sets.values() for day in days]
-    check_speeds(everything, segments, str(path), how.unit, how.max_missing)
+    check_speeds(everything, segments, str(path), how.unit, how.max_missing, how.trust_unit)
     train, validation = hold_out_days(sets["train"])
     step_s = float(facts.get("step_s", facts.get("time_step_s", 60.0)))
     lag = float(facts.get("lag_min", facts.get("lag_minutes", 0.0)) or 0.0)
@@ -130,7 +172,12 @@ def _read_day(path: Path, how: Format) -> tuple[Stretch, tuple[str, ...]]:
     return Stretch(name, start_s, _speeds(path, table, names, how), truth), names
 
 
-def _read_table(path: Path, how: Format) -> SpeedData:
+def _read_grid(paths: Sequence[Path], how: Format) -> Grid:
+    """All tables on one grid."""
+    return on_grid([_read_rows(path, how) for path in paths], how.step_s, how.tolerance, how.resample_s)
+
+
+def _read_rows(path: Path, how: Format) -> Rows:
     table = _frame(path)
     time = next((name for name in table.columns[:1] if _is_time(table[name])), None)
     names = tuple(name for name in table.columns if name != time)
@@ -139,20 +186,14 @@ def _read_table(path: Path, how: Format) -> SpeedData:
             f"'{path}': expected rows of times and columns of speeds, got {len(table)} rows, {len(names)} columns"
         )
     speeds = _speeds(path, table, names, how)
-    clock, step_s = _clock(path, table[time] if time is not None else None, len(table), how.step_s)
-    stretches = _stretches(path, clock, step_s, speeds)
-    whole = [Stretch(path.stem, 0.0, speeds)]
-    try:
-        sets = split_table(stretches, step_s)
-    except InvalidInputError as error:
-        raise InvalidInputError(f"'{path}': {error}") from error
-    check_speeds(whole, names, str(path), how.unit, how.max_missing)
-    return SpeedData(names, step_s, sets, 0.0, str(path))
+    return Rows(str(path), _clock(path, table[time] if time is not None else None, len(table), how), names, speeds)
 
 
 def _frame(path: Path) -> pl.DataFrame:
     readers = {
-        ".csv": lambda: pl.read_csv(path, infer_schema_length=None, null_values=NULLS, try_parse_dates=True),
+        ".csv": lambda: pl.read_csv(
+            _whole_lines(path), infer_schema_length=None, null_values=NULLS, try_parse_dates=True
+        ),
         ".parquet": lambda: pl.read_parquet(path),
     }
     if path.suffix.lower() not in readers:
@@ -161,6 +202,13 @@ def _frame(path: Path) -> pl.DataFrame:
         return readers[path.suffix.lower()]()
     except (pl.exceptions.PolarsError, OSError) as error:
         raise InvalidInputError(f"'{path}' cannot be read: {str(error).splitlines()[0]}") from error
+
+
+def _whole_lines(path: Path) -> bytes:
+    """A file without an incomplete last row, which a logger may be about to write."""
+    whole, newline, last = path.read_bytes().rpartition(b"\n")
+    complete = not newline or (last.count(b",") == whole.partition(b"\n")[0].count(b",") and not last.endswith(b","))
+    return whole + newline + last if complete else whole + newline
 
 
 def _is_time(column: pl.Series) -> bool:
@@ -189,11 +237,11 @@ def _numbers(path: Path, table: pl.DataFrame, names: Sequence[str]) -> Float32Ar
     return out
 
 
-def _clock(path: Path, column: pl.Series | None, rows: int, step_s: float | None) -> tuple[FloatArray, float]:
-    """Seconds of each row, and of a step; a bare number counts minutes."""
+def _clock(path: Path, column: pl.Series | None, rows: int, how: Format) -> FloatArray:
+    """(R,) seconds of each row; a bare number counts minutes."""
+    step_s = how.step_s
     if column is None:
-        step_s = step_s or 60.0
-        return np.arange(rows, dtype=np.float64) * step_s, step_s
+        return np.arange(rows, dtype=np.float64) * (step_s or 60.0)
     if column.null_count():
         raise InvalidInputError(f"'{path}': the time is missing in row {int(column.is_null().arg_max() or 0) + 1}")
     if column.dtype == pl.String:
@@ -207,12 +255,11 @@ def _clock(path: Path, column: pl.Series | None, rows: int, step_s: float | None
     else:
         time_s = 60.0 * column.to_numpy().astype(np.float64)
     steps = np.diff(time_s)
-    if len(steps) and steps.min() <= 0.0:
-        raise InvalidInputError(f"'{path}': expected times that increase, row {int(steps.argmin()) + 2} does not")
-    usual = float(np.median(steps)) if len(steps) else 60.0
-    if step_s is not None and abs(usual - step_s) > 1e-3 * step_s:
-        raise InvalidInputError(f"'{path}': expected a row every {step_s:g} s, got times {usual:g} s apart")
-    return np.asarray(time_s, dtype=np.float64), usual
+    if len(steps) and steps.min() < 0.0:
+        raise InvalidInputError(
+            f"'{path}': expected times that increase, row {int(steps.argmin()) + 2} does not; sort the rows"
+        )
+    return np.asarray(time_s, dtype=np.float64)
 
 
 def _parsed(path: Path, column: pl.Series) -> pl.Series:
@@ -220,24 +267,6 @@ def _parsed(path: Path, column: pl.Series) -> pl.Series:
         return column.str.to_datetime(strict=True)
     except pl.exceptions.PolarsError as error:
         raise InvalidInputError(f"'{path}': '{column[0]}' in column '{column.name}' is no time") from error
-
-
-def _stretches(path: Path, time_s: FloatArray, step_s: float, speeds: Float32Array) -> list[Stretch]:
-    """Rows at equal steps, a new stretch each day; skipped rows are missing values, long gaps begin a new one."""
-    place = np.round((time_s - time_s[0]) / step_s).astype(int)
-    off = np.abs((time_s - time_s[0]) / step_s - place)
-    if off.max() > 0.25 or (np.diff(place) < 1).any():
-        row = int(off.argmax()) + 1 if off.max() > 0.25 else int(np.diff(place).argmin()) + 2
-        raise InvalidInputError(f"'{path}': expected a row every {step_s:g} s, got row {row} between two")
-    day = np.floor_divide(time_s, DAY_S).astype(int)
-    hole = np.diff(place) > LONGEST_GAP_ROWS
-    starts = np.flatnonzero(np.concatenate([[True], hole | (np.diff(day) > 0)]))
-    out = []
-    for begin, end in zip(starts, [*starts[1:], len(time_s)], strict=True):
-        even = np.full((place[end - 1] - place[begin] + 1, speeds.shape[1]), np.nan, dtype=np.float32)
-        even[place[begin:end] - place[begin]] = speeds[begin:end]
-        out.append(Stretch(f"{path.stem}:{begin + 1}", float(time_s[begin] % DAY_S), even))
-    return out
 
 
 def _few(names: Sequence[str]) -> str:

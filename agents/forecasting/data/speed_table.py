@@ -61,6 +61,8 @@ class SpeedData:
         sets: Stretches by set: `train` and `validation`, and `easy` and `hard` of a folder or `test` of a table.
         lag_min: Largest delay of the feed, minutes.
         source: Path.
+        missing: Share of missing values, by the rule of `grid`.
+        notes: What was done to the rows, one sentence each.
     """
 
     segments: tuple[str, ...]
@@ -68,6 +70,8 @@ class SpeedData:
     sets: Mapping[str, Sequence[Stretch]] = field(default_factory=dict)
     lag_min: float = 0.0
     source: str = ""
+    missing: float = 0.0
+    notes: tuple[str, ...] = ()
 
     def stretches(self, name: str) -> Sequence[Stretch]:
         """Stretches of one set.
@@ -124,7 +128,12 @@ def hold_out_days(days: Sequence[Stretch], share: float = SHARES[1]) -> tuple[li
 
 
 def check_speeds(
-    stretches: Sequence[Stretch], segments: Sequence[str], where: str, unit: str, max_missing: float
+    stretches: Sequence[Stretch],
+    segments: Sequence[str],
+    where: str,
+    unit: str,
+    max_missing: float,
+    trust_unit: bool = False,
 ) -> None:
     """Refuses speeds that would mislead a forecaster.
 
@@ -134,6 +143,7 @@ def check_speeds(
         where: Path, for the message.
         unit: Unit in which the speeds were read.
         max_missing: Share of a column that may be missing.
+        trust_unit: Whether to accept speeds that are implausible in the unit.
 
     Raises:
         InvalidInputError: A column is mostly missing or constant, a speed is negative, or the unit is implausible.
@@ -144,7 +154,8 @@ def check_speeds(
     if missing[worst] > max_missing:
         raise InvalidInputError(
             f"'{where}': column '{segments[worst]}' lacks {100 * missing[worst]:.0f} % of its values, expected at most "
-            f"{100 * max_missing:.0f} % ({int((missing > max_missing).sum())} of {len(segments)} columns lack more)"
+            f"{100 * max_missing:.0f} % ({int((missing > max_missing).sum())} of {len(segments)} columns lack more); "
+            "allow it: --max-missing; fewer gaps: longer steps by --resample"
         )
     constant = np.flatnonzero(np.nanmax(speeds, axis=0) - np.nanmin(speeds, axis=0) < STANDS_STILL_MPS)
     if len(constant):
@@ -152,6 +163,20 @@ def check_speeds(
         raise InvalidInputError(
             f"'{where}': column '{segments[constant[0]]}' is constant ({value:.4g} {unit}), expected speeds that change"
         )
+    check_values(stretches, segments, where, unit, trust_unit)
+
+
+def check_values(
+    stretches: Sequence[Stretch], segments: Sequence[str], where: str, unit: str, trust_unit: bool = False
+) -> None:
+    """Refuses speeds that are negative or implausible; arguments as of `check_speeds`.
+
+    Raises:
+        InvalidInputError: A speed is negative, or the unit is implausible.
+    """
+    speeds = np.concatenate([one.speeds for one in stretches])
+    if not np.isfinite(speeds).any():
+        raise InvalidInputError(f"'{where}': expected speeds, got only missing ones")
     if np.nanmin(speeds) < 0.0:
         row, column = np.argwhere(speeds < 0.0)[0]
         value = float(speeds[row, column]) / UNITS[unit]
@@ -159,7 +184,8 @@ def check_speeds(
             f"'{where}': column '{segments[column]}' has the speed {value:.4g} {unit} in row {row + 1}, expected 0 or "
             "more"
         )
-    _check_unit(speeds, segments, where, unit)
+    if not trust_unit:
+        _check_unit(speeds, segments, where, unit)
 
 
 def _check_unit(speeds: Float32Array, segments: Sequence[str], where: str, unit: str) -> None:
@@ -178,5 +204,5 @@ def _check_unit(speeds: Float32Array, segments: Sequence[str], where: str, unit:
     hint = f"; are these {' or '.join(others)}?" if others else ""
     raise InvalidInputError(
         f"'{where}': read as {unit}, {whose} is {raw:.4g} {unit} ({3.6 * free:.0f} km/h), expected {3.6 * low:.0f} to "
-        f"{3.6 * high:.0f} km/h{hint}"
+        f"{3.6 * high:.0f} km/h{hint}; if {unit} is right: --trust-unit"
     )

@@ -1,8 +1,11 @@
-"""`dohyo forecast`: trains speed forecasters on a table or a folder of days, and evaluates them."""
+"""`dohyo forecast`: trains speed forecasters on tables or a folder of days, evaluates them, and forecasts now."""
 
 from __future__ import annotations
 
+import csv
+import time
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,13 +18,29 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from dohyo.agents.forecasting.base import Forecaster
+    from dohyo.agents.forecasting.data.reading import Format
     from dohyo.agents.forecasting.data.speed_table import SpeedData
+    from dohyo.agents.forecasting.now import Forecast
 
-Data = Annotated[Path, typer.Option(help="A folder of `dohyo dataset freeway`, or a CSV or Parquet table.")]
+Data = Annotated[
+    list[Path],
+    typer.Option(help="A folder of `dohyo dataset freeway`, or a CSV or Parquet table; several tables are joined."),
+]
 Unit = Annotated[str, typer.Option(help="Unit of the table's speeds: m/s, km/h or mph.")]
 Step = Annotated[float | None, typer.Option(min=0.001, help="Minutes between two rows, if the table has no times.")]
 Missing = Annotated[float, typer.Option(min=0.0, max=0.99, help="Largest share of a column that may be missing.")]
 Stands = Annotated[float | None, typer.Option(help="Number that means a missing speed.")]
+Tolerance = Annotated[
+    float, typer.Option(min=0.0, max=0.5, help="Largest distance of a row from the grid of times, in steps.")
+]
+Resample = Annotated[
+    float | None, typer.Option(min=0.001, help="Minutes of new, longer steps with means over the rows within.")
+]
+Trust = Annotated[bool, typer.Option("--trust-unit", help="Accept speeds that are implausible in --unit.")]
+FigureFile = Annotated[
+    Path | None, typer.Option(help="Write a figure, *.html; a PNG beside it if chromium is installed.")
+]
+KEPT_UNIT = "km/h"
 
 
 def fit(
@@ -32,6 +51,10 @@ def fit(
     step: Step = None,
     max_missing: Missing = 0.3,
     missing_value: Stands = None,
+    tolerance: Tolerance = 0.5,
+    resample: Resample = None,
+    trust_unit: Trust = False,
+    figure: FigureFile = None,
     depth: Annotated[int, typer.Option(min=-1, max=4, help="Depth of the Laplacian pyramid loss; -1: none.")] = 3,
     steps: Annotated[int, typer.Option(min=1, help="Most optimiser steps in each phase.")] = 600,
     batch: Annotated[int | None, typer.Option(min=0, help="Windows per step; 0: all. [default: by width]")] = None,
@@ -45,7 +68,7 @@ def fit(
 
     if out is not None and out.suffix != ".safetensors":
         raise InvalidInputError(f"expected --out to end in .safetensors, got '{out}'")
-    table = _read(data, unit, step, max_missing, missing_value)
+    table = _read(data, _format(unit, step, max_missing, missing_value, tolerance, resample, trust_unit))
     settings = training.TrainSettings(
         depth=None if depth < 0 else depth, steps=steps, batch=batch, rate=rate, seed=seed
     )
@@ -58,6 +81,7 @@ def fit(
             train, validation, lambda done, total, error: progress.update(bar, completed=done, total=total, error=error)
         )
     written = _write(forecaster, out) if out else []
+    written += _draw(forecaster, table, table.measured_sets[0], unit, figure)
     _report(forecaster, table, table.measured_sets, json, written)
 
 
@@ -68,31 +92,168 @@ def evaluate(
     step: Step = None,
     max_missing: Missing = 0.3,
     missing_value: Stands = None,
+    tolerance: Tolerance = 0.5,
+    resample: Resample = None,
+    trust_unit: Trust = False,
+    figure: FigureFile = None,
     sets: Annotated[str | None, typer.Option(help="Separated by commas, such as test or easy,hard.")] = None,
     json: Json = False,
 ) -> None:
     """Prints the errors of a trained forecaster beside those of persistence."""
+    table = _read(data, _format(unit, step, max_missing, missing_value, tolerance, resample, trust_unit))
+    forecaster = _loaded(model, len(table.segments), table.step_s, table.source)
+    chosen = sets.split(",") if sets else table.measured_sets
+    _report(forecaster, table, chosen, json, _draw(forecaster, table, chosen[0], unit, figure))
+
+
+def run(
+    data: Data,
+    model: Annotated[str, typer.Option(help="A shipped model, a .safetensors or .onnx file, or persistence.")],
+    unit: Unit = "m/s",
+    step: Step = None,
+    missing_value: Stands = None,
+    tolerance: Tolerance = 0.5,
+    resample: Resample = None,
+    trust_unit: Trust = False,
+    out: Annotated[Path | None, typer.Option(help="Append the forecasts to this CSV file.")] = None,
+    figure: FigureFile = None,
+    follow: Annotated[bool, typer.Option("--follow", help="Forecast again whenever the table has grown.")] = False,
+    every: Annotated[float, typer.Option(min=0.05, help="Seconds between two looks at the table.")] = 5.0,
+    idle: Annotated[
+        float | None, typer.Option(min=0.1, help="End --follow once the table has not grown for so many seconds.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Forecasts the next three steps after the last row of a table, with intervals by the model's past errors."""
+    from dohyo.agents.forecasting.data.reading import read_latest
+    from dohyo.agents.forecasting.figures import now_figure
+    from dohyo.agents.forecasting.now import forecast_now
+
+    how = _format(unit, step, 1.0, missing_value, tolerance, resample, trust_unit)
+    made_s, grown_at = -float("inf"), time.monotonic()
+    while True:
+        grid = read_latest(data, how)
+        if grid.last_s > made_s:
+            forecaster = _loaded(model, len(grid.names), grid.step_s, str(data[0]))
+            forecast = forecast_now(forecaster, grid)
+            written = _append(out, forecast, unit) if out else []
+            written += _write_figure(now_figure(forecast, grid, unit), figure) if figure else []
+            _show(forecast, unit, grid.notes, written, json)
+            made_s, grown_at = grid.last_s, time.monotonic()
+        if not follow or (idle is not None and time.monotonic() - grown_at > idle):
+            return
+        time.sleep(every)
+
+
+def _format(
+    unit: str,
+    step_min: float | None,
+    max_missing: float,
+    missing_value: float | None,
+    tolerance: float,
+    resample_min: float | None,
+    trust_unit: bool,
+) -> Format:
+    from dohyo.agents.forecasting.data.reading import Format
+
+    step_s, resample_s = (None if minutes is None else 60.0 * minutes for minutes in (step_min, resample_min))
+    return Format(unit, step_s, max_missing, missing_value, tolerance, resample_s, trust_unit)
+
+
+def _read(paths: Sequence[Path], how: Format) -> SpeedData:
+    from dohyo.agents.forecasting.data.reading import read_data
+
+    return read_data(paths, how)
+
+
+def _loaded(model: str, segments: int, step_s: float, source: str) -> Forecaster:
+    """Forecaster that fits a table."""
     from dohyo.agents.forecasting import registry
+    from dohyo.agents.forecasting.now import check_fits
     from dohyo.agents.forecasting.simple import Persistence
 
-    table = _read(data, unit, step, max_missing, missing_value)
-    segments = len(table.segments)
     if model == Persistence.name:
-        forecaster: Forecaster = registry.make_forecaster(model, segments, table.step_s)
-    else:
-        forecaster = registry.load_forecaster(model)
-    if forecaster.segments != segments:
-        raise InvalidInputError(
-            f"'{model}' forecasts {forecaster.segments} segments, '{data}' has {segments}; train one on it with "
-            "dohyo forecast fit"
+        return registry.make_forecaster(model, segments, step_s)
+    forecaster = registry.load_forecaster(model)
+    check_fits(forecaster, segments, step_s, model, source)
+    return forecaster
+
+
+def _draw(forecaster: Forecaster, table: SpeedData, name: str, unit: str, path: Path | None) -> list[Path]:
+    """Writes the figure of an evaluation."""
+    if path is None:
+        return []
+    from dohyo.agents.forecasting.figures import evaluation_figure
+
+    return _write_figure(evaluation_figure(forecaster, table, name, unit), path)
+
+
+def _write_figure(drawn: Any, path: Path | None) -> list[Path]:
+    if path is None:
+        return []
+    from dohyo.evaluation.report.pictures import write_page
+
+    return write_page(drawn, path, "Forecast")
+
+
+def _append(path: Path, forecast: Forecast, unit: str) -> list[Path]:
+    """Appends one line per step and segment; a new file begins with the names of the columns."""
+    from dohyo.agents.forecasting.data.speed_table import UNITS
+
+    new = not path.exists()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a", newline="") as file:
+        writer = csv.writer(file)
+        if new:
+            writer.writerow(["made_at", "time", "segment", "speed", "low", "high", "unit"])
+        for row, at in enumerate(forecast.times_s.tolist()):
+            for column, name in enumerate(forecast.segments):
+                ends = (forecast.ahead, forecast.low, forecast.high)
+                speeds = [f"{float(end[row, column]) / UNITS[unit]:.3f}" for end in ends]
+                writer.writerow([_moment(forecast.made_s), _moment(at), name, *speeds, unit])
+    return [path]
+
+
+def _moment(time_s: float) -> str:
+    """A time as in the table; bare minutes count from 1970."""
+    return datetime.fromtimestamp(time_s, UTC).strftime("%Y-%m-%d %H:%M:%S")
+
+
+def _show(forecast: Forecast, unit: str, notes: Sequence[str], written: Sequence[Path], as_json: bool) -> None:
+    """Prints one forecast."""
+    from dohyo.agents.forecasting.data.speed_table import UNITS
+
+    ahead, low, high, latest = (
+        np.asarray(values, np.float64) / UNITS[unit]
+        for values in (forecast.ahead, forecast.low, forecast.high, forecast.latest)
+    )
+    if as_json:
+        times = [_moment(at) for at in forecast.times_s.tolist()]
+        speeds = {name: _known(values) for name, values in (("speed", ahead), ("low", low), ("high", high))}
+        document = {"made_at": _moment(forecast.made_s), "times": times, "segments": list(forecast.segments)}
+        print_json({**document, "unit": unit, **speeds, "windows": forecast.windows, "notes": list(notes)})
+        return
+    console.print(f"{_moment(forecast.made_s)}: the next steps, {unit}", highlight=False)
+    rows = []
+    for column, name in enumerate(forecast.segments):
+        cells = [_cell(ahead[row, column], low[row, column], high[row, column]) for row in range(len(ahead))]
+        rows.append((name, "-" if np.isnan(latest[column]) else number(float(latest[column])), *cells))
+    print_rows(["segment", "now", *(_moment(at)[11:16] for at in forecast.times_s.tolist())], rows)
+    if np.isfinite(low).any():
+        console.print(
+            f"in brackets 90 % of the errors of {forecast.windows} past forecasts of this table; too narrow if the "
+            "model was trained on these rows"
         )
-    _report(forecaster, table, sets.split(",") if sets else table.measured_sets, json, [])
+    for path in written:
+        console.print(f"written: {path.resolve()}", soft_wrap=True)
 
 
-def _read(path: Path, unit: str, step_min: float | None, max_missing: float, missing_value: float | None) -> SpeedData:
-    from dohyo.agents.forecasting.data.reading import Format, read_data
+def _known(values: np.ndarray) -> list[list[float | None]]:
+    return [[None if np.isnan(one) else round(float(one), 3) for one in row] for row in values]
 
-    return read_data(path, Format(unit, None if step_min is None else 60.0 * step_min, max_missing, missing_value))
+
+def _cell(middle: float, low: float, high: float) -> str:
+    return number(middle) if np.isnan(low) else f"{number(middle)} [{number(low)}, {number(high)}]"
 
 
 def _write(forecaster: Forecaster, path: Path) -> list[Path]:
@@ -116,13 +277,15 @@ def _report(
     from dohyo.agents.forecasting.simple import Persistence
 
     document: dict[str, Any] = {"segments": len(table.segments), "step_s": table.step_s, "sets": {}}
+    document |= {"missing": table.missing, "notes": list(table.notes)}
     rows = []
     for name in sets:
         windows = make_windows(table.stretches(name), table.step_s)
         free_mps = forecaster.free_mps if forecaster.free_mps > 1.0 else float(np.quantile(windows.history, 0.999))
         simple = Persistence(len(table.segments), table.step_s)
         both = {forecaster_name(forecaster): forecaster, simple.name: simple}
-        document["sets"][name] = {"windows": len(windows), "free_mps": free_mps}
+        days = len(np.unique(windows.stretch))
+        document["sets"][name] = {"windows": len(windows), "stretches": days, "free_mps": free_mps}
         for label, one in both.items():
             got = errors(one, windows, free_mps)
             mse = got.normalised.mean(axis=0)
@@ -130,16 +293,27 @@ def _report(
                 "mse_x1000": mse.tolist(),
                 "rmse_kmh": got.rmse("km/h").tolist(),
                 "rmse_mph": got.rmse("mph").tolist(),
+                "rmse_kmh_interval": _known(got.rmse_interval(KEPT_UNIT)),
             }
             document["sets"][name][label] = facts
-            values = (*mse, *got.rmse("km/h"))
-            rows.append((name, label, *(number(float(value)) for value in values)))
+            ends = got.rmse_interval(KEPT_UNIT)
+            speeds = [_cell(float(rmse), *pair) for rmse, pair in zip(got.rmse(KEPT_UNIT), ends.tolist(), strict=True)]
+            rows.append((name, label, *(number(float(value)) for value in mse), *speeds))
     document["written"] = [str(path.resolve()) for path in written]
     if as_json:
         print_json(document)
         return
     ahead = [f"t+{(i + 1) * table.step_s / 60:g} min" for i in range(3)]
     print_rows(["set", "", *(f"MSE x 10^3 {at}" for at in ahead), *(f"km/h {at}" for at in ahead)], rows)
+    counts = ", ".join(f"{one['stretches']} in {name}" for name, one in document["sets"].items())
+    console.print(
+        f"means over stretches (mostly days; {counts}), each with the same weight, of the mean over its windows and "
+        "segments; 95 % over stretches"
+    )
+    if table.missing:
+        console.print(f"{100 * table.missing:.1f} % of the speeds are missing; filled in histories, left out of errors")
+    for note in table.notes:
+        console.print(note)
     if table.lag_min:
         console.print(f"the feed is up to {table.lag_min:g} min late: now is that long after its last row")
     for path in written:

@@ -101,9 +101,6 @@ def bad_tables() -> dict[str, tuple[dict[str, object], Format, str]]:
         "words": (columns | {"s1": ["fast"] * 200}, in_mps, "expected numbers in column 's1', got 'fast'"),
         "infinite": (but("s1", 3, np.inf), in_mps, "'s1' is infinite in row 4"),
         "backwards": ({"time": minutes[::-1], **columns}, in_mps, "expected times that increase, row 2 does not"),
-        "uneven": (
-            {"time": np.where(minutes == 50, 49.5, minutes), **columns}, in_mps, "every 60 s, got row 51 between two"
-        ),
         "other step": ({"timestamp": every_5, **columns}, Format(step_s=60.0), "every 60 s, got times 300 s apart"),
         "no speeds": ({"time": minutes}, in_mps, "columns of speeds"),
     }  # fmt: skip

@@ -1,0 +1,132 @@
+"""Forecast now: the next rows after the last one of a table that grows, with intervals by the model's past errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dohyo.agents.forecasting.base import Forecaster
+from dohyo.agents.forecasting.data.grid import Grid
+from dohyo.agents.forecasting.data.speed_table import DAY_S
+from dohyo.agents.forecasting.data.windows import HISTORY, HORIZON, make_windows
+from dohyo.agents.forecasting.quantiles import COVERAGE, conformal_quantile
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+
+LEAST_ERRORS, MOST_WINDOWS = 30, 2000
+"""Fewest past errors for an interval, and the number of the latest windows that give them."""
+SAME_STEP = 0.01
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Speeds of the next three steps.
+
+    Attributes:
+        made_s: Time of the last row.
+        step_s: Seconds between two rows.
+        segments: Names of the N columns.
+        latest: (N,) speeds of the last row, m/s, NaN where missing.
+        ahead: (3, N), m/s.
+        low: (3, N) lower end of the 90 % interval; NaN where there are too few past errors.
+        high: (3, N) upper end.
+        windows: Number of past forecasts whose errors the interval is of.
+    """
+
+    made_s: float
+    step_s: float
+    segments: tuple[str, ...]
+    latest: Float32Array
+    ahead: FloatArray
+    low: FloatArray
+    high: FloatArray
+    windows: int
+
+    @property
+    def times_s(self) -> FloatArray:
+        """(3,) times of the forecast rows."""
+        return np.asarray(self.made_s + self.step_s * np.arange(1.0, HORIZON + 1.0))
+
+
+def check_fits(forecaster: Forecaster, segments: int, step_s: float, model: str, source: str) -> None:
+    """Refuses a table that a forecaster was not trained for.
+
+    Raises:
+        InvalidInputError: The number of columns or the step differs.
+    """
+    if forecaster.segments != segments:
+        raise InvalidInputError(
+            f"'{model}' forecasts {forecaster.segments} segments, '{source}' has {segments}; train one on it with "
+            "dohyo forecast fit"
+        )
+    if abs(forecaster.step_s - step_s) > SAME_STEP * step_s:
+        own, rows = forecaster.step_s / 60, step_s / 60
+        raise InvalidInputError(
+            f"'{model}' forecasts rows {own:g} min apart, those of '{source}' are {rows:g} min apart; "
+            + (f"--resample {own:g}, or " if own > rows else "")
+            + "train one on it with dohyo forecast fit"
+        )
+
+
+def forecast_now(forecaster: Forecaster, grid: Grid) -> Forecast:
+    """Forecast after the last row.
+
+    Args:
+        forecaster: Trained, for such a table.
+        grid: The table.
+
+    Raises:
+        InvalidInputError: The table has too few rows, or nothing was measured in the last eight.
+    """
+    history = latest_steps(grid, HISTORY)
+    ahead = forecaster.predict(history, grid.last_s % DAY_S)
+    errors, windows = past_errors(forecaster, grid)
+    return Forecast(
+        made_s=grid.last_s,
+        step_s=grid.step_s,
+        segments=grid.names,
+        latest=history[-1],
+        ahead=ahead,
+        low=np.maximum(ahead - errors, 0.0),
+        high=ahead + errors,
+        windows=windows,
+    )
+
+
+def latest_steps(grid: Grid, steps: int) -> Float32Array:
+    """(steps, N) the last steps up to the last row, NaN where nothing was measured.
+
+    Raises:
+        InvalidInputError: The table covers fewer steps, or nothing was measured in these.
+    """
+    first = grid.place[-1] - steps + 1
+    if first < grid.place[0]:
+        raise InvalidInputError(
+            f"expected a table of at least {steps} steps, got {int(grid.place[-1] - grid.place[0]) + 1}"
+        )
+    out = np.full((steps, grid.speeds.shape[1]), np.nan, dtype=np.float32)
+    rows = grid.place >= first
+    out[grid.place[rows] - first] = grid.speeds[rows]
+    if not np.isfinite(out).any():
+        raise InvalidInputError(f"expected a speed in the last {steps} steps, got none")
+    return out
+
+
+def past_errors(forecaster: Forecaster, grid: Grid) -> tuple[FloatArray, int]:
+    """(3, N) size of the error that 90 % of the past forecasts do not exceed, m/s, and their number.
+
+    NaN where there are too few. Past rows that the forecaster was trained on make them too small.
+    """
+    none = np.full((HORIZON, len(grid.names)), np.nan)
+    try:
+        windows = make_windows(grid.stretches("past"), grid.step_s)
+    except InvalidInputError:
+        return none, 0
+    windows = windows.chosen(np.arange(max(0, len(windows) - MOST_WINDOWS), len(windows)))
+    off = np.abs(forecaster.predict_many(windows.history, windows.time_s) - windows.target)
+    for row, column in np.ndindex(none.shape):
+        known = off[:, row, column][np.isfinite(off[:, row, column])]
+        if len(known) >= LEAST_ERRORS:
+            none[row, column] = conformal_quantile(known, COVERAGE)
+    return none, len(windows)

@@ -1,0 +1,129 @@
+"""Tables as detectors write them: times off the grid, duplicates, several files, odd units, a file that grows."""
+
+from __future__ import annotations
+
+import csv
+import datetime
+import json
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from dohyo.agents.forecasting.data.grid import Rows, on_grid
+from dohyo.agents.forecasting.data.reading import Format, read_data, read_latest
+from dohyo.agents.forecasting.now import forecast_now
+from dohyo.agents.forecasting.simple import Persistence
+from dohyo.service.cli import app
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from tests.agents.forecasting.roads import road_speeds
+
+START = datetime.datetime(2024, 3, 4, 5)
+
+
+def rows(times_min: FloatArray, speeds: FloatArray, source: str = "a.csv") -> Rows:
+    return Rows(source, 60.0 * times_min, ("s",), speeds[:, None].astype(np.float32))
+
+
+def write(path: Path, speeds: FloatArray, off_s: FloatArray | None = None, per_mps: float = 3.6) -> Path:
+    """A table of one detector, a row every five minutes from START on, each so many seconds late."""
+    late = np.zeros(len(speeds)) if off_s is None else off_s
+    lines = [
+        f"{START + datetime.timedelta(minutes=5 * i, seconds=float(late[i]))},{per_mps * speed:.2f}"
+        for i, speed in enumerate(speeds)
+    ]
+    path.write_text("timestamp,value\n" + "\n".join(lines) + "\n")
+    return path
+
+
+def dohyo(*words: object) -> str:
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    if isinstance(result.exception, InvalidInputError):
+        raise result.exception
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_rows_off_the_grid_are_moved_duplicates_averaged_and_both_are_said() -> None:
+    times = np.array([0.0, 5.0, 5.0, 10.9, 15.0, 27.4])
+    grid = on_grid([rows(times, np.array([10.0, 20, 22, 30, 40, 50]))], 300.0, 0.5, None)
+    assert grid.place.tolist() == [0, 1, 2, 3, 5]
+    np.testing.assert_allclose(grid.speeds[:, 0], [10, 21, 30, 40, 50])
+    assert "1 of 6 rows lie more than a quarter of a step off" in grid.notes[0]
+    strict = on_grid([rows(times, np.arange(6.0))], 300.0, 0.3, None)
+    assert strict.place.tolist() == [0, 1, 2, 3], "the last row is left out, and so is missing"
+    (stretch,) = grid.stretches("a")
+    assert np.isnan(stretch.speeds[4, 0])
+
+
+def test_longer_steps_have_means_and_shorter_ones_are_refused() -> None:
+    speeds = np.array([10.0, 20, np.nan, 40, 50, 60])
+    grid = on_grid([rows(5.0 * np.arange(6), speeds)], None, 0.5, 900.0)
+    np.testing.assert_allclose(grid.speeds[:, 0], [15.0, 50.0])
+    with pytest.raises(InvalidInputError, match="expected --resample of at least 5 minutes"):
+        on_grid([rows(5.0 * np.arange(6), speeds)], None, 0.5, 60.0)
+
+
+def test_several_files_are_joined_by_time() -> None:
+    one, two = rows(5.0 * np.arange(4), np.arange(4.0)), rows(5.0 * np.arange(2, 6), np.arange(4.0), "there/b.csv")
+    grid = on_grid([one, two], None, 0.5, None)
+    assert grid.names == ("a", "b")
+    np.testing.assert_allclose(grid.speeds[2:4], [[2.0, 0.0], [3.0, 1.0]])
+    assert np.isnan(grid.speeds[[0, 1], 1]).all()
+
+
+def test_rows_left_out_count_as_missing_and_a_unit_may_be_trusted(tmp_path: Path) -> None:
+    speeds = road_speeds(250, 1)[:, 0]
+    lines = write(tmp_path / "t.csv", speeds, per_mps=4.6).read_text().splitlines()
+    (tmp_path / "t.csv").write_text("\n".join([lines[0], *(line for i, line in enumerate(lines[1:]) if i % 5 < 3)]))
+    with pytest.raises(InvalidInputError, match=r"lacks 39 % of its values.*--max-missing.*--resample"):
+        read_data(tmp_path / "t.csv", Format("km/h"))
+    with pytest.raises(InvalidInputError, match=r"if mph is right: --trust-unit"):
+        read_data(tmp_path / "t.csv", Format("mph", max_missing=0.5))
+    data = read_data(tmp_path / "t.csv", Format("mph", max_missing=0.5, trust_unit=True))
+    assert data.missing == pytest.approx(0.4, abs=0.02)
+
+
+def test_a_forecast_now_is_of_the_last_complete_row_with_the_errors_of_the_past(tmp_path: Path) -> None:
+    table = write(tmp_path / "t.csv", np.full(60, 20.0) + np.arange(60) % 2)
+    with table.open("a") as file:
+        file.write("2024-03-04 10:")
+    forecast = forecast_now(Persistence(1, 300.0), read_latest(table, Format("km/h")))
+    assert forecast.made_s == (START + datetime.timedelta(minutes=295)).replace(tzinfo=datetime.UTC).timestamp()
+    np.testing.assert_allclose(forecast.ahead, 21.0, atol=0.01)
+    np.testing.assert_allclose((forecast.high - forecast.low)[:, 0], [2.0, 0.0, 2.0], atol=0.02)
+    short = write(tmp_path / "short.csv", np.full(5, 20.0))
+    with pytest.raises(InvalidInputError, match="at least 8 steps, got 5"):
+        forecast_now(Persistence(1, 300.0), read_latest(short, Format("km/h")))
+
+
+def test_the_commands_follow_a_file_that_grows_and_compare_steps(tmp_path: Path) -> None:
+    speeds = road_speeds(400, 1)[:, 0]
+    table = write(tmp_path / "t.csv", speeds[:300], np.tile([0.0, 40.0, 100.0], 100))
+    words = ("--data", table, "--unit", "km/h", "--model")
+    fitted = json.loads(dohyo("forecast", "fit", *words, "linear", "--out", tmp_path / "m.safetensors", "--json"))
+    low, high = fitted["sets"]["test"]["linear"]["rmse_kmh_interval"][0] or (None, None)
+    assert low is None or low <= fitted["sets"]["test"]["linear"]["rmse_kmh"][0] <= high
+    assert "off the grid" in fitted["notes"][0]
+    with pytest.raises(InvalidInputError, match=r"forecasts rows 5 min apart, those of .* are 15 min apart; train one"):
+        dohyo("forecast", "run", *words, tmp_path / "m.safetensors", "--resample", 15)
+    lines = write(tmp_path / "later.csv", speeds[:302]).read_text().splitlines()
+
+    def grow() -> None:
+        while not (tmp_path / "out.csv").exists():
+            time.sleep(0.02)
+        with table.open("a") as file:
+            file.write("\n".join(lines[-2:]) + "\n")
+
+    logger = threading.Thread(target=grow)
+    logger.start()
+    run = ("forecast", "run", *words, tmp_path / "m.safetensors", "--out", tmp_path / "out.csv", "--follow")
+    dohyo(*run, "--every", 0.05, "--idle", 1.5)
+    logger.join()
+    written = list(csv.DictReader((tmp_path / "out.csv").open()))
+    assert len({row["made_at"] for row in written}) == 2
+    assert all(float(row["low"]) <= float(row["speed"]) <= float(row["high"]) for row in written)
