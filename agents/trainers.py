@@ -68,6 +68,11 @@ TRAINERS: dict[str, Listed] = {
     "parking": Listed(
         "dohyo.agents.parking.training.dppo_il:PARKING", "parking of karts, by PPO, SAC, MA-POCA or DPPO-IL"
     ),
+    "priboot": Listed(
+        "dohyo.agents.priboot.training.train:PRIBOOT",
+        "waypoints of PRIBOOT, from recorded demonstrations",
+        "priboot.safetensors, priboot.onnx",
+    ),
 }
 
 

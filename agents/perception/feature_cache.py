@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from dohyo.agents.perception.encoders.base import Encoder
-from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
@@ -54,7 +53,8 @@ def cached_features(
     prepare: Prepare | None = None,
     batch: int = 64,
     progress: Callable[[int], None] = lambda rows: None,
-) -> Float32Array:
+    dtype: type[np.floating[Any]] = np.float32,
+) -> NDArray[Any]:
     """Features of all pictures; computed only where the folder does not hold them.
 
     Two processes that want the same features compute them once: the second one waits.
@@ -67,9 +67,10 @@ def cached_features(
             and must give its settings: a frozen dataclass with `__call__`, or a module.
         batch: Pictures at once.
         progress: Called with the number of pictures done, after every batch.
+        dtype: Of the stored features; np.float16 halves the file.
 
     Returns:
-        (N, F) float32, memory-mapped, read-only.
+        (N, F) of that type, memory-mapped, read-only.
 
     Raises:
         InvalidInputError: There are no pictures, the `repr` of `prepare` does not give its settings, or a file of the
@@ -77,19 +78,22 @@ def cached_features(
     """
     if not len(pictures):
         raise InvalidInputError("expected pictures to compute features of, got none")
-    path = folder / f"{features_digest(encoder, pictures, prepare)}.npy"
+    suffix = "" if dtype is np.float32 else f"-{np.dtype(dtype).name}"
+    path = folder / f"{features_digest(encoder, pictures, prepare)}{suffix}.npy"
     shape = (len(pictures), encoder.features)
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(path.with_suffix(".lock")):
             if not path.exists():
-                _compute(encoder, pictures, prepare, batch, path, progress)
+                _compute(encoder, pictures, prepare, batch, path, progress, dtype)
     try:
-        features: Float32Array = np.load(path, mmap_mode="r")
+        features: NDArray[Any] = np.load(path, mmap_mode="r")
     except (OSError, ValueError, EOFError) as error:
         raise InvalidInputError(f"features '{path}' are damaged: {error}; remove the file") from error
-    if features.shape != shape or features.dtype != np.float32:
-        raise InvalidInputError(f"features '{path}': expected float32 {shape}, got {features.dtype} {features.shape}")
+    if features.shape != shape or features.dtype != dtype:
+        raise InvalidInputError(
+            f"features '{path}': expected {np.dtype(dtype)} {shape}, got {features.dtype} {features.shape}"
+        )
     return features
 
 
@@ -117,12 +121,13 @@ def _compute(
     batch: int,
     path: Path,
     progress: Callable[[int], None],
+    dtype: type[np.floating[Any]],
 ) -> None:
     """Computes in batches into a draft, which gets its name when it is complete."""
     draft, marker = path.with_suffix(".part.npy"), path.with_suffix(".json")
     done = _rows_done(draft, marker, (len(pictures), encoder.features))
     features = np.lib.format.open_memmap(
-        draft, "r+" if done else "w+", np.float32, None if done else (len(pictures), encoder.features)
+        draft, "r+" if done else "w+", dtype, None if done else (len(pictures), encoder.features)
     )
     device, training = next(encoder.parameters()).device, encoder.training
     encoder.eval()

@@ -155,7 +155,7 @@ class Birdseye(Sensor):
         if config.mode == "masks":
             to_masks(self._bits, out)
         else:
-            to_colours(self._bits, _palette(), out)
+            to_colours(self._bits, palette(), out)
         return out
 
     def _draw_ground(self, network: RoadNetwork, place: FloatArray) -> tuple[float, float, float, float]:
@@ -232,7 +232,7 @@ def _stop_lines(network: RoadNetwork) -> tuple[IntArray, FloatArray, CellIndex]:
 
 
 @lru_cache(maxsize=1)
-def _palette() -> NDArray[np.uint8]:
+def palette() -> NDArray[np.uint8]:
     """(2 ** 14, 3) colour of the last layer of every set of layers."""
     bits = np.arange(1 << len(Layer))
     out = np.empty((len(bits), 3), dtype=np.uint8)

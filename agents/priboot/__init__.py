@@ -1,0 +1,1 @@
+"""PRIBOOT: a driver that learns waypoints from few demonstrations and a coloured view from above."""

@@ -1,0 +1,228 @@
+"""Recording: the autopilot drives routes with the leaderboard's events; half of the egos are disturbed.
+
+    python -m dohyo.agents.priboot.recording.record --out out/priboot/demonstrations --samples 30000
+
+Network, missions, events, traffic, noise and displacements of an episode follow from its number and the seed alone. A
+interrupted recording goes on where it stopped, and the same order gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+
+from dohyo.agents.driving import decisions
+from dohyo.agents.experts.autopilot import Autopilot
+from dohyo.agents.mcts.predictors import recording as motion
+from dohyo.agents.priboot import measurements
+from dohyo.agents.priboot.measurements import BlockTime, measured
+from dohyo.agents.priboot.recording.dataset import (
+    SCHEMA_VERSION,
+    VIEWS,
+    WAYPOINT_S,
+    WAYPOINTS,
+    Demonstrations,
+    load_shard,
+)
+from dohyo.agents.priboot.recording.displacement import MOVING_M_S, Bursts, displaced, drawn_displacement
+from dohyo.agents.priboot.view import SENSOR, packed
+from dohyo.agents.shards import claim_folder
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.conditions import Conditions
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.sumo_networks.events.auto_events import auto_events
+from dohyo.sumo_networks.events.registry import Event
+from dohyo.sumo_networks.files import write_atomically
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.routes.routing import plan_route
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.sensors import Sensor, make_sensors
+from dohyo.sumo_networks.units import TICK_S
+from dohyo.sumo_networks.world import World
+
+NETWORKS = ("town-train", "district", "braunschweig", "ingolstadt")
+"""Adlershof and town-test judge, and are never recorded."""
+VALIDATION_EVERY = 5
+_AHEAD = tuple(round((j + 1) * WAYPOINT_S / TICK_S) for j in range(WAYPOINTS))
+
+
+@dataclass(frozen=True, slots=True)
+class DemonstrationRequest:
+    """Order of a recording.
+
+    Attributes:
+        samples: Moments for training and validation, at least.
+        seed: Of all randomness.
+        egos: Number per episode.
+        every_s: Between two moments of one ego.
+        episode_s: How long an episode lasts.
+    """
+
+    samples: int = 30_000
+    seed: int = 0
+    egos: int = 6
+    every_s: float = 0.2
+    episode_s: float = 90.0
+
+
+def record(
+    order: DemonstrationRequest, out: Path, progress: Callable[[str, int], None] = lambda name, moments: None
+) -> int:
+    """Records until there are enough moments; existing episodes are kept.
+
+    Args:
+        order: What to record.
+        out: Folder; see `dataset`.
+        progress: Called with the name of every episode and the number of moments so far.
+
+    Returns:
+        Number of moments.
+
+    Raises:
+        InvalidInputError: The order is impossible, or the folder holds a dataset of another order.
+    """
+    if order.samples < 1 or order.egos < 1 or order.every_s < TICK_S or order.episode_s < WAYPOINTS * WAYPOINT_S:
+        raise InvalidInputError(f"expected samples, egos, and times of a tick and two seconds at least, got {order}")
+    document = {name: value for name, value in asdict(order).items() if name != "samples"}
+    claim_folder(out, {"schema": SCHEMA_VERSION, **document})
+    moments = 0
+    for episode in count():
+        network, number = NETWORKS[episode % len(NETWORKS)], episode // len(NETWORKS)
+        moments += sum(len(load_shard(path)) for path in _recorded(order, out, network, number))
+        progress(f"{network}-{number}", moments)
+        if moments >= order.samples:
+            return moments
+    raise AssertionError("unreachable")
+
+
+def _recorded(order: DemonstrationRequest, out: Path, network: str, number: int) -> list[Path]:
+    """Shards of one episode, which is driven unless they are all there."""
+    folder = out / ("validation" if number % VALIDATION_EVERY == VALIDATION_EVERY - 1 else "train")
+    paths = [folder / f"{network}-{number:04d}-{ego}.npz" for ego in range(order.egos)]
+    if not all(path.exists() for path in paths):
+        folder.mkdir(parents=True, exist_ok=True)
+        for path, drive in zip(paths, record_episode(scenario(order, network, number), order), strict=True):
+            write_atomically(path, drive.to_bytes())
+    return paths
+
+
+def scenario(order: DemonstrationRequest, name: str, number: int) -> Scenario:
+    """The scenario of one episode: missions and traffic as in the motion dataset, with events on every route.
+
+    Raises:
+        InvalidInputError: The network has too few missions.
+    """
+    drawn = motion.scenario(motion.MotionRequest(seed=order.seed, egos=order.egos), name, number)
+    network = load_network(name)
+    events: list[Event] = []
+    for place, mission in enumerate(drawn.missions):
+        try:
+            seed = int(np.random.SeedSequence(drawn.seed, spawn_key=(place,)).generate_state(1)[0])
+            events += auto_events(network, plan_route(network, mission), seed, ego=mission.name)
+        except InvalidInputError:  # no kind fits on a short route
+            continue
+    return drawn.model_copy(update={"name": f"priboot-{name}-{number}", "events": tuple(events)})
+
+
+def record_episode(scenario: Scenario, order: DemonstrationRequest) -> list[Demonstrations]:
+    """Drives one scenario, and returns the moments of each ego."""
+    names = [mission.name for mission in scenario.missions]
+    agents = {name: Autopilot() for name in names}  # type: ignore[abstract]
+    drives = [Drive(scenario, ego, noisy=ego % 2 == 1) for ego in range(len(names))]
+    stride = max(round(order.every_s / TICK_S), 1)
+    with closing(DrivingEnv(scenario, Autopilot.spec.sensors, Autopilot.spec.control, reward=None)) as env:
+        for now in decisions(env, agents, round(order.episode_s / TICK_S)):
+            for name, action in now.actions.items():
+                drive = drives[names.index(name)]
+                now.actions[name] = drive.tick(env.world, np.asarray(action), now.tick % stride == 0)
+    return [drive.demonstrations() for drive in drives]
+
+
+class Drive:
+    """One ego's drive as it is recorded."""
+
+    def __init__(self, scenario: Scenario, ego: int, noisy: bool) -> None:
+        self._ego, self._rng = ego, np.random.default_rng([scenario.seed, SCHEMA_VERSION, ego])
+        self._bursts = Bursts(self._rng.spawn(1)[0]) if noisy else None
+        self._sensors = make_sensors((SENSOR, *measurements.SENSORS), conditions=Conditions())
+        self._blocked = BlockTime()
+        self._poses: list[tuple[float, float, float]] = []
+        self._noisy: list[bool] = []
+        self._moments: list[tuple[int, list[tuple[FloatArray, np.ndarray, Float32Array]]]] = []
+
+    def tick(self, world: World, action: FloatArray, keep: bool) -> FloatArray:
+        """Notes one tick, as a moment if wanted; returns the action that the ego drives."""
+        egos = world.egos
+        speed = float(egos.speed[self._ego])
+        self._blocked.update(speed)
+        if keep:
+            self._moments.append((len(self._poses), [self._view(world, by) for by in self._displacements(speed)]))
+        self._poses.append((*egos.position[self._ego].tolist(), float(egos.heading[self._ego])))
+        out = action if self._bursts is None else self._bursts.disturbed(action, speed)
+        self._noisy.append(self._bursts is not None and self._bursts.active)
+        return out
+
+    def demonstrations(self) -> Demonstrations:
+        """All moments whose waypoints were driven by the expert alone."""
+        rows = []
+        for tick, views in self._moments:
+            last = tick + _AHEAD[-1]
+            if last < len(self._poses) and not any(self._noisy[tick:last]):
+                waypoints = [self._waypoints(tick, by) for by, _, _ in views]
+                rows.append(([layers for _, layers, _ in views], [numbers for _, _, numbers in views], waypoints))
+        return Demonstrations.of(rows)
+
+    def _displacements(self, speed: float) -> Iterator[FloatArray]:
+        yield np.zeros(3)
+        for _ in range(VIEWS - 1):
+            by = drawn_displacement(self._rng)
+            yield by if speed >= MOVING_M_S else np.zeros(3)
+
+    def _view(self, world: World, by: FloatArray) -> tuple[FloatArray, np.ndarray, Float32Array]:
+        seen = displaced(world, self._ego, by)
+        observation = {sensor.name: _read(sensor, seen, self._ego) for sensor in self._sensors}
+        return by, packed(observation[SENSOR]), measured(observation, self._blocked.seconds)
+
+    def _waypoints(self, tick: int, by: FloatArray) -> FloatArray:
+        """(4, 2) where the ego goes, in the frame of a displaced pose, m."""
+        x, y, heading = self._poses[tick]
+        cos, sin = np.cos(heading), np.sin(heading)
+        x, y, heading = x + by[0] * cos - by[1] * sin, y + by[0] * sin + by[1] * cos, heading + by[2]
+        future = np.array([self._poses[tick + ahead][:2] for ahead in _AHEAD]) - (x, y)
+        cos, sin = np.cos(heading), np.sin(heading)
+        return np.asarray(future @ np.array([[cos, -sin], [sin, cos]]))
+
+
+def _read(sensor: Sensor, world: World, ego: int) -> np.ndarray:
+    return np.asarray(sensor.read(world, ego))
+
+
+def main() -> None:
+    """Command-line entry point."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True, help="folder of the dataset")
+    parser.add_argument("--samples", type=int, default=DemonstrationRequest().samples, help="moments, at least")
+    parser.add_argument("--seed", type=int, default=0, help="of everything random")
+    given = parser.parse_args()
+    began = time.monotonic()
+
+    def tell(name: str, moments: int) -> None:
+        print(f"{name}: {moments} moments, {time.monotonic() - began:.0f} s", flush=True)
+
+    record(DemonstrationRequest(given.samples, given.seed), given.out, tell)
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except DohyoError as error:
+        sys.exit(f"record: {error}")

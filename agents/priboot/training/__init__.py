@@ -1,0 +1,1 @@
+"""Training of PRIBOOT's waypoints on recorded demonstrations."""

@@ -1,0 +1,191 @@
+"""Training of PRIBOOT: configuration, data, loss and loop, from top to bottom.
+
+    python -m dohyo.agents.priboot.recording.record --out out/priboot/demonstrations
+    dohyo train priboot --config agents/priboot/configs/priboot.toml --out out/priboot/full [--resume]
+
+The feature maps of the frozen trunk are computed once, and kept in half precision beside the demonstrations. With
+masks, whose trunk learns too, the pictures are unpacked for every batch.
+
+Source: Coelho 2024, section 5.3: L1 loss of the waypoints, Adam, half of the samples displaced, the speed's loss
+with a weight of 0.05. It has batches of 256 and a rate of 1e-4 for the whole network, ours are for the head alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import torch
+from pydantic import Field
+from torch import Tensor
+
+from dohyo.agents.learning.files.report import Report
+from dohyo.agents.learning.policies.export import export
+from dohyo.agents.learning.runs.config import Share
+from dohyo.agents.learning.runs.run import Run
+from dohyo.agents.learning.runs.supervised import FREE, Cosine, Fit, SupervisedConfig, fit, shuffled
+from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
+from dohyo.agents.perception.drives import Column
+from dohyo.agents.perception.feature_cache import cached_features
+from dohyo.agents.priboot.measurements import SPEED
+from dohyo.agents.priboot.network import CompiledTrunk, PictureKind, Priboot
+from dohyo.agents.priboot.training.views import Moments, Pictures, load_split
+from dohyo.agents.priboot.view import masks_of
+
+MEASURES = ("validation_loss", "displaced_loss", "validation_ade_m")
+FEATURES = "features"
+"""Folder of the cached feature maps, in that of the demonstrations."""
+
+Maps = Callable[[Tensor], Tensor]
+"""Rows of the pictures -> (B, 8960) feature maps."""
+
+
+class TrainConfig(SupervisedConfig):
+    """Settings of the training, on recorded demonstrations.
+
+    Attributes:
+        steps: Updates.
+        batch: Moments per update.
+        learning_rate: Highest, after the warm-up; then it falls to zero along a cosine.
+        warm_up_steps: Steps over which it rises.
+        weight_decay: Of Adam.
+        gradient_norm: Upper bound.
+        displaced: Share of the moments that are seen from a displaced pose; 0: no augmentation.
+        speed_weight: Weight of the speed's loss.
+        share: Of the drives.
+        picture: What the trunk reads: colours, frozen with ImageNet's weights, or masks, from scratch.
+        validate_every: Steps.
+        validation_moments: Number used during training, evenly spread.
+    """
+
+    steps: Annotated[int, Field(gt=0)] = 4000
+    batch: Annotated[int, Field(gt=0)] = 128
+    learning_rate: Annotated[float, Field(gt=0)] = 1e-3
+    warm_up_steps: Annotated[int, Field(ge=0)] = 100
+    weight_decay: Annotated[float, Field(ge=0)] = 1e-7
+    gradient_norm: Annotated[float, Field(gt=0)] = 5.0
+    displaced: Share = 0.5
+    speed_weight: Annotated[float, Field(ge=0)] = 0.05
+    share: Annotated[float, Field(gt=0, le=1)] = 1.0
+    picture: PictureKind = "colours"
+    validate_every: Annotated[int, Field(gt=0)] = 500
+    validation_moments: Annotated[int, Field(gt=0)] = 3000
+    device: str = "cpu"
+
+
+def losses_of(
+    network: Priboot, maps: Tensor, measurements: Tensor, waypoints: Tensor, weight: float
+) -> dict[str, Tensor]:
+    """Parts of the loss, and their weighted sum.
+
+    Args:
+        network: Its head learns.
+        maps: (B, 8960).
+        measurements: (B, 11).
+        waypoints: (B, 4, 2) those of the expert, m.
+        weight: Of the speed's loss.
+
+    Returns:
+        "waypoints": sum of the absolute errors of the four waypoints' coordinates [m]; "speed" and "loss".
+    """
+    points, speed = network.head(maps, measurements)
+    apart = (points - waypoints).abs().sum((1, 2)).mean()
+    told = (speed - measurements[:, SPEED]).abs().mean()
+    return {"loss": apart + weight * told, "waypoints": apart, "speed": told}
+
+
+def train(config: TrainConfig, order: TrainRequest) -> Path:
+    """Trains, and writes the policy.
+
+    Returns:
+        The ONNX file.
+
+    Raises:
+        InvalidInputError: There are no data, or the folder holds another training.
+        RunStoppedError: The training was stopped, and has written a checkpoint.
+    """
+    with closing(Run(order.name, order.out, config, order.resume, FREE | {"validation_moments"})) as run:
+        torch.set_num_threads(1)
+        torch.manual_seed(config.seed)
+        moments, held_out = load_split(config.data, "train"), load_split(config.data, "validation")
+        network = Priboot(config.picture)
+        maps, held_out_maps = (maps_of(network, config, some) for some in (moments, held_out))
+        chosen = some_drives(moments, config)
+        index = torch.linspace(0, len(held_out) - 1, min(config.validation_moments, len(held_out))).long()
+
+        def losses(rows: Tensor) -> Mapping[str, Tensor]:
+            moment = chosen[rows]
+            view = torch.randint(1, moments.row.shape[1], rows.shape) * (torch.rand(rows.shape) < config.displaced)
+            at = (moment, view)
+            numbers, points = moments.measurements[at], moments.waypoints[at]
+            return losses_of(network, maps(moments.row[at]), numbers, points, config.speed_weight)
+
+        job = Fit(
+            network=network,
+            optimizer=torch.optim.Adam(
+                [parameter for parameter in network.parameters() if parameter.requires_grad],
+                lr=config.learning_rate,
+                weight_decay=config.weight_decay,
+            ),
+            losses=losses,
+            batches=shuffled(len(chosen), config.batch, config.seed),
+            rate=Cosine(config.learning_rate, config.steps, config.warm_up_steps),
+            steps=config.steps,
+            validate=lambda: validate(network, held_out, held_out_maps, index, config),
+            validate_every=config.validate_every,
+            gradient_norm=config.gradient_norm,
+            columns=("loss", "waypoints", "speed", *MEASURES),
+        )
+        measures = fit(job, run, lambda step, row: order.report(Report(step, config.steps, row["loss"], "loss")))
+        export(network, network.space(), run.folder / "priboot", {"steps": str(config.steps)})
+        measures = {**measures, "moments": len(chosen)}
+        run.write_card("priboot", PRIBOOT.summary, config.steps, measures, config.data / "train")
+        return run.folder / "priboot.onnx"
+
+
+def maps_of(network: Priboot, config: TrainConfig, moments: Moments) -> Maps:
+    """Feature maps by rows: from the cache of the frozen trunk, or from the trunk that learns."""
+    if config.picture == "masks":
+        layers = np.concatenate([Pictures(path).layers for path in moments.paths])
+        return lambda rows: network.trunk(torch.from_numpy(masks_of(layers[rows.numpy()])))
+    maps = cached_maps(config.data / FEATURES, moments.paths)
+    return lambda rows: torch.from_numpy(maps[rows.numpy()]).float()
+
+
+def cached_maps(folder: Path, paths: list[Path], tell: Callable[[Path], None] = lambda path: None) -> Column:
+    """Feature maps of the frozen trunk over shards, computed where the folder does not hold them."""
+    trunk, parts = CompiledTrunk(), []
+    for path in paths:
+        parts.append(cached_features(trunk, Pictures(path), folder, dtype=np.float16))
+        tell(path)
+    return Column(parts, np.cumsum([0, *(len(part) for part in parts)]), "")
+
+
+def some_drives(moments: Moments, config: TrainConfig) -> Tensor:
+    """Numbers of the moments of a share of the drives, drawn from the seed."""
+    drives = np.unique(moments.drive)
+    wanted = max(round(config.share * len(drives)), 1)
+    kept = np.random.default_rng(config.seed).permutation(drives)[:wanted]
+    return torch.from_numpy(np.flatnonzero(np.isin(moments.drive, kept)))
+
+
+def validate(network: Priboot, moments: Moments, maps: Maps, index: Tensor, config: TrainConfig) -> dict[str, float]:
+    """Losses of the waypoints from the own and from a displaced pose, and the mean distance to the expert's [m]."""
+    own, displaced, apart = 0.0, 0.0, 0.0
+    with torch.no_grad():
+        for part in torch.split(index, config.batch):
+            for view in (0, 1):
+                points, _ = network.head(maps(moments.row[part, view]), moments.measurements[part, view])
+                errors = points - moments.waypoints[part, view]
+                total = float(errors.abs().sum((1, 2)).sum())
+                if view == 0:
+                    own, apart = own + total, apart + float(errors.norm(dim=2).mean(1).sum())
+                else:
+                    displaced += total
+    return dict(zip(MEASURES, (own / len(index), displaced / len(index), apart / len(index)), strict=True))
+
+
+PRIBOOT = Trainer("waypoints of PRIBOOT, from recorded demonstrations", TrainConfig, train)
