@@ -32,6 +32,7 @@ STUDIES: Mapping[str, str] = {
     "mbappe": "dohyo.agents.mcts.study.study:STUDY",
     "parking": "dohyo.agents.parking.study.study:STUDY",
     "peers": "dohyo.agents.studies.peers:STUDY",
+    "priboot": "dohyo.agents.priboot.study.study:STUDY",
 }
 """As "module:attribute", since systems take seconds to import."""
 

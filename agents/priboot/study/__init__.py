@@ -1,0 +1,1 @@
+"""The study of PRIBOOT: arms, measures of a drive, tables."""

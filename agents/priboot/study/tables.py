@@ -1,0 +1,146 @@
+"""Tables of the study of PRIBOOT as Markdown: arms, claims, infractions per km, and scores by the route's length."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from dohyo.agents.priboot.study.arms import ARMS
+from dohyo.agents.studies.claims import Claim, judge
+from dohyo.agents.studies.crossed_bootstrap import estimate
+from dohyo.agents.studies.rows import Row, arms_in, is_lost, matched, named
+from dohyo.agents.studies.study import Results
+from dohyo.agents.studies.tables import claims_table, fixed
+from dohyo.evaluation.records.specifications import InfractionKind
+from dohyo.evaluation.report.style import MISSING, markdown
+from dohyo.evaluation.statistics import mean_estimate
+
+MEASURES: Final[Mapping[str, str]] = {
+    "driving_score": "DS, %",
+    "irs": "IRS, L driven, %",
+    "irs_route": "IRS, L route, %",
+    "route_completion": "RC, %",
+    "infraction_penalty": "IP",
+    "nocrash_success": "NoCrash success, %",
+}
+CLAIMS: Final = tuple(
+    Claim("full", ">", arm, measure, where)
+    for where in ("nocrash", "leaderboard")
+    for arm, measure in (
+        ("no-augmentation", "route_completion"),
+        ("no-augmentation", "driving_score"),
+        ("masks", "route_completion"),
+        ("no-rules", "driving_score"),
+        ("data-10", "driving_score"),
+    )
+)
+SCORES: Final = (("IP", 2), ("DS, %", 1), ("IRS, L driven, %", 1), ("IRS, L route, %", 1))
+"""Of `joined`, with their decimals."""
+JOINED: Final = (1, 2, 4, 8, 16)
+"""Number of drives that are joined to one route."""
+ROUTES, SEED, LAMBDA = 400, 0, 4.0
+
+
+def arms_table(results: Results) -> str:
+    """A row per arm and network."""
+    lines = []
+    rows = [row for row in results.rows if not is_lost(row)]
+    for where in named(rows, "benchmark"):
+        there = [row for row in rows if row["benchmark"] == where]
+        for arm in arms_in(there, [*ARMS]):
+            own = [row for row in there if row["arm"] == arm]
+            scores = [fixed(estimate(matched(own, arm, name), mean_estimate)) for name in MEASURES]
+            thesis = ARMS[arm].reported
+            told = MISSING if thesis is None else " / ".join(f"{value:g}" for value in thesis)
+            lines.append([where, arm, ARMS[arm].isolates or MISSING, *scores, *_losses(own), str(len(own)), told])
+    heads = ["benchmark", "arm", "difference", *MEASURES.values(), "loss", "loss, displaced", "drives"]
+    return markdown([*heads, "thesis: DS / IRS / RC"], lines) if lines else ""
+
+
+def claims(results: Results) -> str:
+    """What the thesis claims of its arms, judged on the scenarios that both drove."""
+    rows = [row for row in results.rows if not is_lost(row)]
+
+    def values(claim: Claim, arm: str) -> dict[tuple[object, ...], Mapping[int | None, float]]:
+        return dict(matched([row for row in rows if row["benchmark"] == claim.where], arm, claim.measure))
+
+    judged = judge(CLAIMS, values)
+    before = {
+        "claim": lambda one: str(one.claim),
+        "benchmark": lambda one: one.claim.where,
+        "measure": lambda one: MEASURES[one.claim.measure],
+        "n": lambda one: str(one.difference.n),
+    }
+    return claims_table(judged, before, lambda one: fixed(one.difference))
+
+
+def infractions_table(results: Results) -> str:
+    """Infractions per km driven, pooled over the drives of an arm."""
+    lines, kinds = [], [kind.value for kind in InfractionKind]
+    rows = [row for row in results.rows if not is_lost(row)]
+    seen = [kind for kind in kinds if any(kind in row["infractions"] for row in rows)]
+    for where in named(rows, "benchmark"):
+        there = [row for row in rows if row["benchmark"] == where]
+        for arm in arms_in(there, [*ARMS]):
+            own = [row for row in there if row["arm"] == arm]
+            km = max(math.fsum(row["driven_m"] for row in own) / 1000.0, 1e-3)
+            total = Counter[str]()
+            for row in own:
+                total.update(row["infractions"])
+            endings = Counter(row["status"] for row in own)
+            told = ", ".join(f"{count} {status.removeprefix('failed: ')}" for status, count in endings.most_common())
+            lines.append([where, arm, f"{km:.1f}", *(f"{total[kind] / km:.2f}" for kind in seen), told])
+    return markdown(["benchmark", "arm", "km", *seen, "endings"], lines) if lines else ""
+
+
+def lengths_table(results: Results) -> str:
+    """Scores of routes that are drives of one arm joined end to end: the same driving, more of it."""
+    rows = [row for row in results.rows if not is_lost(row)]
+    lines = []
+    for where in named(rows, "benchmark"):
+        there = [row for row in rows if row["benchmark"] == where]
+        for arm in arms_in(there, [*ARMS]):
+            own = [row for row in there if row["arm"] == arm]
+            scores = {count: joined(own, count) for count in JOINED}
+            for which, (head, digits) in enumerate(SCORES):
+                lines.append([where, arm, head, *(f"{scores[count][which]:.{digits}f}" for count in JOINED)])
+    return markdown(["benchmark", "arm", "score", *(f"x {count}" for count in JOINED)], lines) if lines else ""
+
+
+def joined(rows: Sequence[Row], count: int) -> tuple[float, float, float, float]:
+    """Mean penalty, driving score, and infraction rate scores over 400 routes, each of some drives drawn at random.
+
+    Lengths and infractions add up, and the completion is that of all lengths. A drive that ended early counts as if the
+    next one had gone on, so that only the length differs between the columns.
+    """
+    rng = np.random.default_rng(SEED)
+    table = np.array([_parts(row) for row in rows])
+    sums = table[rng.integers(len(table), size=(ROUTES, count))].sum(axis=1)
+    done, route, driven, log_penalty, weight = sums.T
+    completion, penalty = 100.0 * done / route, np.exp(log_penalty)
+    scores = [completion * np.exp(-LAMBDA * weight * 1000.0 / np.maximum(length, 1.0)) for length in (driven, route)]
+    means = [penalty.mean(), (completion * penalty).mean(), *(score.mean() for score in scores)]
+    return means[0], means[1], means[2], means[3]
+
+
+def _parts(row: Row) -> tuple[float, float, float, float, float]:
+    """Metres completed, of the route and driven; logarithm of the penalty; sum of 1 - p over the infractions.
+
+    The weight is taken back from the stored score, so that magnitudes of infractions are in it.
+    """
+    done = row["route_completion"] / 100.0 * row["route_m"]
+    outside = row["irs"] / max(row["route_completion"], 1e-9)
+    weight = -math.log(max(outside, 1e-300)) * max(row["driven_m"], 1.0) / 1000.0 / LAMBDA
+    return done, row["route_m"], row["driven_m"], math.log(max(row["infraction_penalty"], 1e-300)), weight
+
+
+def _losses(rows: Sequence[Row]) -> list[str]:
+    """Mean losses of the trainings on held-out drives."""
+    trainings = {row["training_seed"]: row for row in rows if row["training_seed"] is not None}.values()
+    if not trainings:
+        return [MISSING, MISSING]
+    return [f"{np.mean([row[name] for row in trainings]):.2f}" for name in ("validation_loss", "displaced_loss")]

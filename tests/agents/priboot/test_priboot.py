@@ -1,0 +1,101 @@
+"""PRIBOOT on hand-made roads, with policies that always answer the same waypoints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from gymnasium.spaces import Box, Dict
+from torch import Tensor, nn
+
+from dohyo.agents.learning.policies.export import export
+from dohyo.agents.priboot.measurements import BLOCKED, LIMIT, MEASUREMENTS, SPEED, TARGET, measured
+from dohyo.agents.priboot.priboot import Priboot
+from dohyo.agents.priboot.view import HEIGHT, WIDTH
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.world import ActorKind, LightState
+from tests.agents.driving import drive, observed, speeds
+from tests.worlds import Scene, lit_crossing, straight_road
+
+
+class Fixed(nn.Module):
+    """Waypoints straight ahead at a speed, or along a bend to the left."""
+
+    def __init__(self, speed: float, left: float = 0.0) -> None:
+        super().__init__()
+        at = 0.5 * speed * torch.arange(1.0, 5.0)
+        self.register_buffer("points", torch.stack([at, left * at], dim=1).flatten())
+
+    def forward(self, observation: dict[str, Tensor]) -> Tensor:
+        # Adds nothing, but makes both observations inputs of the model.
+        nothing = observation["measurements"].sum(1) * 0.0 + observation["picture"].float().sum((1, 2, 3)) * 0.0
+        return self.points[None] + nothing[:, None]
+
+    def facts(self) -> dict[str, str]:
+        return {}
+
+
+def policy(folder: Path, speed: float, left: float = 0.0) -> Path:
+    space = Dict({"picture": Box(0, 255, (3, HEIGHT, WIDTH), np.uint8), "measurements": Box(-9, 9, (MEASUREMENTS,))})
+    export(Fixed(speed, left), space, folder / "fixed", {})
+    return folder / "fixed.onnx"
+
+
+@pytest.fixture(scope="module")
+def at_eight(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return policy(tmp_path_factory.mktemp("eight"), 8.0)
+
+
+def driven(agent: Priboot, scene: Scene, seconds: float) -> np.ndarray:
+    return speeds(drive(agent, scene, seconds))
+
+
+def test_it_drives_at_the_speed_of_its_waypoints(at_eight: Path) -> None:
+    assert driven(Priboot(policy=at_eight), straight_road().with_ego(x=50.0), 12.0)[-1] == pytest.approx(8.0, abs=0.8)
+
+
+def test_waypoints_to_the_left_steer_to_the_left(tmp_path: Path) -> None:
+    worlds = drive(Priboot(policy=policy(tmp_path, 4.0, left=0.3)), straight_road().with_ego(x=50.0, speed=4.0), 2.0)
+    assert worlds[-1].egos.heading[0] > 0.1
+
+
+RED_LIGHT = lit_crossing().with_ego(x=-60.0, speed=8.0).with_lights(LightState.RED)
+CAR = straight_road().with_ego(x=50.0, speed=8.0).with_actor(100.0, 0.0)
+PERSON = straight_road().with_ego(x=50.0, speed=8.0).with_pedestrian(100.0, y=-4.8)
+CONES = straight_road().with_ego(x=50.0, speed=8.0).with_actor(100.0, 0.0, kind=ActorKind.STATIC, length=1.0, width=1.0)
+
+
+@pytest.mark.parametrize("scene", [RED_LIGHT, CAR, PERSON, CONES])
+def test_the_rules_stop_it_and_can_be_switched_off(scene: Scene, at_eight: Path) -> None:
+    with_rules = drive(Priboot(policy=at_eight), scene, 9.0)
+    assert speeds(with_rules)[-1] < 0.1
+    assert not any(world.contacts for world in with_rules)
+    assert driven(Priboot(rules=False, policy=at_eight), scene, 9.0)[-1] > 6.0
+
+
+def test_the_rules_do_not_mind_who_is_beside_the_way(at_eight: Path) -> None:
+    scene = straight_road().with_ego(x=50.0, speed=8.0).with_actor(100.0, left=2.6)
+    assert driven(Priboot(policy=at_eight), scene, 9.0).min() > 6.0
+
+
+def test_it_creeps_after_a_long_stand_on_a_straight_way(tmp_path: Path) -> None:
+    agent = Priboot(policy=policy(tmp_path, 0.0))
+    found = driven(agent, straight_road().with_ego(x=50.0), 14.0)
+    assert found[:98].max() < 0.1
+    assert found[100:].max() > 0.5
+
+
+def test_it_is_told_its_speed_its_limit_its_standstill_and_its_target(at_eight: Path) -> None:
+    seen = observed(Priboot(policy=at_eight), straight_road().with_ego(x=50.0, left=1.5, speed=5.0).world())
+    told = measured(seen, 120.0)
+    assert told[SPEED] == pytest.approx(0.5)
+    assert told[LIMIT] == pytest.approx(1.389, abs=0.001)
+    assert told[BLOCKED] == pytest.approx(6.0), "no more than a minute"
+    assert told[TARGET] * 30.0 == pytest.approx([30.0, -1.5], abs=0.6)
+
+
+def test_a_policy_of_other_observations_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInputError, match="no policy"):
+        Priboot(policy=tmp_path / "missing.onnx")

@@ -1,0 +1,108 @@
+"""From a recording to a policy that drives: a short recording, a few steps, and the exported file."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dohyo.agents.learning.files.card import read_card
+from dohyo.agents.learning.files.report import no_report
+from dohyo.agents.learning.runs.trainer import TrainRequest
+from dohyo.agents.mcts.predictors import recording as motion
+from dohyo.agents.priboot.priboot import Priboot
+from dohyo.agents.priboot.recording import record as recording
+from dohyo.agents.priboot.recording.dataset import Demonstrations, load_shard
+from dohyo.agents.priboot.recording.displacement import Bursts
+from dohyo.agents.priboot.recording.record import DemonstrationRequest, record, record_episode, scenario
+from dohyo.agents.priboot.training.train import TrainConfig, train
+from dohyo.agents.priboot.training.views import Pictures, load_split
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.sumo_networks.errors import InvalidInputError
+from tests.agents.driving import drive
+from tests.worlds import straight_road
+
+ORDER = DemonstrationRequest(samples=1, egos=2, every_s=0.5, episode_s=6.0)
+
+
+@pytest.fixture(scope="module")
+def recorded() -> list[Demonstrations]:
+    """Two egos on an empty network: the second one is disturbed."""
+    empty = scenario(ORDER, "town-train", 0)
+    return record_episode(empty.model_copy(update={"traffic": empty.traffic.model_copy(update={"vehicles": 0})}), ORDER)
+
+
+@pytest.fixture(scope="module")
+def data(recorded: list[Demonstrations], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("demonstrations")
+    (folder / "dataset.json").write_text("{}")
+    for split in ("train", "validation"):
+        (folder / split).mkdir()
+        (folder / split / "town-train-0000-0.npz").write_bytes(recorded[0].to_bytes())
+    return folder
+
+
+def test_waypoints_are_where_the_ego_goes_from_every_pose(recorded: list[Demonstrations]) -> None:
+    first = recorded[0]
+    assert len(first) > 5
+    steps = np.linalg.norm(np.diff(first.waypoints, axis=2), axis=3)
+    np.testing.assert_allclose(steps[:, 1], steps[:, 0], atol=1e-3, err_msg="a displacement changes no distance")
+    moving = first.measurements[:, 0, 0] > 0.3
+    assert moving.any()
+    assert np.abs(first.waypoints[moving, 1] - first.waypoints[moving, 0]).max() > 0.2
+
+
+def test_no_network_that_judges_is_recorded() -> None:
+    judged = {cell.network for name in ("leaderboard", "nocrash") for cell in load_benchmark(name).cells}
+    assert not {"adlershof", "town-test"} & set(recording.NETWORKS)
+    assert {"adlershof", "town-test"} <= judged
+
+
+def test_an_interrupted_recording_goes_on_with_the_same_bytes(
+    recorded: list[Demonstrations], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drives = itertools.chain.from_iterable(itertools.repeat(recorded))
+    monkeypatch.setattr(recording, "record_episode", lambda *_: [next(drives), next(drives)])
+    both = sum(map(len, recorded))
+    assert record(dataclasses.replace(ORDER, samples=both + 1), tmp_path) == 2 * both
+    monkeypatch.setattr(recording, "record_episode", lambda *_: pytest.fail("recorded again"))
+    assert record(dataclasses.replace(ORDER, samples=both + 1), tmp_path) == 2 * both
+    with pytest.raises(InvalidInputError, match="expected a dataset made with"):
+        record(dataclasses.replace(ORDER, seed=1), tmp_path)
+    assert len(load_shard(tmp_path / "train" / "town-train-0000-1.npz")) == len(recorded[1])
+
+
+def test_noise_comes_in_bursts_and_leaves_braking_alone() -> None:
+    noise, action = Bursts(np.random.default_rng(0)), np.array([-2.0, 0.0])
+    answers = np.array([noise.disturbed(action, 8.0) for _ in range(600)])
+    disturbed = answers[:, 1] != 0.0
+    assert 0.05 < disturbed.mean() < 0.35
+    assert np.abs(answers[:, 1]).max() <= 0.1 + 1e-9
+    assert (answers[:, 0] == -2.0).all()
+
+
+def test_a_standing_ego_has_one_picture_for_all_its_views(data: Path) -> None:
+    moments = load_split(data, "train")
+    pictures = Pictures(moments.paths[0])
+    assert int(moments.row.max()) + 1 == len(pictures)
+    standing = moments.measurements[:, 0, 0] < 0.05
+    assert (moments.row[standing] == moments.row[standing][:, :1]).all()
+
+
+@pytest.mark.parametrize("picture", ["colours", "masks"])
+def test_a_training_writes_a_policy_that_drives(picture: str, data: Path, tmp_path: Path) -> None:
+    config = TrainConfig(data=data, steps=3, batch=4, picture=picture, tensorboard=False, validate_every=3)  # type: ignore[arg-type]
+    written = train(config, TrainRequest("priboot", tmp_path / "run", False, no_report))
+    assert read_card(written).trainer == "priboot"
+    worlds = drive(Priboot(policy=written), straight_road().with_ego(x=50.0, speed=5.0), 0.5)
+    assert np.isfinite(worlds[-1].egos.position).all()
+
+
+def test_routes_of_a_scenario_have_events() -> None:
+    drawn = scenario(ORDER, "district", 1)
+    assert {event.ego for event in drawn.events} <= {mission.name for mission in drawn.missions}
+    assert drawn.events
+    assert drawn.missions == motion.scenario(motion.MotionRequest(egos=2), "district", 1).missions
