@@ -24,7 +24,7 @@ STANDSTILL_M_S, EXCESS = 0.4, 1.1
 SPEED_ERROR_M_S, THROTTLE = 0.25, 0.75
 """Largest error that the speed's PID sees, and largest throttle."""
 FULL_BRAKE_M_S, HOLD = 2.5, 0.3
-"""Excess of speed at which the brake is full, and least brake that holds the ego."""
+"""Excess of speed at which the brake is full, and least brake where it is to stand."""
 CREEP_AFTER_S, CREEP_S, CREEP_M_S = 10.0, 1.5, 1.5
 STRAIGHT_M, STRAIGHT_RAD = 2.5, math.radians(15.0)
 """Length of the way that must be straight before the ego creeps, and largest angle to its end."""
@@ -75,7 +75,8 @@ class WaypointControl:
         steering = min(max(self._steer(math.degrees(angle) / 90.0), -1.0), 1.0)
         throttle = self._speed(min(max(wanted - speed, 0.0), SPEED_ERROR_M_S))
         if wanted < STANDSTILL_M_S or speed > EXCESS * wanted:
-            return np.array([0.0, min(max((speed - wanted) / FULL_BRAKE_M_S, HOLD), 1.0), steering])
+            least = HOLD if wanted < STANDSTILL_M_S else 0.0
+            return np.array([0.0, min(max((speed - wanted) / FULL_BRAKE_M_S, least), 1.0), steering])
         return np.array([min(max(throttle, 0.0), THROTTLE), 0.0, steering])
 
     def _crept(self, wanted: float, speed: float, blocked_s: float, straight: bool) -> float:

@@ -116,6 +116,11 @@ COMMANDS: dict[str, Command | Group] = {
                 "Records semantic pictures on the autopilot's disturbed drives. Same arguments, same bytes.",
                 resumes=True,
             ),
+            "demonstrations": Command(
+                "dataset:demonstrations",
+                "Records PRIBOOT's demonstrations on the autopilot's disturbed drives. Same arguments, same bytes.",
+                resumes=True,
+            ),
             "freeway": Command(
                 "dataset:freeway",
                 "Simulates days of segment speeds on the freeway. Each day is written when it is complete.",

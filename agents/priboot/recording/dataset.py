@@ -19,10 +19,10 @@ from dohyo.agents.priboot.measurements import MEASUREMENTS
 from dohyo.agents.priboot.view import HEIGHT, WIDTH
 from dohyo.agents.shards import check_array, pack_shard, read_shard
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 WAYPOINTS, WAYPOINT_S = 4, 0.5
-VIEWS = 3
-"""Of a moment: the ego's own pose first, then displaced ones."""
+VIEWS = 2
+"""Of a moment: from the ego's own pose, and from a displaced one."""
 SCHEMA = MappingProxyType(
     {
         "layers": ((VIEWS, HEIGHT, WIDTH), "uint16"),  # view.packed

@@ -23,10 +23,13 @@ AHEAD_M, ASIDE_M, TURN_RAD = 0.5, 1.0, math.radians(10.0)
 """Largest displacement."""
 MOVING_M_S = 0.5
 """Slower egos are not displaced: a car that stands cannot come back."""
-BURST_S, PAUSE_S = (0.5, 1.2), (4.0, 9.0)
-"""Shortest and longest burst of noise, and pause after it."""
+SWERVE_S, STALL_S, PAUSE_S = (0.5, 1.2), (1.0, 3.0), (4.0, 9.0)
+"""Shortest and longest swerve, stall, and pause after either."""
 STEERING, TURN_M_S, ACCELERATION = 0.2, 0.8, 1.0
-"""Largest noise on the steering [of full lock]; above 4 m/s this over the speed [m/s]; on the acceleration [m/s^2]."""
+"""Of a swerve: largest noise on the steering [of full lock]; above 4 m/s this over the speed [m/s]; on the acceleration
+[m/s^2]."""
+STALL = (-5.0, -2.0)
+"""Acceleration of a stall, m/s^2."""
 
 
 def drawn_displacement(rng: np.random.Generator) -> FloatArray:
@@ -44,7 +47,10 @@ def displaced(world: World, ego: int, by: FloatArray) -> World:
 
 
 class Bursts:
-    """Noise on pedal and steering in bursts, with pauses in which the expert comes back.
+    """Swerves and stalls, with pauses in which the expert comes back.
+
+    A swerve adds noise to pedal and steering. A stall brakes for no reason, also to a standstill: who only sees egos
+    that stand for a reason learns that an ego that stands goes on standing.
 
     Attributes:
         active: Whether the last action was disturbed.
@@ -53,17 +59,22 @@ class Bursts:
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng, self.active = rng, False
         self._left = round(rng.uniform(*PAUSE_S) / TICK_S)
-        self._noise = np.zeros(2)
+        self._noise, self._stalls, self._brakes = np.zeros(2), False, 0.0
 
     def disturbed(self, action: FloatArray, speed: float) -> FloatArray:
         """Disturbed acceleration and steering of one tick."""
         if self._left == 0:
             self.active = not self.active
-            self._left = round(self._rng.uniform(*(BURST_S if self.active else PAUSE_S)) / TICK_S)
+            self._stalls = self.active and bool(self._rng.random() < 0.5)
+            lasts = (STALL_S if self._stalls else SWERVE_S) if self.active else PAUSE_S
+            self._left = round(self._rng.uniform(*lasts) / TICK_S)
             self._noise = self._rng.uniform(-1.0, 1.0, 2) * (ACCELERATION, min(STEERING, TURN_M_S / max(speed, 1.0)))
+            self._brakes = self._rng.uniform(*STALL)
         self._left -= 1
         if not self.active:
             return action
-        brakes = action[0] < -1.0  # obeyed lights must be recorded
-        noisy = action + self._noise * (not brakes, 1.0)
+        if self._stalls:
+            return np.array([min(action[0], self._brakes), action[1]])
+        obeys = action[0] < -1.0  # lights that are obeyed must be recorded
+        noisy = action + self._noise * (not obeys, 1.0)
         return np.asarray(np.clip(noisy, AccelerationSteering.space.low, AccelerationSteering.space.high))

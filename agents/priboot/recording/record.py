@@ -1,6 +1,6 @@
-"""Recording: the autopilot drives routes with the leaderboard's events; half of the egos are disturbed.
+"""Recording: the autopilot drives routes with the leaderboard's events; two egos of three are disturbed.
 
-    python -m dohyo.agents.priboot.recording.record --out out/priboot/demonstrations --samples 30000
+    dohyo dataset demonstrations --out out/priboot/demonstrations --samples 30000
 
 Network, missions, events, traffic, noise and displacements of an episode follow from its number and the seed alone. A
 interrupted recording goes on where it stopped, and the same order gives the same bytes.
@@ -8,9 +8,6 @@ interrupted recording goes on where it stopped, and the same order gives the sam
 
 from __future__ import annotations
 
-import argparse
-import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass
@@ -38,7 +35,7 @@ from dohyo.agents.shards import claim_folder
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.conditions import Conditions
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
-from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.events.auto_events import auto_events
 from dohyo.sumo_networks.events.registry import Event
 from dohyo.sumo_networks.files import write_atomically
@@ -52,6 +49,8 @@ from dohyo.sumo_networks.world import World
 NETWORKS = ("town-train", "district", "braunschweig", "ingolstadt")
 """Adlershof and town-test judge, and are never recorded."""
 VALIDATION_EVERY = 5
+STANDS_M, STANDING_EVERY = 0.1, 5
+"""Distance that an ego that stands does not go in two seconds; of such moments every fifth is kept."""
 _AHEAD = tuple(round((j + 1) * WAYPOINT_S / TICK_S) for j in range(WAYPOINTS))
 
 
@@ -74,15 +73,15 @@ class DemonstrationRequest:
     episode_s: float = 90.0
 
 
-def record(
-    order: DemonstrationRequest, out: Path, progress: Callable[[str, int], None] = lambda name, moments: None
+def record_demonstrations(
+    order: DemonstrationRequest, out: Path, progress: Callable[[int], None] = lambda moments: None
 ) -> int:
     """Records until there are enough moments; existing episodes are kept.
 
     Args:
         order: What to record.
         out: Folder; see `dataset`.
-        progress: Called with the name of every episode and the number of moments so far.
+        progress: Called with the number of moments so far, after every episode.
 
     Returns:
         Number of moments.
@@ -98,7 +97,7 @@ def record(
     for episode in count():
         network, number = NETWORKS[episode % len(NETWORKS)], episode // len(NETWORKS)
         moments += sum(len(load_shard(path)) for path in _recorded(order, out, network, number))
-        progress(f"{network}-{number}", moments)
+        progress(moments)
         if moments >= order.samples:
             return moments
     raise AssertionError("unreachable")
@@ -137,7 +136,7 @@ def record_episode(scenario: Scenario, order: DemonstrationRequest) -> list[Demo
     """Drives one scenario, and returns the moments of each ego."""
     names = [mission.name for mission in scenario.missions]
     agents = {name: Autopilot() for name in names}  # type: ignore[abstract]
-    drives = [Drive(scenario, ego, noisy=ego % 2 == 1) for ego in range(len(names))]
+    drives = [Drive(scenario, ego, noisy=ego % 3 != 0) for ego in range(len(names))]
     stride = max(round(order.every_s / TICK_S), 1)
     with closing(DrivingEnv(scenario, Autopilot.spec.sensors, Autopilot.spec.control, reward=None)) as env:
         for now in decisions(env, agents, round(order.episode_s / TICK_S)):
@@ -172,12 +171,15 @@ class Drive:
         return out
 
     def demonstrations(self) -> Demonstrations:
-        """All moments whose waypoints were driven by the expert alone."""
-        rows = []
+        """Moments whose waypoints were driven by the expert alone; of a long standstill, every fifth."""
+        rows, stood = [], 0
         for tick, views in self._moments:
             last = tick + _AHEAD[-1]
             if last < len(self._poses) and not any(self._noisy[tick:last]):
                 waypoints = [self._waypoints(tick, by) for by, _, _ in views]
+                stood = stood + 1 if np.abs(waypoints[0]).max() < STANDS_M else 0
+                if stood % STANDING_EVERY > 1:
+                    continue
                 rows.append(([layers for _, layers, _ in views], [numbers for _, _, numbers in views], waypoints))
         return Demonstrations.of(rows)
 
@@ -204,25 +206,3 @@ class Drive:
 
 def _read(sensor: Sensor, world: World, ego: int) -> np.ndarray:
     return np.asarray(sensor.read(world, ego))
-
-
-def main() -> None:
-    """Command-line entry point."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, required=True, help="folder of the dataset")
-    parser.add_argument("--samples", type=int, default=DemonstrationRequest().samples, help="moments, at least")
-    parser.add_argument("--seed", type=int, default=0, help="of everything random")
-    given = parser.parse_args()
-    began = time.monotonic()
-
-    def tell(name: str, moments: int) -> None:
-        print(f"{name}: {moments} moments, {time.monotonic() - began:.0f} s", flush=True)
-
-    record(DemonstrationRequest(given.samples, given.seed), given.out, tell)
-
-
-if __name__ == "__main__":
-    try:
-        main()
-    except DohyoError as error:
-        sys.exit(f"record: {error}")

@@ -56,7 +56,7 @@ def cells(options: Options) -> list[Cell]:
 
 
 def work(options: Options, job: Job) -> Iterator[Row]:
-    """Trains the arm of a job, unless that is done, and drives its scenarios.
+    """Trains the arm of a job, unless that is done, and drives its scenario.
 
     Raises:
         RunStoppedError: The training was stopped.
@@ -75,8 +75,7 @@ def work(options: Options, job: Job) -> Iterator[Row]:
             raise SimulationError(f"no policy in '{folder}' so far")
         name, settings = "priboot", {"rules": arm.rules, "policy": str(folder / "priboot.onnx")}
         trained = losses_of(folder)
-    for cell in job:
-        yield {**cell._asdict(), **trained, **drive(cell, name, settings)}
+    yield {**trained, **drive(job[0], name, settings)}
 
 
 def drive(cell: Cell, name: str, settings: dict[str, object]) -> Row:
@@ -103,10 +102,6 @@ def losses_of(folder: Path) -> Row:
     return {name: metrics[name] for name in ("validation_loss", "displaced_loss", "moments")}
 
 
-def _together(cell: Cell) -> tuple[str, int | None, str]:
-    return cell.arm, cell.training_seed, cell.benchmark
-
-
 def _sizes(options: Options) -> dict[str, object]:
     """What the demonstrations were ordered as."""
     path = options.runs / "demonstrations" / "dataset.json"
@@ -121,7 +116,5 @@ STUDY = Study(
     cells=cells,
     work=work,
     tables={"arms": arms_table, "claims": claims, "infractions": infractions_table, "lengths": lengths_table},
-    together=_together,
-    fresh=True,
     facts=_sizes,
 )

@@ -1,6 +1,6 @@
 """Training of PRIBOOT: configuration, data, loss and loop, from top to bottom.
 
-    python -m dohyo.agents.priboot.recording.record --out out/priboot/demonstrations
+    dohyo dataset demonstrations --out out/priboot/demonstrations
     dohyo train priboot --config agents/priboot/configs/priboot.toml --out out/priboot/full [--resume]
 
 The feature maps of the frozen trunk are computed once, and kept in half precision beside the demonstrations. With
@@ -61,7 +61,7 @@ class TrainConfig(SupervisedConfig):
         validation_moments: Number used during training, evenly spread.
     """
 
-    steps: Annotated[int, Field(gt=0)] = 4000
+    steps: Annotated[int, Field(gt=0)] = 3000
     batch: Annotated[int, Field(gt=0)] = 128
     learning_rate: Annotated[float, Field(gt=0)] = 1e-3
     warm_up_steps: Annotated[int, Field(ge=0)] = 100
@@ -118,7 +118,7 @@ def train(config: TrainConfig, order: TrainRequest) -> Path:
 
         def losses(rows: Tensor) -> Mapping[str, Tensor]:
             moment = chosen[rows]
-            view = torch.randint(1, moments.row.shape[1], rows.shape) * (torch.rand(rows.shape) < config.displaced)
+            view = (torch.rand(rows.shape) < config.displaced).long()
             at = (moment, view)
             numbers, points = moments.measurements[at], moments.waypoints[at]
             return losses_of(network, maps(moments.row[at]), numbers, points, config.speed_weight)
@@ -175,6 +175,7 @@ def some_drives(moments: Moments, config: TrainConfig) -> Tensor:
 def validate(network: Priboot, moments: Moments, maps: Maps, index: Tensor, config: TrainConfig) -> dict[str, float]:
     """Losses of the waypoints from the own and from a displaced pose, and the mean distance to the expert's [m]."""
     own, displaced, apart = 0.0, 0.0, 0.0
+    network.eval()
     with torch.no_grad():
         for part in torch.split(index, config.batch):
             for view in (0, 1):
@@ -185,6 +186,7 @@ def validate(network: Priboot, moments: Moments, maps: Maps, index: Tensor, conf
                     own, apart = own + total, apart + float(errors.norm(dim=2).mean(1).sum())
                 else:
                     displaced += total
+    network.train()
     return dict(zip(MEASURES, (own / len(index), displaced / len(index), apart / len(index)), strict=True))
 
 

@@ -10,6 +10,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from dohyo.agents.hierarchical.vision.recording import PictureRequest, record_pictures
 from dohyo.agents.mcts.predictors.recording import TRAINING, MotionRequest, record_motion
+from dohyo.agents.priboot.recording.record import DemonstrationRequest, record_demonstrations
 from dohyo.service.cli.output import console
 from dohyo.sumo_networks.freeway.dataset import DatasetRequest, make_dataset
 
@@ -44,6 +45,20 @@ def semantic(
         order = PictureRequest(images=images, seed=seed)
         pictures = record_pictures(order, out, lambda done: progress.update(bar, completed=done))
     console.print(f"{pictures} pictures: {out.resolve()}", soft_wrap=True)
+
+
+def demonstrations(
+    out: Annotated[Path, typer.Option(help="Folder; existing episodes are kept.")],
+    samples: Annotated[int, typer.Option(min=1, help="Least number of moments.")] = 30_000,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
+) -> None:
+    """Records PRIBOOT's demonstrations on the autopilot's disturbed drives. Same arguments, same bytes."""
+    columns = (TextColumn("recorded"), BarColumn(), TextColumn("{task.completed} of {task.total} moments"))
+    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
+        bar = progress.add_task("demonstrations", total=samples)
+        order = DemonstrationRequest(samples=samples, seed=seed)
+        moments = record_demonstrations(order, out, lambda done: progress.update(bar, completed=done))
+    console.print(f"{moments} moments: {out.resolve()}", soft_wrap=True)
 
 
 def freeway(

@@ -17,7 +17,7 @@ from dohyo.agents.priboot.priboot import Priboot
 from dohyo.agents.priboot.recording import record as recording
 from dohyo.agents.priboot.recording.dataset import Demonstrations, load_shard
 from dohyo.agents.priboot.recording.displacement import Bursts
-from dohyo.agents.priboot.recording.record import DemonstrationRequest, record, record_episode, scenario
+from dohyo.agents.priboot.recording.record import DemonstrationRequest, record_demonstrations, record_episode, scenario
 from dohyo.agents.priboot.training.train import TrainConfig, train
 from dohyo.agents.priboot.training.views import Pictures, load_split
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
@@ -67,11 +67,11 @@ def test_an_interrupted_recording_goes_on_with_the_same_bytes(
     drives = itertools.chain.from_iterable(itertools.repeat(recorded))
     monkeypatch.setattr(recording, "record_episode", lambda *_: [next(drives), next(drives)])
     both = sum(map(len, recorded))
-    assert record(dataclasses.replace(ORDER, samples=both + 1), tmp_path) == 2 * both
+    assert record_demonstrations(dataclasses.replace(ORDER, samples=both + 1), tmp_path) == 2 * both
     monkeypatch.setattr(recording, "record_episode", lambda *_: pytest.fail("recorded again"))
-    assert record(dataclasses.replace(ORDER, samples=both + 1), tmp_path) == 2 * both
+    assert record_demonstrations(dataclasses.replace(ORDER, samples=both + 1), tmp_path) == 2 * both
     with pytest.raises(InvalidInputError, match="expected a dataset made with"):
-        record(dataclasses.replace(ORDER, seed=1), tmp_path)
+        record_demonstrations(dataclasses.replace(ORDER, seed=1), tmp_path)
     assert len(load_shard(tmp_path / "train" / "town-train-0000-1.npz")) == len(recorded[1])
 
 
