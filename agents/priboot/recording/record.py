@@ -48,7 +48,7 @@ from dohyo.sumo_networks.world import World
 
 NETWORKS = ("town-train", "district", "braunschweig", "ingolstadt")
 """Adlershof and town-test judge, and are never recorded."""
-VALIDATION_EVERY = 5
+VALIDATION_EVERY = 4
 STANDS_M, STANDING_EVERY = 0.1, 5
 """Distance that an ego that stands does not go in two seconds; of such moments every fifth is kept."""
 _AHEAD = tuple(round((j + 1) * WAYPOINT_S / TICK_S) for j in range(WAYPOINTS))

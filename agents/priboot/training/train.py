@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import closing
+from functools import cache
 from pathlib import Path
 from typing import Annotated
 
@@ -157,11 +158,17 @@ def maps_of(network: Priboot, config: TrainConfig, moments: Moments) -> Maps:
 
 def cached_maps(folder: Path, paths: list[Path], tell: Callable[[Path], None] = lambda path: None) -> Column:
     """Feature maps of the frozen trunk over shards, computed where the folder does not hold them."""
-    trunk, parts = CompiledTrunk(), []
+    trunk, parts = _compiled_trunk(), []
     for path in paths:
         parts.append(cached_features(trunk, Pictures(path), folder, dtype=np.float16))
         tell(path)
     return Column(parts, np.cumsum([0, *(len(part) for part in parts)]), "")
+
+
+@cache
+def _compiled_trunk() -> CompiledTrunk:
+    """The trunk, which takes more than a second to compile."""
+    return CompiledTrunk()
 
 
 def some_drives(moments: Moments, config: TrainConfig) -> Tensor:

@@ -75,13 +75,17 @@ def test_an_interrupted_recording_goes_on_with_the_same_bytes(
     assert len(load_shard(tmp_path / "train" / "town-train-0000-1.npz")) == len(recorded[1])
 
 
-def test_noise_comes_in_bursts_and_leaves_braking_alone() -> None:
-    noise, action = Bursts(np.random.default_rng(0)), np.array([-2.0, 0.0])
-    answers = np.array([noise.disturbed(action, 8.0) for _ in range(600)])
-    disturbed = answers[:, 1] != 0.0
-    assert 0.05 < disturbed.mean() < 0.35
-    assert np.abs(answers[:, 1]).max() <= 0.1 + 1e-9
-    assert (answers[:, 0] == -2.0).all()
+def test_noise_is_swerves_and_stalls_and_leaves_braking_alone() -> None:
+    def answers(acceleration: float) -> np.ndarray:
+        noise = Bursts(np.random.default_rng(0))
+        return np.array([noise.disturbed(np.array([acceleration, 0.0]), 8.0) for _ in range(2000)])
+
+    free, braking = answers(0.0), answers(-6.0)
+    stalls, swerves = free[:, 0] <= -2.0, free[:, 1] != 0.0
+    assert 0.03 < stalls.mean() < 0.3
+    assert 0.03 < swerves.mean() < 0.3
+    assert np.abs(free[:, 1]).max() <= 0.1 + 1e-9
+    assert (braking[:, 0] == -6.0).all()
 
 
 def test_a_standing_ego_has_one_picture_for_all_its_views(data: Path) -> None:
