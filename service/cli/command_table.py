@@ -116,8 +116,8 @@ COMMANDS: dict[str, Command | Group] = {
                 "Records semantic pictures on the autopilot's disturbed drives. Same arguments, same bytes.",
                 resumes=True,
             ),
-            "demonstrations": Command(
-                "dataset:demonstrations",
+            "priboot": Command(
+                "dataset:priboot",
                 "Records PRIBOOT's demonstrations on the autopilot's disturbed drives. Same arguments, same bytes.",
                 resumes=True,
             ),

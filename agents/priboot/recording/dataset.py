@@ -1,4 +1,4 @@
-"""Demonstrations: moments of drives, each seen from the ego's own pose and from displaced ones.
+"""Moments of drives, each seen from the ego's own pose and from displaced ones.
 
 FOLDER/dataset.json                       what was ordered
 FOLDER/SPLIT/NETWORK-NUMBER-EGO.npz       one ego's moments
@@ -34,7 +34,7 @@ SCHEMA = MappingProxyType(
 
 
 @dataclass(frozen=True, slots=True)
-class Demonstrations:
+class Moments:
     """N moments; the attributes are those of `SCHEMA`."""
 
     layers: NDArray[np.uint16]
@@ -45,7 +45,7 @@ class Demonstrations:
         return len(self.layers)
 
     @classmethod
-    def of(cls, rows: Sequence[tuple[Any, ...]]) -> Demonstrations:
+    def of(cls, rows: Sequence[tuple[Any, ...]]) -> Moments:
         """Packs moments, each a tuple in the order of `SCHEMA`."""
         columns = list(zip(*rows, strict=True)) or [()] * len(SCHEMA)
         return cls(
@@ -60,13 +60,13 @@ class Demonstrations:
         return pack_shard(SCHEMA_VERSION, {name: getattr(self, name) for name in SCHEMA})
 
 
-def load_shard(path: Path) -> Demonstrations:
+def load_shard(path: Path) -> Moments:
     """Reads and checks a shard.
 
     Raises:
         InvalidInputError: The file is missing, damaged, or of another schema.
     """
-    arrays = read_shard(path, "demonstrations", SCHEMA_VERSION, set(SCHEMA))
+    arrays = read_shard(path, "priboot", SCHEMA_VERSION, set(SCHEMA))
     for name, (shape, dtype) in SCHEMA.items():
-        check_array(path, "demonstrations", name, arrays[name], (len(arrays["layers"]), *shape), dtype)
-    return Demonstrations(**arrays)
+        check_array(path, "priboot", name, arrays[name], (len(arrays["layers"]), *shape), dtype)
+    return Moments(**arrays)

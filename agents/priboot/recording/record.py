@@ -1,6 +1,6 @@
 """Recording: the autopilot drives routes with the leaderboard's events; two egos of three are disturbed.
 
-    dohyo dataset demonstrations --out out/priboot/demonstrations --samples 30000
+    dohyo dataset priboot --out out/priboot/demonstrations --samples 30000
 
 Network, missions, events, traffic, noise and displacements of an episode follow from its number and the seed alone. A
 interrupted recording goes on where it stopped, and the same order gives the same bytes.
@@ -26,7 +26,7 @@ from dohyo.agents.priboot.recording.dataset import (
     VIEWS,
     WAYPOINT_S,
     WAYPOINTS,
-    Demonstrations,
+    Moments,
     load_shard,
 )
 from dohyo.agents.priboot.recording.displacement import MOVING_M_S, Bursts, displaced, drawn_displacement
@@ -55,7 +55,7 @@ _AHEAD = tuple(round((j + 1) * WAYPOINT_S / TICK_S) for j in range(WAYPOINTS))
 
 
 @dataclass(frozen=True, slots=True)
-class DemonstrationRequest:
+class MomentRequest:
     """Order of a recording.
 
     Attributes:
@@ -73,9 +73,7 @@ class DemonstrationRequest:
     episode_s: float = 90.0
 
 
-def record_demonstrations(
-    order: DemonstrationRequest, out: Path, progress: Callable[[int], None] = lambda moments: None
-) -> int:
+def record_moments(order: MomentRequest, out: Path, progress: Callable[[int], None] = lambda moments: None) -> int:
     """Records until there are enough moments; existing episodes are kept.
 
     Args:
@@ -103,7 +101,7 @@ def record_demonstrations(
     raise AssertionError("unreachable")
 
 
-def _recorded(order: DemonstrationRequest, out: Path, network: str, number: int) -> list[Path]:
+def _recorded(order: MomentRequest, out: Path, network: str, number: int) -> list[Path]:
     """Shards of one episode, which is driven unless they are all there."""
     folder = out / ("validation" if number % VALIDATION_EVERY == VALIDATION_EVERY - 1 else "train")
     paths = [folder / f"{network}-{number:04d}-{ego}.npz" for ego in range(order.egos)]
@@ -114,7 +112,7 @@ def _recorded(order: DemonstrationRequest, out: Path, network: str, number: int)
     return paths
 
 
-def scenario(order: DemonstrationRequest, name: str, number: int) -> Scenario:
+def scenario(order: MomentRequest, name: str, number: int) -> Scenario:
     """The scenario of one episode: missions and traffic as in the motion dataset, with events on every route.
 
     Raises:
@@ -132,7 +130,7 @@ def scenario(order: DemonstrationRequest, name: str, number: int) -> Scenario:
     return drawn.model_copy(update={"name": f"priboot-{name}-{number}", "events": tuple(events)})
 
 
-def record_episode(scenario: Scenario, order: DemonstrationRequest) -> list[Demonstrations]:
+def record_episode(scenario: Scenario, order: MomentRequest) -> list[Moments]:
     """Drives one scenario, and returns the moments of each ego."""
     names = [mission.name for mission in scenario.missions]
     agents = {name: Autopilot() for name in names}  # type: ignore[abstract]
@@ -143,7 +141,7 @@ def record_episode(scenario: Scenario, order: DemonstrationRequest) -> list[Demo
             for name, action in now.actions.items():
                 drive = drives[names.index(name)]
                 now.actions[name] = drive.tick(env.world, np.asarray(action), now.tick % stride == 0)
-    return [drive.demonstrations() for drive in drives]
+    return [drive.moments() for drive in drives]
 
 
 class Drive:
@@ -170,7 +168,7 @@ class Drive:
         self._noisy.append(self._bursts is not None and self._bursts.active)
         return out
 
-    def demonstrations(self) -> Demonstrations:
+    def moments(self) -> Moments:
         """Moments whose waypoints were driven by the expert alone; of a long standstill, every fifth."""
         rows, stood = [], 0
         for tick, views in self._moments:
@@ -181,7 +179,7 @@ class Drive:
                 if stood % STANDING_EVERY > 1:
                     continue
                 rows.append(([layers for _, layers, _ in views], [numbers for _, _, numbers in views], waypoints))
-        return Demonstrations.of(rows)
+        return Moments.of(rows)
 
     def _displacements(self, speed: float) -> Iterator[FloatArray]:
         yield np.zeros(3)

@@ -1,6 +1,6 @@
 """Training of PRIBOOT: configuration, data, loss and loop, from top to bottom.
 
-    dohyo dataset demonstrations --out out/priboot/demonstrations
+    dohyo dataset priboot --out out/priboot/demonstrations
     dohyo train priboot --config agents/priboot/configs/priboot.toml --out out/priboot/full [--resume]
 
 The feature maps of the frozen trunk are computed once, and kept in half precision beside the demonstrations. With
@@ -33,7 +33,7 @@ from dohyo.agents.perception.drives import Column
 from dohyo.agents.perception.feature_cache import cached_features
 from dohyo.agents.priboot.measurements import SPEED
 from dohyo.agents.priboot.network import CompiledTrunk, PictureKind, Priboot
-from dohyo.agents.priboot.training.views import Moments, Pictures, load_split
+from dohyo.agents.priboot.training.views import Pictures, Split, load_split
 from dohyo.agents.priboot.view import masks_of
 
 MEASURES = ("validation_loss", "displaced_loss", "validation_ade_m")
@@ -147,7 +147,7 @@ def train(config: TrainConfig, order: TrainRequest) -> Path:
         return run.folder / "priboot.onnx"
 
 
-def maps_of(network: Priboot, config: TrainConfig, moments: Moments) -> Maps:
+def maps_of(network: Priboot, config: TrainConfig, moments: Split) -> Maps:
     """Feature maps by rows: from the cache of the frozen trunk, or from the trunk that learns."""
     if config.picture == "masks":
         layers = np.concatenate([Pictures(path).layers for path in moments.paths])
@@ -171,7 +171,7 @@ def _compiled_trunk() -> CompiledTrunk:
     return CompiledTrunk()
 
 
-def some_drives(moments: Moments, config: TrainConfig) -> Tensor:
+def some_drives(moments: Split, config: TrainConfig) -> Tensor:
     """Numbers of the moments of a share of the drives, drawn from the seed."""
     drives = np.unique(moments.drive)
     wanted = max(round(config.share * len(drives)), 1)
@@ -179,7 +179,7 @@ def some_drives(moments: Moments, config: TrainConfig) -> Tensor:
     return torch.from_numpy(np.flatnonzero(np.isin(moments.drive, kept)))
 
 
-def validate(network: Priboot, moments: Moments, maps: Maps, index: Tensor, config: TrainConfig) -> dict[str, float]:
+def validate(network: Priboot, moments: Split, maps: Maps, index: Tensor, config: TrainConfig) -> dict[str, float]:
     """Losses of the waypoints from the own and from a displaced pose, and the mean distance to the expert's [m]."""
     own, displaced, apart = 0.0, 0.0, 0.0
     network.eval()

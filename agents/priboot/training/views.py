@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor, from_numpy
 
 from dohyo.agents.priboot.measurements import TARGET
-from dohyo.agents.priboot.recording.dataset import Demonstrations, load_shard
+from dohyo.agents.priboot.recording.dataset import Moments, load_shard
 from dohyo.agents.priboot.view import colours_of
 from dohyo.agents.shards import find_shards
 from dohyo.sumo_networks.arrays import IntArray
@@ -20,7 +20,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 
 @dataclass(frozen=True, slots=True)
-class Moments:
+class Split:
     """M moments of a split, without their pictures.
 
     Attributes:
@@ -66,7 +66,7 @@ class Pictures:
         return shard.layers[_different(shard)]
 
 
-def load_split(folder: Path, split: str) -> Moments:
+def load_split(folder: Path, split: str) -> Split:
     """Moments of "train" or "validation".
 
     Raises:
@@ -75,7 +75,7 @@ def load_split(folder: Path, split: str) -> Moments:
     paths: list[Path] = []
     rows, measurements, waypoints, drives = [], [], [], []
     pictures = 0
-    for path in find_shards(folder, split, "demonstrations"):
+    for path in find_shards(folder, split, "priboot"):
         shard = load_shard(path)
         if not len(shard):
             continue
@@ -90,10 +90,10 @@ def load_split(folder: Path, split: str) -> Moments:
     if not paths:
         raise InvalidInputError(f"expected moments in the shards of '{folder / split}', found none")
     row, measured, points = (from_numpy(np.concatenate(column)) for column in (rows, measurements, waypoints))
-    return Moments(row, measured, points, np.concatenate(drives), paths)
+    return Split(row, measured, points, np.concatenate(drives), paths)
 
 
-def _different(shard: Demonstrations) -> NDArray[np.bool_]:
+def _different(shard: Moments) -> NDArray[np.bool_]:
     """(M, V) whether a view has a picture of its own: one that is not displaced shows the moment's first."""
     targets = shard.measurements[:, :, TARGET]
     out: NDArray[np.bool_] = (targets != targets[:, :1]).any(axis=2)

@@ -10,7 +10,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from dohyo.agents.hierarchical.vision.recording import PictureRequest, record_pictures
 from dohyo.agents.mcts.predictors.recording import TRAINING, MotionRequest, record_motion
-from dohyo.agents.priboot.recording.record import DemonstrationRequest, record_demonstrations
+from dohyo.agents.priboot.recording.record import MomentRequest, record_moments
 from dohyo.service.cli.output import console
 from dohyo.sumo_networks.freeway.dataset import DatasetRequest, make_dataset
 
@@ -47,7 +47,7 @@ def semantic(
     console.print(f"{pictures} pictures: {out.resolve()}", soft_wrap=True)
 
 
-def demonstrations(
+def priboot(
     out: Annotated[Path, typer.Option(help="Folder; existing episodes are kept.")],
     samples: Annotated[int, typer.Option(min=1, help="Least number of moments.")] = 30_000,
     seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
@@ -55,9 +55,9 @@ def demonstrations(
     """Records PRIBOOT's demonstrations on the autopilot's disturbed drives. Same arguments, same bytes."""
     columns = (TextColumn("recorded"), BarColumn(), TextColumn("{task.completed} of {task.total} moments"))
     with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
-        bar = progress.add_task("demonstrations", total=samples)
-        order = DemonstrationRequest(samples=samples, seed=seed)
-        moments = record_demonstrations(order, out, lambda done: progress.update(bar, completed=done))
+        bar = progress.add_task("priboot", total=samples)
+        order = MomentRequest(samples=samples, seed=seed)
+        moments = record_moments(order, out, lambda done: progress.update(bar, completed=done))
     console.print(f"{moments} moments: {out.resolve()}", soft_wrap=True)
 
 

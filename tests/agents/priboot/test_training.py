@@ -15,9 +15,9 @@ from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.mcts.predictors import recording as motion
 from dohyo.agents.priboot.priboot import Priboot
 from dohyo.agents.priboot.recording import record as recording
-from dohyo.agents.priboot.recording.dataset import Demonstrations, load_shard
+from dohyo.agents.priboot.recording.dataset import Moments, load_shard
 from dohyo.agents.priboot.recording.displacement import Bursts
-from dohyo.agents.priboot.recording.record import DemonstrationRequest, record_demonstrations, record_episode, scenario
+from dohyo.agents.priboot.recording.record import MomentRequest, record_episode, record_moments, scenario
 from dohyo.agents.priboot.training.train import TrainConfig, train
 from dohyo.agents.priboot.training.views import Pictures, load_split
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
@@ -25,18 +25,18 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.driving import drive
 from tests.worlds import straight_road
 
-ORDER = DemonstrationRequest(samples=1, egos=2, every_s=0.5, episode_s=6.0)
+ORDER = MomentRequest(samples=1, egos=2, every_s=0.5, episode_s=6.0)
 
 
 @pytest.fixture(scope="module")
-def recorded() -> list[Demonstrations]:
+def recorded() -> list[Moments]:
     """Two egos on an empty network: the second one is disturbed."""
     empty = scenario(ORDER, "town-train", 0)
     return record_episode(empty.model_copy(update={"traffic": empty.traffic.model_copy(update={"vehicles": 0})}), ORDER)
 
 
 @pytest.fixture(scope="module")
-def data(recorded: list[Demonstrations], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def data(recorded: list[Moments], tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("demonstrations")
     (folder / "dataset.json").write_text("{}")
     for split in ("train", "validation"):
@@ -45,7 +45,7 @@ def data(recorded: list[Demonstrations], tmp_path_factory: pytest.TempPathFactor
     return folder
 
 
-def test_waypoints_are_where_the_ego_goes_from_every_pose(recorded: list[Demonstrations]) -> None:
+def test_waypoints_are_where_the_ego_goes_from_every_pose(recorded: list[Moments]) -> None:
     first = recorded[0]
     assert len(first) > 5
     steps = np.linalg.norm(np.diff(first.waypoints, axis=2), axis=3)
@@ -62,16 +62,16 @@ def test_no_network_that_judges_is_recorded() -> None:
 
 
 def test_an_interrupted_recording_goes_on_with_the_same_bytes(
-    recorded: list[Demonstrations], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    recorded: list[Moments], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drives = itertools.chain.from_iterable(itertools.repeat(recorded))
     monkeypatch.setattr(recording, "record_episode", lambda *_: [next(drives), next(drives)])
     both = sum(map(len, recorded))
-    assert record_demonstrations(dataclasses.replace(ORDER, samples=both + 1), tmp_path) == 2 * both
+    assert record_moments(dataclasses.replace(ORDER, samples=both + 1), tmp_path) == 2 * both
     monkeypatch.setattr(recording, "record_episode", lambda *_: pytest.fail("recorded again"))
-    assert record_demonstrations(dataclasses.replace(ORDER, samples=both + 1), tmp_path) == 2 * both
+    assert record_moments(dataclasses.replace(ORDER, samples=both + 1), tmp_path) == 2 * both
     with pytest.raises(InvalidInputError, match="expected a dataset made with"):
-        record_demonstrations(dataclasses.replace(ORDER, seed=1), tmp_path)
+        record_moments(dataclasses.replace(ORDER, seed=1), tmp_path)
     assert len(load_shard(tmp_path / "train" / "town-train-0000-1.npz")) == len(recorded[1])
 
 
