@@ -88,9 +88,8 @@ class Priboot(Agent):
         straight = straight_ahead(observation["path"], STRAIGHT_M, STRAIGHT_RAD)
         pedals = self._control.pedals(self._waypoints, speed, self._blocked.seconds, straight)
         self._verdict = rules.judge(observation, speed) if self._rules else FREE
-        if self._verdict.stop:
-            return np.array([0.0, 1.0, pedals[2]])
-        return np.array([pedals[0] * self._verdict.throttle, pedals[1], pedals[2]])
+        throttle, brake, _ = self._verdict
+        return np.array([pedals[0] * throttle, max(pedals[1], brake), pedals[2]])
 
     def explain(self) -> Explanation | None:
         """Waypoints of the network, and the rule that brakes, if any."""
@@ -98,7 +97,7 @@ class Priboot(Agent):
             "agent": self.spec.name,
             "waypoints_m": self._waypoints.round(2).tolist(),
             "rule": self._verdict.cause,
-            "stops": self._verdict.stop,
+            "brake": round(self._verdict.brake, 2),
             "creeps": self._control.creeping,
             "blocked_s": round(self._blocked.seconds, 1),
         }

@@ -5,7 +5,8 @@ and construction in the way ahead. That lights are obeyed is therefore no skill 
 
 Source: Coelho 2024, section 5.3; the distances are those of its code. It measures between centres: we take the gap
 before the bumper and add half a car, so that a bus is no nearer than it looks. Ours: the distance grows with what the
-ego needs to brake to the other's speed, and the way ahead is the route, moved to where the ego is.
+ego needs to brake to the other's speed, the way ahead is the route, moved to where the ego is, and a light is braked
+for as hard as its distance asks, so that the ego does not stand far before the line.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ SENSORS: Final = ("objects", "junctions_ahead")
 BANDS: Final = {"vehicle": (7.0, 15.0), "pedestrian": (5.5, 12.5), "construction": (4.0, 5.0)}
 """Distance of the hard stop, and distance from which the throttle is weakened, m."""
 BRAKING, COMFORTABLE, HARDEST_YELLOW = 5.0, 2.5, 3.5
-"""Decelerations: towards others, towards a line, and the largest for a yellow light, m/s^2."""
+"""Decelerations: towards others, from which on it brakes for a line, and the largest for a yellow light, m/s^2."""
 LINE_M, MARGIN_M = 1.5, 0.3
 """Distance to a stop line at which the ego stands, and width added on each side of the ego."""
 _VEHICLE = VehicleParameters()
@@ -38,34 +39,34 @@ class Verdict(NamedTuple):
 
     Attributes:
         throttle: Factor on the throttle, in [0, 1].
-        stop: Whether to brake fully.
+        brake: Least brake, in [0, 1].
         cause: The rule; "" if none asks for anything.
     """
 
     throttle: float
-    stop: bool
+    brake: float
     cause: str
 
 
-FREE: Final = Verdict(1.0, False, "")
+FREE: Final = Verdict(1.0, 0.0, "")
 
 
 def judge(observation: Observation, speed: float) -> Verdict:
     """The strictest rule."""
     verdicts = [_lights(observation["junctions_ahead"], speed), *_others(observation, speed), FREE]
-    return min(verdicts, key=lambda verdict: (not verdict.stop, verdict.throttle))
+    return min(verdicts, key=lambda verdict: (-verdict.brake, verdict.throttle))
 
 
 def _lights(junctions: Float32Array, speed: float) -> Verdict:
-    """Stops before red lines, and before yellow ones where that needs no hard braking."""
+    """Brakes for red lines as hard as it takes, and for yellow ones where that is not hard."""
     for distance, _, signal, _ in junctions.tolist():
         if not -0.5 <= distance < 1000.0 or signal not in (LightState.RED, LightState.YELLOW):
             continue
-        needed = speed**2 / (2 * max(distance - 0.3, 0.1))
+        needed = speed**2 / (2 * max(distance - LINE_M, 0.1))
         if signal == LightState.YELLOW and needed > HARDEST_YELLOW:
             continue
-        if distance < LINE_M + speed**2 / (2 * COMFORTABLE):
-            return Verdict(0.0, True, "light")
+        if distance < LINE_M or needed > COMFORTABLE:
+            return Verdict(0.0, 1.0 if distance < LINE_M else min(needed / _VEHICLE.max_braking, 1.0), "light")
     return FREE
 
 
@@ -84,9 +85,9 @@ def _others(observation: Observation, speed: float) -> list[Verdict]:
         stop, free = (bound + closing**2 / (2 * BRAKING) for bound in BANDS[name])
         distance = gap + _VEHICLE.length / 2
         if distance < stop:
-            out.append(Verdict(0.0, True, name))
+            out.append(Verdict(0.0, 1.0, name))
         elif distance < free:
-            out.append(Verdict((distance - stop) / (free - stop), False, name))
+            out.append(Verdict((distance - stop) / (free - stop), 0.0, name))
     return out
 
 
