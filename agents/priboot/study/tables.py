@@ -53,7 +53,10 @@ def arms_table(results: Results) -> str:
         there = [row for row in rows if row["benchmark"] == where]
         for arm in arms_in(there, [*ARMS]):
             own = [row for row in there if row["arm"] == arm]
-            scores = [fixed(estimate(matched(own, arm, name), mean_estimate)) for name in MEASURES]
+            scores = [
+                fixed(estimate(matched(own, arm, name), mean_estimate), 2 if name == "infraction_penalty" else 1)
+                for name in MEASURES
+            ]
             thesis = ARMS[arm].reported
             told = MISSING if thesis is None else " / ".join(f"{value:g}" for value in thesis)
             lines.append([where, arm, ARMS[arm].isolates or MISSING, *scores, *_losses(own), str(len(own)), told])
@@ -115,7 +118,8 @@ def joined(rows: Sequence[Row], count: int) -> tuple[float, float, float, float]
     """Mean penalty, driving score, and infraction rate scores over 400 routes, each of some drives drawn at random.
 
     Lengths and infractions add up, and the completion is that of all lengths. A drive that ended early counts as if the
-    next one had gone on, so that only the length differs between the columns.
+    next one had gone on, so that only the length differs between the columns. The share of a drive outside its lanes
+    enters as an infraction.
     """
     rng = np.random.default_rng(SEED)
     table = np.array([_parts(row) for row in rows])
