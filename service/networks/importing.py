@@ -11,7 +11,8 @@ from dohyo.service.confinement.limits import Limits
 from dohyo.service.confinement.runner import run
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
-from dohyo.sumo_networks.networks.importing import ImportOptions, net_name, prepare_network, publish_network
+from dohyo.sumo_networks.networks.conversion.source_file import ImportOptions
+from dohyo.sumo_networks.networks.importing import net_name, prepare_network, publish_network
 from dohyo.sumo_networks.networks.network import cache_folder, parsed_name
 from dohyo.sumo_networks.networks.parsing import file_hash
 

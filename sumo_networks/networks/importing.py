@@ -8,33 +8,23 @@ from __future__ import annotations
 import gzip
 import json
 import os
-import re
 import shutil
 import tempfile
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
-from dohyo.sumo_networks.networks.conversion.countries import (
-    Country,
-    country_at,
-    country_named,
-    unknown_country,
-)
-from dohyo.sumo_networks.networks.conversion.mirroring import mirror_image
 from dohyo.sumo_networks.networks.conversion.netconvert import (
     TIMEOUT_S,
-    Conversion,
-    convert,
     run_netconvert,
     run_program,
     without_comments,
 )
 from dohyo.sumo_networks.networks.conversion.repair import plan_repair
-from dohyo.sumo_networks.networks.conversion.sources import TITLES, Kind, kind_of, unpack
+from dohyo.sumo_networks.networks.conversion.source_file import USUAL_OPTIONS, ImportOptions, SourceFile, read_source
+from dohyo.sumo_networks.networks.conversion.sources import TITLES
 from dohyo.sumo_networks.networks.entries import (
     ENTRY,
     NetworkSize,
@@ -46,38 +36,7 @@ from dohyo.sumo_networks.networks.entries import (
 from dohyo.sumo_networks.networks.inspection import NetworkReport, inspect_network, network_size
 from dohyo.sumo_networks.networks.network import RoadNetwork, read_network
 from dohyo.sumo_networks.networks.parsing import file_hash
-from dohyo.sumo_networks.networks.xml_guard import LIMIT_MB
 
-
-@dataclass(frozen=True, slots=True)
-class ImportOptions:
-    """Choices of an import.
-
-    Attributes:
-        lights: Whether to guess traffic lights at large junctions too.
-        left_hand: Whether traffic drives on the left; None: as in the country of an OSM extract, or as the file says.
-        country: Two letters of the country whose rules hold in an OSM extract; None: that of the nearest town.
-        largest_part: Whether to remove the roads that do not lead to and from the largest connected part.
-        fix: Whether to mend lights without a purpose, lights with endless phases, and implausible speed limits.
-        limit_mb: Largest size of the file, packed or unpacked, MB.
-        licence: Licence of the source's data; None: the usual one of its format.
-        timeout_s: Time limit of netconvert, s.
-    """
-
-    lights: bool = False
-    left_hand: bool | None = None
-    country: str | None = None
-    largest_part: bool = False
-    fix: bool = False
-    limit_mb: float = LIMIT_MB
-    licence: str | None = None
-    timeout_s: float = TIMEOUT_S
-
-
-MIRRORED = (
-    "left-hand traffic: this network is the mirror image of the place, in which traffic drives on the right; east and "
-    "west, and left and right turns, change places"
-)
 Progress = Callable[[str], None]
 """Called with the name of each step when it begins."""
 
@@ -98,7 +57,7 @@ class Imported:
 def import_network(
     file: Path,
     name: str,
-    options: ImportOptions = ImportOptions(),
+    options: ImportOptions = USUAL_OPTIONS,
     *,
     force: bool = False,
     progress: Progress = lambda step: None,
@@ -130,7 +89,7 @@ def prepare_network(
     file: Path,
     name: str,
     folder: Path,
-    options: ImportOptions = ImportOptions(),
+    options: ImportOptions,
     progress: Progress = lambda step: None,
 ) -> tuple[str, ...]:
     """Writes what the catalog will hold of a network to a folder; the arguments are those of `import_network`.
@@ -141,24 +100,22 @@ def prepare_network(
     Raises:
         InvalidInputError: The file gives no network that cars can drive on.
     """
-    kind = kind_of(file)
     packed = folder / net_name(name)
     with tempfile.TemporaryDirectory(prefix="dohyo-import-") as work:
-        source = _Source(file, kind, Path(work) / f"source.{kind}.xml", options)
         progress("reading the file")
-        source.read()
+        source = read_source(file, Path(work) / "source.xml", options)
         progress("converting it")
         made = source.convert(Path(work) / f"{name}.net.xml")
-        _pack(made.net, packed)
+        _pack(made.path, packed)
         progress("trying the roads")
         network = _checked(packed, name, file)
         repair = plan_repair(network, largest=options.largest_part, fix=options.fix)
         if repair.needed:
             progress("repairing it")
-            _pack(repair.carry_out(made.net, Path(work) / "repaired.net.xml", file, options.timeout_s), packed)
+            _pack(repair.carry_out(made.path, Path(work) / "repaired.net.xml", file, options.timeout_s), packed)
             network = _checked(packed, name, file)
     guessed = (*made.decided, *repair.decided, *source.counted(network, made.warnings))
-    entry = _entry(file, kind, packed.name, options.licence, guessed, network_size(network), made.mirrored)
+    entry = _entry(source, packed.name, guessed, network_size(network))
     (folder / ENTRY).write_text(entry, encoding="utf-8")
     return guessed
 
@@ -238,113 +195,6 @@ def check_free(name: str, force: bool) -> None:
         raise InvalidInputError(f"network '{name}' exists; replace it with --force")
 
 
-@dataclass(frozen=True, slots=True)
-class _Made:
-    """A converted net.
-
-    Attributes:
-        net: The net, with right-hand traffic.
-        mirrored: Whether it is the mirror image of left-hand traffic.
-        warnings: netconvert's warnings; None: the net is the file as it is.
-        decided: Decisions, one line each.
-    """
-
-    net: Path
-    mirrored: bool
-    warnings: list[str] | None
-    decided: list[str]
-
-
-class _Source:
-    """A file that is being imported."""
-
-    def __init__(self, file: Path, kind: Kind, plain: Path, options: ImportOptions) -> None:
-        self.file, self.kind, self.plain, self.options = file, kind, plain, options
-
-    def read(self) -> None:
-        """Checks the file, and unpacks it.
-
-        Raises:
-            InvalidInputError: The file cannot be imported.
-        """
-        self.census = unpack(self.file, self.options.limit_mb, self.plain)
-        if self.kind == "net" and not self.census.elements["lane"]:
-            raise InvalidInputError(f"'{self.file}' has no lane open to passenger cars: it has no lane at all")
-        self.country = self._country()
-        self.left_hand = self._left_hand()
-
-    def convert(self, built: Path) -> _Made:
-        """Makes the net."""
-        decided = []
-        if self.country is not None:
-            decided.append(f"country {self.country.code}: {self.country.summary}")
-        if self.left_hand:
-            decided.append(MIRRORED)
-        mirrored_first = self.left_hand and self.kind == "net"
-        if mirrored_first:
-            self.plain.write_bytes(mirror_image(self.plain.read_bytes()))
-        if self.kind == "net" and self.census.crossings > 0 and not self.options.lights:
-            return _Made(self.plain, self.left_hand, None, decided)
-        settings = Conversion(
-            kind=self.kind,
-            source=self.plain,
-            file=self.file,
-            lights=self.options.lights,
-            drop_lights=self.options.fix,
-            left_hand=self.left_hand and not mirrored_first,
-            country=self.country,
-            timeout_s=self.options.timeout_s,
-        )
-        warnings, chosen = convert(settings, built)
-        if settings.left_hand:
-            built.write_bytes(mirror_image(built.read_bytes()))
-        return _Made(built, self.left_hand, warnings, [*decided, *chosen])
-
-    def counted(self, network: RoadNetwork, warnings: Sequence[str] | None) -> tuple[str, ...]:
-        """Lines about what was guessed: numbers of objects, and netconvert's warnings."""
-        if warnings is None:
-            return ()
-        before, lanes = self.census, network.lanes
-        sidewalks = lanes.pedestrian & ~lanes.drivable & ~lanes.bicycle & ~lanes.crossing
-        sidewalks &= [not str(lane).startswith(":") for lane in lanes.ids]
-        counts = (
-            ("sidewalks", int(sidewalks.sum()) - before.sidewalks),
-            ("crossings", int(lanes.crossing.sum()) - before.crossings),
-            ("traffic lights", len(network.signals.light_ids) - before.lights),
-        )
-        how = "added" if self.kind == "net" else "read or guessed"
-        kinds = Counter(re.sub(r"'[^']*'|-?\d+(\.\d+)?", "…", warning) for warning in warnings)
-        return (
-            *(f"{count} {what} {how}" for what, count in counts if count > 0),
-            *(f"netconvert, {count} x: {text}" for text, count in kinds.most_common(12)),
-        )
-
-    def _country(self) -> Country | None:
-        """Country of an OSM extract; None for other kinds of files, whose roads have limits."""
-        if self.kind != "osm":
-            if self.options.country is not None:
-                raise InvalidInputError(f"'{self.file}': a country can be given for OpenStreetMap files only")
-            return None
-        if self.options.country is not None:
-            return country_named(self.options.country)
-        return country_at(*self.census.place) if self.census.place else unknown_country()
-
-    def _left_hand(self) -> bool:
-        asked = self.options.left_hand
-        if self.kind == "osm":
-            return asked if asked is not None else self.country is not None and self.country.left_hand
-        if self.kind == "xodr" and (asked or self.census.left_hand):
-            raise InvalidInputError(
-                f"'{self.file}': left-hand traffic cannot be imported from OpenDRIVE, which netconvert reads as "
-                "right-hand traffic"
-            )
-        if asked is not None and asked != self.census.left_hand:
-            raise InvalidInputError(
-                f"'{self.file}': the net says that traffic drives on the {'left' if self.census.left_hand else 'right'}"
-            )
-        return self.census.left_hand
-
-
 def _pack(net: Path, packed: Path) -> None:
     packed.write_bytes(gzip.compress(without_comments(net.read_bytes()), mtime=0))
 
@@ -365,24 +215,22 @@ def _checked(net: Path, name: str, file: Path) -> RoadNetwork:
     return network
 
 
-def _entry(
-    file: Path, kind: Kind, net: str, licence: str | None, guessed: Sequence[str], size: NetworkSize, mirrored: bool
-) -> str:
-    usual = "ODbL (OpenStreetMap data)" if kind == "osm" else "as the source's; its file does not say"
-    fields: dict[str, str | list[str]] = {
-        "title": f"{file.name}, imported from {TITLES[kind]}",
-        "source": file.name,
-        "source_sha256": file_hash(file),
-        "licence": licence or usual,
+def _entry(source: SourceFile, net: str, guessed: Sequence[str], size: NetworkSize) -> str:
+    """Text of the catalog's entry."""
+    usual = "ODbL (OpenStreetMap data)" if source.kind == "osm" else "as the source's; its file does not say"
+    fields: dict[str, str | list[str] | bool | int | float] = {
+        "title": f"{source.file.name}, imported from {TITLES[source.kind]}",
+        "source": source.file.name,
+        "source_sha256": file_hash(source.file),
+        "licence": source.options.licence or usual,
         "built": "by dohyo networks import",
         "file": net,
         "guessed": list(guessed),
+        "mirrored": source.left_hand or source.options.mirrored,
     }
-    mirror = "mirrored = true\n" if mirrored else ""
-    counts = {"size." + key: value for key, value in size.model_dump().items()}
-    # A JSON string, escaped to ASCII, is a TOML string too.
-    lines = (f"{key} = {json.dumps(value)}\n" for key, value in (fields | counts).items())
-    return (mirror + "".join(lines)).replace("\x7f", " ")
+    fields |= {"size." + key: value for key, value in size.model_dump().items()}
+    # A JSON value, escaped to ASCII, is a TOML value too.
+    return "".join(f"{key} = {json.dumps(value)}\n" for key, value in fields.items()).replace("\x7f", " ")
 
 
 def _publish(name: str, files: Sequence[Path], force: bool) -> Path:

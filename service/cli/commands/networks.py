@@ -12,10 +12,11 @@ import typer
 from dohyo.service.cli.output import DASH, Json, console, print_json, print_rows
 from dohyo.service.cli.progress import ended_by_sigterm, named_steps
 from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.conversion.source_file import ImportOptions
 from dohyo.sumo_networks.networks.drawing import write_map
 from dohyo.sumo_networks.networks.entries import network_entry, network_names, network_path
 from dohyo.sumo_networks.networks.faults import MEANINGS, FaultKind
-from dohyo.sumo_networks.networks.importing import ImportOptions, build_network, import_network
+from dohyo.sumo_networks.networks.importing import build_network, import_network
 from dohyo.sumo_networks.networks.inspection import NetworkReport, inspect_network
 from dohyo.sumo_networks.networks.xml_guard import LIMIT_MB
 
@@ -88,6 +89,7 @@ def import_file(
     json: Json = False,
 ) -> None:
     """Imports a road network into your catalog, and checks it."""
+    known = network_entry(str(file)) if str(file) in network_names() else None
     options = ImportOptions(
         lights=lights,
         left_hand=left_hand,
@@ -95,9 +97,10 @@ def import_file(
         largest_part=largest_part,
         fix=fix,
         limit_mb=limit_mb,
-        licence=licence,
+        licence=licence or (known.licence if known else None),
+        mirrored=known is not None and known.mirrored,
     )
-    source = network_path(str(file)) if str(file) in network_names() else file
+    source = network_path(str(file)) if known else file
     with ended_by_sigterm(), named_steps() as progress:
         done = import_network(source, name, options, force=force, progress=progress)
     if json:

@@ -19,10 +19,11 @@ from typer.testing import CliRunner
 from dohyo.service.cli import app
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.conversion.source_file import MIRRORED, ImportOptions
 from dohyo.sumo_networks.networks.drawing import draw_map
 from dohyo.sumo_networks.networks.entries import CATALOG, network_entry, network_names, network_path
 from dohyo.sumo_networks.networks.faults import FaultKind
-from dohyo.sumo_networks.networks.importing import MIRRORED, Imported, ImportOptions, import_network
+from dohyo.sumo_networks.networks.importing import Imported, import_network
 from dohyo.sumo_networks.networks.inspection import inspect_network
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.routing import plan_route
@@ -209,6 +210,9 @@ def test_limits_are_those_of_the_country_by_place_or_by_option(tmp_path: Path, o
     done = import_network(osm, "za", ImportOptions(country="za"))
     assert set(done.report.speed_limits_kmh) == {60}
     assert network_entry("za").mirrored
+    code, _, _ = dohyo("networks", "import", "za", "--name", "again", "--fix")
+    assert code == 0
+    assert network_entry("again").mirrored
     with pytest.raises(UnknownNameError, match="country named 'UK'"):
         import_network(osm, "uk", ImportOptions(country="UK"))
 
